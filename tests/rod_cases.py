@@ -54,7 +54,7 @@ def assembled(
     forces = rod.assemble(pose.c, pose.R, theta)
     tangent = forces.tangent
     if carried is not None:
-        _, tangent = rod._derivatives(pose.c, pose.R, carried, rod._stiffness(theta))
+        _, tangent = rod._derivatives(pose.c, pose.R, carried, rod._law(rod.xi_rest, theta).S)
     g, K = np.zeros(6 * len(pose.c)), np.zeros((6 * len(pose.c),) * 2)
     at = unknowns(rod)
     np.add.at(g, at, forces.gradient)
@@ -70,7 +70,7 @@ def predicted(rod: RodTerm, pose: Pose, theta: dict[str, float], dz: np.ndarray)
     """
     here, *ends = (rod._coordinates(p.c, p.R)[0] for p in (pose, pose.moved(1e-6 * dz), pose.moved(-1e-6 * dz)))
     strain = here - rod.xi_rest + (ends[0] - ends[1]) / 2e-6
-    return np.einsum("nij,nj->ni", rod._stiffness(theta), strain)
+    return np.einsum("nij,nj->ni", rod._law(rod.xi_rest, theta).S, strain)
 
 
 def solved(

@@ -295,7 +295,7 @@ STATED: list[tuple[str, Declared]] = [
 MADE_OF = [
     (MaterialSection, Material, set()),
     (BodySection, Body, {"mesh", "fixed", "history"}),
-    (RodSection, Rod, {"section", "clamped", "fixed"}),
+    (RodSection, Rod, {"section", "clamped", "fixed", "history"}),
     (RodMaterialSection, Material, {"between"}),
     (PlateSection, Plate, {"holes"}),
     (TieSection, Tie, set()),

@@ -22,6 +22,7 @@ HISTORIES = {
     "softening": History((Softening(),)),
     "maxwell": History((Maxwell(2),)),
     "flow": History((Flow(),)),
+    "flow at once": History((Flow(at_once=True),)),
     "all": History((Softening(), Relaxation(1), Maxwell(1), Flow())),
 }
 every_history = pytest.mark.parametrize("history", HISTORIES.values(), ids=HISTORIES)

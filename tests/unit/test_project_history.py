@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from project_case import write_project
+from robot_case import write_robot
 
 from softcal import load
 from softcal.calibration.observation import protocol_told
@@ -15,6 +16,8 @@ from softcal.export.calculix import deck_faults
 from softcal.export.sofa_robot import linear_robot
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.simulate import simulate
+from softcal.twin.solid_rods import with_solid_rods
+from softcal.workflows.checking import check
 
 MODULI = "      youngs_modulus: 2 MPa\n      poissons_ratio: 0.42\n"
 HISTORY = (
@@ -68,3 +71,64 @@ def test_other_programs_get_no_history(tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match=r"bar\.history: the history of a material is not exported to SOFA"):
         linear_robot(robot)
     assert any("not exported to CalculiX" in fault.what for fault in deck_faults(robot))
+
+
+# Rods.
+
+ROD_HISTORY = (
+    "      poissons_ratio: 0.35\n      history: [relaxation-1, flow-at-once]\n      relaxing_share1: 30 %\n"
+    "      relaxation_time1: 2 s\n      flow_modulus: 100 MPa\n      flow_threshold: 200 kPa\n"
+    "      materials: {upper: {between: [60 mm, end], flow_threshold: 300 kPa}}\n"
+)
+WITH_ROD = ("      poissons_ratio: 0.35\n", ROD_HISTORY)
+
+
+def test_a_rod_has_a_history_and_its_stretches_constants_of_their_own(tmp_path: Path) -> None:
+    project = load(write_robot(tmp_path, WITH_ROD))
+    known = robot_parameters(project.robot)
+    assert known["mast.relaxing_share1"].value == 0.3
+    assert known["mast.upper.flow_threshold"].value == 3e5
+    assert known["mast.upper.relaxation_time1"].value == 2.0
+    assert "mast.flow_time" not in known
+    assert project.robot.remembers
+    assert project.robot.needs_time
+    rows = [row for row in check(project).rows if row[0].startswith("  ")][-3:]
+    constants = "E 1 GPa, ν 0.35, g1 0.3, τ1 2 s, μ_f 100 MPa, Y {}, 900 kg/m³"
+    assert ("  history", "relaxation-1, flow-at-once") in rows
+    assert ("  material", constants.format("200 kPa")) in rows
+    assert dict(rows)["  material of upper"].endswith(constants.format("300 kPa"))
+
+
+def test_flow_at_once_needs_no_time(tmp_path: Path) -> None:
+    text = ROD_HISTORY.replace("[relaxation-1, flow-at-once]", "flow-at-once")
+    text = "".join(line for line in text.splitlines(keepends=True) if "relax" not in line)
+    robot = load(write_robot(tmp_path, ("      poissons_ratio: 0.35\n", text))).robot
+    assert robot.remembers
+    assert not robot.needs_time
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (("[relaxation-1,", "[relaxing,"), r"mast.*no such part of a history; got 'relaxing'.*Try: 'relaxation-"),
+        (("      flow_modulus: 100 MPa\n", ""), r"mast\.flow_modulus: .*missing"),
+        (("flow_threshold: 300 kPa", "flow_threshold: 3 mm"), r"mast\.materials\.upper\.flow_threshold: the unit"),
+        (("flow_threshold: 300 kPa", "flow_time: 3 s"), r"mast\.upper\.flow_time"),
+        (("flow_threshold: 200 kPa", "flow_threshold: -1 Pa"), r"mast\.flow_threshold: the threshold is out of range"),
+        (("history: [relaxation-1, flow-at-once]", "history: flow"), r"mast\.relaxing_share1: unknown key"),
+    ],
+)
+def test_what_is_wrong_with_a_rods_is_said(tmp_path: Path, change: tuple[str, str], told: str) -> None:
+    assert change[0] in ROD_HISTORY
+    with pytest.raises(ProjectFileError, match=told):
+        load(write_robot(tmp_path, (WITH_ROD[0], ROD_HISTORY.replace(*change))))
+
+
+def test_other_programs_get_no_history_of_a_rod_but_its_solid_does(tmp_path: Path) -> None:
+    text = ROD_HISTORY.replace("      materials: {upper: {between: [60 mm, end], flow_threshold: 300 kPa}}\n", "")
+    robot = load(write_robot(tmp_path, (WITH_ROD[0], text))).robot
+    with pytest.raises(ParameterError, match=r"mast\.history: the history of a material is not exported to SOFA"):
+        linear_robot(robot)
+    solid = next(body for body in with_solid_rods(robot).bodies if body.name == "mast")
+    assert solid.history == ("relaxation-1", "flow-at-once")
+    assert solid.parameters["flow_threshold"] == 2e5

@@ -85,7 +85,7 @@ def _order_faults(robot: Robot, experiment: Experiment) -> list[Fault]:
         return []
     reasons = (
         (any(cable.line.friction_memory for cable in robot.cables), "friction with a memory", "friction_memory: false"),
-        (any(body.history for body in robot.bodies), "a material with a history", "no history of the bodies"),
+        (any(one.history for one in robot.deformable), "a material with a history", "no history of bodies and rods"),
         (True, "a drive with backlash", "no backlash"),
     )
     what, attempt = next((what, attempt) for holds, what, attempt in reasons if holds)
@@ -113,7 +113,7 @@ def _time_faults(robot: Robot, experiment: Experiment) -> list[Fault]:
             experiment.name,
             got="no time, or not of all samples" if times is None else "times that do not ascend",
             allowed="a column time, ascending",
-            attempt="no relaxation or flow in the history of the bodies",
+            attempt="no relaxation or flow in the history of bodies and rods",
         )
     ]
 

@@ -1,4 +1,4 @@
-"""Bodies whose material has a history, which no other program gets from softcal."""
+"""Bodies and rods whose material has a history, which no other program gets from softcal."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ def history_faults(robot: Robot, program: str) -> list[Fault]:
     return [
         Fault(
             f"the history of a material is not exported to {program}",
-            f"{body.name}.history",
-            ", ".join(body.history),
+            f"{part.name}.history",
+            ", ".join(part.history),
             "an elastic material",
             "a project without history, with the moduli after a long time",
         )
-        for body in robot.bodies
-        if body.history
+        for part in robot.deformable
+        if part.history
     ]

@@ -10,6 +10,9 @@ PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 # Of strains with doubled shears, products with stresses are sums over the components; of two stresses they need these.
 TWICE: Floats = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 NO_DIRECTION: Floats = np.zeros(3)
+_TRACE: Floats = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+# (1, 6, 6): twice the deviator of strains with doubled shears, the stress of a shear modulus of one alone.
+ISOCHORIC: Floats = 2.0 * (np.diag(1.0 / TWICE) - np.outer(_TRACE, _TRACE) / 3.0)[None]
 
 
 def full(components: Floats) -> Floats:

@@ -19,21 +19,28 @@ PARTS: dict[str, Inelastic] = {
     **{f"relaxation-{n}": Relaxation(n) for n in range(1, MOST_BRANCHES + 1)},
     **{f"maxwell-{n}": Maxwell(n) for n in range(1, MOST_BRANCHES + 1)},
     "flow": Flow(),
+    "flow-at-once": Flow(at_once=True),
 }
 
 
-def history_of(names: Sequence[str], where: str = "history") -> History:
-    """The history of the parts of these names.
+def history_of(names: Sequence[str], where: str = "history", *, of_rod: bool = False) -> History:
+    """The history of the parts of these names, of a body's or a rod's material.
 
     Raises
     ------
     ParameterError
-        For an unknown part, one that is named twice, and more than one relaxation.
+        For an unknown part, one that a rod does not have, one named twice, and more than one relaxation or flow.
     """
     faults = [
         Fault("there is no such part of a history", where, f"'{name}'", ", ".join(PARTS), nearest(name, PARTS))
         for name in names
         if name not in PARTS
+    ]
+    sections = ", ".join(name for name, part in PARTS.items() if part.of_sections)
+    faults += [
+        Fault("the sections of a rod have no such part of a history", where, f"'{name}'", sections)
+        for name in names
+        if of_rod and name in PARTS and not PARTS[name].of_sections
     ]
     kinds = [name.partition("-")[0] for name in names]
     faults += [

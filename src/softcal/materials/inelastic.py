@@ -18,30 +18,35 @@ from typing import NamedTuple
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.materials.components import ISOCHORIC
 from softcal.materials.parameter import Parameter
 
 Constants = Mapping[str, float]
 
 
 class Stressed(NamedTuple):
-    """A material at points.
+    """A material at points of a solid, or in elements of a rod: six strains, and the energy by them.
 
     Attributes
     ----------
     E
-        Green-Lagrange strain, its shears doubled (n, 6) [-].
+        Of a solid the Green-Lagrange strain, its shears doubled (n, 6) [-]; of a rod the strains of its sections over
+        the element (n, 6) [m, rad].
     W
         Energy (n,) [J/m^3].
     S
-        Second Piola-Kirchhoff stress (n, 6) [Pa].
+        dW/dE (n, 6): of a solid the second Piola-Kirchhoff stress [Pa].
     D
-        Its tangent dS/dE (n, 6, 6) [Pa]; empty where it is not wanted.
+        dS/dE (n, 6, 6); empty where it is not wanted.
+    isochoric
+        That of an incompressible material of shear modulus one, but for its pressure (n or 1, 6, 6).
     """
 
     E: Floats
     W: Floats
     S: Floats
     D: Floats
+    isochoric: Floats = ISOCHORIC
 
 
 class PointRates(NamedTuple):
@@ -77,6 +82,11 @@ class Inelastic(ABC):
     def needs_time(self) -> bool:
         """Whether it depends on the time between samples."""
         return False
+
+    @property
+    def of_sections(self) -> bool:
+        """Whether the sections of a rod have it, too: any six strains, with an energy by them."""
+        return True
 
     @abstractmethod
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
@@ -115,6 +125,10 @@ class History:
     def parameters(self) -> tuple[Parameter, ...]:
         """The constants of all of them."""
         return tuple(one for part in self.parts for one in part.parameters)
+
+    def constants(self, given: Constants) -> Constants:
+        """Those of the parts, of a material's constants."""
+        return {one.name: given[one.name] for one in self.parameters}
 
     @property
     def size(self) -> int:

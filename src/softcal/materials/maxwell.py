@@ -55,6 +55,10 @@ class Maxwell(Inelastic):
     def needs_time(self) -> bool:
         return True
 
+    @property
+    def of_sections(self) -> bool:
+        return False  # it measures the strain of a solid
+
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
         mu = stacked(constants, self._moduli)
         strain = MeasuredStrain(at.E, constants[EXPONENT])
@@ -66,7 +70,7 @@ class Maxwell(Inelastic):
             tangent = tangent + bend + 2.0 * stiffness * np.einsum("nak,a,nal->nkl", slopes, 1.0 / TWICE, slopes)
         past = stiffness * strain.A + 2.0 * np.einsum("b,nbm->nm", mu, kept.past)
         W = at.W + (past * strain.A / TWICE).sum(axis=1)
-        return Left(Stressed(at.E, W, at.S + np.einsum("na,nak->nk", T, slopes), tangent), kept.memory)
+        return Left(at._replace(W=W, S=at.S + np.einsum("na,nak->nk", T, slopes), D=tangent), kept.memory)
 
     def rates(
         self,

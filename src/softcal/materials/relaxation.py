@@ -58,7 +58,8 @@ class Relaxation(Inelastic):
         kept = self._kept.follow(at.S, memory, elapsed, constants)
         more, past = float(beta @ kept.a), np.einsum("b,nbm->nm", beta, kept.past)
         W = (1.0 + more) * at.W + (past * at.E).sum(axis=1)
-        return Left(Stressed(at.E, W, (1.0 + more) * at.S + past, (1.0 + more) * at.D), kept.memory)
+        S = (1.0 + more) * at.S + past
+        return Left(at._replace(W=W, S=S, D=(1.0 + more) * at.D), kept.memory)
 
     def rates(
         self,

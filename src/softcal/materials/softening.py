@@ -50,7 +50,7 @@ class Softening(Inelastic):
         tangent = at.D
         if len(tangent):
             tangent = eta[:, None, None] * tangent + slope[:, None, None] * at.S[:, :, None] * at.S[:, None, :]
-        return Left(Stressed(at.E, W, eta[:, None] * at.S, tangent), most[:, None])
+        return Left(at._replace(W=W, S=eta[:, None] * at.S, D=tangent), most[:, None])
 
     def rates(
         self,

@@ -10,19 +10,14 @@ those at rest. They do not change in a rigid motion. The energy is
 
     E_el = 1/2 (xi - xi_0) . S (xi - xi_0),    xi = (rho, theta)
 
-where S is no diag(kGA, kGA, EA, EI1, EI2, GJ) / L but the inverse of the flexibility of the whole element,
-
-    S^-1 = Z int_0^L B(s)^T diag(1/kGA, 1/kGA, 1/EA, 1/EI1, 1/EI2, 1/GJ) B(s) ds Z^T
-
-with B(s) what equilibrium makes of a wrench at the middle on the way along the rod at rest (MacNeal's residual bending
-flexibility, and its counterpart for curved rods), and Z the step from the middle's twist to xi. In small displacements
+where S is no diag(kGA, kGA, EA, EI1, EI2, GJ) / L but the inverse of the flexibility of the whole element, that of what
+lies between its ends (`rod_flexibility.py`). In small displacements
 from rest, straight rods and helices loaded at their nodes so are exact with one element; in large ones, those in pure
 bending, stretching and twisting still are, and others converge with the square of the element's length or faster.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -33,21 +28,22 @@ from numpy.typing import ArrayLike
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.centreline import Centreline
-from softcal.geometry.section import CrossSection, SectionConstants
+from softcal.geometry.section import CrossSection
+from softcal.materials.elastic_constants import LINEAR_ELASTIC
+from softcal.materials.inelastic import ELASTIC, History
 from softcal.mechanics import rod_kernels
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.frame_blocks import UNPLANNED, FrameBlocks, frame_blocks
 from softcal.mechanics.layout import Layout
+from softcal.mechanics.passed import Passed
 from softcal.mechanics.pattern import Pattern
+from softcal.mechanics.rod_flexibility import flexibility
+from softcal.mechanics.rod_law import RodLaw
 from softcal.mechanics.scales import Sizes
 from softcal.mechanics.state import State
 from softcal.mechanics.term import Connectivity, Given, Sum, Term, Theta, part_theta
 
 LARGEST_TURN = 0.9 * np.pi  # [rad] between two neighbouring nodes
-# Gauss points for an element's flexibility and terms of the exponential: enough for the last digits while an element
-# turns by less than pi.
-N_GAUSS = 8
-N_SERIES = 28
 
 
 class RodForces(NamedTuple):
@@ -66,8 +62,8 @@ class RodTerm(Term):
     ----------
     name
         What its parameters' names begin with.
-    volume
-        Of its elements at rest [m^3].
+    volumes
+        Of its elements at rest (n,) [m^3].
     frames
         Frames that each element's ends ride on (n, 2).
     arm, triad
@@ -77,10 +73,12 @@ class RodTerm(Term):
         Arc length (n,) [m], and (rho, theta) (n, 6) [m, rad], at rest.
     by_bending, by_shear
         The flexibility of the elements (n, 6, 6) is (by_bending + (1 + nu) by_shear) / E.
+    history
+        What the material does beyond its elasticity.
     """
 
     name: str
-    volume: float
+    volumes: Floats
     frames: Ints
     arm: Floats
     triad: Floats
@@ -88,11 +86,13 @@ class RodTerm(Term):
     xi_rest: Floats
     by_bending: Floats
     by_shear: Floats
+    history: History = ELASTIC
     blocks: FrameBlocks = UNPLANNED
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        return (f"{self.name}.youngs_modulus", f"{self.name}.poissons_ratio")
+        constants = (*LINEAR_ELASTIC, *self.history.parameters)
+        return tuple(f"{self.name}.{one.name}" for one in constants)
 
     def connectivity(self, layout: Layout) -> Connectivity:
         """The frames of each element."""
@@ -110,40 +110,72 @@ class RodTerm(Term):
         return "" if turn < LARGEST_TURN else f"a rod turns by {np.degrees(turn):.0f} deg between two nodes"
 
     def add(self, into: Sum, given: Given) -> None:
-        pose, S = (given.state.position, given.state.rotation), self._stiffness(part_theta(given.theta, self.name))
-        conjugate = _times(S, given.known[0] - self.xi_rest)
+        pose = given.state.position, given.state.rotation
+        conjugate, D = self._response(given, tangent=into.data is not None)
         if into.data is None:
             gradient = self._gradient(*pose, conjugate)
         else:
-            gradient, tangent = self._derivatives(*pose, conjugate, S)
+            gradient, tangent = self._derivatives(*pose, conjugate, D)
             self.blocks.add_tangent(into.data, tangent)
         self.blocks.add_gradient(into.own, gradient)
         into.squares += float(np.square(gradient[:, :3]).sum())
 
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
-        wanted, own = part_theta(into, self.name), part_theta(given.theta, self.name)
-        by = self.gradient_by_parameters(given.state.position, given.state.rotation, own) if wanted else {}
-        for name in wanted.keys() & by.keys():
-            self.blocks.add_gradient(wanted[name].own, by[name])
+        wanted = part_theta(into, self.name)
+        if not wanted:
+            return
+        passed = self._passed(given)
+        for parameter in self.parameters:
+            name = parameter.removeprefix(f"{self.name}.")
+            if name in wanted:
+                elastic = None if self.history.parts else passed.law.by_constant(name)
+                self._add_stress(wanted[name], given, elastic[1] if elastic else passed.rates(constant=name)[0])
 
     def energy(self, given: Given) -> float:
-        deviation = given.known[0] - self.xi_rest
-        return 0.5 * float(np.sum(_times(self._stiffness(part_theta(given.theta, self.name)), deviation) * deviation))
+        passed = self._passed(given._replace(known=self.kinematics(given.state)))
+        if not self.history.parts:
+            return float(passed.law.energies.sum())
+        return float(self.volumes @ passed.respond(tangent=False).at.W)
+
+    # Of a material with a history, its memory in the elements.
+
+    def first_memory(self) -> Floats:
+        return np.zeros(len(self.volumes) * self.history.size)
+
+    def advance(self, given: Given) -> Floats:
+        if not self.history.parts:
+            return given.memory
+        return self._passed(given).respond(tangent=False).memory.ravel()
+
+    def add_by_memory(self, into: Sum, given: Given, rate: Floats) -> None:
+        if self.history.parts:
+            self._add_stress(into, given, self._passed(given).rates(memory=rate)[0])
+
+    def advance_rate(self, given: Given, parameter: str, rate: State, memory_rate: Floats) -> Floats:
+        if not self.history.parts:
+            return memory_rate
+        strain = self._coordinate_rates(given.state, rate)
+        return self._passed(given).rates(strain, memory_rate, parameter.removeprefix(f"{self.name}."))[1]
 
     def measure(self, sizes: Sizes, theta: Theta) -> None:
         own = part_theta(theta, self.name)
         sizes.shear_modulus = max(sizes.shear_modulus, 0.5 * own["youngs_modulus"] / (1.0 + own["poissons_ratio"]))
-        sizes.volume += self.volume
+        sizes.volume += float(self.volumes.sum())
         tangent = self.assemble(sizes.rest.position, sizes.rest.rotation, own).tangent
         self.blocks.add_gradient(sizes.stiffness, np.einsum("nii->ni", tangent))
         frames = np.unique(self.frames)
         sizes.frames.append(frames[frames < sizes.layout.n_moving_frames])
 
     def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
-        """Stiffness times 1 + r_s / h, about a strain between that at rest and that at the step's start."""
+        """Stiffness times 1 + r_s / h, about a strain between that at rest and that at the step's start; where the
+        material has a history, r_s / h of the stiffness about the latter, beside it.
+        """
         if step.share == 0.0:
             return (self,)
         xi, _ = before.known
+        if self.history.parts:
+            flexibility = {"by_bending": self.by_bending / step.share, "by_shear": self.by_shear / step.share}
+            return self, replace(self, xi_rest=xi, history=ELASTIC, **flexibility)
         damped = replace(
             self,
             xi_rest=(self.xi_rest + step.share * xi) / (1.0 + step.share),
@@ -162,36 +194,46 @@ class RodTerm(Term):
         theta
             youngs_modulus [Pa] and poissons_ratio.
         """
-        S = self._stiffness(theta)
-        deviation = self._coordinates(position, rotation)[0] - self.xi_rest
-        conjugate = _times(S, deviation)
-        energy = 0.5 * float(np.sum(conjugate * deviation))
-        return RodForces(energy, *self._derivatives(position, rotation, conjugate, S))
-
-    def gradient_by_parameters(
-        self, position: Floats, rotation: Floats, theta: Mapping[str, float]
-    ) -> dict[str, Floats]:
-        """d gradient / d parameter (n, 12) of youngs_modulus and poissons_ratio."""
-        E = theta["youngs_modulus"]
-        S = self._stiffness(theta)
-        xi, _ = self._coordinates(position, rotation)
-        by_E = _times(S, xi - self.xi_rest) / E
-        by_nu = -_times(S, _times(self.by_shear, by_E))
-        return {
-            "youngs_modulus": self._gradient(position, rotation, by_E),
-            "poissons_ratio": self._gradient(position, rotation, by_nu),
-        }
+        law = self._law(self._coordinates(position, rotation)[0], theta)
+        return RodForces(float(law.energies.sum()), *self._derivatives(position, rotation, law.forces, law.S))
 
     def strains(self, position: Floats, rotation: Floats) -> Floats:
         """Strains in the middle of the elements (n, 6): stretch and shear [-], then curvature and twist [1/m]."""
         xi, _ = self._coordinates(position, rotation)
         return (xi - self.xi_rest) / self.length[:, None]
 
-    def _stiffness(self, theta: Mapping[str, float]) -> Floats:
-        S = np.empty_like(self.by_bending)
+    def _law(self, xi: Floats, theta: Mapping[str, float]) -> RodLaw:
         E, nu = theta["youngs_modulus"], theta["poissons_ratio"]
-        rod_kernels.stiffness(self.by_bending, self.by_shear, E, nu, S)
-        return S
+        return RodLaw(self.by_bending, self.by_shear, self.volumes, E, nu, xi - self.xi_rest)
+
+    def _passed(self, given: Given) -> Passed[RodLaw]:
+        theta = part_theta(given.theta, self.name)
+        law, constants = self._law(given.known[0], theta), self.history.constants(theta)
+        return Passed(self.history, law, constants, given.memory, given.controls.elapsed)
+
+    def _response(self, given: Given, *, tangent: bool) -> tuple[Floats, Floats]:
+        """Forces and moments (n, 6), and their derivatives by the strains (n, 6, 6)."""
+        if not self.history.parts:
+            law = self._law(given.known[0], part_theta(given.theta, self.name))
+            return law.forces, law.S
+        at = self._passed(given).respond(tangent=tangent).at
+        return self.volumes[:, None] * at.S, self.volumes[: len(at.D), None, None] * at.D
+
+    def _add_stress(self, into: Sum, given: Given, by_volume: Floats) -> None:
+        """Add the gradient of forces and moments, which are given by volume (n, 6)."""
+        forces = self.volumes[:, None] * by_volume
+        self.blocks.add_gradient(into.own, self._gradient(given.state.position, given.state.rotation, forces))
+
+    def _coordinate_rates(self, state: State, rate: State) -> Floats:
+        """Those of (rho, theta) (n, 6) at rates of the frames."""
+        spin = rate.rotation @ np.swapaxes(state.rotation, 1, 2)
+        turning = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
+        moves = np.concatenate([rate.position, turning], axis=1)[self.frames].reshape(-1, 12)
+        out = np.empty((len(moves), 6))
+        for i, unit in enumerate(np.eye(6)):
+            ways = self._gradient(state.position, state.rotation, np.tile(unit, (len(moves), 1)))
+            out[:, i] = (ways * moves).sum(axis=1)
+        return out
 
     def _coordinates(self, position: Floats, rotation: Floats) -> tuple[Floats, Floats]:
         xi, turn = np.empty((len(self.frames), 6)), np.empty(len(self.frames))
@@ -282,10 +324,10 @@ def build_rod(
         )
     length = centreline.lengths[ends[:, 0]]
     shares = centreline.stations[ends] / centreline.stations[-1]
-    bending, shear, area = _flexibility(section, shares, xi, length)
+    bending, shear, area = flexibility(section, shares, xi, length)
     return RodTerm(
         name=name,
-        volume=float(area @ length),
+        volumes=area * length,
         frames=frame[ends],
         arm=nodes[ends] - references[frame[ends]],
         triad=triads[ends],
@@ -294,59 +336,3 @@ def build_rod(
         by_bending=bending,
         by_shear=shear,
     )
-
-
-def _compliances(section: SectionConstants) -> tuple[Floats, Floats]:
-    """E times the section's compliances (6,): what does not depend on Poisson's ratio, and what goes with 1 + nu."""
-    (a1, b1), (a2, b2), A = section.shear1, section.shear2, section.area
-    bending = np.array([a1 / A, a2 / A, 1.0 / A, 1.0 / section.I1, 1.0 / section.I2, 0.0])
-    return bending, np.array([b1 / A, b2 / A, 0.0, 0.0, 0.0, 2.0 / section.J])
-
-
-def _flexibility(section: CrossSection, shares: Floats, xi: Floats, length: Floats) -> tuple[Floats, Floats, Floats]:
-    """E times the elements' flexibility: what does not depend on Poisson's ratio, and what goes with 1 + nu; and the
-    elements' mean areas (n,) [m^2]. shares: of the rod's arc length, at both ends of each (n, 2).
-    """
-    X = _bracket(xi)
-    parts, area = np.zeros((2, len(xi), 6, 6)), np.zeros(len(xi))
-    for point, weight in zip(*np.polynomial.legendre.leggauss(N_GAUSS), strict=True):
-        here = shares @ [0.5 - 0.5 * point, 0.5 + 0.5 * point]
-        constants = [section.at(float(share)) for share in (here[:1] if section.is_uniform else here)]
-        bending, shear = (np.array(both) for both in zip(*map(_compliances, constants), strict=True))
-        area += 0.5 * weight * np.array([one.area for one in constants])
-        B = np.swapaxes(_series(0.5 * point * X, [1.0 / math.factorial(k) for k in range(N_SERIES)]), 1, 2)
-        for part, compliance in zip(parts, (bending, shear), strict=True):
-            part += 0.5 * weight * np.swapaxes(B, 1, 2) @ (compliance[:, :, None] * B)
-    Z = _middle_to_coordinates(xi)
-    parts = length[:, None, None] * (Z @ parts @ np.swapaxes(Z, 1, 2))
-    return parts[0], parts[1], area
-
-
-def _middle_to_coordinates(xi: Floats) -> Floats:
-    """Z (n, 6, 6) with d xi = Z (twist of b against a, seen from the middle's frame): the inverse of the mean of
-    exp(t ad xi) over t from -1/2 to 1/2.
-    """
-    X = _bracket(xi)
-    inverse = _series(X @ X, [0.25**k / math.factorial(2 * k + 1) for k in range(N_SERIES // 2)])
-    return np.asarray(np.linalg.inv(inverse), dtype=np.float64)
-
-
-def _bracket(xi: Floats) -> Floats:
-    """ad xi (n, 6, 6) on twists (velocity, spin): (v, w) -> (theta x v + rho x w, theta x w)."""
-    spin = np.cross(np.eye(3), xi.reshape(-1, 2, 1, 3))  # (n, 2, 3, 3): rows e_i x rho, that is [rho], and [theta]
-    out = np.zeros((len(xi), 6, 6))
-    out[:, :3, :3] = out[:, 3:, 3:] = spin[:, 1]
-    out[:, :3, 3:] = spin[:, 0]
-    return out
-
-
-def _series(X: Floats, coefficients: Sequence[float]) -> Floats:
-    """Sum of c_k X^k."""
-    out = np.zeros_like(X)
-    for c in reversed(coefficients):
-        out = out @ X + c * np.eye(6)
-    return out
-
-
-def _times(matrices: Floats, vectors: Floats) -> Floats:
-    return np.einsum("nij,nj->ni", matrices, vectors)

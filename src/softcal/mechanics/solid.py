@@ -28,10 +28,11 @@ from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.loads import Loads
 from softcal.mechanics.mesh_motion import MeshMotion, cofactor, stress_rate
+from softcal.mechanics.passed import Passed
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.scales import Sizes
-from softcal.mechanics.solid_history import Passed
 from softcal.mechanics.solid_kernels import Places
+from softcal.mechanics.solid_law import SolidLaw
 from softcal.mechanics.state import State
 from softcal.mechanics.term import Connectivity, Given, Sum, Term, Theta, part_theta
 from softcal.mechanics.viscosity import ViscousTerm
@@ -214,22 +215,18 @@ class SolidTerm(Term):
     def _stress(self, given: Given, volume: _Volume, *, tangent: bool) -> Stress:
         """That of the displacements' part of the potential, at given pressures."""
         passed = self._passed(given)
+        law = passed.law
         if not self.history.parts:
-            return passed.deformation.stress(passed.values, volume.slopes, tangent=tangent)
+            return law.deformation.stress(law.values, volume.slopes, tangent=tangent)
         at = passed.respond(tangent=tangent).at
         stress = Stress(at.S, at.D)
-        add_volumetric(stress, passed.deformation.at, volume.slopes)
+        add_volumetric(stress, law.deformation.at, volume.slopes)
         return stress
 
-    def _passed(self, given: Given) -> Passed:
-        return Passed(
-            self.history,
-            Deformation(self.compiled, self._at(given.known)),
-            self._theta(given.theta),
-            {one.name: given.theta[f"{self.name}.{one.name}"] for one in self.history.parameters},
-            given.memory,
-            given.controls.elapsed,
-        )
+    def _passed(self, given: Given) -> Passed[SolidLaw]:
+        law = SolidLaw(Deformation(self.compiled, self._at(given.known)), self._theta(given.theta))
+        constants = self.history.constants(part_theta(given.theta, self.name))
+        return Passed(self.history, law, constants, given.memory, given.controls.elapsed)
 
     # Of a material with a history, its memory at the quadrature points.
 
@@ -255,9 +252,8 @@ class SolidTerm(Term):
         if self.motion is not None and self.motion.parameter == parameter:
             tets, G = self.motion.rate(self.conn, self.dN)
             dF[tets] += G - given.known[0][tets] @ G
-        passed, own, laws = self._passed(given), parameter.removeprefix(f"{self.name}."), self.compiled.parameters
-        constant = laws.index(own) if own in laws else own if own in passed.constants else None
-        return passed.rates(dF.reshape(-1, 3, 3), memory_rate, constant)[1]
+        passed, own = self._passed(given), parameter.removeprefix(f"{self.name}.")
+        return passed.rates(passed.law.strain_rates(dF.reshape(-1, 3, 3)), memory_rate, own)[1]
 
     def _volume(self, given: Given) -> _Volume:
         values, J = self._theta(given.theta), given.known[3].ravel()
@@ -281,28 +277,29 @@ class SolidTerm(Term):
         if wanted.keys().isdisjoint((*laws, *others)):
             return
         passed, F = self._passed(given), given.known[0]
-        elastic = [] if self.history.parts else passed.deformation.stress_by_parameters(passed.values)
+        law = passed.law
+        elastic = [] if self.history.parts else law.deformation.stress_by_parameters(law.values)
         for i, name in enumerate(laws):
             if name in wanted:
-                stress = passed.rates(constant=i)[0] if self.history.parts else elastic[i]
-                self._add_volumetric(wanted[name], given, passed, i, stress)
+                stress = passed.rates(constant=name)[0] if self.history.parts else elastic[i]
+                self._add_volumetric(wanted[name], given, law, i, stress)
                 solid_kernels.add_stress_gradient(wanted[name], self.conn, self.dN, self.w, F, stress)
         for name in others:
             if name in wanted:
                 stress, _ = passed.rates(constant=name)
                 solid_kernels.add_stress_gradient(wanted[name], self.conn, self.dN, self.w, F, stress)
 
-    def _add_volumetric(self, gradient: Floats, given: Given, passed: Passed, i: int, stress: Floats) -> None:
+    def _add_volumetric(self, gradient: Floats, given: Given, law: SolidLaw, i: int, stress: Floats) -> None:
         """Add the derivative of the volumetric part by the law's constant i: to that of the stress, or of a mixed
         element to the gradient.
         """
-        compliance, by_parameter = self.compiled.compliance(*passed.values)
+        compliance, by_parameter = self.compiled.compliance(*law.values)
         if self.is_mixed:
             error = -float(by_parameter[i]) * self._pressure(given.state).ravel()
             solid_kernels.add_volume_gradient(gradient, given.state.x.size, self.pressure_conn, self.N_p, self.w, error)
             return
-        at, of_bulk = passed.deformation.at, -float(by_parameter[i]) / float(compliance)  # d kappa, over kappa
-        by_J, by_JJ = volumetric(self.compiled, at.J, passed.values)
+        at, of_bulk = law.deformation.at, -float(by_parameter[i]) / float(compliance)  # d kappa, over kappa
+        by_J, by_JJ = volumetric(self.compiled, at.J, law.values)
         add_volumetric(Stress(stress, NO_TANGENT), at, Volumetric(of_bulk * by_J, of_bulk * by_JJ))
 
     def _add_by_motion(self, gradient: Floats, given: Given, motion: MeshMotion) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
@@ -10,9 +10,9 @@ from pydantic_core import InitErrorDetails
 
 from softcal.declare import listed
 from softcal.materials.catalogue import LAWS, LawName, constants_of
+from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.materials.histories import PARTS, history_of
 from softcal.materials.inelastic import History
-from softcal.materials.law import Law
 from softcal.materials.parameter import Parameter
 from softcal.project.section import Section, read_quantities
 from softcal.twin.robot import Body
@@ -55,26 +55,30 @@ class ConstantsSection(Section):
         return ()
 
 
-class LawSection(ConstantsSection):
-    """The constants of the law that the mapping names."""
+class HistorySection(ConstantsSection):
+    """The constants of a material, and those of the history that the mapping names."""
 
-    law: LawName = Body.law
     history: Annotated[tuple[str, ...], BeforeValidator(listed)] = Body.history
 
     def _check(self) -> None:
         history_of(self.history)
 
     @classmethod
+    def _elastic(cls, given: Mapping[str, Any]) -> Sequence[Parameter] | None:
+        """The constants of its elasticity; None where they are not known here."""
+        return LINEAR_ELASTIC
+
+    @classmethod
     def _of_law(cls, given: Mapping[str, Any]) -> Mapping[str, Parameter]:
-        law = cls._named(given)
-        if law is None:
+        elastic = cls._elastic(given)
+        if elastic is None:
             return constants_of(LAWS)
-        return {one.name: one for one in (*law.parameters, *cls._of_history(given))}
+        return {one.name: one for one in (*elastic, *cls._of_history(given))}
 
     @classmethod
     def _required(cls, given: Mapping[str, Any]) -> tuple[str, ...]:
-        law = cls._named(given)
-        named = () if law is None else (*law.parameters, *cls._of_history(given))
+        elastic = cls._elastic(given)
+        named = () if elastic is None else (*elastic, *cls._of_history(given))
         return tuple(one.name for one in named if one.default is None)
 
     @classmethod
@@ -84,8 +88,15 @@ class LawSection(ConstantsSection):
         known = [PARTS[name] for name in names if name in PARTS] if isinstance(names, list) else []
         return History(tuple(known)).parameters
 
+
+class LawSection(HistorySection):
+    """The constants of the law that the mapping names, and of its history."""
+
+    law: LawName = Body.law
+
     @classmethod
-    def _named(cls, given: Mapping[str, Any]) -> Law | None:
-        """The law of the mapping; None where there is none of that name, which is a fault of its own."""
-        law = given.get("law", cls.model_fields["law"].default)
-        return LAWS.get(law) if isinstance(law, str) else None
+    def _elastic(cls, given: Mapping[str, Any]) -> Sequence[Parameter] | None:
+        """Those of the law; none where there is none of that name, which is a fault of its own."""
+        name = given.get("law", cls.model_fields["law"].default)
+        law = LAWS.get(name) if isinstance(name, str) else None
+        return None if law is None else law.parameters

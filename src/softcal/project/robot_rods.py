@@ -72,7 +72,6 @@ def build_rod(
         if len(findings.faults) > n_faults:
             return None
         with findings.at(path):
-            parameters = {"youngs_modulus": rod.youngs_modulus, "poissons_ratio": rod.poissons_ratio}
             held = {plate: _nodes(line, shape.length, arcs) for plate, arcs in clamped.items()}
             inclusions = [
                 Material(
@@ -84,7 +83,7 @@ def build_rod(
                 for part, material in rod.materials.items()
             ]
             ends = _nodes(line, shape.length, fixed)
-            return Rod(name, line, section, parameters, held, ends, rod.density, tuple(inclusions))
+            return Rod(name, line, section, rod.constants, held, ends, rod.density, tuple(inclusions), rod.history)
     return None
 
 

@@ -13,8 +13,12 @@ from softcal.geometry.placement import Placement
 from softcal.geometry.rod_shapes import Helix, Polyline, RodShape, Straight
 from softcal.geometry.section import CrossSection, GivenSection, RectangularBar, RoundBar
 from softcal.limits import LIMITS
+from softcal.materials.elastic_constants import LINEAR_ELASTIC
+from softcal.materials.histories import history_constants
+from softcal.materials.parameter import Parameter
+from softcal.project.constants import ConstantsSection, HistorySection
 from softcal.project.section import Section
-from softcal.quantities import QUANTITIES, Density, Modulus, PoissonsRatio
+from softcal.quantities import QUANTITIES, Density
 from softcal.twin.robot import Rod
 
 BARS: Mapping[str, type[CrossSection]] = {cls.__name__: cls for cls in (RoundBar, RectangularBar, GivenSection)}
@@ -64,22 +68,18 @@ class SectionAtStation(Section):
     section: Bar
 
 
-class RodMaterialSection(Section):
+class RodMaterialSection(ConstantsSection):
     """The material of a rod between two stations; what is omitted is the rod's."""
 
     between: Annotated[list[Station], Field(min_length=2, max_length=2)]
-    youngs_modulus: Modulus | None = None
-    poissons_ratio: PoissonsRatio | None = None
     density: Density | None = None
 
-    @property
-    def constants(self) -> dict[str, float]:
-        """The constants that are given."""
-        given = {"youngs_modulus": self.youngs_modulus, "poissons_ratio": self.poissons_ratio}
-        return {name: value for name, value in given.items() if value is not None}
+    @classmethod
+    def _of_law(cls, given: Mapping[str, Any]) -> Mapping[str, Parameter]:
+        return {**{one.name: one for one in LINEAR_ELASTIC}, **history_constants()}
 
 
-class RodSection(Section):
+class RodSection(HistorySection):
     """A slender elastic part: its shape, section (one all along, or several at stations), materials, and supports."""
 
     straight: Straight | None = None
@@ -88,8 +88,6 @@ class RodSection(Section):
     elements: Annotated[int, LIMITS["elements of a rod"]] | None = None
     section: Bar | None = None
     sections: Annotated[list[SectionAtStation], LIMITS["points of a line"].entries] | None = None
-    youngs_modulus: Modulus
-    poissons_ratio: PoissonsRatio
     density: Density = Rod.density
     materials: Mapping[str, RodMaterialSection] = Field(default_factory=dict)
     clamped: Mapping[str, Stations] = Field(default_factory=dict)
@@ -97,6 +95,7 @@ class RodSection(Section):
     placement: Placement | None = None
 
     def _check(self) -> None:
+        super()._check()
         shapes = ("straight", "helix", "polyline")
         require_one(self, shapes, "a rod has one shape", nothing="none", allowed="straight, helix or polyline")
         allowed = "section (the same all along), or sections at stations"

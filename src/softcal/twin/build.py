@@ -134,13 +134,16 @@ def build_twin(robot: Robot) -> Twin:
     for rod in robot.rods:
         builder.first[rod.name] = builder.add(rod.centreline.nodes, frames.of_rod[rod.name])
     rod_terms = tuple(
-        build_rod(
-            material.name,
-            rod.section,
-            rod.centreline,
-            frames.of_rod[rod.name],
-            frames.references,
-            material.elements,
+        replace(
+            build_rod(
+                material.name,
+                rod.section,
+                rod.centreline,
+                frames.of_rod[rod.name],
+                frames.references,
+                material.elements,
+            ),
+            history=rod.past,
         )
         for rod in robot.rods
         for material in rod.materials

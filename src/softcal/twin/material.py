@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from softcal.arrays import Numbers
 from softcal.errors import Fault, InputError
+from softcal.materials.inelastic import History
 from softcal.materials.parameter import Parameter, complete
 from softcal.quantities import Density
 from softcal.twin.part import NamedPart
@@ -32,8 +33,8 @@ class Material(NamedPart):
     density: Density = 0.0
 
 
-class Elastic(Protocol):
-    """A part with a material of its own, and inclusions of others."""
+class Deformable(Protocol):
+    """A part with a material of its own, and inclusions of others, with the same constants and history."""
 
     @property
     def name(self) -> str: ...
@@ -43,19 +44,24 @@ class Elastic(Protocol):
     def density(self) -> float: ...
     @property
     def inclusions(self) -> tuple[Material, ...]: ...
+    @property
+    def past(self) -> History: ...
+    @property
+    def constants(self) -> tuple[Parameter, ...]: ...
 
 
-def complete_materials(part: Elastic, constants: Sequence[Parameter], n_elements: int, of: str) -> None:
-    """Give a part, which is being made, all constants of its law, and each inclusion those that it leaves out.
+def complete_materials(part: Deformable, n_elements: int, of: str) -> None:
+    """Give a part, which is being made, all its constants, and each inclusion those that it leaves out.
 
     of: what its elements are called.
 
     Raises
     ------
     InputError
-        For numbers of elements that do not exist, an element with two inclusions, and inclusions that cover the whole
-        part.
+        For numbers of elements that do not exist, an element with two inclusions, inclusions that cover the whole
+        part, and constants that do not fit each other.
     """
+    constants, past = part.constants, part.past
     own = complete(part.parameters, constants, owner=part.name)
     object.__setattr__(part, "parameters", own)
     inclusions = (
@@ -75,9 +81,12 @@ def complete_materials(part: Elastic, constants: Sequence[Parameter], n_elements
     if part.inclusions and times.all():
         what = f"the materials leave none of the {of} to its own material"
         raise InputError(Fault(what, part.name, names, attempt="one of them as that"))
+    for material in materials_of(part, n_elements):
+        if wrong := next(filter(None, (one.faults(material.parameters) for one in past.parts)), ""):
+            raise InputError(Fault(wrong, material.name))
 
 
-def materials_of(part: Elastic, n_elements: int) -> tuple[Material, ...]:
+def materials_of(part: Deformable, n_elements: int) -> tuple[Material, ...]:
     """Every material of a part, named as its parameters are: its own, by its name, then `part.inclusion`."""
     rest = np.ones(n_elements, dtype=bool)
     for one in part.inclusions:

@@ -11,7 +11,6 @@ import numpy as np
 
 from softcal.errors import Fault, ParameterError, nearest
 from softcal.materials.catalogue import LAWS, constants_of
-from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.quantities import QUANTITIES, Quantity
 from softcal.twin.material import Material
 from softcal.twin.parameter_name import parameter_name
@@ -103,7 +102,7 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
             add(body.name, "clamp_depth", body.clamp.depth, body.zone.depths, shapes=True)
     for rod in robot.rods:
         for material in rod.materials:
-            for constant in LINEAR_ELASTIC:
+            for constant in rod.constants:
                 add(material.name, constant.name, material.parameters[constant.name], constant.quantity)
             add(material.name, "density", material.density)
     for plate in robot.plates:

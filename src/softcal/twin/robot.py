@@ -85,11 +85,7 @@ class Body(NamedPart):
             )
         if self.clamp is not None:
             self.zone  # noqa: B018  refuses a clamp that cannot be
-        complete_materials(self, self.constants, self.mesh.n_tets, "tets")
-        past = self.past
-        for material in self.materials:
-            if wrong := next(filter(None, (part.faults(material.parameters) for part in past.parts)), ""):
-                raise InputError(Fault(wrong, material.name))
+        complete_materials(self, self.mesh.n_tets, "tets")
 
     @property
     def materials(self) -> tuple[Material, ...]:
@@ -152,6 +148,7 @@ class Rod(NamedPart):
     fixed : Numbers of the nodes that do not move (n,)
     density : [kg/m^3]
     inclusions : Elements of other materials; constants not given are the rod's
+    history : What its materials do beyond their elasticity: names of `softcal.materials.histories`, such as flow
     """
 
     centreline: Centreline
@@ -161,11 +158,12 @@ class Rod(NamedPart):
     fixed: Numbers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     density: Density = 0.0
     inclusions: tuple[Material, ...] = ()
+    history: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
         n = len(self.centreline.nodes)
-        complete_materials(self, LINEAR_ELASTIC, n - 1, "elements")
+        complete_materials(self, n - 1, "elements")
         held = np.concatenate([self.fixed, *self.clamped.values()])
         if len(held) and held.max() >= n:
             raise InputError(
@@ -180,6 +178,16 @@ class Rod(NamedPart):
     def materials(self) -> tuple[Material, ...]:
         """Every material, named as its parameters are: the rod's own, by its name, then `rod.inclusion`."""
         return materials_of(self, len(self.centreline.lengths))
+
+    @property
+    def past(self) -> History:
+        """What its materials do beyond their elasticity."""
+        return history_of(self.history, f"{self.name}.history", of_rod=True)
+
+    @property
+    def constants(self) -> tuple[Parameter, ...]:
+        """The constants of its materials: the elastic ones, then those of the history."""
+        return (*LINEAR_ELASTIC, *self.past.parameters)
 
     @cached_property
     def volumes(self) -> Floats:
@@ -362,6 +370,11 @@ class Robot(Checked):
             object.__setattr__(self, "contact", self.contact.fitted(self.bodies, self.rods))
 
     @property
+    def deformable(self) -> tuple[Body | Rod, ...]:
+        """What has a material."""
+        return (*self.bodies, *self.rods)
+
+    @property
     def as_clamped(self) -> Robot:
         """The same robot, every body's mesh ending where its clamp does."""
         if all(body.clamp is None for body in self.bodies):
@@ -371,9 +384,9 @@ class Robot(Checked):
     @property
     def remembers(self) -> bool:
         """Whether a state depends on those before it: then the samples of a test are a load path in their order."""
-        return any(cable.line.friction_memory for cable in self.cables) or any(body.history for body in self.bodies)
+        return any(cable.line.friction_memory for cable in self.cables) or any(part.history for part in self.deformable)
 
     @property
     def needs_time(self) -> bool:
         """Whether a state depends on the time between those before it."""
-        return any(part.needs_time for body in self.bodies for part in body.past.parts)
+        return any(one.needs_time for part in self.deformable for one in part.past.parts)

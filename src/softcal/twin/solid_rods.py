@@ -25,8 +25,9 @@ def with_solid_rods(
 ) -> Robot:
     """The robot with bodies of the same names in the place of some of its rods, or of all.
 
-    A rod's material and density go to its body, one layer of tets for two elements of its centreline, with the rod's
-    section at each node; plates that hold its ends hold all nodes of the body's end faces, which can then not warp.
+    A rod's material, with its history, and density go to its body, one layer of tets for two elements of its
+    centreline, with the rod's section at each node; plates that hold its ends hold all nodes of the body's end faces,
+    which can then not warp.
 
     Parameters
     ----------
@@ -97,7 +98,7 @@ def solid_body(rod: Rod, *, rings: int = 1, element: str = DEFAULT.name) -> Body
         raise MeshError(faults)
     mesh = wire_mesh(rod.centreline, np.array(diameters), rings=rings, order=2, where=rod.name)
     fixed = _end_nodes(rod, rod.fixed, mesh.node_sets["start"], mesh.node_sets["end"])
-    return Body(rod.name, mesh, fixed, rod.parameters, element=element, density=rod.density)
+    return Body(rod.name, mesh, fixed, rod.parameters, element=element, density=rod.density, history=rod.history)
 
 
 def _holding(plate: Plate, rods: list[Rod], bodies: dict[str, Body]) -> Plate:

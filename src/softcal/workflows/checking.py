@@ -15,7 +15,6 @@ from softcal.calibration.scope import ScopedParameter
 from softcal.checks import Ints
 from softcal.errors import Fault
 from softcal.geometry.cell import CELLS
-from softcal.materials.catalogue import LAWS
 from softcal.project.project import Project
 from softcal.sensing.channel import TIME, ChannelName
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
@@ -116,11 +115,7 @@ def _body_rows(project: Project) -> list[tuple[str, str]]:
                 f"least dihedral angle {math.degrees(quality.min_dihedral):.3g} deg, "
                 f"mean ratio: minimum {quality.min_quality:.2g}, median {quality.median_quality:.2g}",
             ),
-            ("  material", f"{body.law}, {body.element}, {_constants(body, body.materials[0])}"),
-        ]
-        rows += [
-            (f"  material of {part.name}", f"{len(part.elements)} tets, {_constants(body, part)}")
-            for part in body.inclusions
+            *_material_rows(body, f"{body.law}, {body.element}, ", "tets"),
         ]
         regions = {**{"fixed": body.fixed}, **project.regions[body.name]}
         rows.append(("  regions", ", ".join(f"{name} {len(nodes)} nodes" for name, nodes in regions.items())))
@@ -131,11 +126,18 @@ def _body_rows(project: Project) -> list[tuple[str, str]]:
     return rows
 
 
-def _constants(body: Body, material: Material) -> str:
-    shown = [
-        f"{one.label} {_as_written(material.parameters[one.name], one.quantity.unit)}"
-        for one in LAWS.named(body.law).parameters
+def _material_rows(part: Body | Rod, law: str, elements: str) -> list[tuple[str, str]]:
+    """law: what it begins with; elements: what they are called."""
+    rows = [("  material", f"{law}{_constants(part, part.materials[0])}")]
+    rows += [
+        (f"  material of {one.name}", f"{len(one.elements)} {elements}, {_constants(part, one)}")
+        for one in part.inclusions
     ]
+    return [*rows, *([("  history", ", ".join(part.history))] if part.history else [])]
+
+
+def _constants(part: Body | Rod, material: Material) -> str:
+    shown = [f"{one.label} {_as_written(material.parameters[one.name], one.quantity.unit)}" for one in part.constants]
     return ", ".join([*shown, *([f"{material.density:.4g} kg/m³"] if material.density else [])])
 
 
@@ -226,11 +228,7 @@ def _rod_rows(project: Project) -> list[tuple[str, str]]:
                 f"{format_quantity(float(line.stations[-1]), 'm')} long, {len(line.lengths)} elements, "
                 f"{format_quantity(rod.section.constants.outer_diameter, 'm')} thick, attached: {', '.join(held)}",
             ),
-            (
-                "  material",
-                f"E {format_quantity(rod.parameters['youngs_modulus'], 'Pa')}, "
-                f"ν {rod.parameters['poissons_ratio']:.4g}" + (f", {rod.density:.4g} kg/m³" if rod.density else ""),
-            ),
+            *_material_rows(rod, "", "elements"),
         ]
     return rows
 

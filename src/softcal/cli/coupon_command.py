@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,9 +14,8 @@ from softcal.cli.running import clock
 from softcal.errors import Fault, ParameterError
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
-    from softcal.coupons.comparison import ComparedLaw, LawComparison
+    from softcal.coupons.coupon import Coupon
+    from softcal.coupons.fitted_material import Prediction
 
 
 MOST_REACH = 100.0
@@ -24,23 +23,28 @@ MOST_REACH = 100.0
 
 @app.command("coupon")
 @exit_on_error
-def coupon(
+def coupon(  # noqa: PLR0913 (one argument for each option)
     data: Annotated[
-        list[Path],
+        list[Path] | None,
         typer.Argument(metavar="DATA...", help="Tables of coupon tests, a file for each kind.", show_default=False),
-    ],
+    ] = None,
     test: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(
             "--test",
             metavar="KIND",
-            help="Kind of test, once for all files or once for each: uniaxial, planar, equibiaxial, biaxial or shear.",
+            help="Kind of test, once for all files or once for each, those of --predict last: uniaxial, planar, "
+            "equibiaxial, biaxial or shear.",
             show_default=False,
         ),
-    ],
+    ] = None,
     law: Annotated[
         list[str] | None,
         typer.Option("--law", metavar="NAME", help="Law to fit; several; all by default.", show_default=False),
+    ] = None,
+    laws: Annotated[
+        Path | None,
+        typer.Option("--laws", metavar="FILE", help="File with laws of your own (a block laws:).", show_default=False),
     ] = None,
     history: Annotated[
         list[str] | None,
@@ -49,6 +53,21 @@ def coupon(
             metavar="PART",
             help="What the material does beyond the law: softening, relaxation-N, maxwell-N, flow; several.",
             show_default=False,
+        ),
+    ] = None,
+    predict: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--predict",
+            metavar="FILE",
+            help="Test to predict, not fitted; stresses may be missing.",
+            show_default=False,
+        ),
+    ] = None,
+    stored: Annotated[
+        Path | None,
+        typer.Option(
+            "--from", metavar="DIR", help="A folder of results: predict by its law, without a fit.", show_default=False
         ),
     ] = None,
     poissons_ratio: Annotated[
@@ -73,90 +92,105 @@ def coupon(
     """Fit laws, alone or with a history, to coupon tests: intervals, errors held out, stability, a body's block."""
     from softcal.workflows.output import require_free_folder
 
+    data, predict, test = data or [], predict or [], test or []
+    _require_consistent(data, predict, test, law or [], history or [], stored)
     if out is not None:
         require_free_folder(out)
-    from softcal.coupons.comparison import compare_laws
     from softcal.coupons.plausibility import implausible
-    from softcal.project.material_block import material_block
+    from softcal.project.own_law import read_laws
     from softcal.quantities import QUANTITIES
-    from softcal.workflows.coupon import all_coupons, write_comparison
+    from softcal.workflows.coupon import all_coupons
 
     nu = QUANTITIES["Poisson's ratio"].checked(poissons_ratio, where="--poissons-ratio")
     if reach is not None and not 1.0 < reach <= MOST_REACH:
         raise ParameterError(
             Fault("this is no stretch to look at", "--reach", f"{reach:g}", f"above 1, to {MOST_REACH:g}")
         )
-    coupons = all_coupons(data, test)
-    print_warnings(implausible(coupons))
+    if laws is not None:
+        read_laws(laws)
+    coupons, further = all_coupons(data, test, predict)
+    print_warnings(implausible([*coupons, *further]))
+    if stored is None:
+        _fit(coupons, further, law or [], history or [], nu, reach, body, out)
+    else:
+        _predict(further, stored, law[0] if law else None, out)
+
+
+def _require_consistent(
+    data: Sequence[Path],
+    predict: Sequence[Path],
+    test: Sequence[str],
+    law: Sequence[str],
+    history: Sequence[str],
+    stored: Path | None,
+) -> None:
+    """Check that the arguments make one request."""
+    faults: list[Fault] = []
+    if stored is None and not data:
+        faults.append(Fault("there is no test to fit", "DATA", "", "tables of coupon tests", "or --from DIR --predict"))
+    if stored is not None and not predict:
+        faults.append(Fault("there is no test to predict", "--from", str(stored), attempt="--predict FILE"))
+    if stored is not None and (data or history):
+        got = ", ".join([*map(str, data), *history])
+        faults.append(Fault("a stored fit is not fitted again", "--from", got, "--predict FILE, --law, --laws, --out"))
+    if stored is not None and len(law) > 1:
+        faults.append(Fault("a prediction is by one law", "--law", ", ".join(law), "one"))
+    if (data or predict) and not test:
+        faults.append(
+            Fault("the kind of test is missing", "--test", "", "uniaxial, planar, equibiaxial, biaxial, shear")
+        )
+    if faults:
+        raise ParameterError(faults)
+
+
+def _fit(
+    coupons: Sequence[Coupon],
+    further: Sequence[Coupon],
+    law: Sequence[str],
+    history: Sequence[str],
+    poissons_ratio: float,
+    reach: float | None,
+    body: str,
+    out: Path | None,
+) -> None:
+    from softcal.cli.coupon_tables import constants_table, laws_table, tests_table, verdict
+    from softcal.coupons.comparison import compare_laws, require_times
+    from softcal.materials.histories import history_of
+    from softcal.project.material_block import material_block
+    from softcal.workflows.coupon import write_comparison
+
+    require_times(further, history_of(history, "--history"))
     with clock() as doing:
-        found = compare_laws(coupons, law or (), history=history or (), poissons_ratio=nu, reach=reach, doing=doing)
-    print_table(_laws(found))
+        found = compare_laws(coupons, law, history=history, poissons_ratio=poissons_ratio, reach=reach, doing=doing)
+    print_table(laws_table(found))
     for name, other in found.same_as.items():
         typer.echo(f"{name}: in an incompressible body the same as {other}.")
     for name, why in found.left_out.items():
         typer.echo(f"{name}: {why}.")
-    chosen = found.recommended
-    shown = found.laws[0] if chosen is None else chosen
-    print_table(_constants(shown))
-    typer.echo(_verdict(found))
+    shown, chosen = found.shown, found.recommended
+    print_table(constants_table(shown))
+    predicted = [shown.fit.material.predict(one) for one in further]
+    if history or predicted:
+        print_table(tests_table(shown.name, shown.fit.tests(found.coupons), predicted))
+    typer.echo(verdict(found))
     if chosen is not None:
         typer.echo("\n" + material_block(chosen.fit, found, body))
     if out is not None:
-        write_comparison(found, body, out)
+        write_comparison(found, body, out, predicted)
         typer.echo(f"Wrote {out}")
 
 
-def _laws(found: LawComparison) -> Table:
-    """A line for each law, the least error on tests held out first."""
-    from rich.table import Table
+def _predict(further: Sequence[Coupon], stored: Path, law: str | None, out: Path | None) -> None:
+    from softcal.cli.coupon_tables import tests_table
+    from softcal.coupons.comparison import require_times
+    from softcal.workflows.coupon import write_predictions
+    from softcal.workflows.coupon_record import read_material
 
-    from softcal.units import plain
-
-    modes = list(found.laws[0].fit.stability.limits)
-    table = Table("law", "constants", "error", "held out", "AICc", *(f"stable, {mode}" for mode in modes), "")
-    least = min(one.fit.aic for one in found.laws)
-    for one in found.laws:
-        fit = one.fit
-        limits = [
-            f"to {plain(fit.stability.reach, 3)}"
-            if end is None
-            else f"below {plain(end, 3)}"
-            if end > 1.0
-            else "nowhere"
-            for end in fit.stability.limits.values()
-        ]
-        held_out = f"{100 * one.held_out_error:.1f} %" if math.isfinite(one.held_out_error) else "none"
-        aic = f"{fit.aic - least:.0f}" if math.isfinite(fit.aic) else "none"
-        marks = [] if fit.stability.is_stable else ["unstable"]
-        mark = ", ".join([*marks, *([] if fit.is_determined else ["not determined"])])
-        table.add_row(one.name, str(len(fit.values)), f"{100 * fit.error:.1f} %", held_out, aic, *limits, mark)
-    return table
-
-
-def _constants(one: ComparedLaw) -> Table:
-    """The constants of a law with their 95 % intervals."""
-    from rich.table import Table
-
-    from softcal.calibration.digits import interval_text, value_text
-
-    table = Table(one.name, "value", "95 %")
-    for name, estimate in one.fit.estimates.items():
-        interval = "at its bound" if estimate.at_bound else interval_text(estimate) or "none"
-        table.add_row(name, value_text(estimate), interval)
-    return table
-
-
-def _verdict(found: LawComparison) -> str:
-    """Which law is recommended, and why."""
-    from softcal.units import plain
-
-    chosen = found.recommended
-    sizes = ", ".join(f"{plain(size, 3)} {mode}" for mode, size in found.laws[0].fit.stability.measured.items())
-    up_to = f"up to strains of the size measured (stretches of {sizes})"
-    if chosen is None:
-        return f"No law is recommended: none is stable {up_to}, with constants that the tests determine."
-    return (
-        f"Recommended: {chosen.name}, stable {up_to}. Where {found.kept_out} is predicted by the others its error is "
-        f"{100 * chosen.held_out_error:.1f} %, nearly the least of the stable laws with constants that the tests "
-        "determine, and it has the fewest constants of those."
-    )
+    material = read_material(stored, law)
+    require_times(further, material.constants.history)
+    predicted: list[Prediction] = [material.predict(one) for one in further]
+    name = material.constants.law.name
+    print_table(tests_table(name, [], predicted))
+    if out is not None:
+        write_predictions(predicted, name, out)
+        typer.echo(f"Wrote {out}")

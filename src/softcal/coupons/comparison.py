@@ -90,6 +90,11 @@ class LawComparison:
         return min(good, key=lambda one: (len(one.fit.values), one.held_out_error), default=None)
 
     @property
+    def shown(self) -> ComparedLaw:
+        """The recommended law, or the one with the least error on tests held out."""
+        return self.recommended or self.laws[0]
+
+    @property
     def kept_out(self) -> str:
         """What was held out in turn, in words."""
         has_history = bool(self.history)

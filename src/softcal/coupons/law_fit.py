@@ -10,9 +10,10 @@ import numpy as np
 
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.result import Estimate
-from softcal.calibration.sensitivity import Statistics, local_statistics
+from softcal.calibration.sensitivity import Statistics, local_estimator, local_statistics
 from softcal.checks import Floats
 from softcal.coupons.coupon import Coupon
+from softcal.coupons.fitted_material import FittedMaterial, Prediction, fitted_material
 from softcal.coupons.free_constants import FreeConstants
 from softcal.coupons.history_search import best_values
 from softcal.coupons.problem import CouponLoss, CouponProblem, coupon_loss
@@ -46,6 +47,8 @@ class LawFit:
         Standard errors, intervals and notes; see `local_statistics`.
     stability
         Where the law is stable.
+    material
+        What predicts further tests.
     """
 
     constants: FreeConstants
@@ -58,11 +61,16 @@ class LawFit:
     aic: float
     statistics: Statistics
     stability: Stability
+    material: FittedMaterial
 
     @property
     def law(self) -> Law:
         """The law."""
         return self.constants.law
+
+    def tests(self, coupons: Sequence[Coupon]) -> list[Prediction]:
+        """What it says of tests, with bands."""
+        return [self.material.predict(coupon) for coupon in coupons]
 
     @property
     def estimates(self) -> dict[str, Estimate]:
@@ -94,7 +102,10 @@ def _concluded(problem: CouponProblem, values: Floats, reach: float) -> LawFit:
     theta = constants.theta(values)
     fitted = {name: theta[name] for name in constants.names}
     space = problem.space_near(values)
-    statistics = local_statistics(space, problem.loss, fitted, problem.blocks(values))
+    blocks, z = problem.blocks(values), np.clip(space.to_search(fitted), 0.0, 1.0)
+    found = local_estimator(space, problem.loss, z, blocks)
+    statistics = local_statistics(space, problem.loss, fitted, blocks, found=found)
+    has_intervals = all(ends is not None for ends in statistics.intervals.values())
     return LawFit(
         constants,
         space,
@@ -106,6 +117,7 @@ def _concluded(problem: CouponProblem, values: Floats, reach: float) -> LawFit:
         _aic(residuals, len(values)),
         statistics,
         stability(constants, values, coupons, reach),
+        fitted_material(constants, values, found, space.jacobian(z), has_intervals=has_intervals),
     )
 
 

@@ -23,6 +23,11 @@ class Document:
     lines: Mapping[KeyPath, int]
     faults: tuple[Fault, ...] = ()
 
+    def mapping(self, key: str) -> Mapping[str, Any]:
+        """What stands at a key of the file; empty where that is no mapping."""
+        data = self.data.get(key)
+        return data if isinstance(data, dict) else {}
+
     def where(self, path: KeyPath) -> str:
         """File, line and dotted key, such as `project.yaml:12: robot.bodies.neck.law`."""
         at = path

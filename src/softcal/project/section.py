@@ -20,7 +20,7 @@ from pydantic_core import InitErrorDetails
 from softcal.declare import FAULT, Reading, as_pydantic, listed, read_mapping, shown
 from softcal.errors import Fault, InputError, nearest
 from softcal.limits import Limit
-from softcal.project.document import Findings, KeyPath
+from softcal.project.document import Document, Findings, KeyPath
 from softcal.quantities import Quantity
 
 
@@ -104,6 +104,15 @@ def validated(model: type[T], data: object, path: KeyPath, findings: Findings) -
         for found in error.errors():
             _record(found, data, path, findings)
         return None
+
+
+def entries(model: type[T], key: str, document: Document, findings: Findings) -> dict[str, T]:
+    """The entries without faults of a mapping of sections, each checked by itself."""
+    data = document.data.get(key)
+    if data is not None and not isinstance(data, dict):
+        findings.add((key,), "this is of the wrong kind", got=repr(data)[:60], allowed="a mapping of names")
+    found = {name: validated(model, entry, (key, name), findings) for name, entry in document.mapping(key).items()}
+    return {name: entry for name, entry in found.items() if entry is not None}
 
 
 def changed(section: S, changes: Mapping[str, object], where: Callable[[str], str]) -> S:

@@ -27,7 +27,7 @@ from softcal.project.names import RESERVED_OF_TESTS, check_names
 from softcal.project.robot_names import check_part_names, part_names
 from softcal.project.robot_schema import BodySection, RobotSection
 from softcal.project.search import Wanted, build_search, check_kinds, check_owners, wanted_by
-from softcal.project.section import validated
+from softcal.project.section import entries, validated
 from softcal.project.sensor_schema import check_sensors
 from softcal.project.sweep_schema import SweepSection
 from softcal.project.uncertain import build_uncertain
@@ -83,16 +83,16 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     """
     findings = Findings(document)
     _check_keys(document, findings)
-    laws = _entries(OwnLawSection, "laws", document, findings)
+    laws = entries(OwnLawSection, "laws", document, findings)
     register_laws(laws, findings)
     robot = _section(RobotSection, "robot", document, findings)
     rig = _section(CommonRig, "rig", document, findings, {})
-    experiments = _entries(ExperimentSection, "experiments", document, findings)
+    experiments = entries(ExperimentSection, "experiments", document, findings)
     _check_names(document, experiments, findings)
-    parameters = _entries(ParameterSection, "parameters", document, findings)
-    uncertain = _entries(UncertainSection, "uncertain", document, findings)
+    parameters = entries(ParameterSection, "parameters", document, findings)
+    uncertain = entries(UncertainSection, "uncertain", document, findings)
     calibration = _section(CalibrationSection, "calibration", document, findings, {})
-    candidates = _entries(CandidateSection, "candidates", document, findings)
+    candidates = entries(CandidateSection, "candidates", document, findings)
     dynamics = _dynamics(document, findings)
     engines = _section(Engines, "engines", document, findings, {})
     swept = _section(SweepSection, "sweep", document, findings)
@@ -101,7 +101,7 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
         check_part_names(robot, findings)
     _find_meshes(document, files, findings)
     parts = part_names(document)
-    sensors = _raw(document, "robot").get("sensors")
+    sensors = document.mapping("robot").get("sensors")
     if parts is not None and isinstance(sensors, dict):
         check_sensors(sensors, parts, findings)
     plans = {
@@ -117,7 +117,7 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     tied = [name for name, section in parameters.items() if section.of]
     _check_calibration(calibration, rig or CommonRig(), experiments, tied, findings)
     if swept is not None:
-        _check_judges(swept, _raw(document, "experiments"), findings)
+        _check_judges(swept, document.mapping("experiments"), findings)
     if (
         findings.faults
     ):  # else names and columns are checked by the robot and the tables, and all reported at once there
@@ -148,7 +148,7 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
 
 def _find_meshes(document: Document, files: InputFiles, findings: Findings) -> None:
     """The mesh files of the bodies without faults, whatever is wrong with the rest of the robot."""
-    bodies = _raw(document, "robot").get("bodies")
+    bodies = document.mapping("robot").get("bodies")
     for name, given in bodies.items() if isinstance(bodies, dict) else ():
         # The faults of a body are among the findings already.
         body = validated(BodySection, given, (), Findings(document))
@@ -179,20 +179,6 @@ def _section(
     data = document.data.get(key)
     data = default if data is None else data
     return None if data is None else validated(model, data, (key,), findings)
-
-
-def _raw(document: Document, key: str) -> Mapping[str, Any]:
-    data = document.data.get(key)
-    return data if isinstance(data, dict) else {}
-
-
-def _entries(model: type[S], key: str, document: Document, findings: Findings) -> dict[str, S]:
-    """The entries without faults of a mapping of sections, each checked by itself."""
-    data = document.data.get(key)
-    if data is not None and not isinstance(data, dict):
-        findings.add((key,), "this is of the wrong kind", got=repr(data)[:60], allowed="a mapping of names")
-    found = {name: validated(model, entry, (key, name), findings) for name, entry in _raw(document, key).items()}
-    return {name: entry for name, entry in found.items() if entry is not None}
 
 
 def _check_calibration(
@@ -226,8 +212,8 @@ def _check_calibration(
 
 def _check_names(document: Document, experiments: Mapping[str, ExperimentSection], findings: Findings) -> None:
     """Experiments, set-ups and tied parameters give files, columns and labels their names."""
-    tests = _raw(document, "experiments")
-    candidates = _raw(document, "candidates")
+    tests = document.mapping("experiments")
+    candidates = document.mapping("candidates")
     names = {name: ("experiments", name) for name in tests} | {name: ("candidates", name) for name in candidates}
     check_names(names, findings, RESERVED_OF_TESTS)
     for name in set(tests) & set(candidates):
@@ -238,7 +224,7 @@ def _check_names(document: Document, experiments: Mapping[str, ExperimentSection
         RESERVED_OF_TESTS,
     )
     for section, reserved in (("parameters", ()), ("uncertain", RESERVED)):
-        given = _raw(document, section)
+        given = document.mapping(section)
         tied = [name for name, one in given.items() if isinstance(one, dict) and one.get("of")]
         check_names({name: (section, name) for name in tied}, findings, reserved)
     if fault := LIMITS["experiments"].fault(len(tests)):

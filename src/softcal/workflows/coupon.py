@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from softcal.calibration.outcome import installed_versions
 from softcal.calibration.store import write_text
 from softcal.coupons.comparison import ComparedLaw, LawComparison, require_apart
 from softcal.coupons.coupon import Coupon
+from softcal.coupons.fitted_material import Prediction
 from softcal.coupons.plausibility import require_signs
 from softcal.coupons.reading import read_coupons
 from softcal.csv_text import csv_text
@@ -21,21 +22,25 @@ from softcal.project.material_block import material_block, priors
 from softcal.report.coupon_figure import draw_coupons
 from softcal.report.format import file_stem
 from softcal.report.style import encode
+from softcal.workflows.coupon_record import FORMAT, RECORD, material_json, prediction_json
 from softcal.workflows.output import new_folder
 
-FORMAT = 1
 _DRAWN = 3  # laws in the chart of several
-RECORD, BLOCK, CONSTANTS, LAWS_TABLE, STRESSES = (
-    "coupon.json",
+BLOCK, CONSTANTS, LAWS_TABLE, STRESSES, PREDICTIONS = (
     "material.yaml",
     "constants.csv",
     "laws.csv",
     "stresses.csv",
+    "predictions.csv",
 )
 
 
-def all_coupons(files: Sequence[Path], tests: Sequence[str]) -> list[Coupon]:
-    """The tests of some files; tests: the kind of test of all of them, or of each.
+def all_coupons(
+    files: Sequence[Path], tests: Sequence[str], predicted: Sequence[Path] = ()
+) -> tuple[list[Coupon], list[Coupon]]:
+    """The tests of some files, and those of files that are to be predicted, in which stresses may be missing.
+
+    tests: the kind of test of all of them, or of each, those that are predicted last.
 
     Raises
     ------
@@ -44,26 +49,54 @@ def all_coupons(files: Sequence[Path], tests: Sequence[str]) -> list[Coupon]:
     InputError
         With all faults of all files.
     """
-    if len(tests) not in (1, len(files)):
-        allowed = f"one for all files, or {len(files)}: one for each"
+    every = [*files, *predicted]
+    if len(tests) not in (1, len(every)):
+        allowed = f"one for all files, or {len(every)}: one for each"
         raise ParameterError(Fault("the kinds of test do not match the files", "--test", str(len(tests)), allowed))
-    found: list[Coupon] = []
+    found: tuple[list[Coupon], list[Coupon]] = [], []
     faults: list[Fault] = []
-    for path, test in zip(files, tests if len(tests) > 1 else [*tests] * len(files), strict=True):
+    for i, (path, test) in enumerate(zip(every, tests if len(tests) > 1 else [*tests] * len(every), strict=True)):
+        is_fitted = i < len(files)
         try:
-            found += read_coupons(path, test)
+            found[0 if is_fitted else 1].extend(read_coupons(path, test, needs_stress=is_fitted))
         except InputError as error:
             faults += [fault for fault in error.faults if fault not in faults]
     if faults:
         raise InputError(faults)
-    require_apart(found)
-    require_signs(found)
+    for coupons in found:
+        require_apart(coupons)
+        require_signs(coupons)
     return found
 
 
-def write_comparison(found: LawComparison, body: str, folder: Path) -> None:
+def write_predictions(predicted: Sequence[Prediction], name: str, folder: Path) -> None:
+    """Write predictions into a new folder: `predictions.json`, a table and a chart. name: of the law.
+
+    Raises
+    ------
+    StorageError
+        If the folder holds files, or cannot be written; nothing is then written.
+    """
+    with new_folder(folder) as part:
+        _add_predictions(predicted, name, part)
+        record = {"law": name, "predictions": [prediction_json(one) for one in predicted]}
+        write_text(part / "predictions.json", json.dumps(record, indent=2, allow_nan=False) + "\n")
+
+
+def _add_predictions(predicted: Sequence[Prediction], name: str, folder: Path) -> None:
+    write_text(folder / PREDICTIONS, predictions_csv(predicted))
+    _draw({name: predicted}, folder / "predictions")
+
+
+def _draw(laws: Mapping[str, Sequence[Prediction]], stem: Path) -> None:
+    for ending, content in zip((".png", ".svg"), encode(draw_coupons(laws)), strict=True):
+        stem.with_name(stem.name + ending).write_bytes(content)
+
+
+def write_comparison(found: LawComparison, body: str, folder: Path, predicted: Sequence[Prediction] = ()) -> None:
     """Write a comparison into a new folder: `coupon.json`, tables, a chart of the three best laws and of each law with
-    its band, and for the recommended law the block of a project file (`material.yaml`).
+    its band, and for the recommended law the block of a project file (`material.yaml`); and what the law that is shown
+    predicts of further tests.
 
     Raises
     ------
@@ -74,15 +107,17 @@ def write_comparison(found: LawComparison, body: str, folder: Path) -> None:
         write_text(part / LAWS_TABLE, laws_csv(found))
         write_text(part / CONSTANTS, constants_csv(found))
         write_text(part / STRESSES, stresses_csv(found))
-        pictures = {"laws": [one.fit for one in found.laws[:_DRAWN]]} if len(found.laws) > 1 else {}
-        for stem, fits in {**pictures, **{file_stem(one.name): [one.fit] for one in found.laws}}.items():
-            png, svg = encode(draw_coupons(found.coupons, fits))
-            (part / f"{stem}.png").write_bytes(png)
-            (part / f"{stem}.svg").write_bytes(svg)
+        said = {one.name: one.fit.tests(found.coupons) for one in found.laws}
+        if len(said) > 1:
+            _draw({one.name: said[one.name] for one in found.laws[:_DRAWN]}, part / "laws")
+        for name, tests in said.items():
+            _draw({name: tests}, part / file_stem(name))
+        if predicted:
+            _add_predictions(predicted, found.shown.name, part)
         chosen = found.recommended
         if chosen is not None:
             write_text(part / BLOCK, material_block(chosen.fit, found, body))
-        write_text(part / RECORD, json.dumps(comparison_json(found), indent=2, allow_nan=False) + "\n")
+        write_text(part / RECORD, json.dumps(comparison_json(found, predicted), indent=2, allow_nan=False) + "\n")
 
 
 def laws_csv(found: LawComparison) -> str:
@@ -119,23 +154,43 @@ def stresses_csv(found: LawComparison) -> str:
     rows: list[list[object]] = []
     for i, coupon in enumerate(found.coupons):
         second = coupon.strain[:, 1] if coupon.strain.shape[1] > 1 else [None] * len(coupon.strain)
+        time = [None] * len(coupon.strain) if coupon.time is None else coupon.time
         for k, component in enumerate(coupon.kind.components):
             columns = [coupon.stress[:, k], *(one.fit.predicted[i][:, k] for one in found.laws)]
-            for first, other, *values in zip(coupon.strain[:, 0], second, *columns, strict=True):
-                rows.append([coupon.name, coupon.test, component, first, other, *values])
-    header = ["specimen", "test", "stress", "strain 1 [1]", "strain 2 [1]", "measured [Pa]"]
+            for at, first, other, *values in zip(time, coupon.strain[:, 0], second, *columns, strict=True):
+                rows.append([coupon.name, coupon.test, component, at, first, other, *values])
+    header = ["specimen", "test", "stress", "time [s]", "strain 1 [1]", "strain 2 [1]", "measured [Pa]"]
     return csv_text([*header, *(f"{one.name} [Pa]" for one in found.laws)], rows)
 
 
-def comparison_json(found: LawComparison) -> dict[str, Any]:
+def predictions_csv(predicted: Sequence[Prediction]) -> str:
+    """A row for each stress of each predicted test, with its 95 % band [SI]."""
+    rows: list[list[object]] = []
+    for one in predicted:
+        coupon, n = one.coupon, len(one.coupon.strain)
+        time = [None] * n if coupon.time is None else coupon.time.tolist()
+        second = coupon.strain[:, 1].tolist() if coupon.strain.shape[1] > 1 else [None] * n
+        for k, component in enumerate(coupon.kind.components):
+            of = [coupon.stress[:, k], one.stress[:, k], one.stress[:, k] - one.half[:, k]]
+            of.append(one.stress[:, k] + one.half[:, k])
+            for i in range(n):
+                row = [_finite(float(values[i])) for values in of]
+                rows.append([coupon.name, coupon.test, component, time[i], coupon.strain[i, 0], second[i], *row])
+    header = ["specimen", "test", "stress", "time [s]", "strain 1 [1]", "strain 2 [1]"]
+    return csv_text([*header, "measured [Pa]", "predicted [Pa]", "lower [Pa]", "upper [Pa]"], rows)
+
+
+def comparison_json(found: LawComparison, predicted: Sequence[Prediction] = ()) -> dict[str, Any]:
     """The comparison as a record, all in SI."""
     chosen = found.recommended
     return {
         "format": FORMAT,
         "recommended": None if chosen is None else chosen.name,
         "poissons_ratio": found.poissons_ratio,
+        "history": list(found.history),
         "tests": [{"specimen": c.name, "test": c.test, "rows": len(c.strain)} for c in found.coupons],
         "laws": {one.name: _law_json(one, found) for one in found.laws},
+        "predictions": [prediction_json(one) for one in predicted],
         "same_as": dict(found.same_as),
         "left_out": dict(found.left_out),
         "versions": installed_versions(),
@@ -146,6 +201,8 @@ def _law_json(one: ComparedLaw, found: LawComparison) -> dict[str, Any]:
     fit = one.fit
     return {
         "constants": dict(fit.theta),
+        "material": material_json(fit.material),
+        "tests": [prediction_json(one) for one in fit.tests(found.coupons)],
         "fitted": {name: asdict(estimate) for name, estimate in fit.estimates.items()},
         "priors": {name: {"mean": mean, "sd": sd} for name, (mean, sd) in priors(fit, found).items()},
         "error": fit.error,

@@ -1,16 +1,20 @@
-"""Goodness of fit of one experiment: errors by channel, distances by marker, and the samples without a measurement."""
+"""Goodness of fit of one experiment: errors by channel, distances by marker, cycles, and what is missing."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.loss import rms, rms_detrended
 from softcal.calibration.observation import Observation
-from softcal.calibration.result import Distance, ExperimentFit
+from softcal.calibration.result import CycleFit, Distance, ExperimentFit
 from softcal.checks import Floats
+from softcal.experiments.dataset import Dataset
+from softcal.experiments.hysteresis import loops
+from softcal.experiments.steps.branches import cycle_rows
 
 
 def experiment_fit(
@@ -33,6 +37,7 @@ def experiment_fit(
         length=experiment.rig.length,
         missing=_missing(experiment),
         bands={channel: _at_all(width, experiment.seen(channel)) for channel, width in (bands or {}).items()},
+        cycles=_cycles(experiment.dataset, seen.predicted),
     )
 
 
@@ -67,3 +72,21 @@ def _distances(experiment: Experiment, errors: dict[str, Floats]) -> dict[str, D
             away = np.sqrt(sum(errors[part] ** 2 for part in parts))
             found[point] = Distance(float(away.mean()), float(away.max()), rms(away), len(away))
     return found
+
+
+def _cycles(data: Dataset, predicted: Mapping[str, Floats]) -> tuple[CycleFit, ...]:
+    """The whole cycles of force and travel; none where their samples were not looked for, or go one way."""
+    if not has_cycles(data) or not {"shortening", "tension"} & predicted.keys():
+        return ()
+    channels = {name: replace(one, values=predicted.get(name, one.values)) for name, one in data.channels.items()}
+    both = zip(loops(data), loops(replace(data, channels=channels)), strict=True)
+    return tuple(CycleFit(measured, simulated) for measured, simulated in both)
+
+
+def has_cycles(data: Dataset) -> bool:
+    """Whether a dataset has cycles of force and travel that go both ways, every sample of them measured."""
+    if data.cycle is None or not (data.cycle >= 0).any() or not {"shortening", "tension"} <= data.channels.keys():
+        return False
+    known = np.isfinite(data.values("shortening")) & np.isfinite(data.values("tension"))
+    both = all(min(len(one.loading), len(one.unloading)) > 1 for one in cycle_rows(data))
+    return both and bool(known[data.cycle >= 0].all())

@@ -16,6 +16,7 @@ from softcal.calibration.random_effects import Spread
 from softcal.calibration.residuals import ResidualRecord
 from softcal.calibration.uncertain import EACH
 from softcal.checks import Floats
+from softcal.experiments.hysteresis import Loop
 from softcal.sensing.channel import channel_name
 
 BEYOND = 2.0  # standard errors
@@ -169,6 +170,14 @@ class Distance:
 
 
 @dataclass(frozen=True)
+class CycleFit:
+    """One whole load-unload cycle of the compared samples, measured and simulated."""
+
+    measured: Loop
+    simulated: Loop
+
+
+@dataclass(frozen=True)
 class ExperimentFit:
     """Goodness of fit of one experiment: errors of the compared channels and distances of markers and plates.
 
@@ -195,6 +204,8 @@ class ExperimentFit:
     bands
         Compared channel -> half the width (n_samples,) [SI] of the 95 % band of a further experiment, NaN where a value
         is missing; empty where the estimates have no intervals.
+    cycles
+        The whole cycles of the samples, where they go both ways (`find_cycles`).
     """
 
     rmse: Mapping[str, float]  # channel ("tension", "pitch", "m4.x") -> RMSE
@@ -207,6 +218,7 @@ class ExperimentFit:
     length: float | None = None
     missing: Mapping[str, int] = field(default_factory=dict[str, int])
     bands: Mapping[str, Floats] = field(default_factory=dict[str, Floats])
+    cycles: tuple[CycleFit, ...] = ()
 
     @property
     def alone(self) -> tuple[str, ...]:

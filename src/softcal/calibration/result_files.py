@@ -119,6 +119,8 @@ def _errors(name: str, fit: ExperimentFit) -> dict[str, Any]:
         errors["length"] = fit.length
     if fit.missing:
         errors["missing"] = dict(fit.missing)
+    if fit.cycles:
+        errors["cycles"] = [asdict(cycle) for cycle in fit.cycles]
     return {**errors, "file": response_file(name)}
 
 

@@ -17,6 +17,7 @@ from softcal.calibration.random_effects import Spread
 from softcal.calibration.residuals import ResidualRecord
 from softcal.calibration.result import (
     CalibrationResult,
+    CycleFit,
     Distance,
     Estimate,
     ExperimentFit,
@@ -46,6 +47,7 @@ class _Fit(Record):
     distances: dict[str, Distance] = Field(default_factory=dict[str, Distance])
     length: Amount | None = None
     missing: dict[str, Count] = Field(default_factory=dict[str, int])
+    cycles: tuple[CycleFit, ...] = ()
 
 
 class _HeldOut(_Fit):
@@ -183,6 +185,7 @@ def _fit(folder: Path, name: str, entry: _Fit) -> ExperimentFit:
         length=entry.length,
         missing=entry.missing,
         bands=parts["band"],
+        cycles=entry.cycles,
     )
     compared = {key for key, error in errors.items() if error is not None and key.endswith("_rmse")}
     if not compared or compared != {f"{channel}_rmse" for channel in fit.simulated}:

@@ -30,6 +30,7 @@ def print_results(
         return
     from softcal.report.agreement import agreement_sentences, residual_sentence, spread_sentences
     from softcal.report.closeness import closeness_by_experiment, misses_of
+    from softcal.report.cycles import cycle_sentences
     from softcal.report.first_screen import FirstScreen, three_sentences
     from softcal.report.judged import first_label
 
@@ -49,6 +50,8 @@ def print_results(
             typer.echo(f"{'Warning: ' * differs}{label}: {text}", err=differs)
         if text := residual_sentence(result):
             typer.echo(f"{label}: {text}")
+        for text in cycle_sentences(result):
+            typer.echo(text if text.startswith(f"{label}: ") else f"{label}, {text}")
     notes: dict[Note, list[str]] = {}
     for label, result in results.items():
         for note in result.notes:

@@ -1,4 +1,4 @@
-"""Inelastic effects, which the elastic twin lacks: energies of the loops, and peaks of cycle after cycle."""
+"""Inelastic effects, cycle by cycle: energies of the loops, peaks, and the travel that is left without a force."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.steps.branches import cycle_rows
 
+VANISHED = 0.02  # of the peak: a tension below it has vanished
+
 
 @dataclass(frozen=True)
 class Loop:
     """Energies of one cycle: work of loading [J], energy dissipated in the loop [J]; peak tension [N], travel [m].
 
-    hysteresis [-]: dissipated energy over the work of loading.
+    hysteresis [-]: dissipated energy over the work of loading. vanishes_at: the shortening [m] at which the tension has
+    vanished as the cable is let go, slack and permanent set together; None where it does not.
     """
 
     number: int
@@ -23,6 +26,7 @@ class Loop:
     lost_energy: float
     peak_tension: float
     travel: float
+    vanishes_at: float | None = None
 
     @property
     def hysteresis(self) -> float:
@@ -51,6 +55,7 @@ def loops(dataset: Dataset) -> tuple[Loop, ...]:
                 lost_energy=_area(shortening, tension, rows),
                 peak_tension=float(tension[rows].max()),
                 travel=float(np.ptp(shortening[rows])),
+                vanishes_at=_vanishing(shortening[cycle.unloading], tension[cycle.unloading]),
             )
         )
     return tuple(found)
@@ -58,3 +63,13 @@ def loops(dataset: Dataset) -> tuple[Loop, ...]:
 
 def _area(shortening: Floats, tension: Floats, rows: np.ndarray) -> float:
     return float(np.trapezoid(tension[rows], shortening[rows]))
+
+
+def _vanishing(shortening: Floats, tension: Floats) -> float | None:
+    """Where the tension of an unloading branch first falls to the share of its peak that counts as none."""
+    least = VANISHED * float(tension.max())
+    below = np.flatnonzero(tension <= least)
+    if not below.size or below[0] == 0:
+        return None
+    pair = slice(int(below[0]) - 1, int(below[0]) + 1)
+    return float(np.interp(-least, -tension[pair], shortening[pair]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from softcal.report.comparison import improvement_table
 from softcal.report.content import ReportContent
-from softcal.report.cycles import cycles_table
+from softcal.report.cycles import cycles_table, loops_table
 from softcal.report.importance_section import importance_table
 from softcal.report.left_out import left_out_table
 from softcal.report.mesh_section import mesh_tables
@@ -29,6 +29,7 @@ def all_tables(content: ReportContent) -> dict[str, ReportTable]:
         errors_table(content),
         distances_table(content),
         left_out_table(content),
+        loops_table(content),
         cycles_table(content),
         improvement_table(content),
         importance_table(content),

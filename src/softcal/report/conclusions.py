@@ -19,6 +19,7 @@ from softcal.report.agreement import (
 from softcal.report.closeness import Tone, closeness_by_experiment, misses_of
 from softcal.report.comparison import improvements
 from softcal.report.content import ReportContent
+from softcal.report.cycles import cycle_sentences
 from softcal.report.first_screen import FirstScreen, is_poor, three_sentences
 from softcal.report.format import (
     find_parameter,
@@ -96,6 +97,7 @@ def conclusions(content: ReportContent) -> list[Sentence]:
         *(Sentence(_of(label, results, t), "note") for label, r in results.items() if (t := residual_sentence(r))),
         *(Sentence(_of(label, results, t), "note") for label, r in results.items() if (t := left_out_sentence(r))),
         *_records(content),
+        *(Sentence(_of(label, results, text), "note") for label, r in results.items() for text in cycle_sentences(r)),
         *_positions(results),
         *_gain(content),
         *_bounds(results),

@@ -1,17 +1,21 @@
-"""Table of the cycles of the records: what the elastic twin lacks, energy lost in the loop and softening."""
+"""What is inelastic, cycle by cycle: energy lost in the loop, softening and set, measured and of the twin."""
 
 from __future__ import annotations
 
-from softcal.experiments.dataset import Dataset
+from softcal.calibration.fit import has_cycles
+from softcal.calibration.result import CycleFit, ExperimentFit, SearchResult
 from softcal.experiments.hysteresis import Loop, loops
 from softcal.report.content import ReportContent
+from softcal.report.format import number
 from softcal.report.tables import Cell, Column, ReportTable
+
+_OF_RECORD = "The twin was fitted to chosen samples of these records; the table has what was measured."
 
 
 def cycles_table(content: ReportContent) -> ReportTable:
     """Energy loss and peak of every cycle of the whole records; empty where no record has force, travel and cycles."""
     records = {name: found.record for held in content.records.values() for name, found in held.items()}
-    rows = [row for name, record in records.items() if _has_cycles(record) for row in _rows(name, loops(record))]
+    rows = [(name, *row) for name, record in records.items() if has_cycles(record) for row in _rows(loops(record))]
     columns = (
         Column("Experiment"),
         Column("Cycle"),
@@ -20,28 +24,94 @@ def cycles_table(content: ReportContent) -> ReportTable:
         Column("Work of loading", "mJ"),
         Column("Lost in the loop", "mJ"),
         Column("Lost", "%", 2),
+        Column("Force vanishes at", "mm"),
     )
-    note = "The twin is elastic: it loses no energy, and all its cycles are the same."
-    return ReportTable("cycles", "Cycles of the whole records", columns, tuple(rows), note)
+    return ReportTable("cycles", "Cycles of the whole records", columns, tuple(rows), _OF_RECORD)
 
 
-def _has_cycles(record: Dataset) -> bool:
-    return (
-        record.cycle is not None and bool((record.cycle >= 0).any()) and {"shortening", "tension"} <= {*record.channels}
+def loops_table(content: ReportContent) -> ReportTable:
+    """Every cycle that was fitted, measured and simulated; empty where the samples go one way."""
+    rows = [
+        (label, name, *row)
+        for label, result in content.results.items()
+        for name, fit in result.experiments.items()
+        for row in _pairs(fit.cycles)
+    ]
+    columns = (
+        Column("Calibration"),
+        Column("Experiment"),
+        Column("Cycle"),
+        *(
+            Column(f"{what}{of}", unit)
+            for what, unit in (
+                ("Peak force", "N"),
+                ("Work of loading", "mJ"),
+                ("Lost in the loop", "mJ"),
+                ("Lost", "%"),
+                ("Force vanishes at", "mm"),
+            )
+            for of in ("", ", twin")
+        ),
     )
+    note = "Lost: over the work of loading. The force vanishes at the travel of slack and permanent set together."
+    return ReportTable("loops", "Cycles, measured and simulated", columns, tuple(rows), note)
 
 
-def _rows(name: str, cycles: tuple[Loop, ...]) -> list[tuple[Cell, ...]]:
+def cycle_sentences(result: SearchResult) -> list[str]:
+    """Of each experiment with whole cycles: energy lost, softening of the first cycle and set, measured and of the
+    twin.
+    """
+    return [cycle_sentence(name, fit) for name, fit in result.experiments.items() if fit.cycles]
+
+
+def cycle_sentence(experiment: str, fit: ExperimentFit) -> str:
+    """See `cycle_sentences`."""
+    cycles = fit.cycles
+    lost = [
+        f"{number(1e3 * sum(one.lost_energy for one in held))} mJ, {number(100 * _lost(held))} % of the work of loading"
+        for held in _both(cycles)
+    ]
+    many = f"{len(cycles)} cycles lose" if len(cycles) > 1 else "The cycle loses"
+    text = f"{experiment}: {many} {lost[0]}; the twin's, {lost[1]}."
+    if len(cycles) > 1 and all(held[-1].peak_tension > 0.0 for held in _both(cycles)):
+        first, of_twin = (number(held[0].peak_tension / held[-1].peak_tension) for held in _both(cycles))
+        text += f" The first peak is {first} times the last; the twin's, {of_twin} times."
+    at, of_twin = (held[-1].vanishes_at for held in _both(cycles))
+    if at is not None and of_twin is not None:
+        mm, of_twin_mm = number(1e3 * at), number(1e3 * of_twin)
+        text += f" In the last cycle the force vanishes at {mm} mm; the twin's, at {of_twin_mm} mm."
+    return text
+
+
+def _both(cycles: tuple[CycleFit, ...]) -> tuple[list[Loop], list[Loop]]:
+    return [one.measured for one in cycles], [one.simulated for one in cycles]
+
+
+def _lost(cycles: list[Loop]) -> float:
+    work = sum(one.loading_energy for one in cycles)
+    return sum(one.lost_energy for one in cycles) / work if work > 0.0 else 0.0
+
+
+def _rows(cycles: tuple[Loop, ...]) -> list[tuple[Cell, ...]]:
     first = cycles[0].peak_tension
     return [
         (
-            name,
             one.number + 1,
             one.peak_tension,
             100 * (first - one.peak_tension) / first if first > 0.0 else None,
             1e3 * one.loading_energy,
             1e3 * one.lost_energy,
             100 * one.hysteresis,
+            None if one.vanishes_at is None else 1e3 * one.vanishes_at,
         )
         for one in cycles
     ]
+
+
+def _pairs(cycles: tuple[CycleFit, ...]) -> list[tuple[Cell, ...]]:
+    measured, simulated = (_rows(tuple(held)) if held else [] for held in _both(cycles))
+    rows: list[tuple[Cell, ...]] = []
+    for one, other in zip(measured, simulated, strict=True):
+        pairs = [pair for k in (1, 3, 4, 5, 6) for pair in (one[k], other[k])]
+        rows.append((one[0], *pairs))
+    return rows

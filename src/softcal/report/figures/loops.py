@@ -1,0 +1,74 @@
+"""Whole cycles over the travel: force and angles, measured and simulated, and the energy that each cycle loses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softcal.calibration.result import ExperimentFit
+from softcal.experiments.dataset import Dataset
+from softcal.report.content import ReportContent
+from softcal.report.figure import Drawing, register_figure
+from softcal.report.format import file_stem, result_label, scale_of
+from softcal.report.style import MEASURED, SIMULATED, count_axis, house_style, new_figure
+from softcal.sensing.channel import channel_name
+from softcal.sensing.sensors.plate import ANGLES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+@register_figure("fit", place=1)
+def loops(content: ReportContent) -> Iterator[Drawing]:
+    """Force and angles over the travel through whole cycles, and the energy that each of them loses."""
+    for label, result in content.results.items():
+        for name, fit in result.experiments.items():
+            if not fit.cycles:
+                continue
+            alone = file_stem(label) == file_stem(name)
+            who = name if alone else f"{name}, {result_label(label)}"
+            caption = f"{who}: whole cycles, measured and simulated, and the energy that each of them loses."
+            figure = draw_loops(name, content.experiments[name].prepared, fit)
+            yield Drawing(figure, caption, of=name if alone else f"{name} by {label}")
+
+
+def draw_loops(title: str, data: Dataset, fit: ExperimentFit) -> Figure:
+    """Panels of force and of every compared angle over the travel, and of the energy lost by cycle."""
+    angles = [kind.name for kind in ANGLES if kind.name in fit.simulated]
+    with house_style():
+        figure = new_figure(5.2, 3.5 + 2.2 * (len(angles) + 1))
+        heights = [3.2, *(2.2 for _ in angles), 1.8]
+        axes, *others, last = figure.subplots(len(heights), 1, height_ratios=heights)
+        for below, channel in zip([axes, *others], ["tension", *angles], strict=True):
+            _draw_channel(below, data, fit, channel)
+        axes.set_title(title)
+        axes.legend(loc="upper left")
+        _draw_energies(last, fit)
+        figure.align_ylabels([axes, *others, last])
+        return figure
+
+
+def _draw_channel(axes: Axes, data: Dataset, fit: ExperimentFit, channel: str) -> None:
+    mm, scale = scale_of("m"), scale_of(fit.units[channel])
+    cycle = np.zeros(data.n_samples) if data.cycle is None else data.cycle
+    for family, colour, width in ((fit.measured, MEASURED, 1.1), (fit.simulated, SIMULATED, 1.3)):
+        travel = family.get("shortening", fit.measured["shortening"]) / mm.factor
+        values = family.get(channel, fit.measured[channel]) / scale.factor
+        shown = np.isfinite(travel) & np.isfinite(values) & (cycle >= 0)
+        name = "measured" if family is fit.measured else "simulated"
+        axes.plot(travel[shown], values[shown], color=colour, linewidth=width, alpha=0.75, label=name)
+    axes.set_xlabel(mm.axis("Displacement"))
+    axes.set_ylabel(scale.axis("Cable force" if channel == "tension" else channel_name(channel).label))
+
+
+def _draw_energies(axes: Axes, fit: ExperimentFit) -> None:
+    numbers = np.array([one.measured.number + 1 for one in fit.cycles])
+    for k, (colour, name) in enumerate(((MEASURED, "measured"), (SIMULATED, "simulated"))):
+        lost = [1e3 * getattr(one, name).lost_energy for one in fit.cycles]
+        axes.bar(numbers + 0.4 * (k - 0.5), lost, width=0.38, color=colour, alpha=0.8, label=name)
+    axes.set_ylabel("Lost [mJ]")
+    count_axis(axes, "Cycle")
+    axes.grid(visible=False, axis="x")

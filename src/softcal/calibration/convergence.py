@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from softcal.calibration.estimator import estimator
 from softcal.calibration.local_model import LocalModel, Point, jacobian_of
 from softcal.calibration.loss import Block, Loss, rms, total
 from softcal.calibration.parameters import SearchSpace
@@ -37,6 +38,15 @@ def distance_to_minimum(space: SearchSpace, loss: Loss, here: Point, trusted: Lo
     n = sum(len(block.residual) for block in here.blocks)
     gain = math.sqrt(max(before - after, 0.0) * max(n - space.size, 1) / left) if left > 0.0 else 0.0
     return max(in_standard_errors(space, loss, here, step), _GAIN * gain)
+
+
+def share_of_errors(space: SearchSpace, loss: Loss, here: Point, step: Floats) -> float:
+    """The largest share that a step in the unit box is of the standard error of a parameter, with the noise correlated
+    along the records as in the intervals. Parameters that no residual feels do not count.
+    """
+    spread = np.linalg.norm(estimator(loss, here.z, space.jacobian(here.z), here.blocks).root, axis=0)
+    felt = spread > 0.0
+    return float((np.abs(step[felt]) / spread[felt]).max(initial=0.0))
 
 
 def _rounding(block: Block) -> Block:

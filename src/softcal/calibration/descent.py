@@ -6,8 +6,9 @@ Three rules make it fast and robust:
   (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). Otherwise the search would take tiny steps along the narrow,
   curved valley in which E compensates Poisson's ratio. Where rescaling gives no progress, the loss alone decides.
 - it has converged where Gauss-Newton's step to the minimum is shorter than a tenth of a standard error at the lowest
-  point simulated, and hardly any reduction of the loss is left (`distance_to_minimum`); the status reports any other
-  end.
+  point simulated, and hardly any reduction of the loss is left (`distance_to_minimum`). A loss may have a kink at its
+  minimum, where cables become taut or slack in many samples at once, and its derivative does not vanish: there it has
+  converged where a step of a tenth of the standard errors gave nothing. The status reports any other end.
 - it follows the model that predicts best the last points simulated (`trusted_model`); where that has no step left,
   Gauss-Newton's is tried.
 
@@ -23,7 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.convergence import NEAR, distance_to_minimum, in_standard_errors
+from softcal.calibration.convergence import NEAR, distance_to_minimum, in_standard_errors, share_of_errors
 from softcal.calibration.estimator import spent_groups
 from softcal.calibration.local_model import LocalModel, Point
 from softcal.calibration.loss import Loss, total
@@ -123,10 +124,19 @@ class Descent:
             self._radius = 0.35 * length
         elif gain > 0.75 * promised and length > 0.99 * self._radius and self._since_failure > _WARY:
             self._radius = min(1.0, 3.0 * self._radius)
-        if gain > 0.0:
+        if gain < 0.25 * promised and self._merit is self.loss and self._is_short(tried):
+            best = f"no step of {NEAR:.1g} standard errors lowers the loss further, which has a kink there"
+            if gain > 0.0:
+                self.z, self.best = tried.z, evaluation
+            self._end(f"Converged in {counted(self.evaluations)}: {best}.", converged=True)
+        elif gain > 0.0:
             self._move(tried, evaluation)
         else:
             self._propose()
+
+    def _is_short(self, tried: Point) -> bool:
+        """Whether a step from here is short beside the standard errors of every parameter."""
+        return self._has_errors() and share_of_errors(self.space, self.loss, self._here(), tried.z - self.z) <= NEAR
 
     def _move(self, to: Point, evaluation: Evaluation) -> None:
         self.z, self.best = to.z, evaluation

@@ -11,6 +11,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import NamedTuple
 from typing import Protocol as TypingProtocol
 
 import numpy as np
@@ -22,7 +23,7 @@ from softcal.calibration.observation import Observation, commands, observe
 from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
 from softcal.calibration.problem_faults import problem_faults
 from softcal.calibration.scope import ScopedParameter
-from softcal.calibration.trajectory import Member, Trajectory
+from softcal.calibration.trajectory import Member, Trajectory, shared_out
 from softcal.calibration.uncertain import UncertainParameter, uncertain_parameters
 from softcal.checks import Floats
 from softcal.errors import InputError, SimulationError
@@ -91,6 +92,17 @@ class Evaluation:
     n_factorisations: int
     seconds: float
     errors: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
+
+
+class Part(NamedTuple):
+    """What one trajectory contributes to an evaluation.
+
+    observations: experiment -> what was predicted for it; failure: as of `Evaluation`.
+    """
+
+    observations: Mapping[str, Observation]
+    failure: str
+    n_factorisations: int
 
 
 @dataclass(frozen=True)
@@ -166,26 +178,33 @@ class Problem:
             Where a value is outside what its parameter may be.
         """
         began = time.perf_counter()
+        groups = range(len(self.trajectories(theta)))
+        parts = [self.part(theta, number, jacobian=jacobian) for number in groups]
+        return self.joined(theta, parts, time.perf_counter() - began)
+
+    def part(self, theta: Mapping[str, float], number: int, *, jacobian: bool) -> Part:
+        """What the trajectory of this number contributes to the evaluation at theta."""
+        group = self.trajectories(theta)[number]
+        response = self._simulate(group, jacobian)
         observations: dict[str, Observation] = {}
-        failures: list[str] = []
-        n_solves = n_factorisations = 0
-        for group in self.trajectories(theta):
-            response = self._simulate(group, jacobian)
-            n_solves += 1
-            n_factorisations += response.n_factorisations
-            if failure := group.failure(response):
-                failures.append(failure)
-            if not response.channels:
-                continue
-            response = response.over(group.protocol().n_samples)
+        failure = group.failure(response)
+        if response.channels:
+            whole = response.over(group.protocol().n_samples)
             for experiment, samples in group.samples():
                 names = self.derived if jacobian else ()
                 rig = self._rig(experiment, theta)
-                observations[experiment.name] = observe(experiment, rig, response, samples, names)
-        seconds = time.perf_counter() - began
-        if failures:
-            return self._failed(theta, " ".join(failures), observations, n_solves, n_factorisations, seconds)
-        return self.judge(theta, observations, n_solves, n_factorisations, seconds)
+                observations[experiment.name] = observe(experiment, rig, whole, samples, names)
+        return Part(observations, failure, response.n_factorisations)
+
+    def joined(self, theta: Mapping[str, float], parts: Sequence[Part], seconds: float) -> Evaluation:
+        """The evaluation at theta of what its trajectories contribute, all of them, which took so long [s]."""
+        found = {name: seen for part in parts for name, seen in part.observations.items()}
+        # In the order of the experiments, whatever they share.
+        observations = {e.name: found[e.name] for e in self.experiments if e.name in found}
+        n_factorisations = sum(part.n_factorisations for part in parts)
+        if failures := [part.failure for part in parts if part.failure]:
+            return self._failed(theta, " ".join(failures), observations, len(parts), n_factorisations, seconds)
+        return self.judge(theta, observations, len(parts), n_factorisations, seconds)
 
     def _failed(
         self,
@@ -258,7 +277,8 @@ class Problem:
         robot = self.robot
         return [
             Trajectory(thetas[key], tuple(members), robot.remembers, held, robot.needs_time)
-            for key, members in groups.items()
+            for key, sharing in groups.items()
+            for members in shared_out(sharing)
         ]
 
     def n_simulations(self, *, jacobian: bool = False) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,9 @@ from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 
 Member = tuple[Experiment, dict[str, Command]]
+# Samples: a longer trajectory of several cables, whose states are no points of one curve, ends with its experiment. The
+# others begin a new one, which another process can solve meanwhile.
+_LONG = 100
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,18 @@ class Trajectory:
             return ""
         names = list(lacking) or [experiment.name for experiment, _ in self.members]
         return f"{', '.join(names)}: {response.status}"
+
+
+def shared_out(members: Sequence[Member]) -> list[list[Member]]:
+    """Experiments that can share a trajectory, in several where they drive many cables and one is long."""
+    if len(members[0][1]) < 2:
+        return [list(members)]
+    out: list[list[Member]] = [[]]
+    for member in members:
+        if sum(experiment.dataset.n_samples for experiment, _ in out[-1]) >= _LONG:
+            out.append([])
+        out[-1].append(member)
+    return out
 
 
 def _rate(command: Command, parameter: str) -> Floats:

@@ -11,6 +11,7 @@ import os
 import pickle
 import signal
 import threading
+import time
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import resource_tracker
@@ -19,12 +20,13 @@ from typing import Any, NoReturn
 
 from softcal.calibration.interrupts import interrupts_held
 from softcal.calibration.optimiser import Proposal
-from softcal.calibration.problem import Evaluation, Problem
+from softcal.calibration.problem import Evaluation, Part, Problem
 from softcal.errors import CalibrationError, Fault, ParameterError
 from softcal.materials.catalogue import LAWS, register_law
 from softcal.mechanics.elements import ELEMENTS, register_element
 from softcal.sensing.sensor import SENSORS, register_sensor
 
+_WORTH = 2.0  # [s]: an evaluation by itself that takes less is not worth the start of processes
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -46,6 +48,7 @@ class Evaluator:
         self._problem, self._workers, self._jacobian = problem, workers, jacobian
         self._pool: concurrent.futures.ProcessPoolExecutor | None = None
         self._stack = contextlib.ExitStack()
+        self._seconds = 0.0  # of the last evaluation by itself
 
     def __enter__(self) -> Evaluator:
         return self
@@ -63,17 +66,32 @@ class Evaluator:
         CalibrationError
             Where a worker died.
         """
-        if self._workers == 1 or (self._pool is None and len(proposals) == 1):
+        alone = len(proposals) == 1 and self._pool is None and self._seconds < _WORTH
+        if self._workers == 1 or alone:
             for proposal in proposals:
-                yield proposal, self._problem.evaluate(proposal.theta, jacobian=self._jacobian)
+                evaluation = self._problem.evaluate(proposal.theta, jacobian=self._jacobian)
+                self._seconds = evaluation.seconds
+                yield proposal, evaluation
             return
+        began = time.perf_counter()
+        # Where there are fewer points than workers, these share the trajectories of each.
+        groups = [
+            range(len(self._problem.trajectories(one.theta))) if len(proposals) < self._workers else (None,)
+            for one in proposals
+        ]
         try:
             # Submitting starts workers; a worker whose parent is interrupted meanwhile receives its input incompletely.
             with interrupts_held(), _born_deaf():
                 pool = self._pool or self._start()
-                futures = [pool.submit(_evaluate, dict(proposal.theta), self._jacobian) for proposal in proposals]
-            for proposal, future in zip(proposals, futures, strict=True):
-                yield proposal, future.result()
+                futures = [
+                    [pool.submit(_evaluate, dict(proposal.theta), number, self._jacobian) for number in numbers]
+                    for proposal, numbers in zip(proposals, groups, strict=True)
+                ]
+            for proposal, parts in zip(proposals, futures, strict=True):
+                done = [part.result() for part in parts]
+                if not isinstance(whole := done[0], Evaluation):
+                    whole = self._problem.joined(proposal.theta, done, time.perf_counter() - began)
+                yield proposal, whole
         except BrokenProcessPool as error:
             raise CalibrationError(
                 f"A worker process ended unexpectedly at trial {proposals[0].number} or soon after, perhaps for lack "
@@ -169,5 +187,9 @@ def _end_with_parent() -> NoReturn:
     os._exit(1)
 
 
-def _evaluate(theta: dict[str, float], jacobian: bool) -> Evaluation:
-    return _here["problem"].evaluate(theta, jacobian=jacobian)
+def _evaluate(theta: dict[str, float], number: int | None, jacobian: bool) -> Evaluation | Part:
+    """The evaluation at theta, or of it what its trajectory of this number contributes."""
+    problem = _here["problem"]
+    if number is None:
+        return problem.evaluate(theta, jacobian=jacobian)
+    return problem.part(theta, number, jacobian=jacobian)

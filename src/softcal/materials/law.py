@@ -111,7 +111,7 @@ class Law:
 class CompiledLaw:
     """Vectorised functions of a law: of psi_d by its variables, each (n,), then the constants; of g by J.
 
-    `rows` are the first derivatives of psi_d by the variables, then the second ones: the upper triangle by its rows.
+    Of a law in principal stretches, the variables of these functions are their logarithms. `rows` are the first derivatives of psi_d by the variables, then the second ones: the upper triangle by its rows.
     """
 
     parameters: tuple[str, ...]
@@ -143,8 +143,11 @@ def compile_law(law: Law) -> CompiledLaw:
     volume = sympy.Symbol("J", positive=True)
     g = to_sympy(law.volumetric_strain, {**scope, "J": volume})
 
-    of, theta = list(variables.values()), list(letters.values())
-    first = [psi_d.diff(a) for a in of]
+    of, theta, energy = list(variables.values()), list(letters.values()), psi_d
+    if law.variables == STRETCHES:
+        of = [sympy.Symbol(f"ln_{name}", real=True) for name in STRETCHES]
+        energy = psi_d.subs({one: sympy.exp(log) for one, log in zip(variables.values(), of, strict=True)})
+    first = [energy.diff(a) for a in of]
     second = [slope.diff(b) for i, slope in enumerate(first) for b in of[i:]]
 
     def function(args: list[Any], expression: Any) -> Callable[..., Any]:
@@ -160,8 +163,8 @@ def compile_law(law: Law) -> CompiledLaw:
         shear=function(theta, _shear_at_rest(psi_d, variables)),
         bulk=function(theta, kappa),
         compressed=function(theta, _bulk_at_rest(psi_d, variables) + kappa * g.diff(volume).subs(volume, 1) ** 2),
-        energy=function([*of, *theta], psi_d),
-        energy_by_parameter=function([*of, *theta], [psi_d.diff(t) for t in theta]),
+        energy=function([*of, *theta], energy),
+        energy_by_parameter=function([*of, *theta], [energy.diff(t) for t in theta]),
         rows=function([*of, *theta], first + second),
         first_by_parameter=function([*of, *theta], [[slope.diff(t) for slope in first] for t in theta]),
         strain=function([volume], [g, g.diff(volume), g.diff(volume, 2)]),

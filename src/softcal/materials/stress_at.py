@@ -68,9 +68,9 @@ class Deformation:
         n = len(at.J)
         self.axes: Floats = np.zeros((0, 3, 3))
         if law.variables == STRETCHES:
-            stretches, self.axes = np.empty((3, n)), np.empty((n, 3, 3))
-            stress_kernels.principal(at.F, stretches, self.axes)
-            self.variables: tuple[Floats, ...] = tuple(stretches)
+            self._squares, self.axes = np.empty((3, n)), np.empty((n, 3, 3))
+            stress_kernels.principal(at.F, self._squares, self.axes)
+            self.variables: tuple[Floats, ...] = tuple(0.5 * np.log(self._squares))
         elif law.variables == INVARIANTS:
             self.variables = (at.I1, at.I2, at.J)
         else:
@@ -101,14 +101,9 @@ class Deformation:
             rows[2] += volume.by_J
             rows[3 * len(self.variables) - 1] += volume.by_JJ
             return
-        J, by_J, by_JJ = self.at.J, *volume
-        rates = [J / stretch for stretch in self.variables]
-        row = 3
-        for i, one in enumerate(rates):
-            rows[i] += by_J * one
-            for j in range(i, 3):
-                rows[row] += by_JJ * one * rates[j] + (by_J * one / self.variables[j] if i != j else 0.0)
-                row += 1
+        J = self.at.J
+        rows[:3] += J * volume.by_J
+        rows[3:] += J * volume.by_J + J**2 * volume.by_JJ
 
     def stress_by_parameters(self, values: tuple[float, ...]) -> list[Floats]:
         """dS/d constant (n, 6) of psi_d, of each constant."""
@@ -119,7 +114,7 @@ class Deformation:
         at, n = self.at, len(self.at.J)
         S, D = np.empty((n, 6)), np.empty((n if tangent else 0, 6, 6))
         if len(self.axes):
-            stress_kernels.from_stretches(np.array(self.variables), self.axes, rows, tangent, S, D)
+            stress_kernels.from_stretches(self._squares, self.axes, rows, tangent, S, D)
         else:
             stress_kernels.from_invariants(at.F, at.I1, at.J, rows, at.direction, tangent, S, D)
         return Stress(S, D)

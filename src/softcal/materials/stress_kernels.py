@@ -129,8 +129,8 @@ def add_volumetric(F: Floats, J: Floats, by_J: Floats, by_JJ: Floats, with_tange
 
 
 @numba.njit(cache=True, error_model="numpy")
-def principal(F: Floats, stretches: Floats, axes: Floats) -> None:
-    """The principal stretches (3, n) and, in columns, the axes (n, 3, 3) of C at points with F (n, 3, 3).
+def principal(F: Floats, squares: Floats, axes: Floats) -> None:
+    """The squares of the principal stretches (3, n) and, in columns, the axes (n, 3, 3) of C at points with F (n, 3, 3).
 
     The eigenvalue that is furthest from the others by the cubic's formula, its axis from the rows of C less it, and the
     other two from the plane across it (Scherzinger and Dohrmann, Comput. Methods Appl. Mech. Engrg. 197 (2008) 4007).
@@ -154,7 +154,7 @@ def principal(F: Floats, stretches: Floats, axes: Floats) -> None:
             for i in range(3):
                 for j in range(3):
                     axis[i, j] = 1.0 if i == j else 0.0
-                stretches[i, p] = np.sqrt(mean)
+                squares[i, p] = mean
             continue
         det = (
             M[0, 0] * (M[1, 1] * M[2, 2] - M[1, 2] * M[2, 1])
@@ -195,24 +195,30 @@ def principal(F: Floats, stretches: Floats, axes: Floats) -> None:
                 b += t[i] * M[i, j] * t[j]
                 c += s[i] * M[i, j] * t[j]
                 own += n[i] * M[i, j] * n[j]
-        turn = 0.5 * np.arctan2(2.0 * c, a - b)
-        x, y = np.cos(turn), np.sin(turn)
+        half = np.sqrt(0.25 * (a - b) ** 2 + c * c)
+        # The first axis in the plane is at half the angle of ((a - b) / 2, c): its larger part first.
+        x, y = 1.0, 0.0
+        if half > 0.0:
+            large = np.sqrt(0.5 + 0.25 * abs(a - b) / half)
+            small = 0.5 * c / (half * large)
+            x, y = (large, small) if a >= b else (abs(small), large if c >= 0.0 else -large)
         for i in range(3):
             axis[i, 0] = n[i]
             axis[i, 1] = x * s[i] + y * t[i]
             axis[i, 2] = x * t[i] - y * s[i]
-        half = np.hypot(0.5 * (a - b), c)
-        stretches[0, p] = np.sqrt(mean + own)
-        stretches[1, p] = np.sqrt(mean + 0.5 * (a + b) + half)
-        stretches[2, p] = np.sqrt(mean + 0.5 * (a + b) - half)
+        squares[0, p] = mean + own
+        squares[1, p] = mean + 0.5 * (a + b) + half
+        squares[2, p] = mean + 0.5 * (a + b) - half
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def from_stretches(stretches: Floats, axes: Floats, rows: Floats, with_tangent: bool, S: Floats, D: Floats) -> None:
-    """S (n, 6) and D (n, 6, 6) from `CompiledLaw.rows` by the principal stretches (3, n), with their axes (n, 3, 3)."""
+def from_stretches(squares: Floats, axes: Floats, rows: Floats, with_tangent: bool, S: Floats, D: Floats) -> None:
+    """S (n, 6) and D (n, 6, 6) from `CompiledLaw.rows` by the logarithms of the principal stretches, whose squares are
+    (3, n), with their axes (n, 3, 3).
+    """
     own, d = np.empty(3), np.empty((3, 3))
     N, M = np.empty((6, 6)), np.empty((6, 6))  # of n_i n_i^T, then of the symmetric n_i n_j^T
-    for p in range(stretches.shape[1]):
+    for p in range(squares.shape[1]):
         n = axes[p]
         for k in range(6):
             i, j = FIRST_OF[k], SECOND_OF[k]
@@ -220,7 +226,7 @@ def from_stretches(stretches: Floats, axes: Floats, rows: Floats, with_tangent: 
                 a, b = FIRST_OF[m], SECOND_OF[m]
                 N[k, m] = 0.5 * (n[a, i] * n[b, j] + n[a, j] * n[b, i])
         for i in range(3):
-            own[i] = rows[i, p] / stretches[i, p]
+            own[i] = rows[i, p] / squares[i, p]
         for m in range(6):
             S[p, m] = own[0] * N[0, m] + own[1] * N[1, m] + own[2] * N[2, m]
         if not with_tangent:
@@ -228,17 +234,17 @@ def from_stretches(stretches: Floats, axes: Floats, rows: Floats, with_tangent: 
         row = 3
         for i in range(3):
             for j in range(i, 3):
-                d[i, j] = rows[row, p] / (stretches[i, p] * stretches[j, p])
+                d[i, j] = rows[row, p] / (squares[i, p] * squares[j, p])
                 d[j, i] = d[i, j]
                 row += 1
-            d[i, i] -= own[i] / stretches[i, p] ** 2
+            d[i, i] -= 2.0 * own[i] / squares[i, p]
         t = D[p]
         for i in range(3):
             for m in range(6):
                 M[i, m] = d[i, 0] * N[0, m] + d[i, 1] * N[1, m] + d[i, 2] * N[2, m]
         for k in range(3, 6):
             i, j = FIRST_OF[k], SECOND_OF[k]
-            ci, cj = stretches[i, p] ** 2, stretches[j, p] ** 2
+            ci, cj = squares[i, p], squares[j, p]
             if abs(ci - cj) > ALIKE * (ci + cj):
                 shear = (own[i] - own[j]) / (ci - cj)
             else:

@@ -27,7 +27,7 @@ from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.segments import MET, EndMotion, Segments, SegmentShape
 from softcal.mechanics.state import State
 from softcal.mechanics.tensions import KINDS, Course, Lines, Tensions, Viscous, tensions, turns
-from softcal.mechanics.term import NOTHING, BlockColumns, Connectivity, Given, LowRank, Sum, Term, Theta
+from softcal.mechanics.term import NOTHING, BlockColumns, ByTheta, Connectivity, Given, LowRank, Sum, Term, Theta
 
 if TYPE_CHECKING:
     from softcal.mechanics.system import System
@@ -89,8 +89,12 @@ class CableTerm(ActuatorTerm):
         """Length of each cable at rest (n_cables,) [m]."""
         return self._per_cable(self.rest)
 
-    def lines(self, theta: Theta) -> Lines:
+    @cached_property
+    def lines(self) -> ByTheta[Lines]:
         """The properties of the lines by the parameters' values."""
+        return ByTheta(self._lines)
+
+    def _lines(self, theta: Theta) -> Lines:
         mu, stiffness, compliance, pretension, presliding, preload = (
             np.array([theta.get(name, otherwise) for name in names], dtype=np.float64)
             for names, otherwise in zip(self._of_lines, KINDS.values(), strict=True)
@@ -202,7 +206,7 @@ class CableTerm(ActuatorTerm):
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
         if into.keys().isdisjoint(self.parameters):
             return
-        x, along = given.state.x, self.tensions(given)
+        x, shape, along = given.state.x, self._at(given).shape, self.tensions(given)
         for i, name in enumerate(self.names):
             for kind in KINDS:
                 if (one := into.get(f"{name}.{kind}")) is not None:
@@ -212,10 +216,10 @@ class CableTerm(ActuatorTerm):
                     self._add_rates(one, given, along, rho, i, stretch, direct)
         for name, motion in self.end_motions.items():
             if (one := into.get(name)) is not None:
-                r, _, travel = self._by_motion(x, along, motion)
+                r, _, travel = self._by_motion(x, shape, along, motion)
                 self._add_rates(one, given, along, along.respond(r[:, None])[:, 0], motion.cable, travel)
                 tension = self._by_segment(along.segments)
-                one.full += self.segments.gradient_by(motion, x, tension, len(one.full))
+                one.full += self.segments.gradient_by(motion, x, shape, tension, len(one.full))
 
     def _add_rates(
         self,
@@ -236,12 +240,14 @@ class CableTerm(ActuatorTerm):
         changes[i] += travel
         one.efforts[self.own] -= np.where(given.controls.is_held[self.own], 0.0, changes)
 
-    def _by_motion(self, x: Floats, along: Tensions, motion: EndMotion) -> tuple[Floats, Floats, float]:
+    def _by_motion(
+        self, x: Floats, shape: SegmentShape, along: Tensions, motion: EndMotion
+    ) -> tuple[Floats, Floats, float]:
         """Derivatives at fixed rho by the parameter of a motion: of r and of the slips (n_segments,), and of the
         shortening of its cable.
         """
         order, of_rest = self.order, motion.rest[self.order]
-        longer = self.segments.lengths_by(motion, x)[order] - of_rest
+        longer = self.segments.lengths_by(motion, x, shape)[order] - of_rest
         slip, stretch = along.by_softness(of_rest * along.lines.softness[motion.cable])
         slip += along.beyond(longer)
         r = along.by_angle * along.course.turns.rates(motion.vectors(x)[order]) + along.by_slip * slip
@@ -288,7 +294,8 @@ class CableTerm(ActuatorTerm):
         r = along.by_angle * along.course.turns.rates(v_rates) + along.by_slip * (slip - before)
         presliding = np.zeros(self.n_cables)
         if parameter in self.end_motions:
-            by, of_slip, _ = self._by_motion(x, along, self.end_motions[parameter])
+            shape, motion = self._at(given).shape, self.end_motions[parameter]
+            by, of_slip, _ = self._by_motion(x, shape, along, motion)
             r, slip = r + by, slip + of_slip
         for i, name in enumerate(self.names):
             for kind in KINDS:

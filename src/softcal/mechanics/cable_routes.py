@@ -79,7 +79,7 @@ def _end_motion(cable: int, first: int, ways: list[Weights], segments: Segments,
         np.array(rate, dtype=np.float64),
         np.zeros(len(segments)),
     )
-    return replace(found, rest=segments.lengths_by(found, X))
+    return replace(found, rest=segments.lengths_by(found, X, segments.shape(X)))
 
 
 def _difference(start: Weights, end: Weights) -> dict[int, float]:

@@ -11,7 +11,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
 from softcal.mechanics.actuator import SWITCHING
-from softcal.mechanics.node import Line, Node, node_at, pushing, returning
+from softcal.mechanics.node import Line, Node, by_parameters, node_at, pushing, returning
 from softcal.mechanics.path import follow, strays
 from softcal.mechanics.redundancy import DEPENDENT
 from softcal.mechanics.snap_through import stable_node_at
@@ -63,6 +63,8 @@ class Reached:
         Whether the robot snapped through on the line to it, and whether there or before.
     commanded
         The line to it; None where the next one cannot continue it.
+    factorisation
+        Number of the factorisation of its tangent, among those of its statics.
     """
 
     state: State
@@ -71,6 +73,7 @@ class Reached:
     snaps: bool = False
     has_snapped: bool = False
     commanded: CommandPath | None = None
+    factorisation: int = -1
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,7 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
     SimulationError
         Where there is no equilibrium, or none was found.
     """
-    target, names = aim.controls, aim.names
+    target = aim.controls
     system, by_coordinate = statics.system, ~target.is_held
     state, snaps = last.state, False
     # A driven actuator moves from its present coordinate to the target's; the check below drives those at a limit.
@@ -123,20 +126,20 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
         driven = by_coordinate & ~start.is_held
         if not np.any(line.effort_rate[start.is_held]) and not np.any(line.coordinate_rate[~start.is_held]):
             # The material may move on where the commands stay.
-            node, commanded = stable_node_at(statics, line, end, _settled(statics, line, state), names), None
+            node, commanded = stable_node_at(statics, line, end, _settled(statics, line, state), ()), None
             snaps |= node.is_snapped
-        elif (node := _at_once(statics, line, state, names, last if state is last.state else None)) is not None:
-            commanded = None
+        elif not commanded.nodes and (node := _at_once(statics, line, state, last)) is not None:
+            commanded = CommandPath(line, (replace(node, has_snapped=has_snapped),))
         else:
             state = state if commanded.nodes else _settled(statics, line, state)
             begin = commanded.nodes or (replace(node_at(statics, line, 0.0, state, ()), has_snapped=has_snapped),)
-            path = follow(statics, line, begin, end, first_step=end - begin[-1].c, names=names, mixed=False)
+            path = follow(statics, line, begin, end, first_step=end - begin[-1].c, mixed=False)
             first = next((i for i, node in enumerate(path.nodes) if (driven & pushing(system, node.state)).any()), None)
             node = path.nodes[-1]
             if not path.reached and first is not None and DEPENDENT not in path.status:
                 # A state with a cable in compression is not admissible: continue from the first one, with it slack.
                 path = replace(path, nodes=path.nodes[: first + 1])
-                node = node_at(statics, line, path.nodes[-1].c, path.nodes[-1].state, names, mixed=False)
+                node = node_at(statics, line, path.nodes[-1].c, path.nodes[-1].state, (), mixed=False)
             elif not path.reached:
                 raise SimulationError(f"no equilibrium beyond {100 * node.c / end:.3g} % of the step: {path.status}.")
             snaps |= any(node.is_snapped for node in path.nodes[1:])
@@ -161,26 +164,30 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
     return _fallen(statics, last, aim)
 
 
-def _at_once(statics: Statics, line: Line, state: State, names: tuple[str, ...], last: Reached | None) -> Node | None:
-    """The node at the end of a line in one step with a tangent predictor, in a robot that remembers, whose samples
-    are close; None where that does not converge, or may lead to another branch.
+def _at_once(statics: Statics, line: Line, state: State, last: Reached) -> Node | None:
+    """The node at the end of a line in one step with a tangent predictor; None where that does not converge, or may
+    lead to another branch.
 
-    last: the sample whose state this is, where its tangent is the one factorised last.
+    last: the sample before; where this is its state, and nothing was factorised since, its tangent is used.
     """
-    if not statics.system.remembers:
-        return None
     controls = line.at(1.0)
     here = replace(state, effort=np.where(controls.is_held, controls.effort, state.effort))
-    is_kept = last is not None and not last.has_snapped and bool(np.all(last.controls.is_held == controls.is_held))
+    is_kept = state is last.state and last.factorisation == statics.n_factorisations and not last.has_snapped
+    is_kept = is_kept and bool(np.all(last.controls.is_held == controls.is_held))
     at = statics.system.linearise(here, controls, statics.theta, tangent=not is_kept)
-    if not is_kept:
-        statics.factorise(at)
-    ahead = -statics.solve(at.reduced)
+    if not at.is_admissible:
+        return None
+    try:
+        if not is_kept:
+            statics.factorise(at)
+        ahead = -statics.solve(at.reduced)
+    except SimulationError:
+        return None
     guess = statics.reachable(here, statics.limited(ahead) * ahead)
     solved = statics.equilibrium(guess, controls)
     if not solved.converged or strays(statics, state, guess, solved.state):
         return None
-    node = node_at(statics, line, 1.0, solved.state, names, mixed=False)
+    node = node_at(statics, line, 1.0, solved.state, (), mixed=False)
     return node if node.is_stable else None
 
 
@@ -221,7 +228,7 @@ def _fallen(statics: Statics, last: Reached, aim: Target) -> Reached:
     at_limit = (state.effort == least) | (state.effort == most)
     controls = switched(state, with_held(~by_coordinate | at_limit, state))
     statics.seeks_free_modes = True
-    node = stable_node_at(statics, _line(controls, controls), 1.0, state, aim.names)
+    node = stable_node_at(statics, _line(controls, controls), 1.0, state, ())
     return _reached(statics, node, controls, aim, (True, True))
 
 
@@ -239,14 +246,14 @@ def _reached(
     commanded: CommandPath | None = None,
 ) -> Reached:
     """The sample that ends at a node: converged, and remembered. snaps: as `Reached.snaps` and `has_snapped`."""
-    by_parameter, rates = node.by_parameter, aim.rates
+    by_parameter, rates = by_parameters(statics, node.state, controls, aim.names), aim.rates
     if rates is not None and rates.any():
         acting = np.flatnonzero(rates.any(axis=1))
         by_parameter = by_parameter + by_command(statics, node.state, controls, aim.controls, acting) @ rates[acting]
     state = statics.system.advanced(node.state, controls, statics.theta, by_parameter, aim.names)
     # The nodes on the line there have the memory of its start, and are no part of what follows.
     commanded = None if statics.system.remembers else commanded
-    return Reached(state, controls, by_parameter, *snaps, commanded)
+    return Reached(state, controls, by_parameter, *snaps, commanded, statics.n_factorisations)
 
 
 def by_command(statics: Statics, state: State, now: Controls, target: Controls, which: Ints) -> Floats:

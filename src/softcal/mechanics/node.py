@@ -109,11 +109,9 @@ def node_at(
     sought = statics.seeks_free_modes or statics.n_unstable() != 0
     free = exclude_free_modes(statics, at) if sought else NO_MODES
     stable = bool(pushing(statics.system, state).any()) or statics.n_unstable() == 0
-    # Others, such as the offset of a marker, leave the equilibrium as it is.
-    remembered = () if state.memory is None else state.memory.by_parameter
-    moving = [k for k, name in enumerate(names) if name in statics.system.parameters or name in remembered]
+    moving = _moving(statics, state, names)
     moved = tuple(names[k] for k in moving)
-    by_theta = statics.system.gradient_by_parameters(state, at, statics.theta, moved)
+    by_theta = statics.system.gradient_by_parameters(state, controls, statics.theta, moved, at.known)
     dz = -statics.solve(np.column_stack([by_control, by_theta]))
     # The effort of a held actuator is prescribed: its rate is the line's.
     efforts = dz[statics.system.layout.first_effort_unknown :]
@@ -122,6 +120,26 @@ def node_at(
     of_both = mixed_derivatives(statics, controls, state, slope, by_parameter, moved if mixed else ())
     by_parameter, of_both = (_at(moving, values, len(names)) for values in (by_parameter, of_both))
     return Node(c, state, slope, by_parameter, of_both, stable, free=free)
+
+
+def by_parameters(statics: Statics, state: State, controls: Controls, names: tuple[str, ...]) -> Floats:
+    """dz/dtheta at fixed controls (n_unknowns, k) by parameters `names` (k,), by the tangent factorised last.
+
+    Raises
+    ------
+    SimulationError
+        Where the tangent is singular.
+    """
+    moving = _moving(statics, state, names)
+    moved = tuple(names[k] for k in moving)
+    by_theta = statics.system.gradient_by_parameters(state, controls, statics.theta, moved)
+    return _at(moving, -statics.solve(by_theta) if moved else by_theta, len(names))
+
+
+def _moving(statics: Statics, state: State, names: tuple[str, ...]) -> list[int]:
+    """Which parameters an equilibrium depends on; others, such as the offset of a marker, leave it as it is."""
+    remembered = () if state.memory is None else state.memory.by_parameter
+    return [k for k, name in enumerate(names) if name in statics.system.parameters or name in remembered]
 
 
 def _at(columns: list[int], values: Floats, n: int) -> Floats:

@@ -90,7 +90,7 @@ class EndMotion:
     def vectors(self, x: Floats) -> Floats:
         """d segment vectors / d parameter (n_segments, 3), with the points at x (n_points, 3) [m] fixed."""
         out = np.zeros((len(self.rest), 3))
-        np.add.at(out, self.segment, self.rate[:, None] * x[self.support])
+        _spread(out, self.segment, self.rate, x[self.support])
         return out
 
 
@@ -154,9 +154,9 @@ class Segments:
         first, second = _rates(v, self.met)
         return SegmentShape(v, least * (3.0 + square * (6.0 - square)) / 8.0, first[:, None] * v, first, second)
 
-    def lengths_by(self, motion: EndMotion, x: Floats) -> Floats:
-        """d length / d parameter of a motion (n_segments,), with the supporting points fixed."""
-        return (self.shape(x).slopes * motion.vectors(x)).sum(axis=1)
+    def lengths_by(self, motion: EndMotion, x: Floats, shape: SegmentShape) -> Floats:
+        """d length / d parameter of a motion (n_segments,), with the supporting points fixed at x."""
+        return (shape.slopes * motion.vectors(x)).sum(axis=1)
 
     def pull(self, shape: SegmentShape, tension: Floats, gradient: Floats, data: Floats | None) -> None:
         """Add the forces of the segments' tensions (n_segments,) to the gradient and, where `data` is given, T times
@@ -182,18 +182,18 @@ class Segments:
     def gradient(self, shape: SegmentShape, weights: Floats, size: int) -> Floats:
         """Sum of weights (n_segments,) times the lengths' gradients, on all entities (size,)."""
         gradient = np.zeros(size)
-        _spread(gradient, self.support, self.sigma, (weights[:, None] * shape.slopes)[self.of_entry])
+        _spread(_of_points(gradient), self.support, self.sigma, (weights[:, None] * shape.slopes)[self.of_entry])
         return gradient
 
-    def gradient_by(self, motion: EndMotion, x: Floats, tension: Floats, size: int) -> Floats:
+    def gradient_by(self, motion: EndMotion, x: Floats, shape: SegmentShape, tension: Floats, size: int) -> Floats:
         """d / d parameter of a motion of the gradient (size,) that segment tensions (n_segments,) [N] give."""
         gradient = np.zeros(size)
-        v, dv = self.vectors(x), motion.vectors(x)
-        first, second = _rates(v, self.met)
-        n, along = first[:, None] * v, second * (v * dv).sum(axis=1)
-        turned = first[:, None] * dv - along[:, None] * v
-        _spread(gradient, motion.support, motion.rate, (tension[:, None] * n)[motion.segment])
-        _spread(gradient, self.support, self.sigma, (tension[:, None] * turned)[self.of_entry])
+        dv = motion.vectors(x)
+        along = shape.second * (shape.v * dv).sum(axis=1)
+        turned = shape.first[:, None] * dv - along[:, None] * shape.v
+        points = _of_points(gradient)
+        _spread(points, motion.support, motion.rate, (tension[:, None] * shape.slopes)[motion.segment])
+        _spread(points, self.support, self.sigma, (tension[:, None] * turned)[self.of_entry])
         return gradient
 
     def basis(self, order: Ints) -> tuple[Ints, Ints, Floats]:
@@ -208,10 +208,17 @@ class Segments:
         return rows.ravel(), columns.ravel(), np.repeat(self.sigma[entry], 3)
 
 
-def _spread(gradient: Floats, support: Ints, weights: Floats, vectors: Floats) -> None:
-    """Add weights (n_entries,) times vectors (n_entries, 3) at points."""
-    n = 3 * (len(gradient) // 3)
-    np.add.at(gradient[:n].reshape(-1, 3), support, weights[:, None] * vectors)
+def _of_points(gradient: Floats) -> Floats:
+    """The entries of points in a gradient, by axis (n, 3)."""
+    return gradient[: 3 * (len(gradient) // 3)].reshape(-1, 3)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _spread(into: Floats, at: Ints, weights: Floats, vectors: Floats) -> None:
+    """Add weights (n_entries,) times vectors (n_entries, 3) at rows of `into`."""
+    for n in range(len(at)):
+        for i in range(3):
+            into[at[n], i] += weights[n] * vectors[n, i]
 
 
 def _rates(v: Floats, met: Floats) -> tuple[Floats, Floats]:

@@ -167,11 +167,20 @@ class System:
         data = total.data[: self.pattern.nnz]
         return replace(at, data=data, border=self._border(state, total), touch=self._outside(state, total))
 
-    def gradient_by_parameters(self, state: State, at: Linearisation, theta: Theta, names: tuple[str, ...]) -> Floats:
-        """d reduced gradient / d parameter, (n_unknowns, n_names), also by way of the terms' memory."""
+    def gradient_by_parameters(
+        self,
+        state: State,
+        controls: Controls,
+        theta: Theta,
+        names: tuple[str, ...],
+        known: Sequence[Any] | None = None,
+    ) -> Floats:
+        """d reduced gradient / d parameter, (n_unknowns, n_names), also by way of the terms' memory; known: as of
+        `given`.
+        """
         sums = {name: Sum(self.layout) for name in names}
         remembered = {} if state.memory is None else state.memory.by_parameter
-        each = zip(self.terms, self.given(state, at.controls, theta, at.known), self._owned, strict=True)
+        each = zip(self.terms, self.given(state, controls, theta, known), self._owned, strict=True)
         for term, given, own in each:
             term.add_by_parameters(sums, given)
             for name in remembered.keys() & sums.keys():

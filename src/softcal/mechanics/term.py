@@ -13,7 +13,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -265,6 +265,20 @@ class Term(ABC):
 
 
 Of = TypeVar("Of")
+
+
+class ByTheta(Generic[Of]):
+    """What a term works out from the parameters' values alone: once for as long as these are the same."""
+
+    def __init__(self, of: Callable[[Theta], Of]) -> None:
+        self._of = of
+        self._theta: Theta | None = None
+
+    def __call__(self, theta: Theta) -> Of:
+        """For these values; a mapping that was given before is not looked into again."""
+        if theta is not self._theta:
+            self._found, self._theta = self._of(theta), theta
+        return self._found
 
 
 def part_theta(theta: Mapping[str, Of], name: str) -> dict[str, Of]:

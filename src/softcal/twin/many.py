@@ -90,11 +90,11 @@ def simulate_many(
             out.append((label, drawn_out(twin.system, statics.theta, lengths, state)))
             if not met and (limit := twin.system.at_limit(state.x)):
                 met = f" From sample {i + 1} on {limit}."
-            values.append(_commanded(twin, protocol, i, sense(twin, state, statics.theta)))
+            values.append(sense(twin, state, statics.theta, _shortenings(protocol, i)))
             of_commands = by_command(statics, state, reached.controls, target, numbers)
             dz, by = np.hstack([reached.by_parameter, of_commands]), (*names, *("" for _ in cables))
-            both = sense_rates(twin, state, statics.theta, dz, by)
-            rates.append(_commanded_rates(twin, protocol, i, labels, both))
+            commanded_rates = _shortening_rates(protocol, i, labels)
+            rates.append(sense_rates(twin, state, statics.theta, dz, by, commanded_rates))
             if snapshots:
                 shapes.append(snapshot(twin, state, protocol.at(i), i + 1, ""))
     except SimulationError as error:
@@ -154,27 +154,20 @@ def _not_reached(protocol: Protocol, failed: Mapping[int, str], n_solved: int) -
     return " ".join(told)
 
 
-def _commanded_rates(twin: Twin, protocol: Protocol, i: int, labels: tuple[str, ...], rates: Floats) -> Floats:
-    """The rates of the channels by parameters and commands; a commanded shortening depends on its own command alone,
-    taut or slack.
-    """
-    out = rates.copy()
-    for cable in twin.robot.cables:
-        command = protocol.commands.get(cable.name)
-        if command is not None and command.control == "shortening":
-            column = ChannelName(SHORTENING, cable.name)
-            by = {str(column): 1.0, **{name: float(rate[i]) for name, rate in command.by.items()}}
-            out[twin.columns[column]] = [by.get(label, 0.0) for label in labels]
+def _shortenings(protocol: Protocol, i: int) -> dict[str, float]:
+    """The shortenings [m] of the cables that are commanded by it: a slack one's is its command too."""
+    each = protocol.commands.items()
+    return {cable: float(command.values[i]) for cable, command in each if command.control == SHORTENING.name}
+
+
+def _shortening_rates(protocol: Protocol, i: int, labels: tuple[str, ...]) -> dict[str, Floats]:
+    """Their rates by parameters and commands: each depends on its own command alone."""
+    out = dict[str, Floats]()
+    for cable in _shortenings(protocol, i):
+        by = {name: float(rate[i]) for name, rate in protocol.commands[cable].by.items()}
+        by[str(ChannelName(SHORTENING, cable))] = 1.0
+        out[cable] = np.array([by.get(label, 0.0) for label in labels])
     return out
-
-
-def _commanded(twin: Twin, protocol: Protocol, i: int, values: Floats) -> Floats:
-    """The channels' values, with a slack cable's shortening equal to its command."""
-    for cable in twin.robot.cables:
-        command = protocol.commands.get(cable.name)
-        if command is not None and command.control == "shortening":
-            values[twin.column(cable.name, SHORTENING)] = command.values[i]
-    return values
 
 
 def _pulls(protocol: Protocol, i: int) -> str:

@@ -35,9 +35,12 @@ def angle_columns(twin: Twin) -> list[int]:
     return [k for channel, k in twin.columns.items() if channel.kind.is_angle]
 
 
-def sense(twin: Twin, state: State, theta: Theta) -> Floats:
-    """The channels' values (n_channels,) at a state and theta, in the order of `channel_units`."""
-    return read_all(twin, _StatePosture(twin, state, theta))
+def sense(twin: Twin, state: State, theta: Theta, shortenings: Mapping[str, float] | None = None) -> Floats:
+    """The channels' values (n_channels,) at a state and theta, in the order of `channel_units`.
+
+    shortenings: of the cables that are commanded by it, which read as commanded, taut or slack [m].
+    """
+    return read_all(twin, _StatePosture(twin, state, theta, shortenings or {}))
 
 
 def read_all(twin: Twin, posture: Posture) -> Floats:
@@ -45,16 +48,25 @@ def read_all(twin: Twin, posture: Posture) -> Floats:
     return np.array([value for own in twin.sensors for value in own.sensor.sense(posture)], dtype=np.float64)
 
 
-def sense_rates(twin: Twin, state: State, theta: Theta, dz: Floats, names: Sequence[str] = ()) -> Floats:
+def sense_rates(
+    twin: Twin,
+    state: State,
+    theta: Theta,
+    dz: Floats,
+    names: Sequence[str] = (),
+    shortenings: Mapping[str, Floats] | None = None,
+) -> Floats:
     """The channels' rates (n_channels, k) for rates dz (n_unknowns, k) of the unknowns.
 
     names
         Parameters (k,) of which dz is the derivative, or "": they may change a channel at fixed unknowns too.
+    shortenings
+        Rates (k,) of the cables that are commanded by it.
     """
     if dz.shape[1] == 0:
         return np.zeros((len(twin.columns), 0))
-    posture = _StatePosture(twin, state, theta)
-    rates = _StateRates(twin, state, theta, dz, tuple(names) or ("",) * dz.shape[1])
+    posture = _StatePosture(twin, state, theta, {})
+    rates = _StateRates(twin, state, theta, dz, tuple(names) or ("",) * dz.shape[1], shortenings or {})
     rows = [row for own in twin.sensors for row in own.sensor.rates(posture, rates)]
     return np.array(rows).reshape(len(rows), dz.shape[1])
 
@@ -66,6 +78,7 @@ class _StatePosture:
     twin: Twin
     state: State
     theta: Theta
+    shortenings: Mapping[str, float]
 
     def point(self, name: str) -> Floats:
         if name in self.twin.frame:
@@ -77,13 +90,13 @@ class _StatePosture:
         return self.state.rotation[self.twin.frame[plate]]
 
     def shortening(self, cable: str) -> float:
-        return self._shortenings[cable]
+        return self.shortenings[cable] if cable in self.shortenings else self._found[cable]
 
     def tension(self, cable: str) -> float:
         return float(self.state.effort[cables_of(self.twin.system).names.index(cable)])
 
     @cached_property
-    def _shortenings(self) -> Mapping[str, float]:
+    def _found(self) -> Mapping[str, float]:
         cables = cables_of(self.twin.system)
         found = self.twin.system.coordinates(self.state, self.theta)[cables.own]
         return dict(zip(cables.names, found.tolist(), strict=True))
@@ -98,6 +111,7 @@ class _StateRates:
     theta: Theta
     dz: Floats
     names: tuple[str, ...]
+    shortenings: Mapping[str, Floats]
 
     def point(self, name: str) -> Floats:
         if name in self.twin.frame:
@@ -115,6 +129,8 @@ class _StateRates:
         return self._of_frame(plate)[3:]
 
     def shortening(self, cable: str) -> Floats:
+        if cable in self.shortenings:
+            return self.shortenings[cable]
         cables = cables_of(self.twin.system)
         return self._coordinates[cables.first + cables.names.index(cable)]
 

@@ -126,6 +126,34 @@ def test_the_budget_covers_the_way_round_a_layer(monkeypatch: pytest.MonkeyPatch
         assert search(problem, trials=budget)[1] == budget
 
 
+@pytest.mark.parametrize("start", [(1e6, 0.41), (1e6, 0.49)])
+def test_a_loss_with_a_kink_at_its_minimum_ends_the_search_there_and_says_so(
+    start: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, smooth = problem_of(LIKELIHOOD, noise=0.02), fake_twin._curve
+    assert "promises" not in descend(problem, start).status
+
+    def kinked(d: np.ndarray, nu: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        line, slope, by_nu = smooth(d, nu)
+        bent = 1e-2 * d * np.linspace(-1.0, 1.0, len(d))  # never zero, and no modulus makes up for it
+        return line + bent * (abs(nu - 0.45) + 0.02), slope, by_nu + bent * np.sign(nu - 0.45)
+
+    monkeypatch.setattr(fake_twin, "_curve", kinked)
+    descent = descend(problem, start)
+    assert descent.converged
+    short = "a step of less than 0.1 standard errors no longer lowers the loss as its slope promises."
+    assert descent.status == f"Converged in {descent.evaluations} trajectories: {short}"
+    assert descent.evaluations <= 25
+    z = descent.z
+    assert problem.space.to_model(z)[NU] == pytest.approx(0.45, abs=1e-3)
+    for nu in (0.449, 0.451):
+        there = problem.evaluate({**problem.space.to_model(z), NU: nu}).loss
+        assert descent.best is not None
+        assert there is not None
+        assert descent.best.loss is not None
+        assert there > descent.best.loss
+
+
 @pytest.mark.parametrize("loss", [PapersLoss(), LIKELIHOOD])
 @pytest.mark.parametrize("drive", ["shortening", "tension"])
 def test_with_noise_it_ends_where_no_general_minimiser_gets_lower(loss: Loss, drive: str) -> None:

@@ -11,10 +11,13 @@ from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate, s
 
 from softcal.calibration.fingerprint import fingerprint, fingerprints
 from softcal.calibration.losses.papers import PapersLoss
+from softcal.calibration.optimiser import Proposal
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.trajectory import Member, shared_out
+from softcal.calibration.workers import Evaluator
 from softcal.errors import InputError, ParameterError, SimulationError
-from softcal.twin.protocol import Protocol
+from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 
@@ -51,6 +54,35 @@ def test_a_shared_trajectory_gives_each_test_what_it_would_get_alone() -> None:
             assert block.jacobian is not None
             columns = [problem.space.labels.index(label) for label in alone.space.labels]
             np.testing.assert_array_equal(mine.jacobian, block.jacobian[:, columns])
+
+
+def test_long_tests_of_several_cables_are_trajectories_of_their_own_and_short_ones_share() -> None:
+    def driven(name: str, n: int, cables: str) -> Member:
+        experiment = fake_experiment(name, n_samples=n)
+        return experiment, {cable: Command("shortening", np.zeros(n)) for cable in cables}
+
+    def names(members: Sequence[Member]) -> list[list[str]]:
+        return [[experiment.name for experiment, _ in part] for part in shared_out(members)]
+
+    two = [driven(name, n, "fb") for name, n in (("a", 60), ("b", 60), ("c", 130), ("d", 5), ("e", 5))]
+    assert names(two) == [["a", "b"], ["c"], ["d", "e"]]
+    one = [driven(name, n, "f") for name, n in (("a", 160), ("b", 160))]
+    assert names(one) == [["a", "b"]]
+
+
+def test_workers_share_the_trajectories_of_one_evaluation(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = three("tension")
+    here = problem.evaluate(THETA, jacobian=True)
+    monkeypatch.setattr("softcal.calibration.workers._WORTH", 0.0)
+    with Evaluator(problem, workers=2, jacobian=True) as evaluator:
+        (_, shared), (_, again) = (one for _ in range(2) for one in evaluator.evaluate([Proposal(0, THETA)]))
+    for one in (shared, again):
+        assert one.n_solves == 2
+        assert one.loss == here.loss
+        assert list(one.observations) == list(here.observations)
+        for mine, block in zip(one.blocks, here.blocks, strict=True):
+            np.testing.assert_array_equal(mine.residual, block.residual)
+            np.testing.assert_array_equal(mine.jacobian, block.jacobian)
 
 
 def test_a_modulus_per_experiment_takes_a_trajectory_each() -> None:

@@ -442,3 +442,37 @@ def test_the_readme_says_that_the_slack_is_taken_off(tmp_path):
 def written_to(folder: Path) -> Path:
     folder.mkdir()
     return folder
+
+
+@pytest.mark.parametrize(
+    ("law", "parameters", "material", "constants"),
+    [
+        ("stable-neo-hooke", elastic(2e6, 0.3), "StableNeoHookean", None),
+        ("stvenant-kirchhoff", elastic(2e6, 0.3), "StVenantKirchhoff", None),
+        ("sofa-mooney-rivlin", {"C10": 2e5, "C01": 3e4, "bulk_modulus": 5e6}, "MooneyRivlin", [2e5, 3e4, 5e6]),
+        ("sofa-ogden", {"mu1": 4e5, "alpha1": 2.5, "bulk_modulus": 5e6}, "Ogden", [1e6, 2.5, 5e6]),
+        ("sofa-arruda-boyce", {"chain_modulus": 4e5, "bulk_modulus": 5e6}, "ArrudaBoyce", [4e5, 5e6]),
+    ],
+)
+def test_laws_that_sofa_has_are_exported_by_its_names(tmp_path, law, parameters, material, constants):
+    robot = column_robot("P1")
+    robot = replace(robot, bodies=(replace(robot.bodies[0], law=law, parameters=parameters),))
+    write_sofa(robot, pulled(0.001), tmp_path, "robot")
+    body = json.loads((tmp_path / "robot" / "parameters.json").read_text())["bodies"]["neck"]
+    assert body["material"] == material
+    assert body.get("constants") == (None if constants is None else pytest.approx(constants))
+    if constants is None:
+        assert (body["youngs_modulus"], body["poissons_ratio"]) == (2e6, 0.3)
+
+
+def test_a_law_that_cannot_be_identified_anew_is_refused_with_what_sofa_has(tmp_path):
+    own = {"C10": 2e5, "C01": 3e4, "bulk_modulus": 5e6}
+    for law, element, text in (
+        ("mooney-rivlin", "P1", "SOFA does not support this law"),
+        ("sofa-mooney-rivlin", "P2P1", "SOFA has this law in linear tets only"),
+    ):
+        robot = column_robot(element)
+        robot = replace(robot, bodies=(replace(robot.bodies[0], law=law, parameters=own),))
+        with pytest.raises(ParameterError, match=text):
+            write_sofa(robot, pulled(0.001), tmp_path / law, "robot")
+        assert not (tmp_path / law).exists()

@@ -47,7 +47,7 @@ class Predictions:
     method
         What predicted.
     evaluations, wall_s
-        Number of simulations of the fit, and its wall time [s]; None where unknown.
+        How often the fit simulated all samples to fit, and its wall time [s]; None where unknown.
     parameters
         What was identified, in words by name.
     """

@@ -113,7 +113,7 @@ class ProjectCase(BenchmarkCase):
             channels,
             {name: band for name, band in bands.items() if np.isfinite(band).any()},
             "softcal",
-            found.n_solves,
+            len(found.trials),
             perf_counter() - began,
             told,
         )

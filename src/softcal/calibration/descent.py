@@ -125,10 +125,10 @@ class Descent:
         elif gain > 0.75 * promised and length > 0.99 * self._radius and self._since_failure > _WARY:
             self._radius = min(1.0, 3.0 * self._radius)
         if gain < 0.25 * promised and self._merit is self.loss and self._is_short(tried):
-            best = f"no step of {NEAR:.1g} standard errors lowers the loss further, which has a kink there"
+            short = f"a step of less than {NEAR:.1g} standard errors no longer lowers the loss as its slope promises"
             if gain > 0.0:
                 self.z, self.best = tried.z, evaluation
-            self._end(f"Converged in {counted(self.evaluations)}: {best}.", converged=True)
+            self._end(f"Converged in {counted(self.evaluations)}: {short}.", converged=True)
         elif gain > 0.0:
             self._move(tried, evaluation)
         else:

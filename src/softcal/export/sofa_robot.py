@@ -1,4 +1,4 @@
-"""Conversion of a robot for SOFA: linear tetrahedra, SOFA's neo-Hookean law, only supported features."""
+"""Conversion of a robot for SOFA: linear tetrahedra, SOFA's laws, only supported features."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from softcal.checks import Ints
 from softcal.errors import Fault, ParameterError
 from softcal.export.cable_faults import cable_faults
 from softcal.export.history_faults import history_faults
+from softcal.export.sofa_laws import MATERIALS
 from softcal.export.sofa_rods import linear_rod
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import linear_numbers
@@ -19,7 +20,8 @@ from softcal.mechanics.elements import P1
 from softcal.twin.bores import bores
 from softcal.twin.robot import Body, Moment, Robot, SurfaceLoad
 
-ITS_LAW, ITS_ELEMENT = "neo-hooke", P1.name
+ITS_ELEMENT = P1.name
+STAND_IN = "neo-hooke"  # its law for those by E and nu that it does not have
 
 
 def scene_faults(robot: Robot) -> list[Fault]:
@@ -72,27 +74,30 @@ def point_faults(robot: Robot, program: str) -> list[Fault]:
 
 
 def law_faults(robot: Robot) -> list[Fault]:
-    """Faults of bodies whose law has other constants than E and nu, which SOFA's neo-Hookean law cannot replace."""
+    """Faults of bodies whose law SOFA does not have with linear tets, and whose constants are not E and nu, so that
+    they cannot be identified anew.
+    """
+    by = " and ".join(LAWS.named(STAND_IN).names)
     return [
         Fault(
-            "SOFA does not support this law",
+            "SOFA does not support this law" if body.law not in MATERIALS else "SOFA has this law in linear tets only",
             where=f"{body.name}.law",
-            got=body.law,
-            allowed=f"{ITS_LAW}, or another by {' and '.join(LAWS.named(ITS_LAW).names)}",
-            attempt=f"a twin with law: {ITS_LAW}, calibrated on the same experiments",
+            got=f"{body.law}, {body.element}",
+            allowed=f"{', '.join(MATERIALS)} with element {ITS_ELEMENT}, or a law by {by}",
+            attempt="a twin with one of these, calibrated on the same experiments",
         )
         for body in robot.bodies
-        if not _can_stand_for(body.law)
+        if not _has_stand_in(body.law) and not is_its_own(body)
     ]
 
 
-def _can_stand_for(law: str) -> bool:
-    return set(LAWS.named(law).names) == set(LAWS.named(ITS_LAW).names)
+def _has_stand_in(law: str) -> bool:
+    return set(LAWS.named(law).names) == set(LAWS.named(STAND_IN).names)
 
 
 def is_its_own(body: Body) -> bool:
     """Whether SOFA has the body's element and law."""
-    return body.element == ITS_ELEMENT and body.law == ITS_LAW
+    return body.element == ITS_ELEMENT and body.law in MATERIALS
 
 
 def element_faults(robot: Robot) -> list[Fault]:
@@ -102,17 +107,17 @@ def element_faults(robot: Robot) -> list[Fault]:
             "SOFA does not have this element or law",
             where=body.name,
             got=f"{body.element}, {body.law}",
-            allowed=f"{ITS_ELEMENT}, {ITS_LAW}",
-            attempt=f"element: {ITS_ELEMENT}, law: {ITS_LAW} in the project: what is found then holds for its mesh",
+            allowed=f"{ITS_ELEMENT}, {', '.join(MATERIALS)}",
+            attempt=f"element: {ITS_ELEMENT}, law: {STAND_IN} in the project: what is found then holds for its mesh",
         )
         for body in robot.bodies
-        if not is_its_own(body) and _can_stand_for(body.law)
+        if not is_its_own(body) and _has_stand_in(body.law)
     ]
 
 
 @dataclass(frozen=True)
 class LinearRobot:
-    """A robot of linear tets in SOFA's law, without unused nodes and without fixed plates.
+    """A robot of linear tets in laws that SOFA has, without unused nodes and without fixed plates.
 
     still: names of the fixed plates; their nodes and points are fixed in space.
     """
@@ -143,7 +148,7 @@ def linear_robot(robot: Robot) -> LinearRobot:
         return np.unique(np.concatenate([numbers(body, old[body].fixed), *on_still]))
 
     bodies = tuple(
-        replace(body, mesh=meshes[body.name], element=ITS_ELEMENT, law=ITS_LAW, fixed=fixed(body.name))
+        replace(body, mesh=meshes[body.name], element=ITS_ELEMENT, law=_its_law(body), fixed=fixed(body.name))
         for body in robot.bodies
     )
     plates = tuple(
@@ -165,6 +170,10 @@ def linear_robot(robot: Robot) -> LinearRobot:
     return LinearRobot(
         replace(robot, bodies=bodies, rods=rods, plates=plates, ties=ties, loads=loads, cables=cables), still
     )
+
+
+def _its_law(body: Body) -> str:
+    return body.law if body.law in MATERIALS else STAND_IN
 
 
 def _corner_mesh(mesh: TetMesh) -> TetMesh:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from softcal.csv_text import csv_text
+from softcal.export.sofa_laws import material
 from softcal.export.sofa_robot import LinearRobot
 from softcal.export.sofa_rods import SEGMENTS, finer, node_volumes, rod_parameters
 from softcal.export.sofa_settings import SofaSettings
@@ -156,8 +157,7 @@ def density_in_motion(part: Body | Rod) -> float:
 def _body(body: Body) -> dict[str, Any]:
     return {
         "mesh": _mesh_file(body),
-        "youngs_modulus": body.parameters["youngs_modulus"],
-        "poissons_ratio": body.parameters["poissons_ratio"],
+        **material(body.law, body.parameters),
         "density": density_in_motion(body),
         "fixed": body.fixed.tolist(),
     }

@@ -15,15 +15,21 @@ _COEFFICIENTS = (
     "19/7000",
     "519/673750",
 )
-_SERIES = " + ".join(
-    f"{factor}/lm**{2 * k}*(I1_bar**{k + 1} - {3 ** (k + 1)})" for k, factor in enumerate(_COEFFICIENTS)
-)
 
+
+def series(square: str) -> str:
+    """The energy over the chains' modulus, with this square of the locking stretch."""
+    return " + ".join(
+        f"{factor}/({square})**{k}*(I1_bar**{k + 1} - {3 ** (k + 1)})" for k, factor in enumerate(_COEFFICIENTS)
+    )
+
+
+CHAIN_MODULUS = Parameter("chain_modulus", "mu", "μ", QUANTITIES["modulus"], typical=4e5)
 ARRUDA_BOYCE = Law(
     name="arruda-boyce",
-    parameters=(Parameter("chain_modulus", "mu", "μ", QUANTITIES["modulus"], typical=4e5), _LOCKING, BULK),
+    parameters=(CHAIN_MODULUS, _LOCKING, BULK),
     symbols={"I1_bar": "J**Rational(-2, 3)*I1"},
-    distortional=f"mu*({_SERIES})",
+    distortional=f"mu*({series('lm**2')})",
     volumetric_strain="J - 1",
     bulk="kappa",
     reference="Arruda and Boyce, J. Mech. Phys. Solids 41 (1993) 389; "

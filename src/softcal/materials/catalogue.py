@@ -18,6 +18,7 @@ from softcal.materials.mooney_rivlin import MOONEY_RIVLIN, MOONEY_RIVLIN_3, MOON
 from softcal.materials.neo_hooke import NEO_HOOKE, NEO_HOOKE_ISOCHORIC
 from softcal.materials.ogden import OGDEN
 from softcal.materials.parameter import Parameter
+from softcal.materials.sofa import SOFA_ARRUDA_BOYCE, SOFA_MOONEY_RIVLIN, SOFA_OGDEN
 from softcal.materials.stable_neo_hooke import STABLE_NEO_HOOKE
 from softcal.materials.stvenant_kirchhoff import STVENANT_KIRCHHOFF
 from softcal.materials.yeoh import YEOH
@@ -111,6 +112,9 @@ _OWN = (
     GENT,
     ARRUDA_BOYCE,
     *OGDEN,
+    SOFA_MOONEY_RIVLIN,
+    SOFA_OGDEN,
+    SOFA_ARRUDA_BOYCE,
 )
 LAWS = Catalogue("law", "softcal.laws", _faults, own=_OWN)
 # The name of a law, as a project file gives it.

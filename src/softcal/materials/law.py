@@ -111,7 +111,8 @@ class Law:
 class CompiledLaw:
     """Vectorised functions of a law: of psi_d by its variables, each (n,), then the constants; of g by J.
 
-    Of a law in principal stretches, the variables of these functions are their logarithms. `rows` are the first derivatives of psi_d by the variables, then the second ones: the upper triangle by its rows.
+    Of a law in principal stretches, the variables of these functions are their logarithms. `rows` are the first
+    derivatives of psi_d by the variables, then the second ones: the upper triangle by its rows.
     """
 
     parameters: tuple[str, ...]

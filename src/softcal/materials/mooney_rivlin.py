@@ -9,7 +9,7 @@ from softcal.materials.law import Law
 _TERMS = {"C10": (1, 0, 0.0), "C01": (0, 1, 5e4), "C11": (1, 1, 1e3), "C20": (2, 0, 2e3), "C02": (0, 2, 5e2)}
 
 
-def mooney_rivlin(name: str, terms: tuple[str, ...]) -> Law:
+def mooney_rivlin(name: str, terms: tuple[str, ...], reference: str, volumetric_strain: str = "J - 1") -> Law:
     """The law with some of the terms, C10 the first of them."""
     own = [f"{term}*(I1_bar - 3)**{_TERMS[term][0]}*(I2_bar - 3)**{_TERMS[term][1]}" for term in terms]
     return Law(
@@ -21,14 +21,14 @@ def mooney_rivlin(name: str, terms: tuple[str, ...]) -> Law:
         ),
         symbols={"I1_bar": "J**Rational(-2, 3)*I1", "I2_bar": "J**Rational(-4, 3)*I2"},
         distortional=" + ".join(own),
-        volumetric_strain="J - 1",
+        volumetric_strain=volumetric_strain,
         bulk="kappa",
-        reference="Rivlin and Saunders, Phil. Trans. R. Soc. A 243 (1951) 251; CalculiX's and Abaqus' *HYPERELASTIC, "
-        + ("MOONEY-RIVLIN" if len(terms) == 2 else "POLYNOMIAL, N=2"),
+        reference=f"Rivlin and Saunders, Phil. Trans. R. Soc. A 243 (1951) 251; {reference}",
     )
 
 
 _SUBSCRIPTS = str.maketrans("012", "₀₁₂")
-MOONEY_RIVLIN = mooney_rivlin("mooney-rivlin", ("C10", "C01"))
-MOONEY_RIVLIN_3 = mooney_rivlin("mooney-rivlin-3", ("C10", "C01", "C11"))
-MOONEY_RIVLIN_5 = mooney_rivlin("mooney-rivlin-5", ("C10", "C01", "C11", "C20", "C02"))
+_POLYNOMIAL = "CalculiX's and Abaqus' *HYPERELASTIC, POLYNOMIAL, N=2"
+MOONEY_RIVLIN = mooney_rivlin("mooney-rivlin", ("C10", "C01"), "CalculiX's and Abaqus' *HYPERELASTIC, MOONEY-RIVLIN")
+MOONEY_RIVLIN_3 = mooney_rivlin("mooney-rivlin-3", ("C10", "C01", "C11"), _POLYNOMIAL)
+MOONEY_RIVLIN_5 = mooney_rivlin("mooney-rivlin-5", ("C10", "C01", "C11", "C20", "C02"), _POLYNOMIAL)

@@ -12,16 +12,16 @@ MOST_TERMS = 4
 _TYPICAL = ((6.3e5, 1.3), (1.2e3, 5.0), (-1e4, -2.0), (1e3, 3.0))
 
 
-def ogden(terms: int) -> Law:
+def ogden(name: str, terms: int, volumetric_strain: str = "J - 1") -> Law:
     """Ogden's law of so many terms.
 
     With Ogden's constants the shear modulus is sum mu_p alpha_p / 2. CalculiX and Abaqus write 2 mu_p / alpha_p^2, so
     that theirs are mu_p alpha_p / 2; SOFA's single mu is mu_1 alpha_1.
     """
     parameters = [
-        Parameter(f"{name}{p}", f"{name}{p}", f"{letter}{p}", QUANTITIES[kind], typical)
+        Parameter(f"{constant}{p}", f"{constant}{p}", f"{letter}{p}", QUANTITIES[kind], typical)
         for p, values in enumerate(_TYPICAL[:terms], start=1)
-        for name, letter, kind, typical in (
+        for constant, letter, kind, typical in (
             ("mu", "μ", "coefficient", values[0]),
             ("alpha", "α", "exponent of stretches", values[1]),
         )
@@ -31,14 +31,14 @@ def ogden(terms: int) -> Law:
         for p in range(1, terms + 1)
     ]
     return Law(
-        name=f"ogden-{terms}",
+        name=name,
         parameters=(*parameters, BULK),
         symbols={},
         distortional=" + ".join(own),
-        volumetric_strain="J - 1",
+        volumetric_strain=volumetric_strain,
         bulk="kappa",
         reference="Ogden, Proc. R. Soc. Lond. A 326 (1972) 565",
     )
 
 
-OGDEN = tuple(ogden(terms) for terms in range(1, MOST_TERMS + 1))
+OGDEN = tuple(ogden(f"ogden-{terms}", terms) for terms in range(1, MOST_TERMS + 1))

@@ -130,7 +130,8 @@ def add_volumetric(F: Floats, J: Floats, by_J: Floats, by_JJ: Floats, with_tange
 
 @numba.njit(cache=True, error_model="numpy")
 def principal(F: Floats, squares: Floats, axes: Floats) -> None:
-    """The squares of the principal stretches (3, n) and, in columns, the axes (n, 3, 3) of C at points with F (n, 3, 3).
+    """The squares (3, n) of the principal stretches and, in columns, the axes (n, 3, 3) of C at points with F
+    (n, 3, 3).
 
     The eigenvalue that is furthest from the others by the cubic's formula, its axis from the rows of C less it, and the
     other two from the plane across it (Scherzinger and Dohrmann, Comput. Methods Appl. Mech. Engrg. 197 (2008) 4007).

@@ -164,20 +164,22 @@ def add_body(robot, name, parameters, parts):
 
 def add_solid(node, mesh, body):
     """Mesh, mass and law of a body."""
-    E, nu = body["youngs_modulus"], body["poissons_ratio"]
-    mu, lame = E / (2.0 * (1.0 + nu)), E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+    constants = body.get("constants")
+    if constants is None:
+        E, nu = body["youngs_modulus"], body["poissons_ratio"]
+        # SOFA's second parameter is Lame's lambda, whatever it is called elsewhere.
+        constants = [E / (2.0 * (1.0 + nu)), E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))]
     node.addObject("MeshVTKLoader", name="loader", filename=mesh)
     node.addObject("TetrahedronSetTopologyContainer", name="topology", src="@loader")
     node.addObject("TetrahedronSetGeometryAlgorithms", template="Vec3")
     node.addObject("MechanicalObject", name="dofs", template="Vec3", position="@loader.position")
     node.addObject("MeshMatrixMass", massDensity=body["density"], lumping=False, topology="@topology")
-    # SOFA's second parameter is Lame's lambda, whatever it is called elsewhere.
     node.addObject(
         "TetrahedronHyperelasticityFEMForceField",
         name="law",
         template="Vec3",
-        materialName="NeoHookean",
-        ParameterSet=[mu, lame],
+        materialName=body["material"],
+        ParameterSet=constants,
         topology="@topology",
     )
 

@@ -1,5 +1,5 @@
-"""SOFA's laws that differ from those of other programs: their volumetric part is kappa/2 (ln J)^2, Ogden's has one term,
-and the chains of Arruda and Boyce lock at a stretch of sqrt(8).
+"""SOFA's laws that differ from other programs': their volumetric part is kappa/2 (ln J)^2, Ogden's has one term, and
+the chains of Arruda and Boyce lock at a stretch of sqrt(8).
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import pickle
 import signal
 import threading
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import resource_tracker
 from types import MappingProxyType
@@ -73,30 +73,34 @@ class Evaluator:
                 self._seconds = evaluation.seconds
                 yield proposal, evaluation
             return
-        began = time.perf_counter()
-        # Where there are fewer points than workers, these share the trajectories of each.
-        groups = [
-            range(len(self._problem.trajectories(one.theta))) if len(proposals) < self._workers else (None,)
-            for one in proposals
-        ]
         try:
             # Submitting starts workers; a worker whose parent is interrupted meanwhile receives its input incompletely.
             with interrupts_held(), _born_deaf():
                 pool = self._pool or self._start()
-                futures = [
-                    [pool.submit(_evaluate, dict(proposal.theta), number, self._jacobian) for number in numbers]
-                    for proposal, numbers in zip(proposals, groups, strict=True)
-                ]
-            for proposal, parts in zip(proposals, futures, strict=True):
-                done = [part.result() for part in parts]
-                if not isinstance(whole := done[0], Evaluation):
-                    whole = self._problem.joined(proposal.theta, done, time.perf_counter() - began)
-                yield proposal, whole
+                # Where there are fewer points than workers, these share the trajectories of each.
+                submit = self._submit_shared if len(proposals) < self._workers else self._submit
+                awaited = [submit(pool, dict(proposal.theta)) for proposal in proposals]
+            for proposal, evaluation in zip(proposals, awaited, strict=True):
+                yield proposal, evaluation()
         except BrokenProcessPool as error:
             raise CalibrationError(
                 f"A worker process ended unexpectedly at trial {proposals[0].number} or soon after, perhaps for lack "
                 f"of memory. The trials so far are kept. Try: fewer workers than {self._workers}, and resume."
             ) from error
+
+    def _submit(self, pool: concurrent.futures.Executor, theta: dict[str, float]) -> Callable[[], Evaluation]:
+        return pool.submit(_evaluate, theta, self._jacobian).result
+
+    def _submit_shared(self, pool: concurrent.futures.Executor, theta: dict[str, float]) -> Callable[[], Evaluation]:
+        began = time.perf_counter()
+        numbers = range(len(self._problem.trajectories(theta)))
+        parts = [pool.submit(_part, theta, number, self._jacobian) for number in numbers]
+
+        def joined() -> Evaluation:
+            done = [part.result() for part in parts]
+            return self._problem.joined(theta, done, time.perf_counter() - began)
+
+        return joined
 
     def _start(self) -> concurrent.futures.ProcessPoolExecutor:
         self._stack.enter_context(_threads_per_worker(max(1, (os.cpu_count() or 1) // self._workers)))
@@ -187,9 +191,9 @@ def _end_with_parent() -> NoReturn:
     os._exit(1)
 
 
-def _evaluate(theta: dict[str, float], number: int | None, jacobian: bool) -> Evaluation | Part:
-    """The evaluation at theta, or of it what its trajectory of this number contributes."""
-    problem = _here["problem"]
-    if number is None:
-        return problem.evaluate(theta, jacobian=jacobian)
-    return problem.part(theta, number, jacobian=jacobian)
+def _evaluate(theta: dict[str, float], jacobian: bool) -> Evaluation:
+    return _here["problem"].evaluate(theta, jacobian=jacobian)
+
+
+def _part(theta: dict[str, float], number: int, jacobian: bool) -> Part:
+    return _here["problem"].part(theta, number, jacobian=jacobian)

@@ -370,7 +370,9 @@ def test_derivatives_by_parameters_are_those_of_differences(name):
     case, alone = CASES[name], CASES[name].at()
     names = alone.term.parameters
     at = alone.system.linearise(alone.state, alone.controls, alone.theta)
-    exact = alone.system.gradient_by_parameters(alone.state, at.controls, alone.theta, (*names, "no.parameter"))
+    exact = alone.system.gradient_by_parameters(
+        alone.system.given(alone.state, at.controls, alone.theta), (*names, "no.parameter")
+    )
     assert exact.any()
     assert not exact[:, -1].any()
     for k, parameter in enumerate(names):
@@ -419,7 +421,7 @@ def test_derivatives_by_the_memory_are_those_of_differences(name):
     alone.term.add_by_memory(sums, given, rate)
     into = replace(alone.state, memory=replace(alone.state.memory, by_parameter={"any": rate}))
     at = alone.system.linearise(into, alone.controls, alone.theta)
-    exact = alone.system.gradient_by_parameters(into, at.controls, alone.theta, ("any",))[:, 0]
+    exact = alone.system.gradient_by_parameters(alone.system.given(into, at.controls, alone.theta), ("any",))[:, 0]
     ends = [alone.remembering(s * STEP * rate).gradient() for s in (1, -1)]
     assert max(np.abs(sums.full).max(), np.abs(sums.own).max()) > 0.0
     assert_close(alone.system.layout, exact, (ends[0] - ends[1]) / (2.0 * STEP), 1e-12)
@@ -465,7 +467,11 @@ def test_a_robots_equations_are_the_sum_of_its_terms(robot):
 
     def parts(system: System) -> tuple[Floats, Floats, Floats]:
         at = system.linearise(state, controls, theta)
-        return at.reduced, full_matrix(system, at), system.gradient_by_parameters(state, at.controls, theta, names)
+        return (
+            at.reduced,
+            full_matrix(system, at),
+            system.gradient_by_parameters(system.given(state, at.controls, theta), names),
+        )
 
     whole, each = parts(system), [parts(build_system(layout, (term,))) for term in system.terms]
     for k, found in enumerate(whole):

@@ -94,7 +94,7 @@ class Evaluation:
     errors: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
 
 
-class Part(NamedTuple):
+class Contribution(NamedTuple):
     """What one trajectory contributes to an evaluation.
 
     observations: experiment -> what was predicted for it; failure: as of `Evaluation`.
@@ -182,7 +182,7 @@ class Problem:
         parts = [self.part(theta, number, jacobian=jacobian) for number in groups]
         return self.joined(theta, parts, time.perf_counter() - began)
 
-    def part(self, theta: Mapping[str, float], number: int, *, jacobian: bool) -> Part:
+    def part(self, theta: Mapping[str, float], number: int, *, jacobian: bool) -> Contribution:
         """What the trajectory of this number contributes to the evaluation at theta."""
         group = self.trajectories(theta)[number]
         response = self._simulate(group, jacobian)
@@ -194,9 +194,9 @@ class Problem:
                 names = self.derived if jacobian else ()
                 rig = self._rig(experiment, theta)
                 observations[experiment.name] = observe(experiment, rig, whole, samples, names)
-        return Part(observations, failure, response.n_factorisations)
+        return Contribution(observations, failure, response.n_factorisations)
 
-    def joined(self, theta: Mapping[str, float], parts: Sequence[Part], seconds: float) -> Evaluation:
+    def joined(self, theta: Mapping[str, float], parts: Sequence[Contribution], seconds: float) -> Evaluation:
         """The evaluation at theta of what its trajectories contribute, all of them, which took so long [s]."""
         found = {name: seen for part in parts for name, seen in part.observations.items()}
         # In the order of the experiments, whatever they share.

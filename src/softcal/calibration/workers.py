@@ -20,7 +20,7 @@ from typing import Any, NoReturn
 
 from softcal.calibration.interrupts import interrupts_held
 from softcal.calibration.optimiser import Proposal
-from softcal.calibration.problem import Evaluation, Part, Problem
+from softcal.calibration.problem import Contribution, Evaluation, Problem
 from softcal.errors import CalibrationError, Fault, ParameterError
 from softcal.materials.catalogue import LAWS, register_law
 from softcal.mechanics.elements import ELEMENTS, register_element
@@ -195,5 +195,5 @@ def _evaluate(theta: dict[str, float], jacobian: bool) -> Evaluation:
     return _here["problem"].evaluate(theta, jacobian=jacobian)
 
 
-def _part(theta: dict[str, float], number: int, jacobian: bool) -> Part:
+def _part(theta: dict[str, float], number: int, jacobian: bool) -> Contribution:
     return _here["problem"].part(theta, number, jacobian=jacobian)

@@ -29,7 +29,8 @@ def mixed_derivatives(
 
     def gradient_rate(state: State) -> Floats:
         at = statics.system.linearise(state, controls, statics.theta)
-        fixed = statics.system.gradient_by_parameters(state, at.controls, statics.theta, names, at.known)
+        given = statics.system.given(state, at.controls, statics.theta, at.known)
+        fixed = statics.system.gradient_by_parameters(given, names)
         return fixed + statics.system.tangent_times(at, by_parameter)
 
     before, after = (gradient_rate(state) for state in beside)

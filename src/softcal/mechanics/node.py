@@ -111,7 +111,8 @@ def node_at(
     stable = bool(pushing(statics.system, state).any()) or statics.n_unstable() == 0
     moving = _moving(statics, state, names)
     moved = tuple(names[k] for k in moving)
-    by_theta = statics.system.gradient_by_parameters(state, controls, statics.theta, moved, at.known)
+    given = statics.system.given(state, controls, statics.theta, at.known)
+    by_theta = statics.system.gradient_by_parameters(given, moved)
     dz = -statics.solve(np.column_stack([by_control, by_theta]))
     # The effort of a held actuator is prescribed: its rate is the line's.
     efforts = dz[statics.system.layout.first_effort_unknown :]
@@ -132,7 +133,7 @@ def by_parameters(statics: Statics, state: State, controls: Controls, names: tup
     """
     moving = _moving(statics, state, names)
     moved = tuple(names[k] for k in moving)
-    by_theta = statics.system.gradient_by_parameters(state, controls, statics.theta, moved)
+    by_theta = statics.system.gradient_by_parameters(statics.system.given(state, controls, statics.theta), moved)
     return _at(moving, -statics.solve(by_theta) if moved else by_theta, len(names))
 
 

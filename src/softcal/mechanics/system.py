@@ -167,24 +167,15 @@ class System:
         data = total.data[: self.pattern.nnz]
         return replace(at, data=data, border=self._border(state, total), touch=self._outside(state, total))
 
-    def gradient_by_parameters(
-        self,
-        state: State,
-        controls: Controls,
-        theta: Theta,
-        names: tuple[str, ...],
-        known: Sequence[Any] | None = None,
-    ) -> Floats:
-        """d reduced gradient / d parameter, (n_unknowns, n_names), also by way of the terms' memory; known: as of
-        `given`.
-        """
+    def gradient_by_parameters(self, given: Sequence[Given], names: tuple[str, ...]) -> Floats:
+        """d reduced gradient / d parameter, (n_unknowns, n_names), also through their memory; `given` to each term."""
+        state = given[0].state
         sums = {name: Sum(self.layout) for name in names}
         remembered = {} if state.memory is None else state.memory.by_parameter
-        each = zip(self.terms, self.given(state, controls, theta, known), self._owned, strict=True)
-        for term, given, own in each:
-            term.add_by_parameters(sums, given)
+        for term, own_given, own in zip(self.terms, given, self._owned, strict=True):
+            term.add_by_parameters(sums, own_given)
             for name in remembered.keys() & sums.keys():
-                term.add_by_memory(sums[name], given, remembered[name][own])
+                term.add_by_memory(sums[name], own_given, remembered[name][own])
         out = np.empty((self.layout.n_unknowns, len(names)))
         for k, name in enumerate(names):
             out[:, k] = self._on_unknowns(state, sums[name])

@@ -19,6 +19,7 @@ from softcal.experiments.steps.cycles import find_cycles
 from softcal.project.project import load
 from softcal.report.all_tables import all_tables
 from softcal.report.conclusions import conclusions
+from softcal.report.figures.record import record as record_figure
 from softcal.report.html import render_page
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
@@ -166,9 +167,25 @@ def test_the_whole_record_is_what_no_sample_was_taken_from(tmp_path: Path, steps
     assert (None if record.cycle is None else len(np.unique(record.cycle[record.cycle >= 0]))) == n_cycles
 
 
-def test_there_is_no_whole_record_where_every_sample_is_compared(tmp_path: Path) -> None:
-    project = load(write_project(tmp_path, data=table()))
+@pytest.mark.parametrize("steps", [(), (with_steps("find_cycles"),)])
+def test_there_is_no_whole_record_where_every_sample_is_compared(tmp_path: Path, steps) -> None:
+    project = load(write_project(tmp_path, *steps, data=table()))
     assert whole_record(project, "pull") is None
+
+
+def test_only_an_elastic_twin_is_said_to_leave_the_loop(tmp_path: Path) -> None:
+    """Pulleys that reverse have a loop; the caption of the figure knows."""
+    robot, data = bar_robot(), dataset(cycles(loop=0.0))
+    for memory in (False, True):
+        pulleys = Pulleys(wrap=np.pi, friction_coefficient=0.0, friction_memory=memory)
+        one = experiment(data, rig=Rig(slack=SLACK, pulleys=pulleys))
+        found = record_fit(robot, one, one.rig_values(), data)
+        assert found.remembers is memory
+        given = example_content()
+        name = next(iter(given.headline_result.experiments))
+        shown = replace(given, records={given.headline: {name: found}})
+        (drawing,) = record_figure(shown)
+        assert ("It is elastic" in drawing.caption) is not memory
 
 
 def test_a_calibration_of_a_branch_is_compared_with_the_record(tmp_path: Path) -> None:

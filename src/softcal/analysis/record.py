@@ -1,7 +1,7 @@
 """Errors of the calibrated twin over a whole record, loading and unloading, as in paper A (Fig. 6, Table II).
 
 The fit uses selected samples: a branch, some cycles, a window. Here the twin is driven by every sample of the
-corrected record. The twin is elastic: hysteresis and changes from cycle to cycle remain as error.
+corrected record. Where it is elastic, hysteresis and changes from cycle to cycle remain as error.
 """
 
 from __future__ import annotations
@@ -41,6 +41,8 @@ class RecordFit:
         Stride: 1 if every sample was compared; k if only every k-th, as with several driven cables.
     failure
         Why there is no fit, or "".
+    remembers
+        Whether the twin does, its material, its cables or their pulleys; else it is elastic, and has no loops.
     """
 
     fit: ExperimentFit | None
@@ -48,6 +50,7 @@ class RecordFit:
     drives: tuple[str, ...]
     every: int = 1
     failure: str = ""
+    remembers: bool = False
 
 
 def record_fit(robot: Robot, experiment: Experiment, rig: Mapping[str, float], record: Dataset) -> RecordFit:
@@ -83,6 +86,7 @@ def record_fit(robot: Robot, experiment: Experiment, rig: Mapping[str, float], r
     response = simulate(robot, protocol)
     if not response.succeeded:
         return RecordFit(None, compared, experiment.drives, every, response.status)
-    return RecordFit(
-        experiment_fit(whole, observe(whole, rig, response, slice(None))), compared, experiment.drives, every
-    )
+    pulleys = experiment.rig.pulleys
+    remembers = robot.remembers or (pulleys is not None and pulleys.friction_memory)
+    fit = experiment_fit(whole, observe(whole, rig, response, slice(None)))
+    return RecordFit(fit, compared, experiment.drives, every, remembers=remembers)

@@ -24,7 +24,7 @@ def whole_record(project: Project, name: str) -> Dataset | None:
     Returns
     -------
     Dataset or None
-        With ascending `time` [s]; None if the experiment has no such record.
+        With ascending `time` [s]; None if the experiment has no such record, or every sample of it is compared.
 
     Raises
     ------
@@ -33,6 +33,8 @@ def whole_record(project: Project, name: str) -> Dataset | None:
     """
     samples, record = project.experiments[name].dataset, project.corrected[name]
     if record is None or not ascends(record):
+        return None
+    if TIME in samples.channels and np.array_equal(samples.values(TIME), record.values(TIME)):
         return None
     later = [step.name for step in samples.provenance[len(record.provenance) :] if step.name in CORRECTIONS]
     if later:

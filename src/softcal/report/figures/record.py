@@ -26,9 +26,10 @@ def record(content: ReportContent) -> Iterator[Drawing]:
             driven = replace(content.experiments[name], prepared=found.record, drive="time")
             caption = (
                 f"{name}: the whole record and the twin ({result_label(label)}), driven by {joined(found.drives)} as "
-                "measured. The twin was fitted to part of these samples, or to averages of them. It is elastic: the "
-                "hysteresis loop remains in the residual."
+                "measured. The twin was fitted to part of these samples, or to averages of them."
             )
+            if not found.remembers:
+                caption += " It is elastic: the hysteresis loop remains in the residual."
             if any(step.name == PULLEY_STEP for step in found.record.provenance) and "tension" in found.fit.measured:
                 caption += " Pulley friction is subtracted from every sample as on the fitted branch."
             if found.every > 1:

@@ -11,7 +11,7 @@ from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.node import Line, Node, node_at, pushing
-from softcal.mechanics.snap_through import is_nearly_free, is_no_snap, settled, snapped
+from softcal.mechanics.snap_through import is_nearly_free, is_no_snap, settled, snapped, why_unlike
 from softcal.mechanics.state import State, difference, distance, moved
 from softcal.mechanics.statics import Statics
 
@@ -138,6 +138,8 @@ class _Continuation:
             return why
         if sum(node.is_snapped for node in self.nodes) == MOST_SNAPS:
             return f"it buckles or snaps more than {MOST_SNAPS} times"
+        if unlike := why_unlike(self.statics, self.last.state):
+            return unlike
         # Not from the unstable equilibrium nearest to the bifurcation: the first steps of a branch converge badly.
         begin = self.unstable or unstable
         c, state = (begin.c, begin.state) if begin else (attempt.c, self.last.state)

@@ -44,6 +44,7 @@ from softcal.mechanics.state import State
 from softcal.mechanics.term import Connectivity, Given, Sum, Term, Theta, part_theta
 
 LARGEST_TURN = 0.9 * np.pi  # [rad] between two neighbouring nodes
+NEAR = 0.9  # of the stretch that an element bears
 
 
 class RodForces(NamedTuple):
@@ -165,6 +166,22 @@ class RodTerm(Term):
         self.blocks.add_gradient(sizes.stiffness, np.einsum("nii->ni", tangent))
         frames = np.unique(self.frames)
         sizes.frames.append(frames[frames < sizes.layout.n_moving_frames])
+
+    def why_unlike(self, state: State) -> str:
+        """Where the tension is near that at which the sections of an element turn by themselves: N l^2 = 12 EI of a
+        straight one, whose residual bending then gives way as a soft shear would.
+        """
+        flexibility = np.einsum("nii->ni", self.by_bending + 4.0 / 3.0 * self.by_shear)
+        stretch = self.strains(state.position, state.rotation)[:, 2]
+        bears = flexibility[:, 2] / flexibility[:, :2].max(axis=1)
+        at = int(np.argmax(stretch / bears))
+        if stretch[at] < NEAR * bears[at]:
+            return ""
+        return (
+            f"rod {self.name} is stretched by {100.0 * stretch[at]:.3g} %, and one of its elements bears about "
+            f"{100.0 * bears[at]:.3g} %: it is too long for its tension, under which it then bends as no rod does; "
+            "elements half as long bear four times as much"
+        )
 
     def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
         """Stiffness times 1 + r_s / h, about a strain between that at rest and that at the step's start; where the

@@ -19,9 +19,11 @@ def stable_node_at(statics: Statics, line: Line, c: float, state: State, names: 
     Raises
     ------
     SimulationError
-        Where the tangent is singular, or the robot reaches no other equilibrium.
+        Where the tangent is singular, the robot reaches no other equilibrium, or no robot would lose its stability.
     """
     node = node_at(statics, line, c, state, names, mixed=False)
+    if not node.is_stable and (why := why_unlike(statics, state)):
+        raise SimulationError(why)
     return node if node.is_stable else snapped(statics, line, c, state, names)
 
 
@@ -59,6 +61,13 @@ def is_no_snap(statics: Statics, before: State, guess: State, found: State) -> b
     layout = statics.system.layout
     ahead, way = (statics.reach(difference(layout, state, before)) for state in (guess, found))
     return way <= NO_SNAP * statics.length + 2.0 * ahead
+
+
+def why_unlike(statics: Statics, state: State) -> str:
+    """Why a loss of stability at a state is the discrete model's alone, as part of a sentence; "" where it may be the
+    robot's.
+    """
+    return next(filter(None, (term.why_unlike(state) for term in statics.system.terms)), "")
 
 
 def snapped(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:

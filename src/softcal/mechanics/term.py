@@ -251,6 +251,12 @@ class Term(ABC):
         """Remark on a solution for the user, as a sentence with a blank before it; "" where there is none."""
         return ""
 
+    def why_unlike(self, state: State) -> str:
+        """Why a loss of stability at a state is the discrete model's alone and no robot's, as part of a sentence; ""
+        where it may be the robot's.
+        """
+        return ""
+
     def free_way(self, x: Floats, to: Floats) -> float:
         """Fraction of the straight line between positions (n_points, 3) that the term admits; one where it admits all
         of it.

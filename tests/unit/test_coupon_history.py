@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from coupon_case import write_coupon
+from mechanics_cases import body_theta, held, irregular_box, placed
 from project_case import write_project
 from ruamel.yaml import YAML
 from typer.testing import CliRunner
@@ -19,8 +21,11 @@ from softcal.coupons.free_constants import free_constants
 from softcal.coupons.held_out import folds
 from softcal.coupons.history_response import response_of
 from softcal.materials.catalogue import LAWS
+from softcal.materials.histories import history_of
 from softcal.project.material_block import material_block
 from softcal.project.project import load
+from softcal.twin.build import build_twin
+from softcal.twin.robot import Body, Robot
 
 # Up, a hold, down and up again beyond.
 TIMES = np.array([0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 9.0, 9.5, 10.0, 10.5, 11.5, 12.5, 13.0])
@@ -75,6 +80,27 @@ def test_constants_of_a_history_are_found_from_two_rates(parts: tuple[str, ...])
     true = {**HISTORY, "youngs_modulus": 6e5}
     for name in one.fit.estimates:
         assert one.fit.theta[name] == pytest.approx(true[name], rel=1e-3), name
+
+
+@pytest.mark.parametrize("element", ["P1", "P2P1"])
+def test_a_block_of_elements_has_the_stresses_of_the_coupon(element: str):
+    """Simple shear: the force by the work of F12, of a body with that law and history in a robot."""
+    parts = ("softening", "maxwell-1", "flow")
+    coupon = pulled("one", "shear", parts)
+    mesh = irregular_box((0.02, 0.03, 0.025), (2, 2, 2), element)
+    names = [p.name for p in (*LAWS["yeoh"].parameters, *history_of(parts).parameters)]
+    own = {name: {**LAW, **HISTORY, "bulk_modulus": 1e8}[name] for name in names}
+    body = Body("body", mesh, np.array([0]), own, "yeoh", element, history=parts)
+    system = build_twin(Robot((body,))).system
+    state, stress, theta = placed(system, mesh.points), list[float](), {**body_theta(own), "body.density": 0.0}
+    for gamma, dt in zip(coupon.strain[:, 0], np.diff(TIMES, prepend=0.0), strict=True):
+        F = np.eye(3)
+        F[0, 1] = gamma
+        at, controls = replace(placed(system, mesh.points @ F.T), memory=state.memory), replace(held(), elapsed=dt)
+        force = system.linearise(at, controls, theta, tangent=False).full[: mesh.points.size]
+        stress.append(float(force.reshape(-1, 3)[:, 0] @ mesh.points[:, 1]) / (0.02 * 0.03 * 0.025))
+        state = system.advanced(at, controls, theta)
+    np.testing.assert_allclose(stress, coupon.stress[:, 0], rtol=1e-8)
 
 
 def test_a_way_is_kept_where_stresses_are_held_out():

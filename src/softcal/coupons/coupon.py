@@ -68,6 +68,13 @@ class Coupon:
         """Its rows in the order of their strains."""
         return self.rows(np.lexsort(self.strain.T[::-1]))
 
+    def coarser(self, most: int) -> Coupon:
+        """Its way by rows at even distances, at most so many and the last one."""
+        n = len(self.strain)
+        kept = np.unique(np.append(np.arange(0, n, -(-n // most)), n - 1))
+        time = None if self.time is None else self.time[kept]
+        return replace(self, strain=self.strain[kept], stress=self.stress[kept], time=time)
+
     def measured_at(self, kept: np.ndarray) -> Coupon:
         """The same way, with the stresses of some of its rows."""
         return replace(self, stress=np.where(kept[:, None], self.stress, np.nan))

@@ -1,8 +1,8 @@
 """The search for the constants of a law and its history, by least squares from several starts.
 
-A search begins with the law that is nearest to all rows without a history, softer where the history adds stress, and
-with times spread over the length of the tests. It is in the unit box of the bounds, where the positive constants are
-searched by their logarithms.
+A search begins with the law that is nearest to all rows without a history, softer where the history adds stress, or
+with the law's typical constants at that modulus, and with times spread over the length of the tests. It is in the unit
+box of the bounds, where the positive constants are searched by their logarithms.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.coupons.problem import CouponProblem
+from softcal.coupons.problem import CouponProblem, apparent_modulus
 from softcal.coupons.search import FURTHER_STARTS, fitted_values, least_squares
 from softcal.coupons.search import STARTS as STARTS_OF_LAW
 from softcal.errors import CalibrationError
@@ -20,6 +20,7 @@ from softcal.materials.parameter import Parameter
 
 STARTS = 4
 """Number of starts."""
+_ROWS = 120  # of a test, at most, in the searches from the starts
 _MARGIN = 1e-9  # of a start to the bounds
 _SHARE = 0.5  # of the stiffness that the law keeps at the start
 _SPREAD = 0.7  # of the starts, of the logarithms of the constants of the history
@@ -47,14 +48,22 @@ def fitted_with_history(problem: CouponProblem, start: Floats | None = None, sta
     CalibrationError
         Where the material has no stress at any start.
     """
-    searched = _Searched(problem)
+    searched, coarse = _Searched(problem), _Searched(_coarser(problem))
     candidates = [] if start is None else [start]
     candidates += _drawn(problem, starts - len(candidates))
-    ends: list[Any] = [end for values in candidates if (end := searched.end(values, ftol=1e-5, max_nfev=40))]
-    if not ends:
+    ends: list[Any] = [end for values in candidates if (end := coarse.end(values, ftol=1e-5, xtol=None, max_nfev=40))]
+    found: Any = None
+    if ends:
+        best = min(ends, key=lambda end: end.cost)
+        found = searched.end(coarse.values(best.x), ftol=1e-10, xtol=1e-10, max_nfev=200)
+    if found is None:
         raise CalibrationError(f"{problem.law.name}: there is no stress at the measured strains.")
-    best = min(ends, key=lambda end: end.cost)
-    return searched.values(searched.end(searched.values(best.x), ftol=1e-12, xtol=1e-12, max_nfev=200).x)
+    return searched.values(found.x)
+
+
+def _coarser(problem: CouponProblem) -> CouponProblem:
+    """With fewer rows, where a way has many: the time of a search is that of its rows."""
+    return CouponProblem(problem.constants, [one.coarser(_ROWS) for one in problem.coupons], problem.loss)
 
 
 class _Searched:
@@ -88,13 +97,17 @@ def _drawn(problem: CouponProblem, n: int) -> list[Floats]:
         return []
     law = problem.constants.elastic
     elastic = fitted_values(CouponProblem(law, problem.coupons, problem.loss), starts=FURTHER_STARTS)
+    typical = np.array([p.typical for p in law.fitted])
+    is_stress = np.array([p.quantity.unit == "Pa" for p in law.fitted])
+    typical[is_stress] *= apparent_modulus(problem.coupons) / law.law.shear_modulus(law.theta(typical))
     stress = max(problem.loss.scales.values())
     rng, found = np.random.default_rng(1), list[Floats]()
     parameters = problem.constants.history.parameters
-    softer = np.array([_SHARE if p.quantity.unit == "Pa" else 1.0 for p in law.fitted])
+    softer = np.where(is_stress, _SHARE, 1.0)
     for k in range(n):
         spread = np.exp(_SPREAD * rng.normal(size=len(parameters))) if k else np.ones(len(parameters))
-        found.append(np.concatenate([softer * elastic, _typical(problem, parameters, stress) * spread]))
+        of_law = softer * (typical if k % 2 else elastic)
+        found.append(np.concatenate([of_law, _typical(problem, parameters, stress) * spread]))
     return found
 
 

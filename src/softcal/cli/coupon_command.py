@@ -15,7 +15,7 @@ from softcal.errors import Fault, ParameterError
 
 if TYPE_CHECKING:
     from softcal.coupons.coupon import Coupon
-    from softcal.coupons.fitted_material import Prediction
+    from softcal.coupons.fitted_material import PredictedCoupon
 
 
 MOST_REACH = 100.0
@@ -188,7 +188,7 @@ def _predict(further: Sequence[Coupon], stored: Path, law: str | None, out: Path
 
     material = read_material(stored, law)
     require_times(further, material.constants.history)
-    predicted: list[Prediction] = [material.predict(one) for one in further]
+    predicted: list[PredictedCoupon] = [material.predict(one) for one in further]
     name = material.constants.law.name
     print_table(tests_table(name, [], predicted))
     if out is not None:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from softcal.coupons.comparison import ComparedLaw, LawComparison
-    from softcal.coupons.fitted_material import Prediction
+    from softcal.coupons.fitted_material import PredictedCoupon
 
 
 def laws_table(found: LawComparison) -> Table:
@@ -53,7 +53,7 @@ def constants_table(one: ComparedLaw) -> Table:
     return table
 
 
-def tests_table(law: str, fitted: Sequence[Prediction], predicted: Sequence[Prediction]) -> Table:
+def tests_table(law: str, fitted: Sequence[PredictedCoupon], predicted: Sequence[PredictedCoupon]) -> Table:
     """A line for each test: errors of the law, also after the factor that would fit this specimen best."""
     from rich.table import Table
 

@@ -21,7 +21,7 @@ from softcal.coupons.history_response import response_of
 
 
 @dataclass(frozen=True)
-class Prediction:
+class PredictedCoupon:
     """What a material predicts of a test.
 
     Attributes
@@ -109,16 +109,16 @@ class FittedMaterial:
     dof: float
     noise: Mapping[str, float]
 
-    def predict(self, coupon: Coupon) -> Prediction:
+    def predict(self, coupon: Coupon) -> PredictedCoupon:
         """The stresses along the strains and times of a test."""
         response = response_of(self.constants, coupon)
         stress = response.stress(self.values)
         if self.covariance is None:
-            return Prediction(coupon, stress, np.full_like(stress, np.nan))
+            return PredictedCoupon(coupon, stress, np.full_like(stress, np.nan))
         slopes = response.by_constants(self.values)
         variance = np.einsum("nki,ij,nkj->nk", slopes, self.covariance, slopes)
         variance += np.square(slopes * self.spread).sum(axis=-1) + self.noise.get(coupon.test, 0.0) ** 2
-        return Prediction(coupon, stress, float(student(np.array([self.dof]))[0]) * np.sqrt(variance))
+        return PredictedCoupon(coupon, stress, float(student(np.array([self.dof]))[0]) * np.sqrt(variance))
 
 
 def fitted_material(

@@ -13,7 +13,7 @@ from softcal.calibration.result import Estimate
 from softcal.calibration.sensitivity import Statistics, local_estimator, local_statistics
 from softcal.checks import Floats
 from softcal.coupons.coupon import Coupon
-from softcal.coupons.fitted_material import FittedMaterial, Prediction, fitted_material
+from softcal.coupons.fitted_material import FittedMaterial, PredictedCoupon, fitted_material
 from softcal.coupons.free_constants import FreeConstants
 from softcal.coupons.history_search import best_values
 from softcal.coupons.problem import CouponLoss, CouponProblem, coupon_loss
@@ -68,7 +68,7 @@ class LawFit:
         """The law."""
         return self.constants.law
 
-    def tests(self, coupons: Sequence[Coupon]) -> list[Prediction]:
+    def tests(self, coupons: Sequence[Coupon]) -> list[PredictedCoupon]:
         """What it says of tests, with bands."""
         return [self.material.predict(coupon) for coupon in coupons]
 

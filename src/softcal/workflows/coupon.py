@@ -13,7 +13,7 @@ from softcal.calibration.outcome import installed_versions
 from softcal.calibration.store import write_text
 from softcal.coupons.comparison import ComparedLaw, LawComparison, require_apart
 from softcal.coupons.coupon import Coupon
-from softcal.coupons.fitted_material import Prediction
+from softcal.coupons.fitted_material import PredictedCoupon
 from softcal.coupons.plausibility import require_signs
 from softcal.coupons.reading import read_coupons
 from softcal.csv_text import csv_text
@@ -69,7 +69,7 @@ def all_coupons(
     return found
 
 
-def write_predictions(predicted: Sequence[Prediction], name: str, folder: Path) -> None:
+def write_predictions(predicted: Sequence[PredictedCoupon], name: str, folder: Path) -> None:
     """Write predictions into a new folder: `predictions.json`, a table and a chart. name: of the law.
 
     Raises
@@ -83,17 +83,17 @@ def write_predictions(predicted: Sequence[Prediction], name: str, folder: Path) 
         write_text(part / "predictions.json", json.dumps(record, indent=2, allow_nan=False) + "\n")
 
 
-def _add_predictions(predicted: Sequence[Prediction], name: str, folder: Path) -> None:
+def _add_predictions(predicted: Sequence[PredictedCoupon], name: str, folder: Path) -> None:
     write_text(folder / PREDICTIONS, predictions_csv(predicted))
     _draw({name: predicted}, folder / "predictions")
 
 
-def _draw(laws: Mapping[str, Sequence[Prediction]], stem: Path) -> None:
+def _draw(laws: Mapping[str, Sequence[PredictedCoupon]], stem: Path) -> None:
     for ending, content in zip((".png", ".svg"), encode(draw_coupons(laws)), strict=True):
         stem.with_name(stem.name + ending).write_bytes(content)
 
 
-def write_comparison(found: LawComparison, body: str, folder: Path, predicted: Sequence[Prediction] = ()) -> None:
+def write_comparison(found: LawComparison, body: str, folder: Path, predicted: Sequence[PredictedCoupon] = ()) -> None:
     """Write a comparison into a new folder: `coupon.json`, tables, a chart of the three best laws and of each law with
     its band, and for the recommended law the block of a project file (`material.yaml`); and what the law that is shown
     predicts of further tests.
@@ -163,7 +163,7 @@ def stresses_csv(found: LawComparison) -> str:
     return csv_text([*header, *(f"{one.name} [Pa]" for one in found.laws)], rows)
 
 
-def predictions_csv(predicted: Sequence[Prediction]) -> str:
+def predictions_csv(predicted: Sequence[PredictedCoupon]) -> str:
     """A row for each stress of each predicted test, with its 95 % band [SI]."""
     rows: list[list[object]] = []
     for one in predicted:
@@ -180,7 +180,7 @@ def predictions_csv(predicted: Sequence[Prediction]) -> str:
     return csv_text([*header, "measured [Pa]", "predicted [Pa]", "lower [Pa]", "upper [Pa]"], rows)
 
 
-def comparison_json(found: LawComparison, predicted: Sequence[Prediction] = ()) -> dict[str, Any]:
+def comparison_json(found: LawComparison, predicted: Sequence[PredictedCoupon] = ()) -> dict[str, Any]:
     """The comparison as a record, all in SI."""
     chosen = found.recommended
     return {

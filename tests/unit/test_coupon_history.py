@@ -144,6 +144,7 @@ ROWS = {"time [s]": TIMES, "amount_of_shear": STRAIN, "shear_stress [kPa]": 100.
         ({**ROWS, "time [s]": TIMES - 1.0}, "", "times from 0 on, at which the specimen is at rest"),
         ({k: v for k, v in ROWS.items() if "time" not in k}, "--history maxwell-1", "needs the times of the rows"),
         ({**ROWS, "time [mm]": TIMES} | {"time [s]": TIMES}, "", "2 columns have the name 'time'"),
+        ({**ROWS, "amount_of_shear": 0.0 * STRAIN}, "", "the coupon is never strained"),
         (ROWS, "--history maxwel-2", "there is no such part of a history"),
         (ROWS, "--history maxwell-1 --history maxwell-2", "a history has one such part"),
     ],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -108,6 +109,8 @@ def test_the_deviation_is_as_it_is_defined():
     assert one.nmad_by_factor == pytest.approx((abs(16 / 13 - 1) + abs(24 / 13 - 2)) / 2 / (20 / 13))
     assert one.error == pytest.approx(math.sqrt(2.0 / 5.0))
     assert one.inside == 1.0
+    nothing = replace(coupon, stress=0.0 * coupon.stress)
+    assert math.isinf(Prediction(nothing, np.zeros((3, 1)), np.full((3, 1), 1.5)).factor)
 
 
 def test_the_band_of_a_law_alone_is_that_of_the_calibration():

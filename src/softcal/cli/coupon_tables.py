@@ -57,14 +57,13 @@ def tests_table(law: str, fitted: Sequence[PredictedCoupon], predicted: Sequence
     """A line for each test: errors of the law, also after the factor that would fit this specimen best."""
     from rich.table import Table
 
-    factor = "of the stresses, that would fit best"
     table = Table(
         f"tests by {law}",
         "",
         "error",
         "NMAD",
         "in the band",
-        f"factor {factor}",
+        "factor of the stresses, that would fit best",
         "NMAD by it",
         caption="NMAD: mean |predicted - measured| over the larger of mean |measured| and mean |predicted|",
     )
@@ -72,11 +71,15 @@ def tests_table(law: str, fitted: Sequence[PredictedCoupon], predicted: Sequence
         for one in tests:
             cells = ["no stresses measured", "", "", "", ""]
             if one.is_measured:
-                inside = f"{100 * one.inside:.0f} %" if math.isfinite(one.inside) else "none"
-                cells = [f"{100 * one.error:.1f} %", f"{100 * one.nmad:.2f} %", inside]
-                cells += [plain(one.factor, 3), f"{100 * one.nmad_by_factor:.2f} %"]
+                factor = plain(one.factor, 3) if math.isfinite(one.factor) else "none"
+                cells = [_percent(one.error, 1), _percent(one.nmad, 2), _percent(one.inside, 0), factor]
+                cells.append(_percent(one.nmad_by_factor, 2))
             table.add_row(one.coupon.name, used, *cells)
     return table
+
+
+def _percent(share: float, digits: int) -> str:
+    return f"{100 * share:.{digits}f} %" if math.isfinite(share) else "none"
 
 
 def verdict(found: LawComparison) -> str:

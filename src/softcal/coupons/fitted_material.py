@@ -47,7 +47,7 @@ class PredictedCoupon:
     def error(self) -> float:
         """Root-mean-square error over the root mean square of the measured stresses [-]."""
         predicted, measured = self._pairs
-        return math.sqrt(float(np.square(predicted - measured).sum() / np.square(measured).sum()))
+        return math.sqrt(_over(np.square(predicted - measured).sum(), np.square(measured).sum()))
 
     @property
     def nmad(self) -> float:
@@ -58,13 +58,14 @@ class PredictedCoupon:
     def factor(self) -> float:
         """The factor of the predicted stresses that would fit best: of a specimen whose size or stiffness differs."""
         predicted, measured = self._pairs
-        return float(predicted @ measured / (predicted @ predicted))
+        return _over(predicted @ measured, predicted @ predicted)
 
     @property
     def nmad_by_factor(self) -> float:
         """The same deviation with that factor [-]."""
         predicted, measured = self._pairs
-        return _nmad(self.factor * predicted, measured)
+        with np.errstate(invalid="ignore"):
+            return _nmad(self.factor * predicted, measured)
 
     @property
     def inside(self) -> float:
@@ -79,7 +80,12 @@ class PredictedCoupon:
 
 def _nmad(predicted: Floats, measured: Floats) -> float:
     size = max(float(np.abs(measured).mean()), float(np.abs(predicted).mean()))
-    return float(np.abs(predicted - measured).mean()) / size
+    return _over(np.abs(predicted - measured).mean(), size)
+
+
+def _over(part: float, whole: float) -> float:
+    """A ratio, infinite where there is nothing to compare with."""
+    return float(part) / float(whole) if whole else math.inf
 
 
 @dataclass(frozen=True)

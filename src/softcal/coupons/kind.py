@@ -67,6 +67,11 @@ class CouponKind:
     smallest: float | None = 0.0
 
     @property
+    def at_rest(self) -> float:
+        """The strain at rest [-]: of a stretch one."""
+        return 1.0 if self.smallest is not None else 0.0
+
+    @property
     def components(self) -> tuple[str, ...]:
         """What a stress of each axis is called."""
         return tuple(f"stress{axis}" for axis in self.axes)

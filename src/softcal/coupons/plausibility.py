@@ -28,7 +28,7 @@ def require_signs(coupons: Sequence[Coupon]) -> None:
     """
     faults: list[Fault] = []
     for coupon in coupons:
-        rest = 0.0 if coupon.test == "shear" else 1.0
+        rest = coupon.kind.at_rest
         work = ((coupon.strain - rest) * np.nan_to_num(coupon.stress)).sum(axis=1)
         for side, what in ((1.0, "extension"), (-1.0, "compression")):
             own = side * (coupon.strain[:, 0] - rest) > 0.0

@@ -115,6 +115,8 @@ def read_coupons(path: str | Path, test: str, *, needs_stress: bool = True) -> l
     stress = np.full_like(strain, np.nan)
     for i, (c, v) in enumerate(zip(columns[k:], values[k:], strict=True)):
         stress[:, i] = kind.stresses[c.measure](v, strain[:, i])
+    if np.all(strain == kind.at_rest):
+        raise DatasetError(Fault("the coupon is never strained", str(path), attempt="the column of its strain"))
     if has_stress and not stress.any():
         raise DatasetError(
             Fault("every stress is zero", str(path), attempt="the column of the stress that was measured")

@@ -37,8 +37,9 @@ def prediction_json(one: Prediction) -> dict[str, Any]:
     """A predicted test, without its rows."""
     found: dict[str, Any] = {"specimen": one.coupon.name, "test": one.coupon.test, "rows": len(one.coupon.strain)}
     if one.is_measured:
-        found |= {"error": one.error, "nmad": one.nmad, "factor": one.factor, "nmad_by_factor": one.nmad_by_factor}
-        found["inside_band"] = one.inside if math.isfinite(one.inside) else None
+        numbers = {"error": one.error, "nmad": one.nmad, "factor": one.factor, "nmad_by_factor": one.nmad_by_factor}
+        numbers["inside_band"] = one.inside
+        found |= {name: number if math.isfinite(number) else None for name, number in numbers.items()}
     return found
 
 

@@ -58,7 +58,7 @@ class PredictedCoupon:
     def factor(self) -> float:
         """The factor of the predicted stresses that would fit best: of a specimen whose size or stiffness differs."""
         predicted, measured = self._pairs
-        return _over(predicted @ measured, predicted @ predicted)
+        return _over(float(predicted @ measured), float(predicted @ predicted))
 
     @property
     def nmad_by_factor(self) -> float:

@@ -17,7 +17,7 @@ from softcal.checks import Floats
 from softcal.cli import app
 from softcal.coupons.comparison import compare_laws
 from softcal.coupons.coupon import Coupon
-from softcal.coupons.fitted_material import Prediction
+from softcal.coupons.fitted_material import PredictedCoupon
 from softcal.coupons.free_constants import free_constants
 from softcal.coupons.history_response import response_of
 from softcal.materials.catalogue import LAWS
@@ -103,7 +103,7 @@ def test_a_stored_fit_predicts_the_same_without_a_fit(fitted: tuple[Path, str], 
 def test_the_deviation_is_as_it_is_defined():
     time, strain = np.arange(1.0, 4.0), np.ones((3, 1))
     coupon = Coupon("x", "shear", strain, np.array([[1.0], [-2.0], [np.nan]]), time)
-    one = Prediction(coupon, np.array([[2.0], [-3.0], [9.0]]), np.full((3, 1), 1.5))
+    one = PredictedCoupon(coupon, np.array([[2.0], [-3.0], [9.0]]), np.full((3, 1), 1.5))
     assert one.nmad == pytest.approx(1.0 / 2.5)
     assert one.factor == pytest.approx(8.0 / 13.0)
     assert one.nmad_by_factor == pytest.approx((abs(16 / 13 - 1) + abs(24 / 13 - 2)) / 2 / (20 / 13))

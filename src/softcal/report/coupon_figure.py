@@ -10,7 +10,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.coupons.coupon import Coupon
-from softcal.coupons.fitted_material import Prediction
+from softcal.coupons.fitted_material import PredictedCoupon
 from softcal.coupons.kind import KINDS
 from softcal.report.format import Scale, scale_of
 from softcal.report.style import MEASURED, SERIES, house_style, new_figure
@@ -25,7 +25,7 @@ _BAND = "95 % band"
 _MARKS = 60  # of a test along its way
 
 
-def draw_coupons(laws: Mapping[str, Sequence[Prediction]]) -> Figure:
+def draw_coupons(laws: Mapping[str, Sequence[PredictedCoupon]]) -> Figure:
     """A column for each stress of each kind of test, over the strain, and below it over the time where one is known.
 
     laws: name -> what it says of the tests, which are the same for each. Points are measured, curves are the laws'; of
@@ -66,7 +66,7 @@ def draw_coupons(laws: Mapping[str, Sequence[Prediction]]) -> Figure:
         return figure
 
 
-def _draw(axes: Axes, laws: Mapping[str, Sequence[Prediction]], k: int, scale: Scale, *, in_time: bool) -> None:
+def _draw(axes: Axes, laws: Mapping[str, Sequence[PredictedCoupon]], k: int, scale: Scale, *, in_time: bool) -> None:
     """The tests of a kind in one panel; k: which stress. Of one law in several tests in time each has its colour."""
     tests = [one.coupon for one in next(iter(laws.values()))]
     alone, by_test = len(laws) == 1, len(laws) == 1 and len(tests) > 1 and all(c.time is not None for c in tests)
@@ -87,7 +87,7 @@ def _draw(axes: Axes, laws: Mapping[str, Sequence[Prediction]], k: int, scale: S
 
 
 def _draw_law(
-    axes: Axes, one: Prediction, k: int, colour: str, label: str, factor: float, *, in_time: bool, band: bool
+    axes: Axes, one: PredictedCoupon, k: int, colour: str, label: str, factor: float, *, in_time: bool, band: bool
 ) -> None:
     across, stress, half = _across(one.coupon, in_time=in_time), one.stress[:, k] / factor, one.half[:, k] / factor
     # A line for each value of the first of two stretches.

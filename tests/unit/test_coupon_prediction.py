@@ -110,7 +110,7 @@ def test_the_deviation_is_as_it_is_defined():
     assert one.error == pytest.approx(math.sqrt(2.0 / 5.0))
     assert one.inside == 1.0
     nothing = replace(coupon, stress=0.0 * coupon.stress)
-    assert math.isinf(Prediction(nothing, np.zeros((3, 1)), np.full((3, 1), 1.5)).factor)
+    assert math.isinf(PredictedCoupon(nothing, np.zeros((3, 1)), np.full((3, 1), 1.5)).factor)
 
 
 def test_the_band_of_a_law_alone_is_that_of_the_calibration():

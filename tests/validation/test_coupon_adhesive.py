@@ -10,7 +10,7 @@ import pytest
 
 from softcal.coupons.comparison import ComparedLaw, compare_laws
 from softcal.coupons.coupon import Coupon
-from softcal.coupons.fitted_material import FittedMaterial, Prediction
+from softcal.coupons.fitted_material import FittedMaterial, PredictedCoupon
 from softcal.coupons.free_constants import free_constants
 from softcal.coupons.reading import read_coupons
 from softcal.materials.catalogue import LAWS
@@ -49,7 +49,7 @@ def fitted(tests: dict[str, Coupon], rates: list[str], law: str, history: str) -
     return compare_laws([tests[rate] for rate in rates], [law], history=[history]).laws[0]
 
 
-def prediction_cells(one: Prediction) -> list[str]:
+def prediction_cells(one: PredictedCoupon) -> list[str]:
     cells = [f"{100 * one.nmad:.2f} %", plain(one.factor, 3), f"{100 * one.nmad_by_factor:.2f} %"]
     return [*cells, f"{100 * one.inside:.0f} %"]
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from softcal.coupons.fitted_material import FittedMaterial, Prediction
+from softcal.coupons.fitted_material import FittedMaterial, PredictedCoupon
 from softcal.coupons.free_constants import free_constants
 from softcal.errors import Fault, InputError, ParameterError, StorageError
 from softcal.materials.catalogue import LAWS
@@ -33,7 +33,7 @@ def material_json(material: FittedMaterial) -> dict[str, Any]:
     }
 
 
-def prediction_json(one: Prediction) -> dict[str, Any]:
+def prediction_json(one: PredictedCoupon) -> dict[str, Any]:
     """A predicted test, without its rows."""
     found: dict[str, Any] = {"specimen": one.coupon.name, "test": one.coupon.test, "rows": len(one.coupon.strain)}
     if one.is_measured:

@@ -1,0 +1,45 @@
+"""The published neck's curves, loops and peaks: what docs/neck-cycles.md says of one set of constants."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks import neck_cycles
+from benchmarks.neck_cycles_twin import Compared, predict
+
+
+@pytest.fixture(scope="module")
+def values() -> dict[str, float]:
+    return json.loads(neck_cycles.KEPT.read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def found(values: dict[str, float]) -> list[Compared]:
+    return predict(values, ())[0]
+
+
+@pytest.mark.slow  # four tests to 60 mm, 484 samples
+def test_one_set_of_constants_meets_curves_loops_and_peaks(found: list[Compared]) -> None:
+    kinds = {what: [one for one in found if one.what == what] for what in ("curve", "loop", "peak")}
+    assert [len(held) for held in kinds.values()] == [3, 12, 3]
+    assert all(one.off < 0.03 for one in kinds["curve"])
+    assert all(one.off < 0.25 for one in kinds["loop"])
+    assert all(one.off < 0.03 for one in kinds["peak"])
+
+
+@pytest.mark.slow  # as above
+def test_the_page_is_that_of_the_kept_constants(values: dict[str, float], found: list[Compared]) -> None:
+    assert (neck_cycles.DOCS / "neck-cycles.md").read_text(encoding="utf-8") == neck_cycles.page(values, found)
+
+
+@pytest.mark.slow  # as above, with ten derivatives
+def test_the_kept_constants_are_a_minimum(values: dict[str, float]) -> None:
+    """To the digits that are kept: Gauss and Newton's step from them is a small part of a standard error."""
+    found, _ = predict(values, (*neck_cycles.START, neck_cycles.SLACK))
+    off = np.concatenate([(one.predicted - one.measured) * one.weight for one in found])
+    slopes = np.concatenate([one.by * one.weight[:, None] for one in found])
+    inverse = np.linalg.inv(slopes.T @ slopes)
+    assert np.all(np.abs(inverse @ slopes.T @ off) < 0.1 * np.sqrt(np.diag(inverse)))

@@ -93,7 +93,7 @@ def test_with_noise_the_intervals_contain_the_constants(project: Project, truth:
     (fit,) = found.experiments.values()
     assert len(fit.cycles) == truth["machine"]["cycles"]
     for cycle in fit.cycles:
-        assert cycle.simulated.lost_energy == pytest.approx(cycle.measured.lost_energy, rel=0.05)
+        assert cycle.simulated.lost_energy == pytest.approx(cycle.measured.lost_energy, rel=0.1)
         assert cycle.simulated.peak_tension == pytest.approx(cycle.measured.peak_tension, rel=0.04)
     first, last = fit.cycles[0].simulated, fit.cycles[3].simulated  # before the faster half
     assert 1.005 < first.peak_tension / last.peak_tension < 1.1

@@ -75,6 +75,16 @@ ROWS = {"stretch": STRETCH, "nominal_stress [MPa]": NOMINAL}
         ({**ROWS, "stretch": 1 / STRETCH}, "", ("in compression have the wrong sign",)),
         ({**ROWS, "nominal_stress [MPa]": -NOMINAL}, "", ("in extension have the wrong sign",)),
         ({**ROWS, "nominal_stress [MPa]": 0 * NOMINAL}, "", ("every stress is zero",)),
+        ({**ROWS, "stretch": 0 * STRETCH + 1}, "", ("specimen 'a': the coupon is never strained",)),
+        (
+            {
+                "specimen": [*"AB"] * 9,
+                "stretch": 1 + np.ravel(np.outer(STRETCH - 1, [0.0, 1.0])),
+                "nominal_stress [MPa]": np.ravel(np.outer(NOMINAL, [1.0, 0.0])),
+            },
+            "--history softening",
+            ("2 faults", "specimen 'A': the coupon is never strained", "specimen 'B': every stress is zero"),
+        ),
         (ROWS, "--law foo --law neo-hooke-layered", ("2 faults", "no such law", "direction")),
         (ROWS, "--law stvenant-kirchhoff", ("no incompressible form",)),
         (ROWS, "--poissons-ratio 0.5", ("out of range",)),

@@ -115,16 +115,17 @@ def read_coupons(path: str | Path, test: str, *, needs_stress: bool = True) -> l
     stress = np.full_like(strain, np.nan)
     for i, (c, v) in enumerate(zip(columns[k:], values[k:], strict=True)):
         stress[:, i] = kind.stresses[c.measure](v, strain[:, i])
-    if np.all(strain == kind.at_rest):
-        raise DatasetError(Fault("the coupon is never strained", str(path), attempt="the column of its strain"))
-    if has_stress and not stress.any():
-        raise DatasetError(
-            Fault("every stress is zero", str(path), attempt="the column of the stress that was measured")
-        )
     found: list[Coupon] = []
     for name in dict.fromkeys(names):
         own = np.array([one == name for one in names])
+        where = f"{path}, specimen '{name}'"
+        if np.all(strain[own] == kind.at_rest):
+            faults.append(Fault("the coupon is never strained", where, attempt="the column of its strain"))
+        if has_stress and not stress[own].any():
+            faults.append(Fault("every stress is zero", where, attempt="the column of the stress that was measured"))
         found.append(Coupon(name, kind.name, strain[own], stress[own], None if time is None else time[own]))
+    if faults:
+        raise DatasetError(faults)
     return found
 
 

@@ -57,6 +57,28 @@ def test_a_law_that_gives_way_under_compression_is_reported(law, nu):
     assert any(given_way) == ((law.name, nu) in {("neo-hooke", -0.45), ("stable-neo-hooke", 0.3)})
 
 
+def test_the_volume_in_which_a_law_is_unstable_is_reported():
+    """Half of a bar in equibiaxial tension; with C01 below zero, C10 and C01 are Ogden's terms 2 and -2."""
+    a, b = 2e5, -2e4
+    law, theta = LAWS["mooney-rivlin"], {"C10": a, "C01": b, "bulk_modulus": 1e7}
+    mesh = box_mesh((2.0, 1.0, 1.0), (2, 1, 1))
+    system = solid_system(mesh, "P1", law, np.array([0]))
+    x = np.linspace(1.0, 6.0, 2001)
+    limit = x[np.argmax((a * (x**2 + 2 * x**-4) + b * (x**-2 + 2 * x**4) < 0) | (a * x**2 + b * x**-2 < 0))]
+    for stretch, expected in (
+        (0.98 * limit, ""),
+        (
+            1.02 * limit,
+            " In 50 % of the volume of body body its law mooney-rivlin is unstable: more strain takes less stress "
+            "(Drucker).",
+        ),
+    ):
+        # The other half is not shortened along x, and has a strain of a third apart from its change of volume.
+        along = np.minimum(mesh.points[:, 0], 1.0) + np.maximum(mesh.points[:, 0] - 1.0, 0.0) / stretch**2
+        moved = np.column_stack([along, stretch * mesh.points[:, 1:]])
+        assert system.remarks(placed(system, moved), body_theta(theta)) == expected
+
+
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_energy_of_a_homogeneous_stretch_is_psi_times_volume(element):
     mesh = irregular_box((2.0, 3.0, 1.5), (2, 2, 2), element)

@@ -39,6 +39,24 @@ def test_path_that_ends_early_gives_the_samples_before_and_a_sentence(wall, tole
     assert len(response.sensitivities["front.tension"][NAMES[0]]) == 3
 
 
+@pytest.mark.parametrize(("cables", "furthest"), [(("front",), 0.018), (("front", "left"), 0.008)])
+@pytest.mark.parametrize(("C01", "is_unstable"), [(-1.6e5, True), (2e4, False)])
+def test_a_law_that_is_unstable_at_the_furthest_state_is_a_warning(cables, furthest, C01, is_unstable):
+    robot = column_robot("P1", divisions=(1, 1, 4))
+    own = {"C10": 2e5, "C01": C01, "bulk_modulus": 2e6}
+    robot = replace(
+        robot,
+        bodies=(replace(robot.bodies[0], law="mooney-rivlin", parameters=own),),
+        cables=(*robot.cables, side_cable("left", (0.0, 0.01))) if len(cables) > 1 else robot.cables,
+    )
+    commands = {cable: Command("shortening", np.array([0.004, furthest, 0.0])) for cable in cables}
+    response = simulate(robot, Protocol(commands))
+    assert response.succeeded
+    assert ("its law mooney-rivlin is unstable" in response.remarks) == is_unstable
+    assert (response.remarks in response.warnings) == is_unstable
+    assert response.remarks in response.status
+
+
 def test_a_law_that_gives_way_where_the_path_ends_is_reported(wall, monkeypatch):
     robot = column_robot("P1", parameters=elastic(0.5e6, -0.4), divisions=(1, 1, 4))
     assert simulate(robot, pulled(0.02)).status.endswith("a wall.")

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.materials.components import NO_DIRECTION, doubled, full
+from softcal.materials.components import NO_DIRECTION
 from softcal.materials.inelastic import ELASTIC, History
 from softcal.materials.law import CompiledLaw, Law, stacked
 from softcal.materials.stress_at import (
@@ -33,6 +33,7 @@ from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.scales import Sizes
 from softcal.mechanics.solid_kernels import Places
 from softcal.mechanics.solid_law import SolidLaw
+from softcal.mechanics.solid_remark import remark
 from softcal.mechanics.state import State
 from softcal.mechanics.term import Connectivity, Given, Sum, Term, Theta, part_theta
 from softcal.mechanics.viscosity import ViscousTerm
@@ -344,13 +345,8 @@ class SolidTerm(Term):
         sizes.n_tets += len(self.conn)
 
     def remark(self, state: State, theta: Theta) -> str:
-        ratio = self._softened(self.kinematics(state), theta)
-        if ratio == 1.0:
-            return ""
-        return (
-            f" Body {self.name} is compressed to {ratio:.2g} of its volume, where its law {self.law.name} softens: "
-            "the pressure decreases with further compression."
-        )
+        at = self._at(self.kinematics(state))
+        return remark(self.name, self.law, at, self._theta(theta), self.w.ravel())
 
     def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
         """With damping of its strains, or of its forces: an energy 1 + r_s / h times as large, less a dead force."""
@@ -373,19 +369,6 @@ class SolidTerm(Term):
             Deformation(self.compiled, at).stress(values) if self.is_mixed else whole_stress(self.compiled, at, values)
         ).D[0]
         return float(D[0, 1]), float(D[3, 3])
-
-    def _softened(self, known: Kinematics, theta: Theta) -> float:
-        """The least volume ratio J < 1 at a quadrature point whose law softens in compression, d2psi/dJ2 < 0 along F ->
-        J^(1/3) F; 1 where there is none.
-        """
-        at = self._at(known)
-        S, D = whole_stress(self.compiled, at, self._theta(theta))
-        C = np.einsum("nki,nkj->nij", at.F, at.F)
-        dE = doubled(C)
-        by_s = np.einsum("nij,nij->n", full(S), C)  # as F -> s F, at s = 1
-        by_s_twice = by_s + np.einsum("na,nab,nb->n", dE, D, dE)
-        gives_way = (by_s_twice < 2.0 * by_s) & (at.J < 1.0)
-        return float(at.J[gives_way].min(initial=1.0))
 
     def _theta(self, theta: Theta) -> tuple[float, ...]:
         return tuple(theta[f"{self.name}.{name}"] for name in self.compiled.parameters)

@@ -308,6 +308,8 @@ def _stability(content: ReportContent) -> Iterable[Sentence]:
         yield Sentence(f"In the test with the largest drive, {content.twin.crossings}", "warning")
     if content.twin is not None and content.twin.drawn_out:
         yield Sentence(f"In the test with the largest drive: {content.twin.drawn_out}", "warning")
+    if content.twin is not None and content.twin.remarks:
+        yield Sentence(f"In the test with the largest drive: {content.twin.remarks}", "warning")
 
 
 def _notes(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:

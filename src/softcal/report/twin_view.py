@@ -29,6 +29,8 @@ class TwinView:
         Sentence on bodies that penetrate themselves or each other (`Response.crossings`), or "".
     drawn_out
         Sentence on cables with friction that slide against the modelled direction (`Response.drawn_out`), or "".
+    remarks
+        Sentences on laws beyond their stability (`Response.remarks`), or "".
     """
 
     robot: Robot
@@ -38,6 +40,7 @@ class TwinView:
     instabilities: str = ""
     crossings: str = ""
     drawn_out: str = ""
+    remarks: str = ""
 
     def __post_init__(self) -> None:
         tets = {body: frozen_ints(cells, name=f"tets of {body}") for body, cells in self.tets.items()}

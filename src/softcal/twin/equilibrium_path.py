@@ -199,7 +199,6 @@ class EquilibriumPath:
         return (
             f"No equilibrium beyond {end:.4g} mm of shortening of {self.cable} "
             f"({n} of {n_samples} samples reached): {path.status}."
-            f"{self.twin.system.remarks(path.nodes[-1].state, self.statics.theta)}"
         )
 
     def _met(self, path: Path) -> str:

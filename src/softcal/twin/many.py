@@ -14,6 +14,7 @@ from softcal.errors import SimulationError
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.crossing import Crossings
 from softcal.mechanics.march import Reached, Target, by_command, reach
+from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.sensing.channel import ChannelName, kinds
 from softcal.sensing.sensors.cable import SHORTENING
@@ -49,6 +50,8 @@ def simulate_many(
     rates: list[Floats] = []
     shapes: list[Snapshot] = []
     instabilities, met, snaps_at = "", "", list[int]()
+    sizes, furthest = _sizes(protocol), 0.0
+    far: State | None = None
     solved: list[int] = []
     failed: dict[int, str] = {}
     crossed: list[tuple[str, Crossings]] = []
@@ -82,6 +85,8 @@ def simulate_many(
                     continue
             solved.append(i)
             state = reached.state
+            if sizes[i] >= furthest:
+                furthest, far = sizes[i], state
             if reached.snaps:
                 snaps_at.append(i)
             label = f"sample {i + 1}{_pulls(protocol, i)}"
@@ -106,22 +111,33 @@ def simulate_many(
         later = f" and {len(snaps_at) - 1} later ones" if len(snaps_at) > 1 else ""
         instabilities += instability(f"before sample {snaps_at[0] + 1}{_pulls(protocol, snaps_at[0])}{later}")
     told, slid = crossed_at(crossed), drawn_out_at(out)
+    remarks = "" if far is None else twin.system.remarks(far, statics.theta)
     table = np.array(values).reshape(len(values), len(units))
     by_parameter = np.array(rates).reshape(len(values), len(units), len(labels))
     return Response(
         channels=by_column(units, table),
         units=units,
-        status=status + instabilities + told + slid,
+        status=status + instabilities + told + slid + remarks,
         succeeded=not failed,
         instabilities=instabilities.strip(),
         crossings=told.strip(),
         drawn_out=slid.strip(),
+        remarks=remarks.strip(),
         n_factorisations=statics.n_factorisations,
         sensitivities=derivatives_by_column(units, labels, by_parameter),
         snapshots=tuple(shapes),
         tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
         samples=tuple(solved) if failed else None,
     )
+
+
+def _sizes(protocol: Protocol) -> Floats:
+    """How far each sample's commands are from none (n_samples,), each command over its largest."""
+    total = np.zeros(protocol.n_samples)
+    for command in protocol.commands.values():
+        size = np.abs(command.values)
+        total += (size / max(float(size.max(initial=0.0)), 1e-300)) ** 2
+    return total
 
 
 def _beyond(protocol: Protocol, i: int, failed: Collection[int], *, remembers: bool) -> str:

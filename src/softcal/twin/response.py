@@ -89,6 +89,8 @@ class Response:
         Sentence on bodies that pass through themselves or each other, and where, or "".
     drawn_out
         Sentence on cables with friction that slide opposite to the modelled direction, or "".
+    remarks
+        Sentences on the furthest state: bodies whose law softens or is unstable at the strains reached, or "".
     samples
         Numbers, from 0, of the protocol's samples in the channels. None: all, or those before the first one that could
         not be reached.
@@ -106,12 +108,15 @@ class Response:
     instabilities: str = ""
     crossings: str = ""
     drawn_out: str = ""
+    remarks: str = ""
     samples: tuple[int, ...] | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What must be known of the solved shapes, a sentence each: snap-through, crossings, cables drawn out."""
-        return tuple(told for told in (self.instabilities, self.crossings, self.drawn_out) if told)
+        """What must be known of the solved shapes, a sentence each: snap-through, crossings, cables drawn out, laws
+        beyond their stability.
+        """
+        return tuple(told for told in (self.instabilities, self.crossings, self.drawn_out, self.remarks) if told)
 
     def over(self, n_samples: int) -> Response:
         """The response with a row for each of the protocol's samples: NaN for those that were not reached."""

@@ -72,6 +72,7 @@ class Sweep:
     def _response(self, samples: Samples, shapes: list[Snapshot]) -> Response:
         along, units, path = self.along, self.along.units, samples.path
         snaps, crossed = self._snaps(path), ""
+        remarks = along.twin.system.remarks(path.nodes[-1].state, along.statics.theta)
         if self.crossings:
             crossed = crossed_on_path(
                 along.twin.skins, along.twin.system.layout, path.nodes, samples.end, along.cable or ""
@@ -79,10 +80,11 @@ class Sweep:
         return Response(
             channels=by_column(units, samples.values),
             units=units,
-            status=samples.status + snaps + crossed,
+            status=samples.status + snaps + crossed + remarks,
             succeeded=samples.succeeded,
             instabilities=snaps.strip(),
             crossings=crossed.strip(),
+            remarks=remarks.strip(),
             n_factorisations=along.statics.n_factorisations,
             sensitivities=derivatives_by_column(units, along.names, samples.by_parameter),
             slopes=by_column(units, samples.slopes),

@@ -209,7 +209,7 @@ def twin_view(robot: Robot, response: Response) -> TwinView | None:
     shapes = response.snapshots
     bent = shapes[max(range(1, len(shapes)), key=bending)]
     at_rest, furthest = (replace(shape, label=_title(shape)) for shape in (rest, bent))
-    sentences = (response.instabilities, response.crossings, response.drawn_out)
+    sentences = (response.instabilities, response.crossings, response.drawn_out, response.remarks)
     return TwinView(robot, at_rest, furthest, response.tets, *sentences)
 
 

@@ -120,6 +120,18 @@ def test_small_strain_moduli_are_those_of_E_and_nu(law, theta):
     np.testing.assert_allclose(compliance[0, 1:3], -nu / E, rtol=1e-7, atol=1e-10 / E)
 
 
+@every_law
+@settings(deadline=None)
+@given(ratios)
+def test_a_change_of_volume_that_the_pressure_does_not_see_is_not_unstable(law, nu):
+    """The part of the energy without pressure never decreases with a small dilation, by differences."""
+    assume(admits(law, nu))
+    h = 1e-3
+    even = at(*((1.0 + change) * np.eye(3) for change in (-h, 0.0, h)))
+    psi = Deformation(compile_law(law), even).energy(values_of(law, 2.0, nu))
+    assert (psi[0] - 2.0 * psi[1] + psi[2]) / h**2 > -1e-4
+
+
 @pytest.mark.parametrize("ratio", [0.5, 1.0, 2.5])
 def test_a_layered_body_is_so_much_stiffer_along_its_direction(ratio):
     """Of an incompressible body 3 mu ratio along the direction."""

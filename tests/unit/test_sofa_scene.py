@@ -373,6 +373,15 @@ def test_foreign_bodies_are_identified_anew_and_say_so(tmp_path):
     assert "Largest remaining difference" in readme
 
 
+@pytest.mark.parametrize("law", ["stable-neo-hooke", "stvenant-kirchhoff"])
+def test_foreign_bodies_of_other_laws_are_identified_within_what_their_ratio_may_be(tmp_path, law):
+    robot = column_robot("P2P1", parameters=elastic(2e6, 0.47), divisions=(1, 1, 4))
+    robot = replace(robot, bodies=(replace(robot.bodies[0], law=law),))
+    write_sofa(robot, pulled(*np.linspace(0.0, 0.01, 5)), tmp_path, "robot")
+    parameters = json.loads((tmp_path / "robot" / "parameters.json").read_text())
+    assert parameters["re_identified"]["neck.poissons_ratio"]["scene"] <= 0.49
+
+
 def test_own_bodies_keep_their_parameters(tmp_path):
     robot = column_robot("P1", parameters=elastic(2e6, 0.3))
     write_sofa(robot, pulled(0.01), tmp_path, "robot")

@@ -17,6 +17,7 @@ from softcal.materials.law import Law
 # resists a change of volume that the pressure does not see. With c = 2/3 M is the bulk modulus, and nothing keeps a
 # strongly compressed element from J = 0; with c = 0 it is lambda, which is no modulus where nu <= 0. Hence a c that
 # goes from 2/3 at nu = -1/2 to 0 at 1/2, where it matters least.
+TO_PRESSURE = "Rational(2, 3)*(1 - (nu + Rational(1, 2))**4)**2"
 NEO_HOOKE = Law(
     name="neo-hooke",
     # With lambda < 0 a uniform compression to lengths below sqrt(-3 nu / (1 - 2 nu)) softens: 0.87
@@ -25,7 +26,7 @@ NEO_HOOKE = Law(
         YOUNGS_MODULUS,
         poissons_ratio(-0.5),
     ),
-    symbols={"mu": SHEAR_MODULUS, "lmbda": LAME_MODULUS, "c": "Rational(2, 3)*(1 - (nu + Rational(1, 2))**4)**2"},
+    symbols={"mu": SHEAR_MODULUS, "lmbda": LAME_MODULUS, "c": TO_PRESSURE},
     distortional="mu/2*(I1 - 3) - mu*log(J) - c*mu/2*log(J)**2",
     volumetric_strain="log(J)",
     bulk="lmbda + c*mu",

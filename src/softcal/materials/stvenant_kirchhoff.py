@@ -12,7 +12,7 @@ STVENANT_KIRCHHOFF = Law(
     name="stvenant-kirchhoff",
     parameters=(
         YOUNGS_MODULUS,
-        poissons_ratio(-0.5, upper=0.49, attempt="law neo-hooke"),
+        poissons_ratio(-0.5, upper=0.49, ends="(]", attempt="law neo-hooke"),
     ),
     symbols={
         "mu": SHEAR_MODULUS,

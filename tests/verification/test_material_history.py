@@ -19,7 +19,8 @@ from softcal.materials.neo_hooke import NEO_HOOKE_ISOCHORIC
 from softcal.materials.stress_at import Deformation, points
 from softcal.mechanics.damping import Damping
 from softcal.mechanics.dynamics import Dynamics
-from softcal.mechanics.statics import Statics
+from softcal.mechanics.state import State
+from softcal.mechanics.statics import Equilibrium, Statics
 from softcal.mechanics.term import Controls
 from softcal.mechanics.time_step import at_rest
 from softcal.twin.build import build_twin
@@ -164,8 +165,25 @@ def test_under_a_constant_pull_it_creeps_to_what_it_is_after_a_long_time() -> No
     np.testing.assert_allclose(got / long, expected, rtol=2e-3)
 
 
+def test_a_hold_without_an_equilibrium_is_a_failed_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = with_history(column("P1"), ("relaxation-1",))
+    hold = Protocol({"front": Command("tension", np.full(3, 0.05))}, np.array([0.0, 1.0, 4.0]))
+    assert simulate(robot, hold).succeeded
+    original = Statics.equilibrium
+
+    def stalled(self: Statics, guess: State, controls: Controls) -> Equilibrium:
+        found = original(self, guess, controls)
+        return replace(found, converged=False, status="it stalled") if controls.elapsed == 3.0 else found
+
+    monkeypatch.setattr(Statics, "equilibrium", stalled)
+    response = simulate(robot, hold)
+    assert not response.succeeded
+    assert "no equilibrium a time later under the same commands: it stalled." in response.status
+
+
 WAY = 1e-3 * np.array([0.0, 4.0, 8.0, 8.0, 3.0, 0.5, 5.0, 9.0])
-TIMES = np.array([0.0, 0.5, 1.0, 4.0, 4.5, 5.0, 6.0, 7.0])
+LET_GO = 1e-3 * np.array([0.0, 4.0, 8.0, 8.0, 3.0, -0.5, -0.5, -0.7, 5.0, 9.0])
+TIMES = np.array([0.0, 0.5, 1.0, 4.0, 4.5, 5.0, 5.3, 5.5, 6.0, 7.0])
 
 
 @pytest.mark.parametrize("history", [HISTORY, ("maxwell-1",)])
@@ -173,10 +191,12 @@ TIMES = np.array([0.0, 0.5, 1.0, 4.0, 4.5, 5.0, 6.0, 7.0])
 def test_derivatives_through_a_history_are_exact(
     element: str, history: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Loading, a hold, letting go and loading again; by all constants of the history, and by the law's."""
+    """Loading, a hold, letting go until the cable is slack for a while, and loading again; by all constants of the
+    history, and by the law's.
+    """
     monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)
     robot = with_history(column(element), history)
-    protocol = Protocol({"front": Command("shortening", WAY)}, TIMES)
+    protocol = Protocol({"front": Command("shortening", LET_GO)}, TIMES)
     names = [f"neck.{name}" for name in robot.bodies[0].parameters]
     response = simulate(robot, protocol, sensitivities=names)
     assert response.succeeded, response.status

@@ -125,13 +125,15 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
         statics.seeks_free_modes = has_snapped
         driven = by_coordinate & ~start.is_held
         if not np.any(line.effort_rate[start.is_held]) and not np.any(line.coordinate_rate[~start.is_held]):
-            # The material may move on where the commands stay.
-            node, commanded = stable_node_at(statics, line, end, _settled(statics, line, state), ()), None
+            state, why_not = _settled(statics, line, state)
+            if why_not:
+                raise SimulationError(f"no equilibrium a time later under the same commands: {why_not}.")
+            node, commanded = stable_node_at(statics, line, end, state, ()), None
             snaps |= node.is_snapped
         elif not commanded.nodes and (node := _at_once(statics, line, state, last)) is not None:
             commanded = CommandPath(line, (replace(node, has_snapped=has_snapped),))
         else:
-            state = state if commanded.nodes else _settled(statics, line, state)
+            state = state if commanded.nodes else _settled(statics, line, state)[0]
             begin = commanded.nodes or (replace(node_at(statics, line, 0.0, state, ()), has_snapped=has_snapped),)
             path = follow(statics, line, begin, end, first_step=end - begin[-1].c, mixed=False)
             first = next((i for i, node in enumerate(path.nodes) if (driven & pushing(system, node.state)).any()), None)
@@ -191,12 +193,14 @@ def _at_once(statics: Statics, line: Line, state: State, last: Reached) -> Node 
     return node if node.is_stable else None
 
 
-def _settled(statics: Statics, line: Line, state: State) -> State:
+def _settled(statics: Statics, line: Line, state: State) -> tuple[State, str]:
     """The equilibrium at the begin of a line: a material may have relaxed or flowed since the sample whose state this
-    is.
+    is. Or that state, and why there is none.
     """
-    solved = statics.equilibrium(state, line.at(0.0)) if statics.system.remembers else None
-    return solved.state if solved is not None and solved.converged else state
+    if not statics.system.remembers:
+        return state, ""
+    solved = statics.equilibrium(state, line.at(0.0))
+    return (solved.state, "") if solved.converged else (state, solved.status)
 
 
 def _fallen(statics: Statics, last: Reached, aim: Target) -> Reached:

@@ -74,6 +74,7 @@ def test_the_datasets_own_sigma_is_used_and_one_that_is_unknown_is_refused() -> 
         make_problem(fake_robot(), [fake_experiment()], (MODULUS,), LikelihoodLoss(), fake_simulate)
     assert len(caught.value.faults) == 2
     assert "needs the noise of 'tension'" in str(caught.value)
+    assert "under `noise` of the experiment" in str(caught.value)
 
 
 def test_the_papers_loss_counts_no_prior_and_says_so() -> None:

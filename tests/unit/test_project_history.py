@@ -62,7 +62,7 @@ def test_what_is_wrong_is_said(tmp_path: Path, change: tuple[str, str], told: st
 
 def test_a_record_without_time_is_refused(tmp_path: Path) -> None:
     untimed = ("          time: {name: Time}\n", "")
-    with pytest.raises(ProjectFileError, match="relaxes or flows needs the time of every sample; got no time"):
+    with pytest.raises(ProjectFileError, match=r"needs the time of every sample; got no time.*Try: columns: {time: "):
         load(write_project(tmp_path, *RELAXES, untimed))
 
 

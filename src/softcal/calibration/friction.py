@@ -112,8 +112,8 @@ def _time_faults(robot: Robot, experiment: Experiment) -> list[Fault]:
             "a material that relaxes or flows needs the time of every sample",
             experiment.name,
             got="no time, or not of all samples" if times is None else "times that do not ascend",
-            allowed="a column time, ascending",
-            attempt="no relaxation or flow in the history of bodies and rods",
+            allowed="a channel time, whose values never fall",
+            attempt="columns: {time: {name: NAME}} of the file, or no relaxation, maxwell or flow in the history",
         )
     ]
 

@@ -53,7 +53,7 @@ class LikelihoodLoss(Loss):
                             experiment.name,
                             got=f"sigma {bad[0]:g} {unit}",
                             allowed=f"a sigma above 0 {unit}",
-                            attempt="state the channel's sigma, or take the loss 'papers' or 'distance'",
+                            attempt="a value for the channel under `noise` of the experiment, or another loss",
                         )
                     )
         return found

@@ -360,6 +360,33 @@ def test_a_value_outside_the_bounds_of_its_search_is_warned_of(tmp_path: Path):
     )
 
 
+def test_what_calibrate_would_refuse_is_warned_of(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    from softcal.project.project import load
+    from softcal.workflows.checking import check
+
+    path = write_project(tmp_path, ("starts: 1}", "starts: 1, loss: distance}\nrig: {length: 100 mm}"))
+    refusal = refused(capsys, path, "the loss 'distance' needs positions only")
+    told = [warning for warning in check(load(path), solve=False).warnings if "would refuse" in warning]
+    assert told
+    for warning in told:
+        assert warning.removeprefix("calibrate would refuse this project: ") in refusal
+
+
+def test_a_law_that_is_unstable_at_rest_is_warned_of(tmp_path: Path):
+    from softcal.project.project import load
+    from softcal.workflows.checking import check
+
+    def warnings(C01: str) -> list[str]:
+        own = f"law: mooney-rivlin\n      C10: 200 kPa\n      C01: {C01}\n      bulk_modulus: 5 MPa"
+        free = ("bar.youngs_modulus: {bounds: [0.1 MPa, 40 MPa]", "bar.C10: {bounds: [0.1 MPa, 40 MPa]")
+        path = write_project(tmp_path, ("youngs_modulus: 2 MPa", own), ("      poissons_ratio: 0.42\n", ""), free)
+        return [warning for warning in check(load(path), solve=False).warnings if "unstable at rest" in warning]
+
+    (told,) = warnings("-250 kPa")
+    assert told.startswith("bar: with these constants mooney-rivlin is unstable at rest (shear modulus -100 kPa, ")
+    assert warnings("-150 kPa") == []
+
+
 def test_plausible_data_are_not_warned_of(tmp_path: Path):
     from softcal.project.project import load
     from softcal.workflows.checking import check

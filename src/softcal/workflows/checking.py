@@ -13,8 +13,9 @@ import numpy as np
 from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.calibration.scope import ScopedParameter
 from softcal.checks import Ints
-from softcal.errors import Fault
+from softcal.errors import Fault, InputError
 from softcal.geometry.cell import CELLS
+from softcal.materials.catalogue import LAWS
 from softcal.project.project import Project
 from softcal.sensing.channel import TIME, ChannelName
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
@@ -26,6 +27,7 @@ from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response
 from softcal.twin.robot import Body, Cable, Plate, Rod
 from softcal.units import AS_WRITTEN, format_quantity, format_range, plain
+from softcal.workflows.calibration import plan
 from softcal.workflows.output import require_writable
 from softcal.workflows.start_states import start_states
 
@@ -77,6 +79,7 @@ def check(
     if project.experiments and project.space is None:
         warnings.append("no parameter is free: there is nothing to calibrate")
     warnings += _beyond_bounds(project)
+    warnings += [*_unstable_at_rest(project), *_refusals(project)]
     states = start_states(project, progress) if solve else None
     if states is not None:
         warnings += states.warnings
@@ -97,6 +100,30 @@ def check(
     drawn = draw_check(project.robot, records, out_dir, shown)
     pictures = [drawn.robot[0], *([drawn.states[0]] if drawn.states else [])]
     return CheckReport(rows, tuple(warnings), (*pictures, *(png for png, _ in drawn.datasets.values())), drawn.notes)
+
+
+def _unstable_at_rest(project: Project) -> list[str]:
+    """The materials of bodies whose start values give no resistance to a small shear or stretch."""
+    found: list[str] = []
+    for body in project.robot.bodies:
+        law = LAWS.named(body.law)
+        for name, material in ((body.name, body), *((f"{body.name}.{one.name}", one) for one in body.inclusions)):
+            mu, E = law.shear_modulus(material.parameters), law.youngs_modulus(material.parameters)
+            if not (mu > 0.0 and E > 0.0):
+                moduli = f"shear modulus {format_quantity(mu, 'Pa')}, Young's modulus {format_quantity(E, 'Pa')}"
+                found.append(f"{name}: with these constants {body.law} is unstable at rest ({moduli})")
+    return found
+
+
+def _refusals(project: Project) -> list[str]:
+    """Why `calibrate` would refuse the project, where it has tests and free parameters."""
+    if not project.experiments or project.space is None:
+        return []
+    try:
+        plan(project)
+    except InputError as error:
+        return [f"calibrate would refuse this project: {fault}" for fault in error.faults]
+    return []
 
 
 def _body_rows(project: Project) -> list[tuple[str, str]]:

@@ -197,3 +197,34 @@ def test_bad_requests_are_refused(fitted: tuple[Path, str], tmp_path: Path, word
     done = CliRunner().invoke(app, ["coupon", *given, "--out", str(tmp_path / "out")])
     assert (done.exit_code, said in " ".join(done.output.split())) == (2, True), done.output
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("values", -5.0, "youngs_modulus -5 (allowed"),
+        ("values", float("nan"), "youngs_modulus nan (allowed"),
+        ("covariance", -1.0, "a variance or noise below zero"),
+        ("noise", float("nan"), "a variance, noise or number of degrees of freedom that is none"),
+        ("dof", 0.0, "a variance, noise or number of degrees of freedom that is none"),
+        ("poissons_ratio", 0.5, "poissons_ratio 0.5 (allowed"),
+    ],
+)
+def test_an_edited_record_is_refused(fitted: tuple[Path, str], tmp_path: Path, key: str, value: float, said: str):
+    folder, _ = fitted
+    record = json.loads((folder / "out/coupon.json").read_text())
+    material = record["laws"]["neo-hooke"]["material"]
+    if key == "poissons_ratio":
+        record[key] = value
+    elif key == "values":
+        material[key][0] = value
+    elif key == "covariance":
+        material[key][0][0] = value
+    elif key == "noise":
+        material[key] = dict.fromkeys(material[key], value)
+    else:
+        material[key] = value
+    (tmp_path / "coupon.json").write_text(json.dumps(record))
+    words = ["coupon", "--from", str(tmp_path), "--predict", str(folder / "slow.csv"), "--test", "shear"]
+    done = CliRunner().invoke(app, words)
+    assert (done.exit_code, said in " ".join(done.output.split())) == (2, True), done.output

@@ -79,7 +79,7 @@ def tests_table(law: str, fitted: Sequence[PredictedCoupon], predicted: Sequence
 
 
 def _percent(share: float, digits: int) -> str:
-    return f"{100 * share:.{digits}f} %" if math.isfinite(share) else "none"
+    return f"{100 * share:.{digits}f} %" if math.isfinite(share) else "–"
 
 
 def verdict(found: LawComparison) -> str:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from softcal.geometry.centreline import straight
 from softcal.geometry.section import RoundBar
+from softcal.twin.dead_loads import PointLoad
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Cable, Marker, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
@@ -55,3 +57,23 @@ def test_so_they_are_where_the_rod_remembers() -> None:
     response = simulate(wire(4, softening_amount=1e6, softening_energy=1e3), PULL)
     assert not response.succeeded
     assert re.search(TOLD, response.status), response.status
+
+
+@pytest.mark.parametrize(
+    ("elements", "share", "error"), [(1, 0.25, 0.06), (1, 0.5, 0.12), (2, 0.25, 0.015), (2, 0.5, 0.03)]
+)
+def test_deflections_across_a_tension_are_said_to_be_too_large_where_they_are(
+    elements: int, share: float, error: float
+) -> None:
+    """A tip that a small force moves across the tension, and the cable that pulls holds back: tanh's formula."""
+    EI = E * WIRE.constants.I1
+    N = 12.0 * EI * share / (LONG / elements) ** 2
+    force = 1e-4 * N
+    robot = wire(elements)
+    across = PointLoad("across", "wire", np.array([0.0, 0.0, -LONG]), np.array([force, 0.0, 0.0]))
+    response = simulate(replace(robot, loads=(across,)), Protocol({"pull": Command("tension", np.array([N]))}))
+    k, long = np.sqrt(N / EI), LONG * (1.0 + N / (E * WIRE.constants.area))
+    alone = (long - np.tanh(k * long) / k) / N
+    expected = force * alone / (1.0 + N * alone / (5.0 * LONG - long))
+    assert 0.0 < response.channels["tip.x"][-1] / expected - 1.0 < error
+    assert ("may be too large by some per cent" in response.remarks) == (share > 0.3)

@@ -45,6 +45,7 @@ from softcal.mechanics.term import Connectivity, Given, Sum, Term, Theta, part_t
 
 LARGEST_TURN = 0.9 * np.pi  # [rad] between two neighbouring nodes
 NEAR = 0.9  # of the stretch that an element bears
+NOTICED = 0.3  # of it: one element alone then deflects 6 % too far across its tension, two 1 %
 
 
 class RodForces(NamedTuple):
@@ -171,17 +172,32 @@ class RodTerm(Term):
         """Where the tension is near that at which the sections of an element turn by themselves: N l^2 = 12 EI of a
         straight one, whose residual bending then gives way as a soft shear would.
         """
+        stretch, bears = self._most_stretched(state)
+        if stretch < NEAR * bears:
+            return ""
+        return (
+            f"rod {self.name} is stretched by {100.0 * stretch:.3g} %, and one of its elements bears about "
+            f"{100.0 * bears:.3g} %: it is too long for its tension, under which it then bends as no rod does; "
+            "elements half as long bear four times as much"
+        )
+
+    def remark(self, state: State, theta: Theta) -> str:
+        stretch, bears = self._most_stretched(state)
+        if stretch < NOTICED * bears:
+            return ""
+        return (
+            f" Rod {self.name} is stretched by {100.0 * stretch:.3g} %, of the {100.0 * bears:.3g} % that one of its "
+            "elements bears: its deflections across the tension may be too large by some per cent. Elements half as "
+            "long bear four times as much."
+        )
+
+    def _most_stretched(self, state: State) -> tuple[float, float]:
+        """Of the element with the largest share: its stretch, and the one that it bears [-]."""
         flexibility = np.einsum("nii->ni", self.by_bending + 4.0 / 3.0 * self.by_shear)
         stretch = self.strains(state.position, state.rotation)[:, 2]
         bears = flexibility[:, 2] / flexibility[:, :2].max(axis=1)
         at = int(np.argmax(stretch / bears))
-        if stretch[at] < NEAR * bears[at]:
-            return ""
-        return (
-            f"rod {self.name} is stretched by {100.0 * stretch[at]:.3g} %, and one of its elements bears about "
-            f"{100.0 * bears[at]:.3g} %: it is too long for its tension, under which it then bends as no rod does; "
-            "elements half as long bear four times as much"
-        )
+        return float(stretch[at]), float(bears[at])
 
     def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
         """Stiffness times 1 + r_s / h, about a strain between that at rest and that at the step's start; where the

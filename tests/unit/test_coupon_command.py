@@ -78,7 +78,7 @@ def test_the_law_that_made_the_data_is_recommended(written: tuple[str, Path]):
 def test_everything_is_written(written: tuple[str, Path]):
     _, folder = written
     charts = [f"{stem}.{kind}" for stem in ("laws", *LAWS) for kind in ("png", "svg")]
-    tables = ["coupon.json", "material.yaml", "constants.csv", "laws.csv", "stresses.csv"]
+    tables = ["report.html", "coupon.json", "material.yaml", "constants.csv", "laws.csv", "stresses.csv"]
     assert sorted(path.name for path in folder.iterdir()) == sorted([*charts, *tables])
     fitted = json.loads((folder / "coupon.json").read_text())["laws"]["mooney-rivlin"]["fitted"]
     for name, true in (("C10", C10), ("C01", C01)):

@@ -28,7 +28,8 @@ from softcal.report.content import ReportContent
 from softcal.report.figure import report_pictures
 from softcal.report.first_screen import FirstScreen, budget_note, three_sentences
 from softcal.report.headline import headline
-from softcal.report.html import key_numbers, marks, moment, render_page, unbroken
+from softcal.report.html import key_numbers, render_page
+from softcal.report.page import marks, moment, unbroken
 from softcal.report.statement import SOURCES, interval_share, legend, percent, source_of, statement
 from softcal.twin.finer import Size
 
@@ -103,7 +104,7 @@ def test_an_uncertain_parameter_is_a_source_with_its_name_and_a_colour() -> None
         E_NAME, "E", replace(E, shares={"friction": 0.1, "pulleys.friction_coefficient": 0.7, "noise": 0.2})
     )
     assert [source.kind for source in legend([one])] == ["noise", "friction", "pulleys.friction_coefficient"]
-    classes = marks([one])
+    classes = marks(legend([one]))
     assert classes["friction"] != classes["pulleys.friction_coefficient"]
     assert classes["noise"] == "noise"
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.app import app, exit_on_error
-from softcal.cli.printing import print_table, print_warnings
+from softcal.cli.printing import print_report_table, print_warnings
 from softcal.cli.running import clock
 from softcal.errors import Fault, ParameterError
 
@@ -85,7 +85,7 @@ def coupon(  # noqa: PLR0913 (one argument for each option)
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR", help="A folder, new or empty, for charts, tables and the block.", show_default=False
+            metavar="DIR", help="A folder, new or empty, for a page, charts, tables and the block.", show_default=False
         ),
     ] = None,
 ) -> None:
@@ -111,7 +111,7 @@ def coupon(  # noqa: PLR0913 (one argument for each option)
     coupons, further = all_coupons(data, test, predict)
     print_warnings(implausible([*coupons, *further]))
     if stored is None:
-        _fit(coupons, further, law or [], history or [], nu, reach, body, out)
+        _fit(data, coupons, further, law or [], history or [], nu, reach, body, out)
     else:
         _predict(further, stored, law[0] if law else None, out)
 
@@ -143,7 +143,8 @@ def _require_consistent(
         raise ParameterError(faults)
 
 
-def _fit(
+def _fit(  # noqa: PLR0913 (one argument for each option)
+    files: Sequence[Path],
     coupons: Sequence[Coupon],
     further: Sequence[Coupon],
     law: Sequence[str],
@@ -153,36 +154,37 @@ def _fit(
     body: str,
     out: Path | None,
 ) -> None:
-    from softcal.cli.coupon_tables import constants_table, laws_table, tests_table, verdict
     from softcal.coupons.comparison import compare_laws, require_times
     from softcal.materials.histories import history_of
     from softcal.project.material_block import material_block
+    from softcal.report.coupon_sentences import verdict
+    from softcal.report.coupon_tables import constants_table, laws_table, tests_table
     from softcal.workflows.coupon import write_comparison
 
     require_times(further, history_of(history, "--history"))
     with clock() as doing:
         found = compare_laws(coupons, law, history=history, poissons_ratio=poissons_ratio, reach=reach, doing=doing)
-    print_table(laws_table(found))
+    print_report_table(laws_table(found))
     for name, other in found.same_as.items():
         typer.echo(f"{name}: in an incompressible body the same as {other}.")
     for name, why in found.left_out.items():
         typer.echo(f"{name}: {why}.")
     shown, chosen = found.shown, found.recommended
-    print_table(constants_table(shown))
+    print_report_table(constants_table(shown))
     predicted = [shown.fit.material.predict(one) for one in further]
     if history or predicted:
-        print_table(tests_table(shown.name, shown.fit.tests(found.coupons), predicted))
+        print_report_table(tests_table(shown.name, shown.fit.tests(found.coupons), predicted))
     typer.echo(verdict(found))
     if chosen is not None:
         typer.echo("\n" + material_block(chosen.fit, found, body))
     if out is not None:
-        write_comparison(found, body, out, predicted)
+        write_comparison(found, body, out, predicted, files)
         typer.echo(f"Wrote {out}")
 
 
 def _predict(further: Sequence[Coupon], stored: Path, law: str | None, out: Path | None) -> None:
-    from softcal.cli.coupon_tables import tests_table
     from softcal.coupons.comparison import require_times
+    from softcal.report.coupon_tables import tests_table
     from softcal.workflows.coupon import write_predictions
     from softcal.workflows.coupon_record import read_material
 
@@ -190,7 +192,7 @@ def _predict(further: Sequence[Coupon], stored: Path, law: str | None, out: Path
     require_times(further, material.constants.history)
     predicted: list[PredictedCoupon] = [material.predict(one) for one in further]
     name = material.constants.law.name
-    print_table(tests_table(name, [], predicted))
+    print_report_table(tests_table(name, [], predicted))
     if out is not None:
         write_predictions(predicted, name, out)
         typer.echo(f"Wrote {out}")

@@ -13,6 +13,8 @@ from softcal.errors import Fault
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from softcal.report.tables import ReportTable
+
 LOG_WIDTH = 160  # a log does not wrap
 
 
@@ -29,6 +31,16 @@ def print_table(table: Table) -> None:
         console = Console(width=LOG_WIDTH)
     for part in _parts(table, console.width):
         console.print(part)
+
+
+def print_report_table(table: ReportTable) -> None:
+    """Print a table of a report."""
+    from rich.table import Table
+
+    shown = Table(*(column.header for column in table.columns), caption=table.note or None)
+    for row in table.shown():
+        shown.add_row(*row)
+    print_table(shown)
 
 
 def print_warnings(warnings: Iterable[str | Fault]) -> None:

@@ -1,13 +1,8 @@
-"""The report as one self-contained HTML page: embedded style and pictures, no scripts, no external resources."""
+"""The report of calibrations as a page."""
 
 from __future__ import annotations
 
-import base64
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from datetime import datetime
-from pathlib import Path
 
 from softcal.analysis.importance_verdict import importance_sentences
 from softcal.analysis.mesh_verdict import mesh_verdicts
@@ -20,55 +15,30 @@ from softcal.report.figure import Picture
 from softcal.report.first_screen import budget_note
 from softcal.report.format import material_kinds, number
 from softcal.report.headline import headline
+from softcal.report.page import KeyNumber, marks, render
 from softcal.report.positions import MM, places, pooled
-from softcal.report.statement import SOURCES, ErrorSource, Statement, legend
+from softcal.report.statement import legend
 from softcal.report.tables import ReportTable, provenance_rows
 from softcal.twin.parameter_name import parameter_name
-
-_MOST_ROWS = 24  # of a table that is not folded
-_COLOURS = 4  # for uncertain parameters
-_LETTER = 0.022  # width of a letter over that of a bar, on the narrowest pages
-
-
-@dataclass(frozen=True)
-class KeyNumber:
-    """A number of the first screen: its name, value, unit, and a small remark."""
-
-    label: str
-    value: str
-    unit: str
-    remark: str
 
 
 def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Mapping[str, ReportTable]) -> str:
     """The page as text."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    folder = Path(__file__).parent / "templates"
-    environment = Environment(
-        loader=FileSystemLoader(folder),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"embedded": embedded, "unbroken": unbroken, "moment": moment}
     sections: dict[str, list[Picture]] = {}
     for picture in pictures:
         sections.setdefault(picture.section, []).append(picture)
     of = first_screen(content)
     shown, folded = of.shown
-    return environment.get_template("report.html.j2").render(
+    return render(
+        "report.html.j2",
         content=content,
         key_numbers=key_numbers(content),
         first=headline(content),
         statements=shown,
         folded=folded,
         legend=legend([*shown, *folded]),
-        marks=marks([*shown, *folded]),
+        marks=marks(legend([*shown, *folded])),
         budget_note=budget_note(of),
-        bar_text=bar_text,
-        most_rows=_MOST_ROWS,
         n_judged=len(of.judged),
         verdict=verdict(content),
         conclusions=conclusions(content),
@@ -87,42 +57,10 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
     )
 
 
-def marks(statements: Sequence[Statement]) -> dict[str, str]:
-    """The style's class for each source of error; uncertain parameters share a few colours."""
-    fixed = {source.kind for source in SOURCES}
-    own = [source.kind for source in legend(statements) if source.kind not in fixed]
-    return {kind: kind for kind in fixed} | {kind: f"uncertain-{i % _COLOURS}" for i, kind in enumerate(own)}
-
-
 def _fits_table_1(content: ReportContent) -> bool:
     """Whether paper A's Table I can show the material's estimates: each of its constants at most once."""
     kinds = [[parameter_name(name).kind for name in result.parameters] for result in content.results.values()]
     return all(held.count(kind) <= 1 for held in kinds for kind in material_kinds(content.results.values()))
-
-
-def bar_text(source: ErrorSource, share: float, words: str) -> str:
-    """The text on a source's part of a bar: its name and its share, or what of them has room."""
-    return next((text for text in (f"{source.short} {words}", words) if len(text) * _LETTER < share), "")
-
-
-def moment(created: str) -> str:
-    """A time of ISO 8601 to the minute: "2026-11-22 18:51 UTC"; any other text as it is."""
-    try:
-        at = datetime.fromisoformat(created)
-    except ValueError:
-        return created
-    return f"{at:%Y-%m-%d %H:%M} {at.tzname() or ''}".rstrip()
-
-
-def unbroken(text: str) -> str:
-    """The text with exponents that no line break divides."""
-    return re.sub(r"(?<=\de)-(?=\d)", "\N{NON-BREAKING HYPHEN}", text)
-
-
-def embedded(picture: Picture) -> str:
-    """The picture as a data URL."""
-    data, kind = (picture.svg, "svg+xml") if picture.shown == "svg" else (picture.png, "png")
-    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def key_numbers(content: ReportContent) -> list[KeyNumber]:

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +21,16 @@ from softcal.csv_text import csv_text
 from softcal.errors import Fault, InputError, ParameterError
 from softcal.project.material_block import material_block, priors
 from softcal.report.coupon_figure import draw_coupons
-from softcal.report.format import file_stem
+from softcal.report.coupon_page import CouponCharts, render_coupon_page
+from softcal.report.figure import Picture
+from softcal.report.format import file_stem, joined
 from softcal.report.style import encode
 from softcal.workflows.coupon_record import FORMAT, RECORD, material_json, prediction_json
 from softcal.workflows.output import new_folder
 
 _DRAWN = 3  # laws in the chart of several
-BLOCK, CONSTANTS, LAWS_TABLE, STRESSES, PREDICTIONS = (
+PAGE, BLOCK, CONSTANTS, LAWS_TABLE, STRESSES, PREDICTIONS = (
+    "report.html",
     "material.yaml",
     "constants.csv",
     "laws.csv",
@@ -83,20 +87,29 @@ def write_predictions(predicted: Sequence[PredictedCoupon], name: str, folder: P
         write_text(part / "predictions.json", json.dumps(record, indent=2, allow_nan=False) + "\n")
 
 
-def _add_predictions(predicted: Sequence[PredictedCoupon], name: str, folder: Path) -> None:
+def _add_predictions(predicted: Sequence[PredictedCoupon], name: str, folder: Path) -> Picture:
     write_text(folder / PREDICTIONS, predictions_csv(predicted))
-    _draw({name: predicted}, folder / "predictions")
+    caption = f"Further tests as measured (points), and as {name} predicts them (curves)."
+    return _draw({name: predicted}, folder / "predictions", caption)
 
 
-def _draw(laws: Mapping[str, Sequence[PredictedCoupon]], stem: Path) -> None:
-    for ending, content in zip((".png", ".svg"), encode(draw_coupons(laws)), strict=True):
+def _draw(laws: Mapping[str, Sequence[PredictedCoupon]], stem: Path, caption: str = "") -> Picture:
+    png, svg = encode(draw_coupons(laws))
+    for ending, content in ((".png", png), (".svg", svg)):
         stem.with_name(stem.name + ending).write_bytes(content)
+    return Picture(stem.name, "fit", caption, png, svg)
 
 
-def write_comparison(found: LawComparison, body: str, folder: Path, predicted: Sequence[PredictedCoupon] = ()) -> None:
-    """Write a comparison into a new folder: `coupon.json`, tables, a chart of the three best laws and of each law with
-    its band, and for the recommended law the block of a project file (`material.yaml`); and what the law that is shown
-    predicts of further tests.
+def write_comparison(
+    found: LawComparison,
+    body: str,
+    folder: Path,
+    predicted: Sequence[PredictedCoupon] = (),
+    files: Sequence[Path] = (),
+) -> None:
+    """Write a comparison into a new folder: a page (`report.html`), `coupon.json`, tables, a chart of the three best
+    laws and of each law with its band, and for the recommended law the block of a project file (`material.yaml`); and
+    what the law that is shown predicts of further tests. files: of the fitted tests, which the page names.
 
     Raises
     ------
@@ -107,17 +120,36 @@ def write_comparison(found: LawComparison, body: str, folder: Path, predicted: S
         write_text(part / LAWS_TABLE, laws_csv(found))
         write_text(part / CONSTANTS, constants_csv(found))
         write_text(part / STRESSES, stresses_csv(found))
-        said = {one.name: one.fit.tests(found.coupons) for one in found.laws}
-        if len(said) > 1:
-            _draw({one.name: said[one.name] for one in found.laws[:_DRAWN]}, part / "laws")
-        for name, tests in said.items():
-            _draw({name: tests}, part / file_stem(name))
-        if predicted:
-            _add_predictions(predicted, found.shown.name, part)
+        charts = _draw_comparison(found, predicted, part)
         chosen = found.recommended
-        if chosen is not None:
-            write_text(part / BLOCK, material_block(chosen.fit, found, body))
+        block = "" if chosen is None else material_block(chosen.fit, found, body)
+        if block:
+            write_text(part / BLOCK, block)
         write_text(part / RECORD, json.dumps(comparison_json(found, predicted), indent=2, allow_nan=False) + "\n")
+        names = [path.name for path in files]
+        created = datetime.now(UTC).isoformat()
+        page = render_coupon_page(found, charts, block=block, predicted=predicted, files=names, created=created)
+        write_text(part / PAGE, page)
+
+
+def _draw_comparison(found: LawComparison, predicted: Sequence[PredictedCoupon], folder: Path) -> CouponCharts:
+    """Draw every chart into a folder; those of the page."""
+    said = {one.name: one.fit.tests(found.coupons) for one in found.laws}
+    best = {one.name: said[one.name] for one in found.laws[:_DRAWN]}
+    caption = f"Points: measured. Curves: {joined(best)}, the nearest on what was held out."
+    several = _draw(best, folder / "laws", caption) if len(said) > 1 else None
+    shown: dict[str, Picture] = {}
+    for one in found.laws:
+        with_band = one.fit.material.covariance is not None
+        band = (
+            ", with the 95 % band of a further test"
+            if with_band
+            else ", without a band: not all constants have intervals"
+        )
+        caption = f"Nominal stress as measured (points) and by {one.name} (curves){band}."
+        shown[one.name] = _draw({one.name: said[one.name]}, folder / file_stem(one.name), caption)
+    further = _add_predictions(predicted, found.shown.name, folder) if predicted else None
+    return CouponCharts(shown[found.shown.name], several, further)
 
 
 def laws_csv(found: LawComparison) -> str:

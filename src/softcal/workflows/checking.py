@@ -27,7 +27,6 @@ from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response
 from softcal.twin.robot import Body, Cable, Plate, Rod
 from softcal.units import AS_WRITTEN, format_quantity, format_range, plain
-from softcal.workflows.calibration import plan
 from softcal.workflows.output import require_writable
 from softcal.workflows.start_states import start_states
 
@@ -119,6 +118,8 @@ def _refusals(project: Project) -> list[str]:
     """Why `calibrate` would refuse the project, where it has tests and free parameters."""
     if not project.experiments or project.space is None:
         return []
+    from softcal.workflows.calibration import plan
+
     try:
         plan(project)
     except InputError as error:

@@ -15,6 +15,7 @@ Liu, Guan, Zhao and Luo, Comput. Methods Appl. Mech. Engrg. 430 (2024) 117248.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,8 +24,10 @@ from softcal.materials.branches import Branches, stacked
 from softcal.materials.components import TWICE
 from softcal.materials.inelastic import Constants, Inelastic, Left, PointRates, Stressed
 from softcal.materials.parameter import Parameter
-from softcal.materials.strain_measure import MeasuredStrain
 from softcal.quantities import QUANTITIES
+
+if TYPE_CHECKING:
+    from softcal.materials.strain_measure import MeasuredStrain
 
 EXPONENT = "branch_exponent"
 
@@ -61,7 +64,7 @@ class Maxwell(Inelastic):
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
         mu = stacked(constants, self._moduli)
-        strain = MeasuredStrain(at.E, constants[EXPONENT])
+        strain = _measured(at, constants)
         kept = self._kept.follow(strain.A, memory, elapsed, constants)
         T = 2.0 * np.einsum("b,nbm->nm", mu, kept.h) / TWICE
         slopes, bend = strain.derivatives(T, second=len(at.D) > 0)
@@ -83,7 +86,7 @@ class Maxwell(Inelastic):
         values, changes = constants
         mu, dmu = (stacked(one, self._moduli) for one in constants)
         dm = np.asarray(changes.get(EXPONENT, 0.0))
-        strain = MeasuredStrain(at.E, values[EXPONENT])
+        strain = _measured(at, values)
         A, kept = strain.A, self._kept.follow(strain.A, memory[0], elapsed, values)
         T = 2.0 * np.einsum("b,nbm->nm", mu, kept.h) / TWICE
         moved = bool(by.E.any())
@@ -119,3 +122,9 @@ def modulus_of(branch: int) -> str:
 def time_of(branch: int) -> str:
     """The name of the relaxation time of a branch, counted from 1."""
     return f"branch_time{branch}"
+
+
+def _measured(at: Stressed, constants: Constants) -> MeasuredStrain:
+    from softcal.materials.strain_measure import MeasuredStrain  # whose kernels take long to load
+
+    return MeasuredStrain(at.E, constants[EXPONENT])

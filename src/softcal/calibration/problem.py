@@ -178,13 +178,11 @@ class Problem:
             Where a value is outside what its parameter may be.
         """
         began = time.perf_counter()
-        groups = range(len(self.trajectories(theta)))
-        parts = [self.part(theta, number, jacobian=jacobian) for number in groups]
+        parts = [self.part(theta, group, jacobian=jacobian) for group in self.trajectories(theta)]
         return self.joined(theta, parts, time.perf_counter() - began)
 
-    def part(self, theta: Mapping[str, float], number: int, *, jacobian: bool) -> Contribution:
-        """What the trajectory of this number contributes to the evaluation at theta."""
-        group = self.trajectories(theta)[number]
+    def part(self, theta: Mapping[str, float], group: Trajectory, *, jacobian: bool) -> Contribution:
+        """What one of its trajectories contributes to the evaluation at theta."""
         response = self._simulate(group, jacobian)
         observations: dict[str, Observation] = {}
         failure = group.failure(response)

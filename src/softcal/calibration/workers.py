@@ -196,4 +196,5 @@ def _evaluate(theta: dict[str, float], jacobian: bool) -> Evaluation:
 
 
 def _part(theta: dict[str, float], number: int, jacobian: bool) -> Contribution:
-    return _here["problem"].part(theta, number, jacobian=jacobian)
+    problem = _here["problem"]
+    return problem.part(theta, problem.trajectories(theta)[number], jacobian=jacobian)

@@ -24,7 +24,7 @@ class Document:
     faults: tuple[Fault, ...] = ()
 
     def mapping(self, key: str) -> Mapping[str, Any]:
-        """What stands at a key of the file; empty where that is no mapping."""
+        """The mapping under a key of the file; empty where that is none."""
         data = self.data.get(key)
         return data if isinstance(data, dict) else {}
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Makes the virtual environment and fills it: bootstrap.sh run | dev | bench
 #   run    softcal with the `mesh` extra      (make demo)
-#   dev    run + the tools of the tests       (make test, make lint)
+#   dev    run + the other extras and the tools of the tests  (make test, make lint)
 #   bench  dev + the peers of the benchmarks  (make bench)
 # What the system lacks is installed where this runs as root; elsewhere one line says what to run.
 set -euo pipefail
@@ -42,8 +42,8 @@ pip() { "$venv/bin/python" -m pip --disable-pip-version-check --no-input "$@"; }
 pip install --quiet --upgrade 'pip>=25.1'
 case $level in
   run) pip install --quiet --editable '.[mesh]' ;;
-  dev) pip install --quiet --editable '.[mesh]' --group dev ;;
-  bench) pip install --quiet --editable '.[mesh]' --group dev --group bench ;;
+  dev) pip install --quiet --editable '.[mesh,cluster,watch]' --group dev ;;
+  bench) pip install --quiet --editable '.[mesh,cluster,watch]' --group dev --group bench ;;
   *) stop "unknown level '$level'; allowed: run, dev, bench" ;;
 esac
 

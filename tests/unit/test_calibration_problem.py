@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
 
+from softcal.calibration.evaluator import Evaluator
 from softcal.calibration.fingerprint import fingerprint, fingerprints
 from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.optimiser import Proposal
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.trajectory import Member, shared_out
-from softcal.calibration.workers import Evaluator
 from softcal.errors import InputError, ParameterError, SimulationError
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
@@ -73,7 +73,7 @@ def test_long_tests_of_several_cables_are_trajectories_of_their_own_and_short_on
 def test_workers_share_the_trajectories_of_one_evaluation(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = three("tension")
     here = problem.evaluate(THETA, jacobian=True)
-    monkeypatch.setattr("softcal.calibration.workers._WORTH", 0.0)
+    monkeypatch.setattr("softcal.calibration.evaluator._WORTH", 0.0)
     with Evaluator(problem, workers=2, jacobian=True) as evaluator:
         (_, shared), (_, again) = (one for _ in range(2) for one in evaluator.evaluate([Proposal(0, THETA)]))
     for one in (shared, again):

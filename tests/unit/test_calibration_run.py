@@ -60,6 +60,21 @@ def dying_twin(
     os._exit(9)
 
 
+def soft_necks_end_their_worker(
+    robot: Robot,
+    protocol: Protocol,
+    theta: Mapping[str, float] | None = None,
+    *,
+    sensitivities: Sequence[str] = (),
+    snapshots: bool = False,
+) -> Response:
+    """As `soft_necks_fail`, but those end their process."""
+    found = soft_necks_fail(robot, protocol, theta, sensitivities=sensitivities)
+    if not found.succeeded:
+        os._exit(9)
+    return found
+
+
 def same(one: CalibrationResult, other: CalibrationResult) -> None:
     """The same result but for how long it took."""
     assert one.parameters == other.parameters
@@ -148,9 +163,19 @@ def test_tpe_is_the_same_search_for_any_number_of_workers() -> None:
     assert alone.extra["batch"] == 4
 
 
-def test_a_worker_that_dies_is_told_in_a_sentence() -> None:
-    with pytest.raises(CalibrationError, match="A worker process ended unexpectedly"):
+def test_where_every_evaluation_ends_its_worker_the_search_is_over() -> None:
+    told = "first 5 evaluations ended their workers.*tried 3 times.*fewer workers than 2"
+    with pytest.raises(CalibrationError, match=told):
         calibrate(problem_of(dying_twin), method="grid", trials=9, workers=2)
+
+
+def test_an_evaluation_that_ends_its_worker_each_time_is_a_failed_trial() -> None:
+    found = calibrate(problem_of(soft_necks_end_their_worker), method="grid", trials=9, workers=2)
+    alone = calibrate(problem_of(soft_necks_fail), method="grid", trials=9)
+    assert [trial.state for trial in found.trials] == [trial.state for trial in alone.trials]
+    assert [trial.loss for trial in found.trials] == [trial.loss for trial in alone.trials]
+    reasons = {trial.reason for trial in found.trials if trial.state == "FAILED"}
+    assert reasons == {"It was tried 3 times, and its worker process ended unexpectedly, perhaps for lack of memory."}
 
 
 @pytest.mark.parametrize(("method", "trials"), METHODS)

@@ -61,7 +61,8 @@ def test_help_loads_nothing_heavy():
 
 def test_a_slip_in_a_project_file_is_told_before_anything_heavy_is_loaded(tmp_path: Path):
     path = write_project(tmp_path, ("poissons_ratio: 0.42", "poissons_ratoi: 0.42"))
-    assert set(heavy_after(MISTYPED.format(project=str(path)))) == READING
+    with_dask = {"jinja2"} if importlib.util.find_spec("dask") else set()  # Pint loads Dask where it is, and that Jinja
+    assert set(heavy_after(MISTYPED.format(project=str(path)))) == READING | with_dask
 
 
 def test_the_probe_sees_what_is_loaded():

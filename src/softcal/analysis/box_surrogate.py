@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from softcal.calibration.evaluator import Evaluator
 from softcal.calibration.likelihood_points import Observer
 from softcal.calibration.local_model import jacobian_of
 from softcal.calibration.loss import Block, rms, total
@@ -20,9 +21,9 @@ from softcal.calibration.optimiser import Proposal
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Problem
 from softcal.calibration.surrogate import Surrogate, fewest_points, fitted_surrogate
-from softcal.calibration.workers import Evaluator
 from softcal.checks import Floats
 from softcal.errors import CalibrationError, SimulationError
+from softcal.executors.executor import Executor
 from softcal.sensing.channel import channel_name
 
 ERROR = 0.03
@@ -193,7 +194,7 @@ class CheckedBox:
 
 
 def checked_box(
-    problem: Problem, *, simulations: int, seed: int, workers: int = 1, progress: Observer | None = None
+    problem: Problem, *, simulations: int, seed: int, workers: int | Executor = 1, progress: Observer | None = None
 ) -> CheckedBox:
     """A surrogate of a problem over its search box.
 
@@ -206,7 +207,7 @@ def checked_box(
     seed
         Of the points.
     workers
-        Processes that simulate.
+        An executor, or a number of processes that simulate.
     progress
         Called after every evaluation with their number.
 

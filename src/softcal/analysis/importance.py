@@ -16,6 +16,7 @@ from softcal.calibration.likelihood_points import Observer
 from softcal.calibration.parameters import Scale
 from softcal.calibration.problem import Problem
 from softcal.errors import Fault, InputError
+from softcal.executors.executor import Executor
 from softcal.limits import require_at_least
 from softcal.units import format_quantity
 
@@ -94,7 +95,7 @@ def importance_study(
     *,
     seed: int = 1,
     simulations: int = SIMULATIONS,
-    workers: int = 1,
+    workers: int | Executor = 1,
     progress: Observer | None = None,
 ) -> ImportanceStudy:
     """Sobol indices of a problem over its search box.
@@ -108,7 +109,7 @@ def importance_study(
     simulations
         Evaluations of the twin, at most.
     workers
-        Processes that simulate.
+        An executor, or a number of processes that simulate.
     progress
         Called after every evaluation of the twin with their number.
 

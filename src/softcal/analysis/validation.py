@@ -20,6 +20,7 @@ from softcal.calibration.run import calibrate
 from softcal.calibration.search import Progress
 from softcal.calibration.settings import SearchSettings
 from softcal.errors import Fault, ParameterError
+from softcal.executors.executor import Executor
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ def leave_out(
     folds: Sequence[Sequence[str]],
     settings: SearchSettings | None = None,
     *,
-    workers: int = 1,
+    workers: int | Executor = 1,
     progress: Callable[[str, Progress], None] | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> tuple[Prediction, ...]:

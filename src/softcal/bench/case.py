@@ -13,6 +13,7 @@ from softcal.bench.predictions import Predictions
 from softcal.bench.record import CaseRecord
 from softcal.catalogue import Catalogue
 from softcal.errors import Fault
+from softcal.executors.executor import Executor
 from softcal.twin.robot import Robot
 
 Progress = Callable[[str], None]
@@ -97,7 +98,7 @@ class BenchmarkCase(ABC):
         """
 
     @abstractmethod
-    def run(self, data: Path | None = None, *, workers: int = 1, progress: Progress) -> Predictions:
+    def run(self, data: Path | None = None, *, workers: int | Executor = 1, progress: Progress) -> Predictions:
         """softcal's own predictions of all samples: fitted to those of the fit alone.
 
         Raises

@@ -20,6 +20,7 @@ from softcal.calibration.experiment import Experiment
 from softcal.calibration.result import CalibrationResult, ExperimentFit
 from softcal.checks import Floats
 from softcal.errors import CalibrationError, Fault, InputError, StorageError
+from softcal.executors.executor import Executor
 from softcal.project.bench_names import experiments_named
 from softcal.project.project import Project, load
 from softcal.twin.robot import Robot
@@ -86,7 +87,7 @@ class ProjectCase(BenchmarkCase):
                 [*(part for part in parts if part[0] == FIT), *(part for part in parts if part[0] == PREDICT)]
             )
 
-    def run(self, data: Path | None = None, *, workers: int = 1, progress: Progress) -> Predictions:
+    def run(self, data: Path | None = None, *, workers: int | Executor = 1, progress: Progress) -> Predictions:
         began = perf_counter()
         with self._project(data) as project:
             held = self._held(project)

@@ -10,6 +10,7 @@ from softcal.bench.case import CASES, BenchmarkCase, Progress
 from softcal.bench.predictions import Predictions, read_predictions
 from softcal.bench.record import CaseRecord
 from softcal.bench.score import Score, score
+from softcal.executors.executor import Executor
 from softcal.workflows.output import new_folder, require_free_folder
 
 PREDICTIONS, SCORE = "predictions.csv", "score.json"
@@ -24,7 +25,12 @@ class Ran:
 
 
 def run_case(
-    name: str, out: Path, *, data: Path | None = None, workers: int = 1, progress: Progress = lambda stage: None
+    name: str,
+    out: Path,
+    *,
+    data: Path | None = None,
+    workers: int | Executor = 1,
+    progress: Progress = lambda stage: None,
 ) -> Ran:
     """softcal's predictions of a case, fitted to the samples of the fit alone, with their score.
 

@@ -15,13 +15,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from softcal.calibration.checked_interval import IntervalStudy
+from softcal.calibration.evaluator import Evaluator
 from softcal.calibration.intervals import CONFIDENCE, nearest_within, student
 from softcal.calibration.likelihood_points import Observer
 from softcal.calibration.optimiser import Proposal
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.resampling import Resampled, model_values, resampled
-from softcal.calibration.workers import Evaluator
 from softcal.checks import Floats
+from softcal.executors.executor import Executor
 from softcal.limits import require_at_least
 
 DRAWS = 2000
@@ -36,7 +37,7 @@ def bootstrap(
     over: str = "",
     samples: int = DRAWS,
     seed: int = 1,
-    workers: int = 1,
+    workers: int | Executor = 1,
     progress: Observer | None = None,
 ) -> IntervalStudy:
     """95 % intervals as percentiles of estimates with random weights of the groups, near calibrated values theta.
@@ -54,7 +55,7 @@ def bootstrap(
     seed
         Of the random numbers; the same seed gives the same draws.
     workers
-        Processes that simulate.
+        An executor, or a number of processes that simulate.
     progress
         Called after every evaluation of the twin with their number.
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.calibration.adjusted_likelihood import Calibrated, Whitened
+from softcal.calibration.evaluator import Evaluator
 from softcal.calibration.optimiser import Proposal
 from softcal.calibration.problem import Evaluation
-from softcal.calibration.workers import Evaluator
 from softcal.checks import Floats
 from softcal.errors import CalibrationError
 

@@ -22,15 +22,16 @@ import numpy as np
 
 from softcal.calibration.adjusted_likelihood import Calibrated, calibrated
 from softcal.calibration.checked_interval import IntervalStudy, checked
+from softcal.calibration.evaluator import Evaluator
 from softcal.calibration.interrupts import interrupts_held
 from softcal.calibration.intervals import CONFIDENCE
 from softcal.calibration.likelihood_points import Observer, Seen, SimulatedPoint, likelihood_minimum
 from softcal.calibration.posterior_shape import reasons
 from softcal.calibration.problem import Problem
 from softcal.calibration.surrogate import Surrogate, fewest_points, fitted_surrogate
-from softcal.calibration.workers import Evaluator
 from softcal.checks import Floats
 from softcal.errors import CalibrationError
+from softcal.executors.executor import Executor
 from softcal.limits import require_at_least
 
 SAMPLES = 10_000
@@ -72,7 +73,7 @@ def posterior(
     samples: int = SAMPLES,
     seed: int = 1,
     simulations: int = SIMULATIONS,
-    workers: int = 1,
+    workers: int | Executor = 1,
     progress: Observer | None = None,
 ) -> IntervalStudy:
     """95 % intervals of all parameters as percentiles of their posterior, near calibrated values theta [SI by label].
@@ -90,7 +91,7 @@ def posterior(
     simulations
         Evaluations of the twin, at most.
     workers
-        Processes that simulate.
+        An executor, or a number of processes that simulate.
     progress
         Called after every evaluation of the twin with their number.
 

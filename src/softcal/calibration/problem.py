@@ -204,6 +204,10 @@ class Problem:
             return self._failed(theta, " ".join(failures), observations, len(parts), n_factorisations, seconds)
         return self.judge(theta, observations, len(parts), n_factorisations, seconds)
 
+    def failed(self, theta: Mapping[str, float], failure: str) -> Evaluation:
+        """An evaluation at theta of which nothing is known but why it failed."""
+        return self._failed(theta, failure, {}, 0, 0, 0.0)
+
     def _failed(
         self,
         theta: Mapping[str, float],

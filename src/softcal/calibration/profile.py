@@ -21,11 +21,12 @@ import numpy as np
 
 from softcal.calibration.adjusted_likelihood import Calibrated, calibrated
 from softcal.calibration.checked_interval import IntervalStudy, checked
+from softcal.calibration.evaluator import Evaluator
 from softcal.calibration.intervals import student
 from softcal.calibration.likelihood_points import MOST, Observer, Quadratic, SimulatedPoint, likelihood_minimum
 from softcal.calibration.problem import Problem
-from softcal.calibration.workers import Evaluator
 from softcal.checks import Floats
+from softcal.executors.executor import Executor
 
 _NEAR = 0.01  # of the distance from the minimum: an end that moves by less is found
 _LOWER = 0.02  # of minus twice the log-likelihood: a point lower than the minimum by more is a better one
@@ -88,7 +89,7 @@ class _End:
 
 
 def profile(
-    problem: Problem, theta: Mapping[str, float], *, workers: int = 1, progress: Observer | None = None
+    problem: Problem, theta: Mapping[str, float], *, workers: int | Executor = 1, progress: Observer | None = None
 ) -> IntervalStudy:
     """95 % intervals of all parameters by profile likelihoods, from the calibrated values theta [SI by label].
 
@@ -103,7 +104,7 @@ def profile(
     theta
         Its minimum [SI by label].
     workers
-        Processes; the two ends of all parameters are searched side by side.
+        An executor, or a number of processes; the two ends of all parameters are searched side by side.
     progress
         Called after every trajectory.
 
@@ -112,7 +113,8 @@ def profile(
     InputError
         Where theta is no minimum of the loss, or the noise cannot be estimated.
     SimulationError, CalibrationError
-        Where the twin cannot be simulated at theta, a worker died, or the likelihood has no minimum nearby.
+        Where the twin cannot be simulated at theta, there are no workers any more, or the likelihood has no minimum
+        nearby.
     """
     began = time.perf_counter()
     held = calibrated(problem, dict(theta))

@@ -18,13 +18,14 @@ from softcal.calibration.result import CalibrationResult, Note
 from softcal.calibration.result_files import write_result
 from softcal.calibration.search import Found, Observer, Search, searched
 from softcal.calibration.settings import SearchSettings
+from softcal.executors.executor import Executor
 
 
 def calibrate(
     problem: Problem,
     settings: SearchSettings | None = None,
     *,
-    workers: int = 1,
+    workers: int | Executor = 1,
     store: Path | None = None,
     resume: bool = False,
     hashes: Mapping[str, str] | None = None,
@@ -45,9 +46,9 @@ def calibrate(
     settings
         Settings of the search; `SearchSettings()` when None.
     workers
-        Processes. Every method gives the same result for any number, up to the last digits, in which the linear
-        solver's threads (cores over workers) round differently. `tpe` asks for four trials at a time, so more than four
-        workers do not help it; a resumed run keeps the number that it began with.
+        An executor, or a number of processes. Every method gives the same result for any number, up to the last
+        digits, in which the linear solver's threads (cores over workers) round differently. `tpe` asks for four trials
+        at a time, so more than four workers do not help it; a resumed run keeps the number that it began with.
     store
         Run folder: every trial is stored there at once, and the result at the end. None stores nothing.
     resume
@@ -66,7 +67,7 @@ def calibrate(
     StorageError
         Where the folder cannot be used, or holds a run of something else.
     CalibrationError
-        Where no trial could be simulated, or a worker died. The trials are stored.
+        Where no trial could be simulated, or there are no workers any more. The trials are stored.
     """
     given = (settings or SearchSettings()).changed(**changes)
     optimiser = OPTIMISERS.named(given.method)

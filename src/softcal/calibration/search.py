@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from softcal.calibration.evaluator import Evaluator
 from softcal.calibration.interrupts import interrupts_held, stoppable
 from softcal.calibration.optimiser import Journal, Optimiser, Proposal
 from softcal.calibration.outcome import Account, installed_versions
@@ -18,8 +19,9 @@ from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.recall import recalled
 from softcal.calibration.result import Trial
 from softcal.calibration.store import RunStore, StoredTrial
-from softcal.calibration.workers import Evaluator
-from softcal.errors import CalibrationError, Fault, ParameterError, StorageError
+from softcal.errors import CalibrationError, Fault, StorageError
+from softcal.executors.chosen import executor_of
+from softcal.executors.executor import Executor
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,7 @@ class Found:
 def searched(
     search: Search,
     *,
-    workers: int = 1,
+    workers: int | Executor = 1,
     store: Path | None = None,
     resume: bool = False,
     files: Mapping[str, str] | None = None,
@@ -119,13 +121,11 @@ def searched(
     StorageError
         Where the folder cannot be used, or holds a run of something else.
     CalibrationError
-        Where no trial could be simulated, or a worker died. The trials are stored.
+        Where no trial could be simulated, or there are no workers any more. The trials are stored.
     """
     began = time.perf_counter()
-    if workers < 1:
-        raise ParameterError(Fault("there must be a worker", "workers", got=str(workers), allowed="1 or more"))
     settings = dict(search.settings)
-    with contextlib.ExitStack() as stack:
+    with executor_of(workers) as executor, contextlib.ExitStack() as stack:
         with interrupts_held():
             run = _open(search, store, resume, files)
             if run is not None:
@@ -137,7 +137,7 @@ def searched(
             with interrupts_held():
                 journal = optimiser.journal(run.folder)
         tally = _Tally(search.problem, run, journal, began)
-        evaluator = Evaluator(search.problem, workers=workers, jacobian=optimiser.needs_jacobian)
+        evaluator = Evaluator(search.problem, workers=executor, jacobian=optimiser.needs_jacobian)
         stopped = _course(optimiser, stack.enter_context(evaluator), tally, progress)
         if tally.best is None:
             raise CalibrationError(_no_result(tally, stopped))

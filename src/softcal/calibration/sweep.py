@@ -13,6 +13,7 @@ from softcal.calibration.result import SweepResult
 from softcal.calibration.result_files import write_result
 from softcal.calibration.search import Observer, Search, searched
 from softcal.calibration.settings import SearchSettings
+from softcal.executors.executor import Executor
 
 
 def sweep(
@@ -20,7 +21,7 @@ def sweep(
     axes: Mapping[str, Sequence[float]],
     *,
     seed: int = SearchSettings.seed,
-    workers: int = 1,
+    workers: int | Executor = 1,
     store: Path | None = None,
     resume: bool = False,
     progress: Observer | None = None,
@@ -45,7 +46,7 @@ def sweep(
     StorageError
         Where the folder cannot be used, or holds a run of something else.
     CalibrationError
-        Where no cell could be simulated, or a worker died. The cells are stored.
+        Where no cell could be simulated, or there are no workers any more. The cells are stored.
     """
     given = {label: tuple(values) for label, values in axes.items()}
     grid = GridOptimiser.over(problem.space, given)

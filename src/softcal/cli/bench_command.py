@@ -10,7 +10,7 @@ import typer
 from softcal.cli.app import app, exit_on_error
 from softcal.cli.printing import print_table
 from softcal.cli.running import clock
-from softcal.cli.values import Workers
+from softcal.cli.values import LOCAL, On, Workers
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -73,15 +73,17 @@ def run(
         Path | None, typer.Option(metavar="DIR", help="A folder that is new or empty; 'bench/CASE' by default.")
     ] = None,
     data: Data = None,
-    workers: Workers = 1,
+    workers: Workers = None,
+    on: On = LOCAL,
 ) -> None:
     """Fit a case's samples with softcal, predict the others, and write and score the predictions."""
     from softcal.bench.case import CASES
     from softcal.bench.run import run_case
+    from softcal.executors.chosen import executor_on
 
     CASES.named(case)
-    with clock() as show:
-        done = run_case(case, out or Path("bench", case), data=data, workers=workers, progress=show)
+    with executor_on(on, workers) as executor, clock() as show:
+        done = run_case(case, out or Path("bench", case), data=data, workers=executor, progress=show)
     _print_score(done.score)
     typer.echo(f"Predictions and score: {done.folder}")
 

@@ -15,8 +15,10 @@ from softcal.cli.calibration_table import print_results
 from softcal.cli.printing import print_warnings
 from softcal.cli.running import clock
 from softcal.cli.values import (
+    LOCAL,
     SOFTCAL,
     Engine,
+    On,
     Values,
     WithReport,
     Workers,
@@ -50,7 +52,8 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         int | None,
         typer.Option(min=1, help="Limit of trials, or of the trajectories of each start.", show_default=False),
     ] = None,
-    workers: Workers = 1,
+    workers: Workers = None,
+    on: On = LOCAL,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random numbers.", show_default=False)] = None,
     hold_out: Annotated[
         str | None,
@@ -90,6 +93,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
 
     options = parsed_pairs(option, "--option", "this sets no option", "NAME=VALUE, such as starts=5")
     loaded = load(project, values=parsed_values(values))
+    from softcal.executors.chosen import executor_on
     from softcal.workflows.calibration import calibrate as calibrate_project
     from softcal.workflows.furthest import furthest_responses, shape_warnings
 
@@ -107,22 +111,23 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         "option": option,
         "set": values,
         "engine": None if engine == SOFTCAL else engine,
-        "workers": None if workers == 1 else workers,
+        "workers": workers,
+        "on": None if on == LOCAL else on,
     }
     again = f"{shlex.quote(str(project))} --out {shlex.quote(str(folder))}{as_typed({**changes, **others})}"
     again += f"{' --no-mesh-error' * (mesh_error is False)} --resume"
     changes["mesh_error"] = mesh_error
     changes["hold_out"] = None if hold_out is None else names(hold_out)
     changes |= {name: scalar(text) for name, text in options.items()}
-    if engine != SOFTCAL and not resume:
-        _print_expected(loaded, engine, changes, workers)
-    with resumable(folder, "Everything", f"softcal calibrate {again}"):
+    with executor_on(on, workers) as executor, resumable(folder, "Everything", f"softcal calibrate {again}"):
+        if engine != SOFTCAL and not resume:
+            _print_expected(loaded, engine, changes, executor.count)
         with calibration_progress() as bars:
             found = calibrate_project(
                 loaded,
                 out=folder,
                 resume=resume,
-                workers=workers,
+                workers=executor,
                 engine=engine,
                 progress=bars.show,
                 **changes,

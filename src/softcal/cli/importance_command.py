@@ -11,7 +11,7 @@ from softcal.cli.app import app, exit_on_error
 from softcal.cli.export_commands import Source
 from softcal.cli.printing import print_table, print_warnings
 from softcal.cli.running import clock
-from softcal.cli.values import Values, Workers, parsed_values
+from softcal.cli.values import LOCAL, On, Values, Workers, parsed_values
 
 if TYPE_CHECKING:
     from softcal.analysis.importance import ImportanceStudy
@@ -27,7 +27,8 @@ def importance(
     ] = "",
     simulations: Annotated[int, typer.Option(metavar="N", help="Evaluations of the twin, at most.")] = 400,
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of the points.")] = 1,
-    workers: Workers = 1,
+    workers: Workers = None,
+    on: On = LOCAL,
     values: Values = None,
     out: Annotated[
         Path | None,
@@ -51,13 +52,19 @@ def importance(
         require_free_folder(folder)
     studied = study_source(source, parsed_values(values), calibration)
     from softcal.analysis.importance_verdict import importance_sentences
+    from softcal.executors.chosen import executor_on
     from softcal.workflows.importance import study_importance
     from softcal.workflows.importance_files import write_importance
 
     print_warnings(studied.project.warnings if not source.is_dir() else ())
-    with clock() as show:
-        options = {"simulations": simulations, "seed": seed, "workers": workers}
-        found = study_importance(studied, **options, progress=lambda n: show(f"{n} evaluations"))
+    with executor_on(on, workers) as executor, clock() as show:
+        found = study_importance(
+            studied,
+            simulations=simulations,
+            seed=seed,
+            workers=executor,
+            progress=lambda n: show(f"{n} evaluations"),
+        )
     _print_study(found)
     for note in found.notes:
         typer.echo(f"Note: {note}")

@@ -10,7 +10,7 @@ import typer
 from softcal.cli.app import app, exit_on_error
 from softcal.cli.printing import print_table
 from softcal.cli.running import clock
-from softcal.cli.values import Workers
+from softcal.cli.values import LOCAL, On, Workers
 
 if TYPE_CHECKING:
     from softcal.calibration.checked_interval import IntervalStudy
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @app.command("intervals")
 @exit_on_error
-def intervals(
+def intervals(  # noqa: PLR0913 (one argument for each option)
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a calibrated run.", show_default=False)],
     by: Annotated[
         str, typer.Option(metavar="METHOD", help="Method: profile, posterior, jackknife or bootstrap.")
@@ -43,7 +43,8 @@ def intervals(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of the draws.")] = 1,
-    workers: Workers = 1,
+    workers: Workers = None,
+    on: On = LOCAL,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -60,6 +61,7 @@ def intervals(
     jackknife: one group of measurements left out at a time, without a further trajectory. bootstrap: groups with random
     weights, the ends confirmed by some three trajectories each.
     """
+    from softcal.executors.chosen import executor_on
     from softcal.workflows.intervals import check_method, default_folder, study_intervals
     from softcal.workflows.intervals_files import write_intervals
     from softcal.workflows.output import require_free_folder
@@ -69,10 +71,15 @@ def intervals(
     folder = out if out is not None else default_folder(run, by, over)
     require_free_folder(folder)
     source = run_source(run, calibration)
-    with clock() as show:
-        options = {"seed": seed, "workers": workers}
+    with executor_on(on, workers) as executor, clock() as show:
         found = study_intervals(
-            source, by, over=over, samples=samples, **options, progress=lambda n: show(f"{n} evaluations")
+            source,
+            by,
+            over=over,
+            samples=samples,
+            seed=seed,
+            workers=executor,
+            progress=lambda n: show(f"{n} evaluations"),
         )
     typer.echo(f"95 % intervals of the calibration '{source.calibration}'")
     _print_study(found)

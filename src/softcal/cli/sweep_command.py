@@ -11,7 +11,7 @@ from softcal.cli.app import ProjectFile, app, exit_on_error, resumable
 from softcal.cli.calibrate_commands import report_run
 from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.printing import print_table, print_warnings
-from softcal.cli.values import Values, WithReport, Workers, names, parsed_pairs, parsed_values
+from softcal.cli.values import LOCAL, On, Values, WithReport, Workers, names, parsed_pairs, parsed_values
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -24,7 +24,7 @@ OVER = "NAME=VALUES, such as springs.youngs_modulus=10GPa:1GPa:1GPa"
 
 @app.command()
 @exit_on_error
-def sweep(
+def sweep(  # noqa: PLR0913 (one argument for each option)
     project: ProjectFile,
     over: Annotated[
         list[str] | None,
@@ -39,7 +39,8 @@ def sweep(
         str | None,
         typer.Option(metavar="NAMES", help="Only these experiments (cable6_2, or cable6*).", show_default=False),
     ] = None,
-    workers: Workers = 1,
+    workers: Workers = None,
+    on: On = LOCAL,
     values: Values = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Run folder; 'sweep' beside the project by default.")
@@ -52,19 +53,20 @@ def sweep(
 
     axes = parsed_pairs(over, "--over", "this is not an axis", OVER)
     loaded = load(project, values=parsed_values(values))
+    from softcal.executors.chosen import executor_on
     from softcal.workflows.sweep import sweep as sweep_project
 
     print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "sweep"
     with resumable(folder, "Every cell", "the same command and --resume"):
-        with calibration_progress() as bars:
+        with executor_on(on, workers) as executor, calibration_progress() as bars:
             found = sweep_project(
                 loaded,
                 over=axes or None,
                 experiments=None if experiments is None else names(experiments),
                 out=folder,
                 resume=resume,
-                workers=workers,
+                workers=executor,
                 progress=bars.show,
             )
         _print_sweep(found)

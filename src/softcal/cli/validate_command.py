@@ -10,7 +10,7 @@ import typer
 
 from softcal.cli.app import app, exit_on_error
 from softcal.cli.printing import print_table, print_warnings
-from softcal.cli.values import Values, Workers, names, parsed_values
+from softcal.cli.values import LOCAL, On, Values, Workers, names, parsed_values
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -39,7 +39,8 @@ def validate(
         list[str] | None,
         typer.Option(metavar="NAME", help="Also with these tied parameters untied: a value for each."),
     ] = None,
-    workers: Workers = 1,
+    workers: Workers = None,
+    on: On = LOCAL,
     values: Values = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE.csv", help="A CSV file for all predictions.", show_default=False)
@@ -53,6 +54,7 @@ def validate(
     if out is not None:
         require_free_file(out)
     loaded = {str(path): load(path, values=parsed_values(values)) for path in projects}
+    from softcal.executors.chosen import executor_on
     from softcal.workflows.validation import validate as validate_projects
     from softcal.workflows.validation import write_validation
 
@@ -60,12 +62,12 @@ def validate(
         print_warnings(project.warnings)
     labels = {path: Path(path).stem for path in loaded}
     unique = len(set(labels.values())) == len(labels)
-    with calibration_progress() as bars:
+    with executor_on(on, workers) as executor, calibration_progress() as bars:
         found = validate_projects(
             {labels[path] if unique else path: project for path, project in loaded.items()},
             hold_out=[names(fold) for fold in hold_out or []],
             split=split or [],
-            workers=workers,
+            workers=executor,
             progress=lambda model, fold, state: bars.show(f"{model} without {fold}", state),
         )
     _print_validation(found)

@@ -23,7 +23,24 @@ Engine = Annotated[
 ]
 
 
-Workers = Annotated[int, typer.Option(min=1, max=LIMITS["workers"].most, help="Number of processes.")]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        max=LIMITS["workers"].most,
+        help="Number of processes, 1 by default; for slurm of jobs.",
+        show_default=False,
+    ),
+]
+LOCAL = "local"  # the default of --on
+On = Annotated[
+    str,
+    typer.Option(
+        "--on",
+        metavar="WHERE",
+        help="Where the twin is simulated: local, dask:ADDRESS of a Dask scheduler, or slurm[:QUEUE].",
+    ),
+]
 WithReport = Annotated[bool, typer.Option(help="Write the report at the end.")]
 
 

@@ -18,6 +18,7 @@ from softcal.calibration.result import CalibrationResult, SearchResult
 from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.calibration.search import Progress
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError, nearest
+from softcal.executors.executor import Executor
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.names import JOINT
@@ -58,7 +59,7 @@ def calibrate(
     *,
     out: str | Path | None = None,
     resume: bool = False,
-    workers: int = 1,
+    workers: int | Executor = 1,
     engine: str = SOFTCAL,
     progress: Observer | None = None,
     **changes: object,
@@ -72,7 +73,7 @@ def calibrate(
     resume
         Go on with the run in `out`.
     workers
-        Processes.
+        An executor, or a number of processes.
     engine
         What computes the twin: "softcal" or "sofa", by the project's `engines`.
     progress

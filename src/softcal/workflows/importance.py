@@ -8,8 +8,7 @@ from pathlib import Path
 
 from softcal.analysis.importance import SIMULATIONS, ImportanceStudy, importance_study
 from softcal.calibration.likelihood_points import Observer
-from softcal.errors import InputError
-from softcal.limits import LIMITS
+from softcal.executors.executor import Executor
 from softcal.workflows.importance_files import write_importance
 from softcal.workflows.output import require_free_folder
 from softcal.workflows.study_source import StudySource, study_source
@@ -20,7 +19,7 @@ def study_importance(
     *,
     seed: int = 1,
     simulations: int = SIMULATIONS,
-    workers: int = 1,
+    workers: int | Executor = 1,
     progress: Observer | None = None,
 ) -> ImportanceStudy:
     """The importance study of a source; options as for `importance`.
@@ -32,8 +31,6 @@ def study_importance(
     SoftcalError
         As `importance`.
     """
-    if fault := LIMITS["workers"].fault(workers):
-        raise InputError(replace(fault, where="--workers"))
     found = importance_study(source.problem, seed=seed, simulations=simulations, workers=workers, progress=progress)
     result = source.result
     by_trials = result is not None and result.extra.get("importance_kind") == "fanova"
@@ -48,7 +45,7 @@ def importance(
     values: Mapping[str, str] | None = None,
     seed: int = 1,
     simulations: int = SIMULATIONS,
-    workers: int = 1,
+    workers: int | Executor = 1,
     out: str | Path | None = None,
     progress: Observer | None = None,
 ) -> ImportanceStudy:
@@ -67,7 +64,7 @@ def importance(
     simulations
         Evaluations of the twin, at most.
     workers
-        Processes.
+        An executor, or a number of processes.
     out
         A new folder for the study as JSON and CSV; a run's report shows the one in its `importance`.
     progress

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from softcal.calibration.bootstrap import DRAWS, bootstrap
 from softcal.calibration.checked_interval import IntervalStudy
@@ -15,7 +16,8 @@ from softcal.calibration.resampling import jackknife
 from softcal.calibration.result import SearchResult
 from softcal.calibration.uncertain import MESH_ERROR
 from softcal.errors import Fault, InputError
-from softcal.limits import LIMITS
+from softcal.executors.chosen import executor_of
+from softcal.executors.executor import Executor
 from softcal.workflows.intervals_files import folder_name, write_intervals
 from softcal.workflows.output import require_free_folder
 from softcal.workflows.study_source import StudySource, run_source
@@ -36,7 +38,7 @@ def study_intervals(
     over: str = "",
     samples: int | None = None,
     seed: int = 1,
-    workers: int = 1,
+    workers: int | Executor = 1,
     progress: Observer | None = None,
 ) -> IntervalStudy:
     """The intervals of a source; options as for `intervals`.
@@ -49,20 +51,19 @@ def study_intervals(
         Where the twin cannot be simulated, or the likelihood has no minimum near the values.
     """
     check_method(by, over)
-    if fault := LIMITS["workers"].fault(workers):
-        raise InputError(replace(fault, where="--workers"))
     problem, theta = source.problem, source.theta
-    if by == "profile":
-        found = profile(problem, theta, workers=workers, progress=progress)
-    elif by == "jackknife":
-        found = jackknife(problem, theta, over=over)
-    else:
-        draws = {"posterior": SAMPLES, "bootstrap": DRAWS}[by] if samples is None else samples
-        options = {"samples": draws, "seed": seed, "workers": workers}
-        if by == "posterior":
-            found = posterior(problem, theta, **options, progress=progress)
+    with executor_of(workers) as executor:
+        if by == "profile":
+            found = profile(problem, theta, workers=executor, progress=progress)
+        elif by == "jackknife":
+            found = jackknife(problem, theta, over=over)
         else:
-            found = bootstrap(problem, theta, over=over, **options, progress=progress)
+            draws = {"posterior": SAMPLES, "bootstrap": DRAWS}[by] if samples is None else samples
+            options: dict[str, Any] = {"samples": draws, "seed": seed, "workers": executor}
+            if by == "posterior":
+                found = posterior(problem, theta, **options, progress=progress)
+            else:
+                found = bootstrap(problem, theta, over=over, **options, progress=progress)
     mesh = (WITHOUT_MESH,) if source.result is not None and _has_mesh(source.result) else ()
     return replace(found, notes=(*source.notes, *mesh, *found.notes))
 
@@ -96,7 +97,7 @@ def intervals(  # noqa: PLR0913 (one keyword for each option)
     calibration: str = "",
     samples: int | None = None,
     seed: int = 1,
-    workers: int = 1,
+    workers: int | Executor = 1,
     out: str | Path | None = None,
     progress: Observer | None = None,
 ) -> IntervalStudy:
@@ -118,7 +119,7 @@ def intervals(  # noqa: PLR0913 (one keyword for each option)
         Of a posterior or a bootstrap: the number of draws, by default 10,000 or 2000, and the seed of its
         random numbers.
     workers
-        Processes.
+        An executor, or a number of processes.
     out
         A new folder for the study as JSON and CSV.
     progress

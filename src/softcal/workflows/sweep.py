@@ -19,6 +19,7 @@ from softcal.calibration.store import RunStore, write_text
 from softcal.calibration.sweep import sweep as sweep_problem
 from softcal.csv_text import csv_text
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError
+from softcal.executors.executor import Executor
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis, shown_configurations
 from softcal.project.bench_names import experiments_named
 from softcal.project.project import Project
@@ -66,7 +67,7 @@ def sweep(
     experiments: Sequence[str] | None = None,
     out: str | Path | None = None,
     resume: bool = False,
-    workers: int = 1,
+    workers: int | Executor = 1,
     progress: Callable[[str, Progress], None] | None = None,
 ) -> Swept:
     """Simulate a project's experiments in every cell of a grid over any of its parameters.
@@ -87,7 +88,7 @@ def sweep(
     resume
         Go on with the sweep in `out`.
     workers
-        Processes; the result is the same for any number.
+        An executor, or a number of processes; the result is the same for any number.
     progress
         Called after every cell.
 

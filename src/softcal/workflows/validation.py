@@ -12,6 +12,7 @@ from softcal.calibration.search import Progress
 from softcal.calibration.settings import SearchSettings
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, ParameterError
+from softcal.executors.executor import Executor
 from softcal.project.project import Project
 from softcal.workflows.calibration import make_problem
 from softcal.workflows.output import require_free_file, write_new_file
@@ -25,7 +26,7 @@ def validate(
     *,
     hold_out: Sequence[Sequence[str]] = (),
     split: Sequence[str] = (),
-    workers: int = 1,
+    workers: int | Executor = 1,
     progress: Observer | None = None,
 ) -> Validation:
     """Leave experiments out, fit the others jointly, and predict what was left out.
@@ -39,7 +40,7 @@ def validate(
     split
         Tied parameters that further models leave untied: each is compared with the projects as they are.
     workers
-        Processes.
+        An executor, or a number of processes.
     progress
         Called after every trial.
 

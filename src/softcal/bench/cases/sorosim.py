@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,9 @@ from softcal.bench.predictions import Predictions
 from softcal.bench.record import CaseRecord
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault, SimulationError, StorageError
+from softcal.executors.chosen import executor_of
+from softcal.executors.each import results
+from softcal.executors.executor import Executor
 from softcal.geometry.centreline import spaced, straight
 from softcal.geometry.section import RoundBar
 from softcal.twin.protocol import Protocol
@@ -69,15 +71,12 @@ class SoroSimRod(BenchmarkCase):
         none = np.zeros(len(shapes), dtype=bool)
         return CaseRecord(tuple(shape.name for shape in shapes), none, channels, dict.fromkeys(channels, "m"))
 
-    def run(self, data: Path | None = None, *, workers: int = 1, progress: Progress) -> Predictions:
+    def run(self, data: Path | None = None, *, workers: int | Executor = 1, progress: Progress) -> Predictions:
         shapes, began = self.shapes(data), perf_counter()
         progress(f"Simulating {len(shapes)} shapes")
         robots = [self._robot(shape) for shape in shapes]
-        if workers > 1:
-            with ProcessPoolExecutor(workers) as pool:
-                found = list(pool.map(_positions, robots, chunksize=8))
-        else:
-            found = [_positions(robot) for robot in robots]
+        with executor_of(workers) as executor:
+            found = list(results(executor, _positions_of, robots, [(k,) for k in range(len(robots))]))
         at = np.array(found)
         channels = {f"{point}.{axis}": at[:, k, i] for k, point in enumerate(POINTS) for i, axis in enumerate("xyz")}
         samples = tuple(shape.name for shape in shapes)
@@ -161,6 +160,10 @@ def _table(rows: Sequence[tuple[int, list[str]]], where: str) -> Floats:
     if faults:
         raise DatasetError(faults)
     return table
+
+
+def _positions_of(robots: Sequence[Robot], k: int) -> Floats:
+    return _positions(robots[k])
 
 
 def _positions(robot: Robot) -> Floats:

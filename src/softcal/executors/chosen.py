@@ -1,0 +1,41 @@
+"""The executor that a caller chose: by `--on`, or as a number of processes."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import contextmanager
+
+from softcal.executors.executor import EXECUTORS, Executor
+from softcal.executors.kinds.local import LocalExecutor
+
+
+@contextmanager
+def executor_of(workers: int | Executor) -> Generator[Executor]:
+    """An executor, left open; or, closed at the end, that of so many processes of this machine.
+
+    Raises
+    ------
+    ParameterError
+        For less than one process.
+    """
+    if isinstance(workers, Executor):
+        yield workers
+        return
+    with LocalExecutor(workers) as own:
+        yield own
+
+
+@contextmanager
+def executor_on(on: str, workers: int | None = None) -> Generator[Executor]:
+    """The executor that `NAME` or `NAME:ADDRESS` names, such as "local" or "dask:tcp://host:8786", closed at the end.
+
+    workers: their number, where it is for the executor to choose; None for its default.
+
+    Raises
+    ------
+    InputError
+        Where there is no such executor, or it cannot be had.
+    """
+    name, _, address = on.partition(":")
+    with EXECUTORS.named(name.strip(), "--on").at(address.strip(), workers) as executor:
+        yield executor

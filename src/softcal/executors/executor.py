@@ -1,0 +1,115 @@
+"""The interface of every executor, and the errors of its calls."""
+
+from __future__ import annotations
+
+import concurrent.futures
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from softcal.catalogue import Catalogue
+from softcal.errors import CalibrationError, Fault
+
+TRIES = 3
+"""How often a call is made whose worker ends, hangs or cannot do it."""
+_SHORTEST, _LONGER = 600.0, 20.0
+
+
+class WorkerLost(CalibrationError):
+    """A call that ended its worker each time that it was made; the message is a sentence."""
+
+
+class ExecutorLost(CalibrationError):
+    """No more calls can be made, such as where a cluster's scheduler no longer answers; the message is a sentence."""
+
+
+@dataclass(frozen=True)
+class WorkerState:
+    """A worker: its name, what it does, and how many calls it has finished."""
+
+    name: str
+    state: Literal["busy", "idle", "lost"]
+    done: int
+
+
+class Executor(concurrent.futures.Executor, ABC):
+    """Makes calls in workers. To be closed, best by `with`.
+
+    `submit(function, *args)` is that of `concurrent.futures.Executor`. The function is one that the workers can import.
+    A worker that ends, hangs or cannot do a call costs that call alone: it is made again elsewhere, and raises
+    WorkerLost in the end.
+
+    Attributes
+    ----------
+    name
+        By which `--on` knows it.
+    summary
+        What it is, in a phrase.
+    """
+
+    name: ClassVar[str]
+    summary: ClassVar[str]
+
+    @classmethod
+    @abstractmethod
+    def at(cls, address: str, workers: int | None) -> Executor:
+        """The executor at an address, the text behind `NAME:` ("" where there is none).
+
+        Raises
+        ------
+        InputError
+            Where there is no such executor, it does not answer, or `workers` is not for it to choose.
+        """
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """Number of its workers at present, at least 1."""
+
+    @property
+    @abstractmethod
+    def workers(self) -> Sequence[WorkerState]:
+        """What is known of each worker."""
+
+    @property
+    def here(self) -> bool:
+        """Whether its workers are processes of this machine that cost time to start."""
+        return False
+
+    @property
+    def alone(self) -> bool:
+        """Whether it is one process of this machine, so that calls may as well be made in this one."""
+        return self.here and self.count == 1
+
+    @abstractmethod
+    def share(self, what: object) -> object:
+        """What stands for a large object among the arguments of `call`: it is sent to each worker once.
+
+        Raises
+        ------
+        CalibrationError
+            Where it cannot be pickled.
+        """
+
+    @abstractmethod
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> concurrent.futures.Future[Any]: ...
+
+
+def patience(longest: float) -> float | None:
+    """Seconds after which a call counts as hanging, given the longest so far [s]; None before the first has ended."""
+    return max(_SHORTEST, _LONGER * longest) if longest else None
+
+
+def _faults(kind: type[Executor], known: Mapping[str, type[Executor]]) -> list[Fault]:
+    if not (isinstance(kind, type) and issubclass(kind, Executor)):
+        return [Fault("this is not an executor", "--on", repr(kind)[:60], "a subclass of softcal's Executor")]
+    where = f"executor {kind.__name__}"
+    missing = [name for name in ("name", "summary") if not hasattr(kind, name)] + sorted(kind.__abstractmethods__)
+    return [Fault("the executor lacks something", where, allowed=f"'{name}' must be there") for name in missing]
+
+
+EXECUTORS: Catalogue[type[Executor]] = Catalogue(
+    "executor", "softcal.executors", _faults, home="softcal.executors.kinds"
+)
+register_executor = EXECUTORS.registrar("register_executor", "Add an executor: `--on` then accepts its name.")

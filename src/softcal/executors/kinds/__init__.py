@@ -1,0 +1,1 @@
+"""softcal's own executors, one a file."""

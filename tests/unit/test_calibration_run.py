@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import signal
 import sqlite3
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -475,3 +477,24 @@ def test_a_search_by_three_workers_that_is_killed_ends_as_if_it_had_not_been(tmp
         (t.number, t.state, t.theta, t.loss) for t in whole.trials
     ]
     assert resumed.parameters == whole.parameters
+
+
+def test_a_run_tells_what_it_is_doing(tmp_path: Path) -> None:
+    folder, seen = tmp_path / "run", []
+
+    def look(progress: Progress) -> None:
+        if not seen:
+            time.sleep(1.5)  # it writes about once a second
+            seen.append(json.loads((folder / "live.json").read_text(encoding="utf-8")))
+
+    calibrate(problem_of(soft_necks_fail), method="grid", trials=9, store=folder, workers=2, progress=look)
+    (live,) = seen
+    assert live["pid"] == os.getpid()
+    assert live["executor"] == "2 processes of this machine"
+    assert len(live["workers"]) == 2
+    assert not live["ended"]
+    over = json.loads((folder / "live.json").read_text(encoding="utf-8"))
+    assert over["ended"]
+    assert (over["done"], over["total"], over["failed"]) == (9, 9, 5)
+    assert sum(worker["done"] for worker in over["workers"]) == 9
+    assert over["updated"] >= live["updated"] >= over["began"]

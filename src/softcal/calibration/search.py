@@ -12,6 +12,7 @@ from typing import Any
 
 from softcal.calibration.evaluator import Evaluator
 from softcal.calibration.interrupts import interrupts_held, stoppable
+from softcal.calibration.live import told_live
 from softcal.calibration.optimiser import Journal, Optimiser, Proposal
 from softcal.calibration.outcome import Account, installed_versions
 from softcal.calibration.payload import encode
@@ -138,14 +139,20 @@ def searched(
                 journal = optimiser.journal(run.folder)
         tally = _Tally(search.problem, run, journal, began)
         evaluator = Evaluator(search.problem, workers=executor, jacobian=optimiser.needs_jacobian)
-        stopped = _course(optimiser, stack.enter_context(evaluator), tally, progress)
+        live = stack.enter_context(told_live(None if run is None else run.folder, executor))
+
+        def tell(state: Progress) -> None:
+            live.progress = state
+            if progress is not None:
+                progress(state)
+
+        stopped = _course(optimiser, stack.enter_context(evaluator), tally, tell)
         if tally.best is None:
             raise CalibrationError(_no_result(tally, stopped))
 
         def announce(stage: str) -> None:
-            if progress is not None:
-                with contextlib.suppress(KeyboardInterrupt):  # there is no search any more to be stopped
-                    progress(_progress(tally, optimiser, stage))
+            with contextlib.suppress(KeyboardInterrupt):  # there is no search any more to be stopped
+                tell(_progress(tally, optimiser, stage))
 
         if search.derives and not optimiser.needs_jacobian:
             announce("derivatives at the best trial")
@@ -245,7 +252,7 @@ class _Tally:
             self.best = self.problem.judge(best.theta, seen, best.n_solves, best.n_factorisations, best.seconds)
 
 
-def _course(optimiser: Optimiser, evaluator: Evaluator, tally: _Tally, progress: Observer | None) -> str:
+def _course(optimiser: Optimiser, evaluator: Evaluator, tally: _Tally, tell: Observer) -> str:
     """Run the search to its end; returns what interrupted it, "" where nothing did."""
     try:
         with stoppable() as stop:
@@ -258,8 +265,7 @@ def _course(optimiser: Optimiser, evaluator: Evaluator, tally: _Tally, progress:
                     with interrupts_held():  # a trial is in all files and in the result, or in none of them
                         tally.note(proposal.number, evaluation, jacobian=optimiser.needs_jacobian)
                     optimiser.tell(proposal, evaluation)
-                    if progress is not None:
-                        progress(_progress(tally, optimiser))
+                    tell(_progress(tally, optimiser))
     except KeyboardInterrupt as asked:
         return str(asked) or "the user"
     return ""

@@ -73,6 +73,11 @@ class Executor(concurrent.futures.Executor, ABC):
         """What is known of each worker."""
 
     @property
+    @abstractmethod
+    def told(self) -> str:
+        """What it is, for people: "2 processes of this machine"."""
+
+    @property
     def here(self) -> bool:
         """Whether its workers are processes of this machine that cost time to start."""
         return False

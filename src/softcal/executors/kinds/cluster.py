@@ -129,11 +129,18 @@ class DaskExecutor(Executor):
 
     @property
     def count(self) -> int:
-        return max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
+        return max(1, len(self._there()))
+
+    @property
+    def told(self) -> str:
+        return f"the Dask cluster at {self._address}"
 
     @property
     def workers(self) -> Sequence[WorkerState]:
-        there = self._client.scheduler_info(n_workers=-1)["workers"]
+        try:
+            there = self._client.scheduler_info(n_workers=-1)["workers"]
+        except (OSError, RuntimeError, TimeoutError):  # no scheduler any more: the calls tell that
+            there = {}
         states = [
             WorkerState(name, "busy" if held.get("metrics", {}).get("executing") else "idle", self._done[name])
             for name, held in there.items()
@@ -174,7 +181,10 @@ class DaskExecutor(Executor):
         future.add_done_callback(partial(self._ended, one))
 
     def _there(self) -> list[str]:
-        return list(self._client.scheduler_info(n_workers=-1)["workers"])
+        try:
+            return list(self._client.scheduler_info(n_workers=-1)["workers"])
+        except (OSError, RuntimeError, TimeoutError):  # no scheduler any more: the calls tell that
+            return []
 
     def _ended(self, one: _Call, future: distributed.Future[Any]) -> None:
         """Told by Dask, in a thread of its own, that a call is over in whatever way."""

@@ -96,6 +96,10 @@ class LocalExecutor(Executor):
         return tuple(process.told for process in self._processes if process.pid)
 
     @property
+    def told(self) -> str:
+        return f"{self.count} process{'es' if self.count > 1 else ''} of this machine"
+
+    @property
     def here(self) -> bool:
         return True
 

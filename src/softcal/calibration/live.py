@@ -1,0 +1,90 @@
+"""What a search is doing at this moment, in a file of its run folder that other processes may read.
+
+    live.json   progress, stage, executor and workers; replaced as a whole, about once a second while the search works
+
+    {"format": 1, "pid": 4711, "host": "bench", "began": "2026-11-23T06:00:00+00:00", "updated": "…", "ended": false,
+     "done": 12, "total": 1000, "failed": 1, "stage": "", "executor": "2 processes of this machine",
+     "workers": [{"name": "process 4712", "state": "busy", "done": 6}]}
+
+It is for the eyes alone: nothing is ever resumed from it, and a search goes on where it cannot be written.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import socket
+import threading
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from softcal.calibration.store import write_text
+from softcal.errors import StorageError
+from softcal.executors.executor import Executor
+
+if TYPE_CHECKING:
+    from softcal.calibration.search import Progress
+
+LIVE = "live.json"
+_FORMAT = 1
+_EVERY = 1.0  # [s]
+
+
+@dataclass
+class LiveProgress:
+    """The last progress that was told."""
+
+    progress: Progress | None = None
+
+
+@contextmanager
+def told_live(folder: Path | None, executor: Executor) -> Generator[LiveProgress]:
+    """Write the progress that is set in the block about once a second; a folder of None: nowhere."""
+    told = LiveProgress()
+    if folder is None:
+        yield told
+        return
+    began, over = _now(), threading.Event()
+
+    def write(ended: bool) -> None:
+        with contextlib.suppress(StorageError):  # a full disk is told by what the search itself stores
+            write_text(folder / LIVE, json.dumps(_record(told.progress, executor, began, ended)))
+
+    def go_on() -> None:
+        while not over.wait(_EVERY):
+            write(ended=False)
+
+    write(ended=False)
+    thread = threading.Thread(target=go_on, name="softcal-live", daemon=True)
+    thread.start()
+    try:
+        yield told
+    finally:
+        over.set()
+        thread.join()
+        write(ended=True)
+
+
+def _record(progress: Progress | None, executor: Executor, began: str, ended: bool) -> dict[str, Any]:
+    counts = {name: getattr(progress, name, 0) for name in ("done", "total", "failed")}
+    return {
+        "format": _FORMAT,
+        "pid": os.getpid(),
+        "host": socket.gethostname(),
+        "began": began,
+        "updated": _now(),
+        "ended": ended,
+        **counts,
+        "stage": "" if progress is None else progress.stage,
+        "executor": executor.told,
+        "workers": [asdict(one) for one in executor.workers],
+    }
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -196,7 +196,7 @@ def test_a_key_that_is_missing_is_refused(name: str, finished: Path, tmp_path: P
     folder = shutil.copytree(finished / file.split("/")[0], tmp_path / "copy")
     target = folder / file.partition("/")[2]
     document = json.loads(target.read_text())
-    optional = {"project", "verdicts", *(("format", "residuals") if "result" in name else ())}
+    optional = {"project", "verdicts", "changes", *(("format", "residuals") if "result" in name else ())}
     refused = 0
     for key in document:
         if key in optional:

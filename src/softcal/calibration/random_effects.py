@@ -3,18 +3,19 @@
     y_i = mu + b_i + e_i,    b_i ~ N(0, tau^2),    e_i ~ N(0, v_i)
 
 Whether tau is zero is tested by Cochran's Q, in Welch's form where the v_i are themselves estimated (Biometrika 38,
-1951). tau^2 is found by REML; the interval of mu is Hartung's and Knapp's (Statistics in Medicine 20, 2001), by
-Student's t with one degree of freedom less than there are experiments.
+1951). tau^2 and mu are those of `mixed_effects`; the interval of mu is Hartung's and Knapp's (Statistics in Medicine
+20, 2001), by Student's t with one degree of freedom less than there are experiments.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
+from softcal.calibration.mixed_effects import mixed_effects
 from softcal.checks import Floats
 
 Kind = Literal["experiments", "set-ups"]
@@ -100,31 +101,13 @@ def random_effects(values: Floats, variances: Floats, dof: Floats) -> RandomEffe
     """Mean and spread of the estimates `values` (k,) with `variances` (k,), k > 1; dof (k,): those of each variance,
     infinite where it is known.
     """
-    from scipy.optimize import minimize_scalar
-
-    k = len(values)
-    q, chance = _welch(values, variances, dof)
-    # tau^2 over the mean variance, by its logarithm: between the noise alone and their spread alone.
-    largest = max(float(np.var(values)), float(variances.max())) * 10
-    found: Any = minimize_scalar(
-        lambda x: _restricted(np.exp(x), values, variances),
-        bounds=np.log([1e-6 * variances.min(), largest]),
-        method="bounded",
-    )
-    tau2 = float(np.exp(found.x)) if found.fun < _restricted(0.0, values, variances) else 0.0
-    weights = 1.0 / (variances + tau2)
-    mean = float(weights @ values / weights.sum())
-    excess = float(weights @ (values - mean) ** 2) / (k - 1)
-    return RandomEffects(q, chance, float(np.sqrt(tau2)), mean, float(np.sqrt(max(1.0, excess) / weights.sum())), k - 1)
+    q, chance = welch_test(values, variances, dof)
+    found = mixed_effects(values, variances)
+    return RandomEffects(q, chance, found.spread, float(found.beta[0]), float(found.errors[0]), found.dof)
 
 
-def _restricted(tau2: float, values: Floats, variances: Floats) -> float:
-    weights = 1.0 / (variances + tau2)
-    mean = weights @ values / weights.sum()
-    return float(weights @ (values - mean) ** 2 - np.log(weights).sum() + np.log(weights.sum()))
-
-
-def _welch(values: Floats, variances: Floats, dof: Floats) -> tuple[float, float]:
+def welch_test(values: Floats, variances: Floats, dof: Floats) -> tuple[float, float]:
+    """Cochran's Q of estimates (k,) with variances (k,) of `dof` (k,), and the chance of it where none differ."""
     from scipy.special import chdtrc, fdtrc
 
     k = len(values)

@@ -111,6 +111,8 @@ class Estimate:
         Source of error -> its share of the estimate's variance [-], sum 1: "noise" of the measurements, "prior",
         "experiments", "set-ups" or "markers" (differences between them), "mesh", and uncertain parameters by their
         names; empty where the variance is not known.
+    dof
+        Degrees of freedom of the variance [-]; None where there is none, or the noise is known.
     """
 
     value: float
@@ -124,6 +126,7 @@ class Estimate:
     beyond: float | None = None
     scale: Scale = "linear"
     shares: Mapping[str, float] = field(default_factory=dict[str, float])
+    dof: float | None = None
 
     @property
     def noise_error(self) -> float | None:

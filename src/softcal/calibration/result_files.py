@@ -54,6 +54,7 @@ def result_json(result: SearchResult) -> dict[str, Any]:
                 "scale": p.scale,
                 **({"of": list(p.of)} if p.of else {}),
                 **({"shares": dict(p.shares)} if p.shares else {}),
+                **({} if p.dof is None else {"dof": p.dof}),
                 **({} if p.beyond is None else {"beyond": p.beyond}),
             }
             for name, p in result.parameters.items()

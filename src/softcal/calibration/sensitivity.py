@@ -72,6 +72,8 @@ class Statistics:
         Experiment -> compared channel -> half the width (n,) [SI] of the 95 % band of a further experiment.
     minimum
         Label -> where the minimum is, by the derivatives, within the bounds [SI].
+    dof
+        Label -> degrees of freedom of the variance [-], where these are finite.
     """
 
     standard_errors: Mapping[str, float | None]
@@ -84,6 +86,7 @@ class Statistics:
     left_out: Mapping[str, LeftOut] = field(default_factory=dict[str, LeftOut])
     bands: Mapping[str, Mapping[str, Floats]] = field(default_factory=dict[str, Mapping[str, Floats]])
     minimum: Mapping[str, float] = field(default_factory=dict[str, float])
+    dof: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def estimates(self, space: SearchSpace, theta: Mapping[str, float]) -> dict[str, Estimate]:
         """The values theta [SI by label] with the statistics of each."""
@@ -101,6 +104,7 @@ class Statistics:
                 self.beyond.get(p.label),
                 p.scale,
                 self.shares.get(p.label, {}),
+                self.dof.get(p.label),
             )
             for p in space.parameters
         }
@@ -174,7 +178,10 @@ def local_statistics(
     predicted = left_out(loss, z, slopes, blocks, serves, found)
     minimum = space.to_model(np.clip(found.minimum, 0.0, 1.0))
     widths = bands(loss, slopes, blocks, found)
-    return Statistics(errors, importance, tuple(notes), intervals, beyond, shares, spreads, predicted, widths, minimum)
+    dof = {space.labels[j]: float(found.dof[j]) for j in known if np.isfinite(found.dof[j])}
+    return Statistics(
+        errors, importance, tuple(notes), intervals, beyond, shares, spreads, predicted, widths, minimum, dof
+    )
 
 
 def not_included(uncertain: Sequence[UncertainParameter]) -> str:

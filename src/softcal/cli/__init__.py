@@ -8,6 +8,7 @@ them.
 from softcal.cli import project_commands
 from softcal.cli import simulate_command
 from softcal.cli import calibrate_commands
+from softcal.cli import fleet_command
 from softcal.cli import validate_command
 from softcal.cli import mesh_study_command
 from softcal.cli import intervals_command
@@ -28,6 +29,7 @@ COMMAND_GROUPS = (
     project_commands,
     simulate_command,
     calibrate_commands,
+    fleet_command,
     validate_command,
     mesh_study_command,
     intervals_command,

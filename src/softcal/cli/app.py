@@ -91,12 +91,14 @@ def _require_paths(options: Iterable[object]) -> None:
 
 
 @contextmanager
-def resumable(folder: Path, kept: str, again: str) -> Generator[None]:
-    """Context of a run: if it is stopped, report what is kept, in which folder, and how to resume."""
+def resumable(folder: Path, kept: str, again: str, record: str = "run.json") -> Generator[None]:
+    """Context of a run: if it is stopped, report what is kept, in which folder, and how to resume; record: the file
+    that is there from the beginning on.
+    """
     try:
         yield
     except KeyboardInterrupt as stop:
-        if not (folder / "run.json").is_file():
+        if not (folder / record).is_file():
             raise
         typer.echo(f"Stopped. {kept} so far is kept in {folder}. Continue with: {again}", err=True)
         raise typer.Exit(exit_code(stop)) from None

@@ -105,6 +105,7 @@ def build_project(
         engines=sections.engines,
         print_infill=sections.print_infill,
         held=held,
+        changes=document.changes,
         hashes={path.name: sha256(path), **files.hashes()},
         inputs=dict(files.used),
         generated={name: built.made[name] for name, body in bodies.items() if is_generated(body)},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,13 +16,25 @@ KeyPath = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
+class Entry:
+    """An entry that stands in the place of one of the file; place: where it was written, such as a cell of a table."""
+
+    value: object
+    place: str = ""
+
+
+@dataclass(frozen=True)
 class Document:
-    """A parsed YAML file: mappings, lists, text, numbers, and the line of each by key path."""
+    """A parsed YAML file: mappings, lists, text, numbers, and the line of each by key path.
+
+    places: where entries were written that are not those of the file, by key path.
+    """
 
     name: str
     data: Mapping[str, Any]
     lines: Mapping[KeyPath, int]
     faults: tuple[Fault, ...] = ()
+    places: Mapping[KeyPath, str] = field(default_factory=dict[KeyPath, str])
 
     def mapping(self, key: str) -> Mapping[str, Any]:
         """The mapping under a key of the file; empty where that is none."""
@@ -30,11 +43,43 @@ class Document:
 
     def where(self, path: KeyPath) -> str:
         """File, line and dotted key, such as `project.yaml:12: robot.bodies.neck.law`."""
+        for given, written in self.places.items():
+            if path[: len(given)] == given:
+                return written
         at = path
         while at not in self.lines and at:
             at = at[:-1]
         place = f"{self.name}:{self.lines.get(at, 1)}"
         return f"{place}: {dotted(path)}" if path else place
+
+    @property
+    def changes(self) -> dict[str, object]:
+        """The entries that are not those of the file, by dotted key."""
+        return {dotted(path): _entry(self.data, path) for path in self.places}
+
+    def changed(self, changes: Mapping[str, Entry]) -> Document:
+        """The document with other entries, by dotted key.
+
+        Raises
+        ------
+        ProjectFileError
+            For keys that have no place in the file, all at once.
+        """
+        data, faults = deepcopy(dict(self.data)), list[Fault]()
+        places: dict[KeyPath, str] = {}
+        written = {dotted(path): path for path in self.lines if path}
+        for key, change in changes.items():
+            path = written.get(key, key_path(key))
+            holder = _entry(data, path[:-1])
+            if not _has_place(holder, path[-1]):
+                allowed = f"a key of {self.name}"
+                faults.append(Fault("there is no such key", change.place, f"'{key}'", allowed, nearest(key, written)))
+                continue
+            holder[path[-1]] = change.value
+            places[path] = change.place or f"{self.name}: {key}"
+        if faults:
+            raise ProjectFileError(faults)
+        return replace(self, data=data, places=places)
 
 
 @dataclass
@@ -97,6 +142,29 @@ class Findings:
 def dotted(path: KeyPath) -> str:
     """`robot.cables.front.via[1].at` for ("robot", "cables", "front", "via", 1, "at")."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".")
+
+
+def key_path(key: str) -> KeyPath:
+    """The path of a dotted key: ("robot", "cables", "front", "via", 1, "at") for `robot.cables.front.via[1].at`."""
+    parts = re.findall(r"[^.\[\]]+|\[\d+\]", key)
+    return tuple(int(part[1:-1]) if part.startswith("[") else part for part in parts)
+
+
+def _entry(data: Any, path: KeyPath) -> Any:
+    """The value at a path; None where there is none."""
+    for part in path:
+        is_there = part in data if isinstance(data, dict) else _has_place(data, part)
+        if not is_there:
+            return None
+        data = data[part]
+    return data
+
+
+def _has_place(holder: Any, key: str | int) -> bool:
+    """Whether a value can stand at a key: any of a mapping, one that exists of a list."""
+    if isinstance(holder, dict):
+        return isinstance(key, str)
+    return isinstance(holder, list) and isinstance(key, int) and key < len(holder)
 
 
 def _line(fault: Fault) -> int:

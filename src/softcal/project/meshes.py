@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Literal
 
 from softcal.geometry.generate import mesh_file
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.primitive import Filled
+from softcal.geometry.primitive import Filled, Primitive
 from softcal.geometry.read import read_mesh
 from softcal.limits import LIMITS
-from softcal.project.files import InputFiles, stored_mesh
+from softcal.project.files import InputFiles, sha256, stored_mesh
 from softcal.project.mesh_schema import TO_FILL, MeshFile
 from softcal.project.robot_schema import BodySection
+
+_KEPT = 8  # meshes of a process
 
 
 def mesh_maker(files: InputFiles) -> Callable[[str, BodySection], TetMesh]:
@@ -23,9 +28,29 @@ def mesh_maker(files: InputFiles) -> Callable[[str, BodySection], TetMesh]:
             return read_mesh(files.folder / copy, unit="m")
         if isinstance(body.mesh, MeshFile):
             return _from_file(body.mesh, files)
-        return body.mesh.mesh()
+        return _built(body.mesh)
 
     return make
+
+
+@lru_cache(maxsize=_KEPT)
+def _built(shape: Primitive) -> TetMesh:
+    """A primitive's mesh, built once in a process: the projects of many specimens share it."""
+    return shape.mesh()
+
+
+@lru_cache(maxsize=_KEPT)
+def _filled(
+    path: Path,
+    digest: str,
+    unit: str,
+    size: float | None,
+    tets: int | None,
+    order: Literal[1, 2],
+    edges_around: int | None,
+) -> TetMesh:
+    """As `_built`, of a surface or solid; digest: of the file."""
+    return mesh_file(path, size=size, tets=tets, order=order, unit=unit, edges_around=edges_around)
 
 
 def is_generated(body: BodySection) -> bool:
@@ -39,12 +64,6 @@ def _from_file(section: MeshFile, files: InputFiles) -> TetMesh:
     path = files.find(section.file, "mesh file", LIMITS["bytes of a mesh file"])
     unit = section.unit or "mm"
     if path.suffix.lower() in TO_FILL:
-        return mesh_file(
-            path,
-            size=section.size,
-            tets=section.tets,
-            order=section.order or 1,
-            unit=unit,
-            edges_around=section.edges_around,
-        )
+        wanted = section.size, section.tets, section.order or 1, section.edges_around
+        return _filled(path, sha256(path), unit, *wanted)
     return read_mesh(path, unit=unit)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from softcal.errors import InputError
 from softcal.materials.catalogue import LAWS
+from softcal.project.document import Entry
 from softcal.project.files import InputFiles
 from softcal.project.sections import read_sections
 from softcal.project.yaml_file import read_document
@@ -59,6 +60,8 @@ class Project:
         Infill of the print, or None where not given.
     held
         Parameters fixed from outside -> value [SI].
+    changes
+        Entries that stand in the place of those of the file, by dotted key.
     hashes
         SHA-256 of the project file and of every file it names, by path as written.
     inputs
@@ -89,6 +92,7 @@ class Project:
     engines: Engines
     print_infill: PrintInfill | None
     held: Mapping[str, float]
+    changes: Mapping[str, object]
     hashes: Mapping[str, str]
     inputs: Mapping[str, Path]
     generated: Mapping[str, TetMesh]
@@ -106,7 +110,11 @@ class Project:
 
 
 def load(
-    path: str | Path, *, values: Mapping[str, str | float] | None = None, copies: Mapping[str, str] | None = None
+    path: str | Path,
+    *,
+    values: Mapping[str, str | float] | None = None,
+    copies: Mapping[str, str] | None = None,
+    changes: Mapping[str, object] | None = None,
 ) -> Project:
     """Read and check a project file and everything it names.
 
@@ -119,6 +127,9 @@ def load(
         They replace the file's values, and are no longer free.
     copies
         Copies of the files that the project names: path as written -> path relative to the project file. For runs.
+    changes
+        Entries in the place of those of the file, by dotted key: `{"experiments.pull.files[0].path": "p07.csv"}`; a
+        `softcal.project.document.Entry` says where it was written.
 
     Raises
     ------
@@ -131,6 +142,8 @@ def load(
     """
     path = Path(path)
     document = read_document(path)
+    given = {key: one if isinstance(one, Entry) else Entry(one) for key, one in (changes or {}).items()}
+    document = document.changed(given)
     files = InputFiles(path.parent, dict(copies or {}))
     known = set(LAWS)
     try:

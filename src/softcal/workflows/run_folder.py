@@ -57,6 +57,7 @@ _Place = Annotated[str, AfterValidator(_inside)]
 
 class _RunRecord(Record):
     values: dict[str, float]
+    changes: dict[str, Any] = Field(default_factory=dict[str, Any])  # earlier records have none
     copies: dict[str, _Place]
     calibrations: Annotated[list[_Place], Field(min_length=1)]
     settings: Annotated[CalibrationSection, WrapValidator(_as_written)]
@@ -89,6 +90,7 @@ def begin_run(project: Project, settings: CalibrationSection, labels: list[str],
             "format": FORMAT,
             "project": project.name,
             "values": dict(project.held),
+            "changes": dict(project.changes),
             "copies": copies,
             "calibrations": labels,
             "settings": settings.model_dump(),
@@ -124,6 +126,10 @@ def reopen_run(project: Project, folder: Path) -> None:
     if record.values != dict(project.held):
         raise StorageError(
             Fault("the run has other fixed parameters", str(folder), str(dict(project.held)), str(record.values))
+        )
+    if record.changes != dict(project.changes):
+        raise StorageError(
+            Fault("the run has other entries", str(folder), str(dict(project.changes)), str(record.changes))
         )
     require_writable(folder)
 
@@ -190,7 +196,7 @@ def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
     folder = Path(folder)
     record = _record(folder)
     _require_unchanged(folder, record)
-    project = load(folder / PROJECT, values=record.values, copies=record.copies)
+    project = load(folder / PROJECT, values=record.values, copies=record.copies, changes=record.changes)
     results = {
         label: load_result(calibration_folder(folder, label))
         for label in record.calibrations

@@ -1,0 +1,67 @@
+"""What the specimens of a fleet say together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from softcal.analysis.fleet_factors import FactorEffect, factor_effects, not_apart
+from softcal.analysis.infill_law import InfillLaw, infill_laws, log_infill
+from softcal.analysis.population import Population, comparisons, population
+from softcal.analysis.specimen import Specimen
+
+
+@dataclass(frozen=True)
+class FleetStatement:
+    """What the specimens of a fleet say together.
+
+    Attributes
+    ----------
+    done, failed
+        Numbers of specimens.
+    populations
+        The statement of each parameter that two specimens or more have.
+    unknown
+        Parameter -> why nothing is said of it.
+    effects
+        The parameters by the factors.
+    not_compared
+        Factor -> why specimens are not compared by it.
+    not_apart
+        Pairs of factors of which the second tells the first.
+    laws
+        Moduli against the infill.
+    no_law
+        Why there is none, "" where there is one, or no infill.
+    """
+
+    done: int
+    failed: int
+    populations: tuple[Population, ...]
+    unknown: Mapping[str, str]
+    effects: tuple[FactorEffect, ...]
+    not_compared: Mapping[str, str]
+    not_apart: tuple[tuple[str, str], ...]
+    laws: tuple[InfillLaw, ...]
+    no_law: str
+
+
+def fleet_statement(specimens: Sequence[Specimen], factors: Sequence[str]) -> FleetStatement:
+    """The statement of a fleet; factors: those by which the specimens are compared."""
+    done = [one for one in specimens if one.state == "DONE"]
+    found, unknown = comparisons(done)
+    laws, no_law = infill_laws(found, done)
+    about = {law.label: log_infill(done) for law in laws}
+    effects, not_compared = factor_effects(found, done, factors, about)
+    by = [factor for factor in factors if factor not in not_compared]
+    return FleetStatement(
+        len(done),
+        len(specimens) - len(done),
+        tuple(population(one, len(found), about.get(one.label)) for one in found),
+        unknown,
+        effects,
+        not_compared,
+        tuple(not_apart(done, by)),
+        laws,
+        no_law,
+    )

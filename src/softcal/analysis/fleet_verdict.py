@@ -1,0 +1,180 @@
+"""The statement of a fleet as sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from softcal.analysis.fleet_factors import FactorEffect
+from softcal.analysis.fleet_statement import FleetStatement
+from softcal.analysis.infill_law import INFILL, InfillLaw
+from softcal.analysis.mesh_verdict import Tone
+from softcal.analysis.population import Interval, Population
+from softcal.analysis.specimen import Specimen
+from softcal.calibration.parameters import Scale
+from softcal.units import format_quantity, plain, readable_unit, rounded, unit_factor
+
+_AS_RATIO = 0.2
+_NAMED = 5
+
+
+@dataclass(frozen=True)
+class FleetSentence:
+    """A sentence and its tone."""
+
+    text: str
+    tone: Tone
+
+
+def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tuple[FleetSentence, ...]:
+    """What is to be said of a fleet: what failed, each parameter, the factors, the infill."""
+    texts: list[FleetSentence] = []
+    failed = [one for one in specimens if one.state == "FAILED"]
+    if failed:
+        named = "; ".join(f"{one.name}: {one.reason.splitlines()[0]}" for one in failed[:_NAMED])
+        more = "; …" if len(failed) > _NAMED else ""
+        n = len(specimens)
+        texts.append(
+            FleetSentence(f"{len(failed)} of {n} specimens failed, and do not count: {named}{more}", "warning")
+        )
+    if found.done < 2:
+        what = "There is one specimen" if found.done else "No specimen was calibrated"
+        texts.append(FleetSentence(f"{what}: how specimens differ cannot be told.", "note"))
+        return tuple(texts)
+    for one in found.populations:
+        texts += _population(one)
+    texts += [
+        FleetSentence(f"{label}: nothing is said of the specimens together: {why}.", "warning")
+        for label, why in found.unknown.items()
+    ]
+    texts += [sentence for one in found.effects if (sentence := _effect(one, found)) is not None]
+    for one, other in found.not_apart:
+        text = f"{other.capitalize()} determines {one} in this table: a difference by one can be one by the other."
+        texts.append(FleetSentence(text, "note"))
+    texts += [_law(one) for one in found.laws]
+    if found.no_law:
+        texts.append(FleetSentence(f"E against the infill cannot be told: {found.no_law}.", "note"))
+    return tuple(texts)
+
+
+def spread_text(spread: float, scale: Scale, unit: str, value: float) -> str:
+    """A spread between specimens: in per cent, or as a factor, where it is one of the logarithm; else with its unit."""
+    if scale != "log":
+        return format_quantity(spread, unit, readable_unit(value, unit), digits=2)
+    return f"{plain(100 * spread, 2)} %" if spread < _AS_RATIO else f"a factor of {plain(math.exp(spread), 3)}"
+
+
+def spread_ends(one: Population) -> str:
+    """The interval of a spread, with its unit once."""
+    low, high = (spread_text(end, one.scale, one.unit, one.mean) for end in one.spread_interval)
+    if one.scale == "log" and one.spread_interval[1] >= _AS_RATIO:
+        return f"{plain(math.exp(one.spread_interval[0]), 3)} to {plain(math.exp(one.spread_interval[1]), 3)}"
+    unit = high.rpartition(" ")[2]
+    return f"{low.removesuffix(f' {unit}')} to {high}"
+
+
+def value_text(value: float, interval: Interval, unit: str) -> str:
+    """A value to the digits of its interval, with its unit."""
+    shown = readable_unit(value, unit)
+    return f"{_number(value, interval, shown, unit)}{_unit(shown)}"
+
+
+def ends_text(interval: Interval, unit: str, value: float) -> str:
+    """An interval, "1.94 to 2.02 MPa", in the unit of a value."""
+    shown = readable_unit(value, unit)
+    low, high = (_number(end, interval, shown, unit) for end in interval)
+    return f"{low} to {high}{_unit(shown)}"
+
+
+def chance_text(chance: float) -> str:
+    """A probability: "0.03", "below 0.0001"."""
+    return "below 0.0001" if chance < 1e-4 else plain(chance, 2)
+
+
+def _number(value: float, interval: Interval, shown: str, unit: str) -> str:
+    factor = unit_factor(shown, unit)
+    return rounded(value / factor, 0.5 * (interval[1] - interval[0]) / factor, least=1)
+
+
+def _unit(shown: str) -> str:
+    return "" if shown == "1" else f" {shown}"
+
+
+def _population(one: Population) -> list[FleetSentence]:
+    mean = "geometric mean" if one.scale == "log" else "mean"
+    text = (
+        f"{one.label}: {mean} {value_text(one.mean, one.interval, one.unit)} "
+        f"({ends_text(one.interval, one.unit, one.mean)}) of {one.n} specimens."
+    )
+    chance = f"chance {chance_text(one.chance)}"
+    if one.differs:
+        text += f" They differ by more than their errors ({chance}): {_spread(one)}."
+    elif one.spread_interval[1] > 0.0:
+        most = spread_text(one.spread_interval[1], one.scale, one.unit, one.mean)
+        text += f" No difference between them is seen beyond their errors ({chance}); their spread is at most {most}."
+    else:
+        text += f" No difference between them is seen beyond their errors ({chance})."
+    if one.further is not None:
+        text += f" A further specimen is expected at {ends_text(one.further, one.unit, one.mean)}."
+    found = [FleetSentence(text, "good" if one.differs or one.n > 2 else "note")]
+    if one.left_out:
+        named = ", ".join(list(one.left_out)[:_NAMED]) + (", …" if len(one.left_out) > _NAMED else "")
+        reasons = "; ".join(dict.fromkeys(one.left_out.values()))
+        found.append(FleetSentence(f"{one.label}: {named} left out ({reasons}).", "warning"))
+    if one.without is not None:
+        rest = one.without
+        far = ", ".join(f"{o.name} ({format_quantity(o.value, one.unit, digits=3)})" for o in one.outliers)
+        plural = len(one.outliers) > 1
+        text = (
+            f"{one.label}: {far} {'are' if plural else 'is'} not like the other specimens (chance "
+            f"{chance_text(one.outliers[0].chance)}); without {'them' if plural else 'it'} the {mean} is "
+            f"{value_text(rest.mean, rest.interval, rest.unit)} "
+            f"({ends_text(rest.interval, rest.unit, rest.mean)})"
+        )
+        found.append(FleetSentence(f"{text}, and {_spread(rest)}.", "warning"))
+    return found
+
+
+def _spread(one: Population) -> str:
+    return f"their spread is {spread_text(one.spread, one.scale, one.unit, one.mean)} ({spread_ends(one)})"
+
+
+def _effect(one: FactorEffect, found: FleetStatement) -> FleetSentence | None:
+    """A factor by which specimens differ, or, of a parameter in which they do, a factor by which they do not."""
+    of = next(p for p in found.populations if p.label == one.label)
+    chance = f"chance {chance_text(one.chance)}"
+    alike = "" if one.at_infill is None else f", at an infill of {level_text(one.at_infill, INFILL)}"
+    if one.differs:
+        share = "" if one.explained is None else f", which is {plain(100 * one.explained, 2)} % of their variance"
+        groups = "; ".join(
+            f"{level_text(g.level, one.factor)} {value_text(g.mean, g.interval, of.unit)} "
+            f"({ends_text(g.interval, of.unit, g.mean)}, n = {g.n})"
+            for g in one.groups[:_NAMED]
+        )
+        more = "; …" if len(one.groups) > _NAMED else ""
+        return FleetSentence(f"{one.label} differs by {one.factor}{alike} ({chance}){share}: {groups}{more}.", "good")
+    if of.differs:
+        return FleetSentence(f"{one.label}: no difference by {one.factor} is seen{alike} ({chance}).", "note")
+    return None
+
+
+def level_text(level: str | float, factor: str) -> str:
+    """The value of a factor."""
+    if isinstance(level, str):
+        return level
+    return f"{plain(100 * level, 3)} %" if factor == INFILL else plain(level, 6)
+
+
+def _law(one: InfillLaw) -> FleetSentence:
+    exponent = _number(one.exponent, one.exponent_interval, "1", "1")
+    text = (
+        f"{one.label} = {value_text(one.bulk, one.bulk_interval, one.unit)} · φ^{exponent}: exponent "
+        f"{ends_text(one.exponent_interval, '1', one.exponent)}, value of a solid print "
+        f"{ends_text(one.bulk_interval, one.unit, one.bulk)}; specimens of one infill differ by "
+        f"{spread_text(one.spread, 'log', one.unit, one.bulk)}."
+    )
+    if one.departs:
+        chance = chance_text(one.misfit or 0.0)
+        text += f" The moduli depart from this law by more than the specimens differ (chance {chance})."
+    return FleetSentence(text, "warning" if one.departs else "good")

@@ -1,0 +1,64 @@
+"""One specimen of a fleet: what the table says of it, and what its calibration found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from softcal.calibration.between_markers import MARKERS
+from softcal.calibration.budget import BOUNDS
+from softcal.calibration.result import Estimate
+from softcal.calibration.uncertain import EACH
+
+State = Literal["DONE", "FAILED"]
+Factor = str | float | None
+"""The value of a factor: text, a number [SI], or None where the table has none."""
+
+_OWN = ("noise", "prior", "experiments", "set-ups", MARKERS, BOUNDS)
+"""Sources of error that are drawn anew for every specimen."""
+
+
+@dataclass(frozen=True)
+class Specimen:
+    """A specimen of a fleet, calibrated or not.
+
+    Attributes
+    ----------
+    name
+        Its name.
+    state
+        DONE or FAILED.
+    factors
+        Factor -> its value.
+    parameters
+        Label -> estimate, where DONE.
+    loss
+        The lowest loss, where DONE.
+    reason
+        Why it FAILED, a sentence; "" where DONE.
+    warnings
+        Those of its calibration.
+    seconds
+        Wall time [s] of its calibration.
+    """
+
+    name: str
+    state: State
+    factors: Mapping[str, Factor] = field(default_factory=dict[str, Factor])
+    parameters: Mapping[str, Estimate] = field(default_factory=dict[str, Estimate])
+    loss: float | None = None
+    reason: str = ""
+    warnings: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+
+def own_error(estimate: Estimate) -> float | None:
+    """Standard error [unit] by what differs from specimen to specimen even where they are alike: not by the error of
+    the mesh, nor by an uncertain parameter that is the same in all; None without a standard error.
+    """
+    if estimate.standard_error is None:
+        return None
+    common = sum(part for source, part in estimate.shares.items() if source not in _OWN and not source.endswith(EACH))
+    return estimate.standard_error * math.sqrt(max(1.0 - common, 0.0))

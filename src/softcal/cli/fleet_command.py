@@ -1,0 +1,121 @@
+"""The command `softcal fleet`."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from softcal.cli.app import app, exit_on_error, resumable
+from softcal.cli.printing import print_report_table
+from softcal.cli.values import WithReport, Workers, as_typed, names, parsed_pairs, scalar
+
+if TYPE_CHECKING:
+    from softcal.workflows.fleet import Fleet, Observer
+
+
+@app.command("fleet")
+@exit_on_error
+def fleet(  # noqa: PLR0913 (one argument for each option)
+    table: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TABLE",
+            help="Table with a row for each specimen, or a folder with it as fleet.csv.",
+            show_default=False,
+        ),
+    ],
+    template: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="PROJECT", help="Project file of all specimens; project.yaml beside the table by default."
+        ),
+    ] = None,
+    by: Annotated[
+        str,
+        typer.Option(
+            metavar="NAMES", help="Compare by these factors (filament,printer); by default all.", show_default=False
+        ),
+    ] = "",
+    method: Annotated[
+        str | None, typer.Option(help="least-squares, tpe, grid; default: as in the template.", show_default=False)
+    ] = None,
+    option: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="A setting of the calibration, such as starts=5; repeat for more."),
+    ] = None,
+    workers: Workers = 1,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder of the fleet; 'fleet' beside the table by default.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the fleet in the folder.")] = False,
+    report: WithReport = True,
+) -> None:
+    """Calibrate many specimens by one template, and say how they differ: spread, by factor, E against the infill."""
+    options = parsed_pairs(option, "--option", "this sets no option", "NAME=VALUE, such as starts=5")
+    from softcal.workflows.fleet import fleet as calibrate_fleet
+
+    folder = out if out is not None else (table if table.is_dir() else table.parent) / "fleet"
+    typed = {"template": template and str(template), "by": by or None, "method": method, "option": option}
+    again = f"softcal fleet {shlex.quote(str(table))} --out {shlex.quote(str(folder))}"
+    again += f"{as_typed({**typed, 'workers': None if workers == 1 else workers})} --resume"
+    changes = {"method": method, **{name: scalar(text) for name, text in options.items()}}
+    with resumable(folder, "What was calibrated", again, "fleet.json"):
+        with _bar() as show:
+            found = calibrate_fleet(
+                table,
+                template=template,
+                out=folder,
+                resume=resume,
+                workers=workers,
+                by=names(by),
+                progress=show,
+                **changes,
+            )
+        _print(found)
+        if found.stopped_by is not None:
+            raise found.stopped_by
+    typer.echo(f"Fleet: {folder}")
+    if report:
+        _report(found)
+
+
+@contextmanager
+def _bar() -> Generator[Observer]:
+    """On a terminal, a progress bar for what is done with the specimens."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(20), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def show(what: str, of: int, done: int, failed: int) -> None:
+            if what not in tasks:
+                tasks[what] = bars.add_task(what, total=of)
+            text = f"{what}, {failed} failed" if failed else what
+            bars.update(tasks[what], completed=done, description=text)
+
+        yield show
+
+
+def _print(found: Fleet) -> None:
+    from softcal.analysis.fleet_verdict import fleet_sentences
+    from softcal.report.fleet_tables import fleet_tables
+
+    for table in fleet_tables(found.specimens, found.statement):
+        if table.rows:
+            print_report_table(table)
+    for sentence in fleet_sentences(found.specimens, found.statement):
+        typer.echo(sentence.text)
+
+
+def _report(found: Fleet) -> None:
+    from softcal.workflows.fleet_report import write_fleet_report
+
+    typer.echo(f"Report: {write_fleet_report(found)}")

@@ -1,0 +1,200 @@
+"""A fleet's folder. A reader can follow it while the fleet runs; every file is replaced as a whole.
+
+fleet.json                     what was asked, with the names of all specimens; at the end with what they say together
+table.csv                      the table as it was
+specimens/<name>/              the specimen's run folder, from its beginning on (see `run_folder`)
+specimens/<name>.json          from its end on: {"format", "specimen", "state": "DONE" or "FAILED", "reason", "seconds",
+                               "loss", "factors", "parameters", "warnings"}
+fleet.csv                      at the end: a row for each specimen and parameter
+report.html, figures           at the end
+
+A specimen with a .json file is finished; one with a folder and without the file is in work, or was when the fleet was
+stopped; any other waits. A resumed fleet writes the .json of a specimen that failed anew.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field
+
+from softcal.analysis.fleet_statement import FleetStatement
+from softcal.analysis.specimen import Specimen, State
+from softcal.calibration.outcome import installed_versions
+from softcal.calibration.result import Estimate
+from softcal.calibration.store import write_text
+from softcal.calibration.stored import Amount, Record, read_record
+from softcal.csv_text import csv_text
+from softcal.errors import Fault, StorageError
+from softcal.project.fleet_table import FleetTable
+from softcal.workflows.output import new_folder, require_writable, unwritable
+
+FORMAT = 1
+FLEET, SPECIMENS, TABLE_COPY, CSV = "fleet.json", "specimens", "table.csv", "fleet.csv"
+
+
+class _FleetRecord(Record):
+    specimens: list[str]
+    settings: dict[str, Any]
+    hashes: dict[str, str]
+    created: str
+
+
+class _SpecimenRecord(Record):
+    specimen: str
+    state: State
+    reason: str
+    seconds: Amount
+    loss: float | None
+    factors: dict[str, str | float | None]
+    parameters: dict[str, Estimate] = Field(default_factory=dict[str, Estimate])
+    warnings: tuple[str, ...]
+
+
+def specimen_folder(folder: Path, name: str) -> Path:
+    """The run folder of a specimen."""
+    return folder / SPECIMENS / name
+
+
+def begin_fleet(table: FleetTable, settings: Mapping[str, Any], folder: Path) -> None:
+    """Write a new folder with what is to be done.
+
+    Raises
+    ------
+    StorageError
+        Where the folder holds files, or cannot be written.
+    """
+    with new_folder(folder, "another --out, or --resume to go on with the fleet in it") as part:
+        try:
+            shutil.copyfile(table.path, part / TABLE_COPY)
+            (part / SPECIMENS).mkdir()
+        except OSError as error:
+            raise unwritable(folder, error) from error
+        write_text(part / FLEET, _text(_plan(table, settings, datetime.now(UTC).isoformat(timespec="seconds"))))
+
+
+def reopen_fleet(table: FleetTable, settings: Mapping[str, Any], folder: Path) -> None:
+    """Check that a fleet can be resumed.
+
+    Raises
+    ------
+    StorageError
+        If the folder holds no fleet, or one of another table, template or settings, or cannot be written.
+    """
+    record = _record(folder)
+    attempt = "restore it, or use another --out without --resume"
+    faults = [
+        Fault("the file was changed after the fleet began", name, attempt=attempt)
+        for name, digest in table.hashes.items()
+        if record.hashes.get(name) != digest
+    ]
+    if record.settings != json.loads(json.dumps(dict(settings))):
+        faults.append(Fault("the fleet has other settings", str(folder), str(dict(settings)), str(record.settings)))
+    if faults:
+        raise StorageError(faults)
+    require_writable(folder)
+
+
+def write_specimen(one: Specimen, folder: Path) -> None:
+    """Keep what was found of a specimen.
+
+    Raises
+    ------
+    StorageError
+        Where it cannot be written.
+    """
+    held = {
+        "format": FORMAT,
+        "specimen": one.name,
+        "state": one.state,
+        "reason": one.reason,
+        "seconds": one.seconds,
+        "loss": one.loss,
+        "factors": dict(one.factors),
+        "parameters": {label: asdict(estimate) for label, estimate in one.parameters.items()},
+        "warnings": list(one.warnings),
+    }
+    write_text(folder / SPECIMENS / f"{one.name}.json", _text(held))
+
+
+def read_specimen(folder: Path, name: str) -> Specimen | None:
+    """What was found of a specimen; None where it is not finished.
+
+    Raises
+    ------
+    StorageError
+        Where its record is damaged.
+    """
+    path = folder / SPECIMENS / f"{name}.json"
+    if not path.is_file():
+        return None
+    held = read_record(_SpecimenRecord, path, "the record of the specimen", FORMAT)
+    return Specimen(
+        name, held.state, held.factors, held.parameters, held.loss, held.reason, held.warnings, held.seconds
+    )
+
+
+def finish_fleet(
+    table: FleetTable,
+    settings: Mapping[str, Any],
+    specimens: Sequence[Specimen],
+    statement: FleetStatement,
+    folder: Path,
+) -> None:
+    """Write what the specimens say together; fleet.json last.
+
+    Raises
+    ------
+    StorageError
+        Where a file cannot be written.
+    """
+    write_text(folder / CSV, fleet_csv(specimens, list(table.factors)))
+    told = {**_plan(table, settings, _record(folder).created), "statement": asdict(statement)}
+    write_text(folder / FLEET, _text(told))
+
+
+def fleet_csv(specimens: Sequence[Specimen], factors: Sequence[str]) -> str:
+    """A row for each specimen and parameter [SI]; one row for a specimen that failed."""
+    header = ["specimen", "state", *factors, "loss", "seconds [s]", "parameter", "unit", "value", "standard error"]
+    header += ["lower", "upper", "at bound", "reason"]
+    rows: list[list[object]] = []
+    for one in specimens:
+        own = [one.factors.get(name) for name in factors]
+        first: list[object] = [one.name, one.state, *own, one.loss, round(one.seconds, 3)]
+        for label, e in one.parameters.items():
+            ends = e.interval or (None, None)
+            rows.append([*first, label, e.unit, e.value, e.standard_error, *ends, int(e.at_bound), one.reason])
+        if not one.parameters:
+            rows.append([*first, *[None] * 7, one.reason])
+    return csv_text(header, rows)
+
+
+def _plan(table: FleetTable, settings: Mapping[str, Any], created: str) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "table": str(table.path),
+        "template": str(table.template),
+        "specimens": [row.name for row in table.rows],
+        "factors": dict(table.factors),
+        "settings": dict(settings),
+        "hashes": dict(table.hashes),
+        "versions": installed_versions(),
+        "created": created,
+    }
+
+
+def _record(folder: Path) -> _FleetRecord:
+    path = folder / FLEET
+    if not path.is_file():
+        raise StorageError(Fault("there is no fleet here", str(folder), f"no {FLEET}", "a folder of softcal fleet"))
+    return read_record(_FleetRecord, path, "the record of the fleet", FORMAT)
+
+
+def _text(held: Mapping[str, Any]) -> str:
+    return json.dumps(held, indent=2, allow_nan=False) + "\n"

@@ -1,0 +1,72 @@
+"""The report of a fleet: a page, its figures, its tables."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from softcal.project.yaml_file import read_document
+from softcal.report.figure import Picture
+from softcal.report.fleet_figures import draw_infill, draw_specimens
+from softcal.report.fleet_page import FleetPage, render_fleet_page
+from softcal.report.fleet_tables import fleet_tables
+from softcal.report.format import file_stem
+from softcal.report.style import encode
+from softcal.report.write import write_files
+from softcal.workflows.fleet import Fleet
+from softcal.workflows.fleet_folder import FLEET
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PAGE = "report.html"
+_DRAWN = 6  # parameters
+
+
+def write_fleet_report(found: Fleet) -> Path:
+    """Write report.html, figures/*.png, figures/*.svg and tables/*.csv into the fleet's folder; returns the page.
+
+    Raises
+    ------
+    StorageError
+        Where a file cannot be written.
+    """
+    pictures = fleet_pictures(found)
+    files: dict[Path, bytes] = {}
+    for one in pictures:
+        files[found.folder / "figures" / f"{one.name}.png"] = one.png
+        files[found.folder / "figures" / f"{one.name}.svg"] = one.svg
+    for table in fleet_tables(found.specimens, found.statement, len(found.specimens)):
+        if table.rows:
+            files[found.folder / "tables" / f"{table.key}.csv"] = table.as_csv().encode()
+    record = json.loads((found.folder / FLEET).read_text(encoding="utf-8"))
+    page = FleetPage(str(read_document(found.table.template).data["name"]), record["created"])
+    path = found.folder / PAGE
+    files[path] = render_fleet_page(page, found.specimens, found.statement, pictures).encode()
+    write_files(files)
+    return path
+
+
+def fleet_pictures(found: Fleet) -> list[Picture]:
+    """The figures: each parameter over the specimens, and each modulus against the infill."""
+    statement, specimens = found.statement, [one for one in found.specimens if one.state == "DONE"]
+    pictures = [
+        _picture(
+            f"infill-{file_stem(law.label)}",
+            f"{law.label} against the infill; bars are 95 % intervals.",
+            draw_infill(law, specimens, statement),
+        )
+        for law in statement.laws
+    ]
+    for one in statement.populations[:_DRAWN]:
+        caption = f"{one.label} of each specimen with its 95 % interval."
+        pictures.append(
+            _picture(f"specimens-{file_stem(one.label)}", caption, draw_specimens(one, specimens, statement))
+        )
+    return pictures
+
+
+def _picture(name: str, caption: str, figure: Figure) -> Picture:
+    png, svg = encode(figure)
+    return Picture(name, "overview", caption, png, svg)

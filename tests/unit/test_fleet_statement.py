@@ -1,0 +1,279 @@
+"""What is said of a fleet is true as often as it says: synthetic estimates, many replications."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from fleet_case import estimates
+
+from softcal.analysis.fleet_statement import FleetStatement, fleet_statement
+from softcal.analysis.fleet_verdict import fleet_sentences, spread_text
+from softcal.analysis.specimen import Specimen, own_error
+from softcal.calibration.mixed_effects import mixed_effects
+from softcal.calibration.result import Estimate
+
+MEAN, DOF = 3.0, 28
+
+
+def drawn(chance: np.random.Generator, k: int, tau: float, noise: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
+    """Estimates of k specimens, and their errors as estimated with some degrees of freedom."""
+    sizes = noise * np.exp(0.3 * chance.standard_normal(k))
+    values = MEAN + tau * chance.standard_normal(k) + sizes * chance.standard_normal(k)
+    return values, sizes * np.sqrt(chance.chisquare(DOF, k) / DOF)
+
+
+def stated(specimens: Sequence[Specimen], factors: Sequence[str] = ()) -> FleetStatement:
+    return fleet_statement(specimens, factors)
+
+
+def text(specimens: Sequence[Specimen], factors: Sequence[str] = ()) -> str:
+    return " ".join(one.text for one in fleet_sentences(specimens, stated(specimens, factors)))
+
+
+@pytest.mark.parametrize("tau", [0.0, 0.1, 0.4])
+@pytest.mark.parametrize(("k", "n"), [(5, 300), (20, 300), pytest.param(100, 1000, marks=pytest.mark.slow)])
+def test_the_intervals_of_mean_and_spread_hold_them(k: int, n: int, tau: float) -> None:
+    chance = np.random.default_rng([k, int(10 * tau)])
+    means = spreads = 0
+    for _ in range(n):
+        values, errors = drawn(chance, k, tau)
+        found = mixed_effects(values, errors**2 * DOF / (DOF - 2))
+        means += found.intervals[0, 0] <= MEAN <= found.intervals[0, 1]
+        spreads += found.spread_interval[0] <= tau <= found.spread_interval[1]
+    assert means / n >= 0.92
+    assert 0.92 <= spreads / n
+    if tau > 0.2:  # without a spread the interval is that of the errors alone, and holds more
+        assert means / n <= 0.985
+
+
+def test_alike_specimens_are_called_different_one_time_in_twenty() -> None:
+    chance = np.random.default_rng(11)
+    n, alarms = 200, 0
+    for _ in range(n):
+        (found,) = stated(estimates(*drawn(chance, 30, 0.0), dof=DOF)).populations
+        alarms += found.differs
+    assert 0.01 <= alarms / n <= 0.09
+
+
+def test_a_further_specimen_lies_where_it_is_expected() -> None:
+    chance = np.random.default_rng(12)
+    given = inside = 0
+    for _ in range(200):
+        (found,) = stated(estimates(*drawn(chance, 12, 0.2), dof=DOF)).populations
+        if found.further is not None:
+            given += 1
+            inside += found.further[0] <= MEAN + 0.2 * chance.standard_normal() <= found.further[1]
+    assert given > 150
+    assert 0.92 <= inside / given <= 0.985
+
+
+def test_specimens_that_do_not_differ_have_no_interval_of_a_further_one() -> None:
+    (found,) = stated(estimates([3.0, 3.01, 2.99, 3.0, 3.01, 2.99], [0.1] * 6)).populations
+    assert not found.differs
+    assert found.further is None
+    said = text(estimates([3.0, 3.01, 2.99, 3.0, 3.01, 2.99], [0.1] * 6))
+    assert "No difference between them is seen" in said
+    assert "further specimen" not in said
+
+
+def test_on_the_log_scale_mean_and_spread_are_those_of_the_logarithm() -> None:
+    values = np.exp([0.0, 0.1, -0.1, 0.2, -0.2])
+    (found,) = stated(estimates(values.tolist(), [1e-3] * 5, scale="log")).populations
+    assert found.mean == pytest.approx(1.0)
+    assert found.spread == pytest.approx(np.std([0.0, 0.1, -0.1, 0.2, -0.2], ddof=1), rel=1e-3)
+    assert spread_text(found.spread, "log", "1", 1.0) == "16 %"
+    assert spread_text(math.log(2.0), "log", "1", 1.0) == "a factor of 2"
+
+
+def test_what_all_specimens_share_is_no_error_of_one() -> None:
+    shares = {"noise": 0.5, "mesh": 0.25, "gain": 0.15, "angle (each)": 0.1}
+    from softcal.calibration.uncertain import EACH
+
+    shares = {name.replace(" (each)", EACH): part for name, part in shares.items()}
+    one = Estimate(1.0, "1", False, 0.0, 2.0, 0.2, (0.6, 1.4), shares=shares)
+    assert own_error(one) == pytest.approx(0.2 * math.sqrt(0.6))
+
+
+def test_errors_that_depend_on_the_value_do_not_weigh() -> None:
+    """Weights by such errors would move the mean to where they are small."""
+    chance = np.random.default_rng(13)
+    held = 0
+    for _ in range(200):
+        true = MEAN + 0.1 * chance.standard_normal(40)
+        values = true + 0.3 * np.exp(MEAN - true) * chance.standard_normal(40)
+        (found,) = stated(estimates(values.tolist(), (0.3 * np.exp(MEAN - values)).tolist())).populations
+        assert found.is_pooled
+        held += found.interval[0] <= MEAN <= found.interval[1]
+    assert held / 200 >= 0.9
+
+
+def test_a_parameter_that_few_determine_gets_no_statement() -> None:
+    specimens = estimates([0.45] * 10, [0.01] * 10)
+    free = Estimate(0.49, "1", False, 0.3, 0.4999, 0.02, (0.45, 0.4999))
+    assert stated([*specimens[:9], Specimen("far", "DONE", {}, {"x": free}, 1.0)]).populations[0].left_out == {
+        "far": "its interval reaches a bound"
+    }
+    two = [Specimen(f"far{k}", "DONE", {}, {"x": free}, 1.0) for k in range(2)]
+    found = stated([*specimens[:8], *two])
+    assert not found.populations
+    assert "nothing is said of the specimens together: 2 of 10 specimens do not determine it" in text(
+        [*specimens[:8], *two]
+    )
+
+
+def test_one_specimen_that_is_ten_times_stiffer_is_named() -> None:
+    chance = np.random.default_rng(14)
+    values = 2e6 * np.exp(0.05 * chance.standard_normal(30))
+    values[17] *= 10
+    specimens = estimates(values.tolist(), [0.01] * 30, scale="log", unit="Pa")
+    (found,) = stated(specimens).populations
+    assert [one.name for one in found.outliers] == ["s17"]
+    assert found.without is not None
+    assert found.without.spread_interval[0] <= 0.05 <= found.without.spread_interval[1]
+    assert found.spread > 5 * found.without.spread
+    assert "s17" in text(specimens)
+    assert "is not like the other specimens" in text(specimens)
+
+
+def test_like_specimens_are_rarely_called_outliers() -> None:
+    chance = np.random.default_rng(15)
+    n, alarms = 300, 0
+    for k in [6, 12, 30] * (n // 3):
+        alarms += bool(stated(estimates(*drawn(chance, k, 0.3), dof=DOF)).populations[0].outliers)
+    assert alarms / n <= 0.03
+
+
+@pytest.mark.parametrize("tau", [0.0, 0.3])
+def test_groups_that_do_not_differ_are_rarely_told_apart(tau: float) -> None:
+    chance = np.random.default_rng(16)
+    groups = [{"filament": "ABC"[k % 3]} for k in range(18)]
+    n, alarms = 150, 0
+    for _ in range(n):
+        (effect,) = stated(estimates(*drawn(chance, 18, tau), factors=groups, dof=DOF), ["filament"]).effects
+        alarms += effect.differs
+    assert alarms / n <= 0.09
+
+
+def test_the_means_of_groups_lie_in_their_intervals_and_the_share_is_that_of_the_variance() -> None:
+    chance = np.random.default_rng(17)
+    groups = [{"filament": "AB"[k % 2]} for k in range(40)]
+    n, held, shares = 150, 0, []
+    for _ in range(n):
+        values, errors = drawn(chance, 40, 0.2)
+        values += [0.25 * (-1) ** k for k in range(40)]
+        (effect,) = stated(estimates(values.tolist(), errors.tolist(), factors=groups, dof=DOF), ["filament"]).effects
+        assert effect.differs
+        held += sum(
+            abs(g.mean - MEAN) > 0 and g.interval[0] <= MEAN + s <= g.interval[1]
+            for g, s in zip(effect.groups, (0.25, -0.25), strict=True)
+        )
+        shares.append(effect.explained)
+    assert 0.92 <= held / (2 * n) <= 0.985
+    assert np.mean(shares) == pytest.approx(0.25**2 / (0.25**2 + 0.2**2), abs=0.03)
+
+
+def infilled(chance: np.random.Generator, k: int, phi: Sequence[float], tau: float = 0.05) -> list[Specimen]:
+    own = [phi[i % len(phi)] for i in range(k)]
+    logs = math.log(10e6) + 1.4 * np.log(own) + tau * chance.standard_normal(k) + 0.02 * chance.standard_normal(k)
+    factors = [{"infill": one, "filament": "AB"[(i // len(phi)) % 2]} for i, one in enumerate(own)]
+    return estimates(np.exp(logs).tolist(), [0.02] * k, scale="log", unit="Pa", factors=factors)
+
+
+@pytest.mark.parametrize("k", [6, 24])
+def test_exponent_and_bulk_modulus_lie_in_their_intervals(k: int) -> None:
+    chance = np.random.default_rng(18)
+    n, exponents, bulks, misfits = 120, 0, 0, 0
+    for _ in range(n):
+        (law,) = stated(infilled(chance, k, (0.2, 0.4, 0.8)), ["infill"]).laws
+        exponents += law.exponent_interval[0] <= 1.4 <= law.exponent_interval[1]
+        bulks += law.bulk_interval[0] <= 10e6 <= law.bulk_interval[1]
+        misfits += law.departs
+    assert 0.92 <= exponents / n <= 0.99
+    assert 0.92 <= bulks / n <= 0.99
+    assert misfits / n <= 0.09
+
+
+def test_moduli_that_do_not_follow_the_law_are_said_to_depart_from_it() -> None:
+    chance = np.random.default_rng(19)
+    specimens = infilled(chance, 24, (0.2, 0.4, 0.8))
+    stiff = [
+        Specimen(
+            s.name,
+            s.state,
+            s.factors,
+            {"x": Estimate(**{**s.parameters["x"].__dict__, "value": 2 * s.parameters["x"].value, "interval": None})},
+        )
+        if s.factors["infill"] == 0.4
+        else s
+        for s in specimens
+    ]
+    assert stated(stiff, ["infill"]).laws[0].departs
+    assert "depart from this law" in text(stiff, ["infill"])
+    assert "depart from this law" not in text(specimens, ["infill"])
+
+
+def test_two_infills_do_not_tell_an_exponent() -> None:
+    specimens = infilled(np.random.default_rng(20), 12, (0.2, 0.8))
+    assert not stated(specimens, ["infill"]).laws
+    assert "the specimens have 2 different infills, and it takes three" in text(specimens, ["infill"])
+
+
+def test_filaments_are_compared_at_equal_infill() -> None:
+    """Their difference of 10 % is far below that of the infills."""
+    chance = np.random.default_rng(21)
+    specimens = infilled(chance, 24, (0.2, 0.4, 0.8), tau=0.02)
+    stiffer = [
+        Specimen(
+            s.name,
+            s.state,
+            s.factors,
+            {"x": Estimate(**{**s.parameters["x"].__dict__, "value": 1.1 * s.parameters["x"].value, "interval": None})},
+        )
+        if s.factors["filament"] == "B"
+        else s
+        for s in specimens
+    ]
+    (effect,) = [one for one in stated(stiffer, ["infill", "filament"]).effects if one.factor == "filament"]
+    assert effect.differs
+    assert effect.at_infill == pytest.approx(0.4)
+    ratio = effect.groups[1].mean / effect.groups[0].mean
+    assert ratio == pytest.approx(1.1, abs=0.03)
+    assert "at an infill of 40 %" in text(stiffer, ["infill", "filament"])
+
+
+def test_factors_that_go_together_are_named() -> None:
+    factors = [{"filament": "AB"[k % 2], "printer": "XY"[k % 2]} for k in range(8)]
+    said = text(estimates([1.0, 2.0] * 4, [0.1] * 8, factors=factors), ["filament", "printer"])
+    assert "Printer determines filament in this table" in said
+    crossed = [{"filament": "AB"[k % 2], "printer": "XY"[k // 4]} for k in range(8)]
+    assert "determines" not in text(estimates([1.0, 2.0] * 4, [0.1] * 8, factors=crossed), ["filament", "printer"])
+
+
+def test_one_specimen_is_no_population() -> None:
+    assert text(estimates([1.0], [0.1])) == "There is one specimen: how specimens differ cannot be told."
+
+
+def test_two_specimens_have_a_mean_and_a_spread() -> None:
+    (found,) = stated(estimates([1.0, 2.0], [0.01, 0.01])).populations
+    assert found.differs
+    assert found.mean == pytest.approx(1.5)
+    assert found.interval[0] < 0 < 3 < found.interval[1]  # 12.7 standard errors
+    assert found.further is None
+
+
+def test_specimens_that_are_all_the_same_number() -> None:
+    (found,) = stated(estimates([2.0] * 10, [0.1] * 10)).populations
+    assert found.mean == pytest.approx(2.0)
+    assert found.spread == 0.0
+    assert found.spread_interval == (0.0, 0.0)
+    assert not found.differs
+
+
+def test_a_failed_specimen_is_named_and_does_not_count() -> None:
+    specimens = [*estimates([1.0, 1.1, 0.9], [0.1] * 3), Specimen("broken", "FAILED", {}, reason="No equilibrium.")]
+    assert stated(specimens).failed == 1
+    assert "1 of 4 specimens failed, and do not count: broken: No equilibrium." in text(specimens)
+    assert "failed" not in text(specimens[:3])

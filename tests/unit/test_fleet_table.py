@@ -1,0 +1,145 @@
+"""The table of a fleet: what its columns mean, and every fault of the whole table at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from fleet_case import FILE, write_fleet
+
+from softcal.errors import InputError
+from softcal.project.fleet_table import FleetTable, merged, read_fleet, row_faults
+from softcal.project.project import load
+
+GOOD = f"specimen,{FILE},filament,infill [%]\none,p1.csv,A,20\ntwo,p2.csv,B,40\n"
+
+
+def read(folder: Path, table: str, *changes: tuple[str, str], by: tuple[str, ...] = ()) -> FleetTable:
+    return read_fleet(write_fleet(folder, [1.0, 1.1], table, *changes), by=by)
+
+
+def faults(folder: Path, table: str, *changes: tuple[str, str]) -> str:
+    """Those of the table, else those of its specimens."""
+    try:
+        found = read(folder, table, *changes)
+    except InputError as error:
+        return str(error)
+    return "\n".join(str(one) for one in merged(f for row in found.rows for f in row_faults(found.template, row)))
+
+
+def test_a_row_says_by_what_a_specimen_differs_from_the_template(tmp_path: Path) -> None:
+    table = read(tmp_path, GOOD)
+    assert [row.name for row in table.rows] == ["one", "two"]
+    assert table.sets == (FILE,)
+    assert dict(table.factors) == {"filament": "", "infill": "%"}
+    second = table.rows[1]
+    assert second.factors == {"filament": "B", "infill": pytest.approx(0.4)}
+    project = load(table.template, changes=second.changes, values=second.values)
+    assert dict(project.changes) == {"experiments.pull.files[0].path": "p2.csv"}
+    assert project.records["pull"].n_samples == 25
+    assert set(project.inputs) == {"bar.msh", "p2.csv"}
+
+
+def test_a_column_file_is_the_file_of_all_experiments_that_share_one(tmp_path: Path) -> None:
+    table = read(tmp_path, "specimen,file\none,p1.csv\n")
+    assert {key: one.value for key, one in table.rows[0].changes.items()} == {
+        "experiments.pull.files[0].path": "p1.csv"
+    }
+
+
+def test_columns_set_keys_and_parameters_with_units(tmp_path: Path) -> None:
+    text = f"specimen,{FILE},experiments.pull.slack [mm],bar.poissons_ratio,robot.bodies.bar.youngs_modulus\n"
+    table = read(tmp_path, f"{text}one,p1.csv,1.5,0.40,2.5 MPa\ntwo,p2.csv,,,\n")
+    one, two = (load(table.template, changes=row.changes, values=row.values) for row in table.rows)
+    assert one.experiments["pull"].rig.slack == pytest.approx(1.5e-3)
+    assert one.held == {"bar.poissons_ratio": 0.4}
+    assert one.robot.bodies[0].parameters["youngs_modulus"] == pytest.approx(2.5e6)
+    assert two.robot.bodies[0].parameters["youngs_modulus"] == pytest.approx(2e6)
+    assert two.held == {}
+    assert table.factors == {}
+
+
+def test_a_german_table_with_decimal_commas(tmp_path: Path) -> None:
+    table = read(
+        tmp_path, f"specimen;{FILE};experiments.pull.slack [mm];infill [%]\none;p1.csv;1,5;22,5\ntwo;p2.csv;0,5 mm;30\n"
+    )
+    one, two = (load(table.template, changes=row.changes) for row in table.rows)
+    assert one.experiments["pull"].rig.slack == pytest.approx(1.5e-3)
+    assert two.experiments["pull"].rig.slack == pytest.approx(0.5e-3)
+    assert [row.factors["infill"] for row in table.rows] == [pytest.approx(0.225), pytest.approx(0.3)]
+
+
+def test_print_infill_sets_the_template_too(tmp_path: Path) -> None:
+    table = read(tmp_path, f"specimen,{FILE},print.infill [%]\none,p1.csv,55\n")
+    project = load(table.template, changes=table.rows[0].changes)
+    assert project.print_infill is not None
+    assert project.print_infill.infill == pytest.approx(0.55)
+    assert table.rows[0].factors == {"infill": pytest.approx(0.55)}
+
+
+def test_numbers_and_dates_of_factors(tmp_path: Path) -> None:
+    table = read(tmp_path, f"specimen,{FILE},nozzle [degC],made,batch\none,p1.csv,220,2026-11-23,1A\n")
+    assert table.rows[0].factors == {"nozzle": "220 degC", "made": "2026-11-23", "batch": "1A"} or table.rows[
+        0
+    ].factors == {
+        "nozzle": 220.0,
+        "made": "2026-11-23",
+        "batch": "1A",
+    }
+
+
+def test_only_the_named_factors_are_compared(tmp_path: Path) -> None:
+    assert list(read(tmp_path, GOOD, by=("filament",)).factors) == ["filament"]
+    with pytest.raises(InputError, match=r"the table has no such factor.*'filament'"):
+        read(tmp_path / "b", GOOD, by=("filamnt",))
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        (
+            f"specimen,{FILE}\none,p1.csv\none,p2.csv\n",
+            "line 3: two rows have the same name; got 'one', and 'one' in line 2",
+        ),
+        (f"specimen,{FILE}\none,p1.csv\nOne,p2.csv\n", "two names differ only in capitals"),
+        (f"specimen,{FILE}\nP1/20,p1.csv\n", "line 2: this cannot be a name; got 'P1/20'"),
+        (f"specimen,{FILE}\n,p1.csv\n", "line 2: a specimen has no name"),
+        (f"name,{FILE}\none,p1.csv\n", "the column with the specimens' names is missing"),
+        ("specimen,experiments.pul.file\none,p1.csv\n", "this column sets nothing; got 'experiments.pul.file'"),
+        (f"specimen,{FILE},experiments.pull.slak [mm]\none,p1.csv,2\n", "unknown key; got 'slak'"),
+        (
+            f"specimen,{FILE},slack [mm]\none,p1.csv,2\n",
+            "Try: 'experiments.pull.slack', or --by slack if it is a factor",
+        ),
+        (f"specimen,{FILE},{FILE}\none,p1.csv,p2.csv\n", "two columns mean the same"),
+        (f"specimen,{FILE},bar.youngs_modulu [MPa]\none,p1.csv,2\n", "youngs_modulu"),
+        (f"specimen,{FILE},bar.poissons_ratio\none,p1.csv,0.7\n", "line 2: Poisson's ratio is out of range"),
+        (f"specimen,{FILE},experiments.pull.slack [N]\none,p1.csv,2\n", "line 2: the unit does not fit; got 'N'"),
+        (f"specimen,{FILE},experiments.pull.slack\none,p1.csv,2\n", "line 2: the unit is missing"),
+        (f"specimen,{FILE},infill\none,p1.csv,0\n", "line 2: the infill is out of range"),
+        (f"specimen,{FILE},infill\none,p1.csv,30\n", "line 2: the infill is out of range"),
+        (f"specimen,{FILE},infill [mm]\none,p1.csv,30\n", "line 2: the unit does not fit"),
+        (f"specimen,{FILE}\n", "no data below the column names"),
+        (f"specimen,{FILE},\none,p1.csv,x\n", "fields than there are column names"),
+    ],
+)
+def test_a_fault_of_the_table_is_told_with_its_place(tmp_path: Path, table: str, said: str) -> None:
+    found = (
+        faults(tmp_path, table, ("slack", "slack"))
+        if "slack" not in table
+        else faults(tmp_path, table, ("    noise:", "    slack: 1 mm\n    noise:"))
+    )
+    assert said in found
+
+
+def test_every_missing_file_is_named_in_one_fault(tmp_path: Path) -> None:
+    found = faults(tmp_path, f"specimen,{FILE}\none,p1.csv\ntwo,no.csv\nthree,none.csv\n")
+    assert found.count("there is no such") == 1
+    assert "lines 3, 4" in found
+    assert "'no.csv', 'none.csv'" in found
+
+
+def test_faults_of_several_columns_are_told_at_once(tmp_path: Path) -> None:
+    found = faults(tmp_path, f"specimen,{FILE},bar.poissons_ratio\none,no.csv,0.4\ntwo,p2.csv,0.7\n")
+    assert "no.csv" in found
+    assert "bar.poissons_ratio" in found

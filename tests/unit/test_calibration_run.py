@@ -6,7 +6,6 @@ import contextlib
 import json
 import os
 import signal
-import sqlite3
 import subprocess
 import sys
 import threading
@@ -34,6 +33,7 @@ from softcal.calibration.result import CalibrationResult
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate, calibrate_each
 from softcal.calibration.search import Progress
+from softcal.calibration.trial_journal import stored_trials
 from softcal.errors import CalibrationError, ParameterError, StorageError
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
@@ -191,9 +191,7 @@ def test_stopped_and_resumed_it_is_as_if_it_had_never_stopped(
         partial = calibrate(problem_of(soft_necks_fail), **options, progress=Stop(at))
         assert f"Stopped by the user after {at} of at most" in partial.status
         assert load_result(tmp_path / "run").status == partial.status
-    with sqlite3.connect(tmp_path / "run" / "trials.sqlite") as database:
-        assert database.execute("SELECT COUNT(*) FROM trials").fetchone() == (at,)
-    database.close()
+    assert len(stored_trials(tmp_path / "run")) == at
     seen: list[int] = []
     resumed = calibrate(
         problem_of(soft_necks_fail),
@@ -246,14 +244,16 @@ def test_a_lock_that_a_killed_run_left_stops_no_resume(tmp_path: Path) -> None:
     same(calibrate(problem_of(), **options, trials=6), resumed)
 
 
-def test_optunas_own_tools_read_the_run(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("method", "trials"), METHODS)
+def test_optunas_own_tools_read_the_run(method: str, trials: int, tmp_path: Path) -> None:
     import optuna
     from optuna.storages.journal import JournalFileBackend
 
-    result = calibrate(problem_of(soft_necks_fail), method="tpe", trials=20, store=tmp_path / "run")
+    result = calibrate(problem_of(soft_necks_fail), method=method, trials=trials, store=tmp_path / "run")
     storage = optuna.storages.JournalStorage(JournalFileBackend(str(tmp_path / "run" / "optuna.journal")))
     study = optuna.load_study(study_name="softcal", storage=storage)
-    assert len(study.trials) == 20
+    assert [trial.params for trial in study.trials] == [dict(trial.theta) for trial in result.trials]
+    assert [trial.user_attrs["reason"] for trial in study.trials] == [trial.reason for trial in result.trials]
     assert study.best_params == pytest.approx({name: p.value for name, p in result.parameters.items()})
     assert sum(t.state == optuna.trial.TrialState.FAIL for t in study.trials) == result.n_failed_trials
 
@@ -285,7 +285,9 @@ def test_when_every_trial_fails_there_is_no_result_but_a_sentence(method: str, t
     with pytest.raises(CalibrationError, match=r"All \d+ trials failed.*No equilibrium beyond 1\.0 mm\."):
         calibrate(problem_of(all_necks_fail), method=method, trials=trials, store=tmp_path / "run")
     assert not (tmp_path / "run" / "result.json").exists()
-    assert (tmp_path / "run" / "trials.sqlite").exists()
+    held = stored_trials(tmp_path / "run")
+    assert all("No equilibrium beyond 1.0 mm." in stored.trial.reason for stored in held.values())
+    assert len(held) > 0
 
 
 def test_progress_tells_the_best_so_far() -> None:

@@ -6,11 +6,13 @@ import csv
 import errno
 import json
 import os
-import sqlite3
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from changed_trials import change_trials
 from fake_twin import NU, E, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
 
 from softcal.calibration.parameters import FreeParameter
@@ -20,7 +22,9 @@ from softcal.calibration.result import CalibrationResult, Note
 from softcal.calibration.result_files import result_json
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate
+from softcal.calibration.search import Progress
 from softcal.calibration.store import RunStore, write_text
+from softcal.calibration.trial_journal import stored_trials
 from softcal.errors import StorageError
 
 MODULUS = FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=0.2e6)
@@ -197,9 +201,10 @@ def test_a_resume_of_something_else_is_refused_with_every_difference(run: tuple[
 
 def test_another_engine_is_one_fault_beside_what_else_differs(tmp_path: Path) -> None:
     sofa = {"engine": "sofa", "engines.sofa.ramp": "0.1", "engines.sofa.states": "9"}
-    RunStore.create(tmp_path / "run", identity={"robot": "a"}, settings={}, versions={}).close()
+    space = problem_of().space
+    RunStore.create(tmp_path / "run", space, identity={"robot": "a"}, settings={}, versions={}).close()
     with pytest.raises(StorageError) as caught:
-        RunStore.resume(tmp_path / "run", identity={"robot": "b", **sofa}, settings={})
+        RunStore.resume(tmp_path / "run", space, identity={"robot": "b", **sofa}, settings={})
     engine, robot = map(str, caught.value.faults)
     assert "another engine; got sofa; allowed: softcal. Try: --engine softcal." in engine
     assert "something else: robot; got b; allowed: a" in robot
@@ -212,18 +217,29 @@ def test_another_number_of_trials_is_another_grid(tmp_path: Path) -> None:
 
 
 def test_two_calibrations_cannot_share_a_folder(tmp_path: Path) -> None:
+    space = problem_of().space
     with (
-        RunStore.create(tmp_path / "run", identity={}, settings={}, versions={}),
-        pytest.raises(StorageError, match="locked"),
+        RunStore.create(tmp_path / "run", space, identity={}, settings={}, versions={}),
+        pytest.raises(StorageError, match=r"locked by another process. Try: wait for the other calibration"),
     ):
-        RunStore.resume(tmp_path / "run", identity={}, settings={})
+        RunStore.resume(tmp_path / "run", space, identity={}, settings={})
+    RunStore.resume(tmp_path / "run", space, identity={}, settings={}).close()
+
+
+def test_a_calibration_that_could_not_be_opened_leaves_the_folder_free(tmp_path: Path) -> None:
+    space, path = problem_of().space, tmp_path / "run" / "optuna.journal"
+    RunStore.create(tmp_path / "run", space, identity={}, settings={}, versions={}).close()
+    whole = path.read_bytes()
+    path.write_bytes(b"[]\n")
+    with pytest.raises(StorageError, match="cannot be read"):
+        RunStore.resume(tmp_path / "run", space, identity={}, settings={})
+    path.write_bytes(whole)
+    RunStore.resume(tmp_path / "run", space, identity={}, settings={}).close()
 
 
 def test_trials_that_do_not_fit_the_search_stop_a_resume(tmp_path: Path) -> None:
     calibrate(problem_of(), method="grid", trials=9, store=tmp_path / "run")
-    with sqlite3.connect(tmp_path / "run" / "trials.sqlite") as database:
-        database.execute("UPDATE trials SET theta = ? WHERE number = 4", (json.dumps({E: 1e6, NU: 0.45}),))
-    database.close()
+    change_trials(tmp_path / "run", lambda trial: trial["params"].update({E: 1e6, NU: 0.45}), only=4)
     with pytest.raises(StorageError, match="trial 4 on disk is not the one"):
         calibrate(problem_of(), method="grid", trials=9, store=tmp_path / "run", resume=True)
 
@@ -238,21 +254,146 @@ def test_a_damaged_record_is_told(tmp_path: Path) -> None:
 def test_observations_come_back_from_bytes_bit_by_bit() -> None:
     problem = make_problem(fake_robot(), [fake_experiment(noise=0.02)], [MODULUS, RATIO], None, fake_simulate)
     evaluation = problem.evaluate({E: 1.23456789e6, NU: 0.4321}, jacobian=True)
-    held = decode(encode(evaluation.observations), Path("trials.sqlite"), "trial 0")
+    held = decode(encode(evaluation.observations), Path("0.npz"), "trial 0")
     again = problem.judge(evaluation.theta, held, 1, 20, 0.0)
     assert again.loss == evaluation.loss
     assert again.gradient is not None
     np.testing.assert_array_equal(again.gradient, evaluation.gradient)
 
 
-@pytest.mark.parametrize("left", [100, 5000])
-def test_trials_that_were_cut_short_are_not_said_to_lie_in_a_wrong_folder(tmp_path: Path, left: int) -> None:
+@pytest.mark.parametrize("lines", [0, 1, 4, 9])
+@pytest.mark.parametrize("more", [b"", b'{"op_code":4,"wor', bytes(4096)], ids=["nothing", "half a line", "zeros"])
+def test_trials_that_were_cut_short_are_evaluated_again(tmp_path: Path, lines: int, more: bytes) -> None:
+    """As a process that is killed while it writes, or a computer that loses its power, leaves them."""
+    folder = tmp_path / "run"
+    whole = calibrate(problem_of(), method="grid", trials=9, store=folder)
+    path = folder / "optuna.journal"
+    held = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(held[:lines]) + more)
+    again = calibrate(problem_of(), method="grid", trials=9, store=folder, resume=True)
+    assert [trial.loss for trial in again.trials] == [trial.loss for trial in whole.trials]
+    assert list(stored_trials(folder)) == list(range(9))
+    assert len(path.read_bytes().splitlines()) == len(held)
+
+
+def test_trials_that_are_damaged_are_not_said_to_lie_in_a_wrong_folder(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     calibrate(problem_of(), method="grid", trials=9, store=folder)
-    path = folder / "trials.sqlite"
-    path.write_bytes(path.read_bytes()[:left])
+    path = folder / "optuna.journal"
+    path.write_bytes(path.read_bytes()[:1000] + bytes(50) + path.read_bytes()[1050:])
     with pytest.raises(StorageError) as told:
         calibrate(problem_of(), method="grid", trials=9, store=folder, resume=True)
     assert str(told.value).startswith(f"{path}: the trials of the run cannot be read; got ")
     assert "Try: a copy of it that is whole, or a new run" in str(told.value)
     assert "written to" not in str(told.value)
+
+
+def test_a_run_of_an_earlier_format_is_reported_but_not_resumed(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    whole = calibrate(problem_of(), method="grid", trials=4, store=folder)
+    (folder / "optuna.journal").rename(folder / "trials.sqlite")
+    record = json.loads((folder / "run.json").read_text())
+    (folder / "run.json").write_text(json.dumps({**record, "format": 1}))
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    with pytest.raises(
+        StorageError, match=r"trials\.sqlite: the run is of an earlier version of softcal, and cannot be"
+    ):
+        calibrate(problem_of(), method="grid", trials=4, store=folder, resume=True)
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+    assert load_result(folder).loss == whole.loss
+
+
+def test_a_trial_whose_arrays_are_gone_stops_a_resume(tmp_path: Path) -> None:
+    calibrate(problem_of(), store=tmp_path / "run", starts=1)
+    first = min(int(path.stem) for path in (tmp_path / "run" / "arrays").iterdir())
+    (tmp_path / "run" / "arrays" / f"{first}.npz").unlink()
+    with pytest.raises(StorageError, match=rf"{first}\.npz: trial {first} of the run cannot be read; got No such file"):
+        calibrate(problem_of(), store=tmp_path / "run", starts=1, resume=True)
+    change_trials(tmp_path / "run", lambda trial: trial["user_attrs"].update(arrays=False), only=first)
+    with pytest.raises(StorageError, match=f"trial {first} of the run cannot be read: its arrays are not kept with it"):
+        calibrate(problem_of(), store=tmp_path / "run", starts=1, resume=True)
+
+
+@pytest.mark.parametrize("vanished", ["run", "run/optuna.journal"])
+def test_trials_are_not_written_where_nobody_finds_them(tmp_path: Path, vanished: str) -> None:
+    def vanish(progress: Progress) -> None:
+        if progress.done == 3:
+            (tmp_path / vanished).rename(tmp_path / "elsewhere")
+
+    with pytest.raises(StorageError, match="the run cannot be kept; got No such file or directory"):
+        calibrate(problem_of(), method="grid", trials=9, store=tmp_path / "run", progress=vanish)
+    assert not (tmp_path / vanished).exists()
+
+
+def test_a_journal_that_another_took_the_place_of_is_not_written_on(tmp_path: Path) -> None:
+    path = tmp_path / "run" / "optuna.journal"
+
+    def replace(progress: Progress) -> None:
+        if progress.done == 3:
+            held = path.read_bytes()
+            path.unlink()
+            (tmp_path / "reserved").write_text("")  # so that its number in the file system is not given again
+            path.write_bytes(held)
+
+    with pytest.raises(StorageError, match="replaced by another file"):
+        calibrate(problem_of(), method="grid", trials=9, store=tmp_path / "run", progress=replace)
+    assert len(stored_trials(tmp_path / "run")) == 3
+
+
+def test_a_full_disk_ends_a_search_and_the_trials_so_far_resume(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, calls = os.fsync, 0
+
+    def full(number: int) -> None:
+        nonlocal calls
+        calls += 1
+        if calls > 8:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(number)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(StorageError, match="No space left on device"):
+            calibrate(problem_of(), method="grid", trials=9, store=tmp_path / "run")
+    assert 0 < len(stored_trials(tmp_path / "run")) < 9
+    whole = calibrate(problem_of(), method="grid", trials=9)
+    again = calibrate(problem_of(), method="grid", trials=9, store=tmp_path / "run", resume=True)
+    assert again.trials[-1].loss == whole.trials[-1].loss
+
+
+def test_a_folder_without_a_trial_has_none(tmp_path: Path) -> None:
+    assert stored_trials(tmp_path / "run") == {}
+    RunStore.create(tmp_path / "run", problem_of().space, identity={}, settings={}, versions={}).close()
+    before = (tmp_path / "run" / "optuna.journal").read_bytes()
+    assert stored_trials(tmp_path / "run") == {}
+    assert (tmp_path / "run" / "optuna.journal").read_bytes() == before
+
+
+_WRITER = """
+import sys, time
+sys.path[:0] = {path!r}
+from pathlib import Path
+from test_calibration_store import problem_of
+from softcal.calibration.run import calibrate
+
+calibrate(problem_of(), method="grid", trials=400, store=Path({folder!r}))
+"""
+
+
+def test_trials_are_read_while_another_process_writes_them(tmp_path: Path) -> None:
+    here, folder = Path(__file__).parent, tmp_path / "run"
+    script = _WRITER.format(path=[str(here), str(here.parent)], folder=str(folder))
+    seen: list[int] = []
+    with subprocess.Popen([sys.executable, "-c", script]) as process:
+        while process.poll() is None:
+            held = stored_trials(folder)
+            assert list(held) == list(range(len(held)))
+            assert all(stored.trial.number == number for number, stored in held.items())
+            seen.append(len(held))
+    assert process.returncode == 0
+    assert seen == sorted(seen)
+    assert any(0 < n < 400 for n in seen)
+    held = stored_trials(folder)
+    assert [stored.trial for stored in held.values()] == list(load_result(folder).trials)
+    assert any(stored.arrays is not None and stored.arrays.is_file() for stored in held.values())

@@ -163,7 +163,7 @@ def test_a_calibration_that_fails_everywhere_keeps_its_trials(
     assert code == 1
     assert "could not be simulated" in err
     assert "Traceback" not in err
-    assert (tmp_path / "run" / "calibrations" / "pull" / "trials.sqlite").is_file()
+    assert (tmp_path / "run" / "calibrations" / "pull" / "optuna.journal").is_file()
     assert not (tmp_path / "run" / "result.json").exists()
 
 

@@ -25,6 +25,7 @@ from test_stored_files import write_study
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate
+from softcal.calibration.trial_journal import stored_trials
 from softcal.cli import main
 from softcal.errors import InputError
 from softcal.experiments.motion_capture import read_c3d
@@ -104,9 +105,10 @@ KINDS: dict[str, tuple[str, Reader]] = {
     "a result's trials": ("squares/trials.csv", lambda path: load_result(path.parent)),
     "a result's response": ("squares/response-pull.csv", lambda path: load_result(path.parent)),
     "a store's record": ("squares/run.json", resumed("least-squares")),
-    "a store's trials": ("squares/trials.sqlite", resumed("least-squares")),
-    "a store's trials of TPE": ("tpe/trials.sqlite", resumed("tpe")),
-    "a store's journal": ("tpe/optuna.journal", resumed("tpe")),
+    "a store's trials": ("squares/optuna.journal", resumed("least-squares")),
+    "a store's trials of TPE": ("tpe/optuna.journal", resumed("tpe")),
+    "a store's arrays": ("squares/arrays/2.npz", lambda path: resumed("least-squares")(path.parent)),
+    "a run's trials": ("squares/optuna.journal", lambda path: stored_trials(path.parent)),
     "a run's record": ("run/run.json", lambda path: load_run(path.parent)),
 }
 # Those whose reader searches or loads a project are slower.
@@ -159,7 +161,8 @@ for line in sys.stdin:
         "run.json",
         "calibrations/pull/result.json",
         "calibrations/pull/run.json",
-        "calibrations/pull/trials.sqlite",
+        "calibrations/pull/optuna.journal",
+        "calibrations/pull/arrays/0.npz",
         "calibrations/pull/trials.csv",
         "calibrations/pull/response-pull.csv",
         "inputs/data/pull.csv",

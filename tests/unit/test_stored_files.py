@@ -6,14 +6,15 @@ import contextlib
 import copy
 import io
 import json
+import pickle
 import shutil
-import sqlite3
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from changed_trials import change_trials
 from project_case import write_project
 
 from softcal.calibration.result_reading import load_result
@@ -392,53 +393,81 @@ def test_a_result_of_another_runs_experiment_is_refused(run: Path) -> None:
         load_run(run)
 
 
-ROWS: dict[str, str] = {
-    "theta that is none": "UPDATE trials SET theta = '{'",
-    "theta that is a list": "UPDATE trials SET theta = '[1]'",
-    "theta of text": """UPDATE trials SET theta = '{"bar.youngs_modulus": "1"}'""",
-    "theta of another point": """UPDATE trials SET theta = '{"bar.youngs_modulus": 1e6}'""",
-    "NaN in theta": """UPDATE trials SET theta = '{"bar.youngs_modulus": NaN}'""",
-    "theta of bytes": "UPDATE trials SET theta = x'ff00'",
-    "an unknown state": "UPDATE trials SET state = 'RUNNING'",
-    "a failed trial with a loss": "UPDATE trials SET state = 'FAILED'",
-    "no loss": "UPDATE trials SET loss = NULL",
-    "an infinite loss": "UPDATE trials SET loss = 9e999",
-    "a loss of text": "UPDATE trials SET loss = 'low'",
-    "another loss": "UPDATE trials SET loss = loss + 1",
-    "a reason of bytes": "UPDATE trials SET reason = x'ffff'",
-    "seconds below zero": "UPDATE trials SET seconds = -1",
-    "seconds of text": "UPDATE trials SET seconds = 'long'",
-    "solves of text": "UPDATE trials SET n_solves = 'many'",
-    "solves below zero": "UPDATE trials SET n_solves = -4",
-    "solves of half": "UPDATE trials SET n_factorisations = 0.5",
-    "losses that are none": "UPDATE trials SET experiment_losses = ''",
-    "errors that are none": """UPDATE trials SET errors = '{"pull": 1}'""",
-    "an elapsed time that is infinite": "UPDATE trials SET elapsed = 9e999",
-    "arrays that are empty": "UPDATE trials SET payload = x''",
-    "arrays of text": "UPDATE trials SET payload = 'arrays'",
-    "arrays that are none": "UPDATE trials SET payload = x'504b0304deadbeef'",
-    "arrays cut off": "UPDATE trials SET payload = substr(payload, 1, length(payload) / 2)",
-    "a table without a column": "ALTER TABLE trials DROP COLUMN elapsed",
-    "a table of another name": "ALTER TABLE trials RENAME TO others",
-    "a row less": "DELETE FROM trials WHERE number = 1",
+def set_attribute(name: str, value: object) -> Callable[[dict[str, Any]], object]:
+    return lambda trial: trial["user_attrs"].update({name: value})
+
+
+def set_entry(name: str, value: object) -> Callable[[dict[str, Any]], object]:
+    return lambda trial: trial.update({name: value})
+
+
+ROWS: dict[str, Callable[[dict[str, Any]], object]] = {
+    "theta that is none": set_entry("params", None),
+    "theta that is a list": set_entry("params", [1]),
+    "theta of text": set_entry("params", {"bar.youngs_modulus": "1"}),
+    "theta of another point": set_entry("params", {"bar.youngs_modulus": 1e6}),
+    "NaN in theta": set_entry("params", {"bar.youngs_modulus": float("nan")}),
+    "theta without its distribution": set_entry("distributions", {}),
+    "a distribution that is none": set_entry("distributions", {"bar.youngs_modulus": "none"}),
+    "an unknown state": set_entry("state", 9),
+    "a trial that is not at its end": set_entry("state", 0),
+    "a trial that was given up": set_entry("state", 2),
+    "a failed trial with a loss": set_entry("state", 3),
+    "no loss": set_entry("value", None),
+    "an infinite loss": set_entry("value", float("inf")),
+    "a loss of text": set_entry("value", "low"),
+    "another loss": lambda trial: trial.update(value=trial["value"] + 1),
+    "a time that is none": set_entry("datetime_start", "yesterday"),
+    "a trial of no study": set_entry("study_id", 7),
+    "a number twice": set_attribute("number", 0),
+    "a number below zero": set_attribute("number", -1),
+    "no attributes": set_entry("user_attrs", {}),
+    "a reason that is none": set_attribute("reason", None),
+    "seconds below zero": set_attribute("seconds", -1),
+    "seconds of text": set_attribute("seconds", "long"),
+    "solves of text": set_attribute("n_solves", "many"),
+    "solves below zero": set_attribute("n_solves", -4),
+    "solves of half": set_attribute("n_factorisations", 0.5),
+    "losses that are none": set_attribute("experiment_losses", ""),
+    "errors that are none": set_attribute("errors", {"pull": 1}),
+    "an elapsed time that is infinite": set_attribute("elapsed", float("inf")),
+    "arrays that are not kept": set_attribute("arrays", False),
+    "arrays of text": set_attribute("arrays", "arrays"),
 }
-# Nothing of a row is missed where it is lost, if the search asks for the same point again.
-HARMLESS = {"a row less", "a table of another name"}
+# Nothing is missed where trials are lost, if the search asks for the same points again.
+HARMLESS = {"a trial of no study"}
 
 
 @pytest.mark.parametrize("case", ROWS)
-def test_damaged_rows_of_a_store_are_refused(
+def test_damaged_trials_of_a_store_are_refused(
     case: str, capsys: pytest.CaptureFixture[str], finished: Path, run: Path
 ) -> None:
-    path = run / STORE / "trials.sqlite"
-    with contextlib.closing(sqlite3.connect(path)) as database, database:
-        database.execute(ROWS[case])
+    change_trials(run / STORE, ROWS[case])
     code, err = resume(capsys, finished, run)
     if case in HARMLESS:
         assert code == 0, err
     else:
         assert code == 2, err
-        assert str(path) in err
+        assert str(run / STORE) in err
+
+
+ARRAY_FILES: dict[str, Callable[[bytes], bytes]] = {
+    "empty": lambda held: b"",
+    "none": lambda held: b"PK\x03\x04\xde\xad\xbe\xef",
+    "cut off": lambda held: held[: len(held) // 2],
+    "a pickle": lambda held: pickle.dumps({"predicted": [1.0]}),
+}
+
+
+@pytest.mark.parametrize("case", ARRAY_FILES)
+def test_damaged_files_of_arrays_are_refused(
+    case: str, capsys: pytest.CaptureFixture[str], finished: Path, run: Path
+) -> None:
+    path = run / STORE / "arrays" / "0.npz"
+    path.write_bytes(ARRAY_FILES[case](path.read_bytes()))
+    code, err = resume(capsys, finished, run)
+    assert code == 2, err
+    assert f"{path}: trial 0 of the run cannot be read" in err
 
 
 def other_arrays(change: Callable[[dict[str, np.ndarray]], None]) -> Callable[[bytes], bytes]:
@@ -472,14 +501,12 @@ ARRAYS: dict[str, Callable[[dict[str, np.ndarray]], None]] = {
 def test_damaged_arrays_of_a_trial_are_refused(
     case: str, capsys: pytest.CaptureFixture[str], finished: Path, run: Path
 ) -> None:
-    path = run / STORE / "trials.sqlite"
-    with contextlib.closing(sqlite3.connect(path)) as database, database:
-        for number, payload in database.execute("SELECT number, payload FROM trials").fetchall():
-            changed = other_arrays(ARRAYS[case])(payload)
-            database.execute("UPDATE trials SET payload = ? WHERE number = ?", (changed, number))
+    folder = run / STORE / "arrays"
+    for path in folder.iterdir():
+        path.write_bytes(other_arrays(ARRAYS[case])(path.read_bytes()))
     code, err = resume(capsys, finished, run)
     assert code == 2, err
-    assert str(path) in err
+    assert str(run / STORE) in err
     assert "trial 0 of the run cannot be read" in err or case == "a derivative less"
 
 
@@ -506,18 +533,15 @@ def test_damaged_settings_of_a_store_are_refused(
 
 
 FILES: dict[str, tuple[str, Callable[[Path], object]]] = {
-    "a database that is none": ("trials.sqlite", lambda path: path.write_bytes(b"trials" * 999)),
-    "a database cut off": ("trials.sqlite", lambda path: path.write_bytes(path.read_bytes()[:5000])),
-    "a database of zeros inside": (
-        "trials.sqlite",
-        lambda path: path.write_bytes(path.read_bytes()[:4096] + bytes(len(path.read_bytes()) - 4096)),
-    ),
-    "no database": ("trials.sqlite", Path.unlink),
-    "a folder in the place of the database": ("trials.sqlite", lambda path: (path.unlink(), path.mkdir())),
+    "no journal": ("optuna.journal", Path.unlink),
+    "a folder in the place of the journal": ("optuna.journal", lambda path: (path.unlink(), path.mkdir())),
+    "a file in the place of the arrays": ("arrays", lambda path: (shutil.rmtree(path), path.write_text(""))),
+    "no arrays": ("arrays", shutil.rmtree),
     "a folder in the place of the record": ("run.json", lambda path: (path.unlink(), path.mkdir())),
     "a journal that is none": ("optuna.journal", lambda path: path.write_bytes(bytes(range(256)))),
     "a journal of other things": ("optuna.journal", lambda path: path.write_text('{"a": 1}\n[]\n')),
     "a journal of an unknown kind": ("optuna.journal", lambda path: path.write_text('{"op_code": 99}\n')),
+    "a journal whose last line is none": ("optuna.journal", lambda path: path.write_bytes(path.read_bytes() + b"]\n")),
     "a journal of other trials": (
         "optuna.journal",
         lambda path: path.write_text(path.read_text().replace('"bar.youngs_modulus"', '"bar.other"')),
@@ -535,14 +559,3 @@ def test_damaged_files_of_a_store_are_refused(
     code, err = resume(capsys, finished, run, "--method", "tpe", "--trials", "4")
     assert code == 2, err
     assert str(run / STORE) in err
-
-
-def test_a_journal_that_was_moved_away_is_written_again(
-    capsys: pytest.CaptureFixture[str], finished: Path, tmp_path: Path
-) -> None:
-    run = Path(shutil.copytree(finished / "tpe", tmp_path / "run"))
-    path = run / STORE / "optuna.journal"
-    n = path.read_text().count('"op_code"')
-    path.unlink()
-    assert resume(capsys, finished, run, "--method", "tpe", "--trials", "4")[0] == 0
-    assert path.read_text().count('"op_code"') == n

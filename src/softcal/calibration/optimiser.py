@@ -5,12 +5,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import ClassVar, Literal, Protocol
+from typing import ClassVar, Literal
 
 from softcal.calibration.option import FAMILIES, Option, option_faults, options_of
 from softcal.calibration.problem import Evaluation, Problem
-from softcal.calibration.result import Trial
 from softcal.calibration.settings import SearchSettings
 from softcal.catalogue import Catalogue
 from softcal.errors import Fault
@@ -22,14 +20,6 @@ class Proposal:
 
     number: int
     theta: Mapping[str, float]
-
-
-class Journal(Protocol):
-    """A file of the search's own that records the trials."""
-
-    def keep(self, trial: Trial) -> None:
-        """Add a trial that the file does not have yet."""
-        ...
 
 
 class Optimiser(ABC):
@@ -94,10 +84,6 @@ class Optimiser(ABC):
         return settings.complete(
             trials=cls.default_trials, batch=cls.batch, options=cls.options, known=options_of(OPTIMISERS)
         )
-
-    def journal(self, folder: Path) -> Journal | None:
-        """A file beside the run's own store that records the trials, such as for another program's tools."""
-        return None
 
     @abstractmethod
     def ask(self) -> tuple[Proposal, ...]:

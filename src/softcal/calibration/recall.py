@@ -11,33 +11,33 @@ from softcal.calibration.observation import Observation
 from softcal.calibration.optimiser import Proposal
 from softcal.calibration.payload import decode
 from softcal.calibration.problem import Evaluation, Problem
-from softcal.calibration.store import TRIALS, StoredTrial
-from softcal.calibration.stored import contradiction
+from softcal.calibration.stored import contradiction, read_bytes
+from softcal.calibration.trial_journal import StoredTrial
 from softcal.errors import Fault, StorageError
 
 _SAME = 1e-9  # relative; of a loss that is computed again from the same numbers
 
 
-def recalled(problem: Problem, proposal: Proposal, stored: StoredTrial, folder: Path) -> Evaluation:
-    """The evaluation of a proposal, from the trial that is kept under its number in a run folder.
+def recalled(problem: Problem, proposal: Proposal, stored: StoredTrial, journal: Path) -> Evaluation:
+    """The evaluation of a proposal, from the trial that is kept under its number in the journal of a run.
 
     Raises
     ------
     StorageError
         Where the trial is another one, or its arrays are damaged or give another loss.
     """
-    path, trial = folder / TRIALS, stored.trial
+    trial = stored.trial
     if dict(trial.theta) != dict(proposal.theta):
         raise StorageError(
             Fault(
                 f"trial {proposal.number} on disk is not the one that this search would ask for",
-                where=str(path),
+                where=str(journal),
                 got=str(dict(trial.theta)),
                 allowed=str(dict(proposal.theta)),
                 attempt="the versions that run.json names, or a new folder",
             )
         )
-    if stored.payload is None:
+    if (path := stored.arrays) is None:
         return Evaluation(
             trial.theta,
             trial.loss,
@@ -52,7 +52,7 @@ def recalled(problem: Problem, proposal: Proposal, stored: StoredTrial, folder: 
             trial.errors,
         )
     what = f"trial {trial.number} of the run"
-    observations = decode(stored.payload, path, what)
+    observations = decode(read_bytes(path, what), path, what)
     try:
         _check(problem, observations)
         again = problem.judge(trial.theta, observations, stored.n_solves, trial.n_factorisations, trial.seconds)

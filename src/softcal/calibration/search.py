@@ -13,13 +13,15 @@ from typing import Any
 from softcal.calibration.evaluator import Evaluator
 from softcal.calibration.interrupts import interrupts_held, stoppable
 from softcal.calibration.live import told_live
-from softcal.calibration.optimiser import Journal, Optimiser, Proposal
+from softcal.calibration.optimiser import Optimiser, Proposal
 from softcal.calibration.outcome import Account, installed_versions
 from softcal.calibration.payload import encode
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.recall import recalled
 from softcal.calibration.result import Trial
-from softcal.calibration.store import RunStore, StoredTrial
+from softcal.calibration.store import RunStore
+from softcal.calibration.stored import contradiction
+from softcal.calibration.trial_journal import JOURNAL
 from softcal.errors import CalibrationError, Fault, StorageError
 from softcal.executors.chosen import executor_of
 from softcal.executors.executor import Executor
@@ -133,11 +135,7 @@ def searched(
                 stack.enter_context(run)
                 settings["batch"] = run.batch
         optimiser = search.begin(settings["batch"])
-        journal = None
-        if run is not None:
-            with interrupts_held():
-                journal = optimiser.journal(run.folder)
-        tally = _Tally(search.problem, run, journal, began)
+        tally = _Tally(search.problem, run, began)
         evaluator = Evaluator(search.problem, workers=executor, jacobian=optimiser.needs_jacobian)
         live = stack.enter_context(told_live(None if run is None else run.folder, executor))
 
@@ -180,7 +178,6 @@ class _Tally:
 
     problem: Problem
     run: RunStore | None
-    journal: Journal | None
     began: float
     trials: list[Trial] = field(default_factory=list[Trial])
     best: Evaluation | None = None
@@ -190,7 +187,7 @@ class _Tally:
     earlier: float = 0.0  # wall time [s] of the sessions before this one
 
     def __post_init__(self) -> None:
-        self.known = self.run.stored() if self.run is not None else {}
+        self.known = dict(self.run.stored()) if self.run is not None else {}
         self.earlier = max((stored.elapsed for stored in self.known.values()), default=0.0)
 
     def elapsed(self) -> float:
@@ -201,7 +198,7 @@ class _Tally:
         stored = self.known.get(proposal.number)
         if stored is None or self.run is None:
             return None
-        return recalled(self.problem, proposal, stored, self.run.folder)
+        return recalled(self.problem, proposal, stored, self.run.folder / JOURNAL)
 
     def note(self, number: int, evaluation: Evaluation, *, jacobian: bool) -> None:
         """Count a trial, and store it if it is new."""
@@ -220,11 +217,14 @@ class _Tally:
         better = evaluation.loss is not None and (
             self.best is None or self.best.loss is None or evaluation.loss < self.best.loss
         )
-        if self.run is not None and number not in self.known:
-            payload = encode(evaluation.observations) if complete and (jacobian or better) else None
-            self.run.append(StoredTrial(trial, evaluation.n_solves, self.elapsed(), payload))
-        if self.journal is not None:
-            self.journal.keep(trial)
+        if self.run is not None:
+            needed = complete and (jacobian or better)
+            if number not in self.known:
+                arrays = encode(evaluation.observations) if needed else None
+                self.run.append(trial, n_solves=evaluation.n_solves, elapsed=self.elapsed(), arrays=arrays)
+            elif needed and not evaluation.observations:
+                path, what = self.run.folder / JOURNAL, f"trial {number} of the run"
+                raise contradiction(path, what, "its arrays are not kept with it")
         self.trials.append(trial)
         self.n_solves += evaluation.n_solves
         self.n_failed += not complete
@@ -288,11 +288,11 @@ def _open(search: Search, folder: Path | None, resume: bool, files: Mapping[str,
         if resume:
             raise StorageError(Fault("there is no run to resume without its folder", "store"))
         return None
-    identity, settings = search.identity, search.settings
+    space, identity, settings = search.problem.space, search.identity, search.settings
     if resume:
-        return RunStore.resume(folder, identity=identity, settings=settings, grows=search.optimiser.grows)
+        return RunStore.resume(folder, space, identity=identity, settings=settings, grows=search.optimiser.grows)
     versions = installed_versions()
-    return RunStore.create(folder, identity=identity, settings=settings, versions=versions, files=files)
+    return RunStore.create(folder, space, identity=identity, settings=settings, versions=versions, files=files)
 
 
 def _no_result(tally: _Tally, stopped: str) -> str:

@@ -1,8 +1,8 @@
 """A run folder: the problem, every trial as soon as it is evaluated, and at the end the result.
 
     run.json        what is calibrated (hashes), how (settings), with what (versions)
-    trials.sqlite   one row per trial, committed at once; with the arrays that a resumed search needs
-    optuna.journal  the same trials for Optuna's own tools (method tpe)
+    optuna.journal  every trial, a line each, written at once; Optuna's own tools open it (see `trial_journal`)
+    arrays/         <number>.npz: the arrays of a trial that a resumed search needs
     result.json, trials.csv, response-<experiment>.csv   see `result_files`
 
 Nothing is ever overwritten unasked: a folder that is not empty is refused unless the run in it is to be resumed.
@@ -13,51 +13,24 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import sqlite3
 from collections.abc import Generator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, BinaryIO
 
-from pydantic import ConfigDict, Field, Json, ValidationError, model_validator
+from pydantic import ConfigDict, Field
 
+from softcal.calibration.file_lock import hold
+from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import SOFTCAL
 from softcal.calibration.result import Trial
-from softcal.calibration.stored import Amount, Count, Record, contradiction, damaged, read_record
+from softcal.calibration.stored import Record, read_record
+from softcal.calibration.trial_journal import ARRAYS, JOURNAL, StoredTrial, TrialJournal, arrays_file, mend
 from softcal.errors import Fault, StorageError
 
-TRIALS, JOURNAL, RESULT = "trials.sqlite", "optuna.journal", "result.json"
-_FORMAT = 1
+RECORD, RESULT = "run.json", "result.json"
+_FORMAT = 2
+_EARLIER = "trials.sqlite"  # where runs of format 1 have their trials
 _LARGEST_BATCH = 4096
-_SCHEMA = """
-CREATE TABLE IF NOT EXISTS trials (
-    number INTEGER PRIMARY KEY, theta TEXT NOT NULL, state TEXT NOT NULL, loss REAL, reason TEXT NOT NULL,
-    seconds REAL NOT NULL, n_solves INTEGER NOT NULL, n_factorisations INTEGER NOT NULL,
-    experiment_losses TEXT NOT NULL, errors TEXT NOT NULL, elapsed REAL NOT NULL, payload BLOB
-)
-"""
-
-
-@dataclass(frozen=True)
-class StoredTrial:
-    """A trial on disk.
-
-    Attributes
-    ----------
-    trial
-        The trial.
-    n_solves
-        Number of simulated trajectories that it took.
-    elapsed
-        Wall time of the run when it was recorded [s].
-    payload
-        Its arrays (see `payload.encode`), or None.
-    """
-
-    trial: Trial
-    n_solves: int
-    elapsed: float
-    payload: bytes | None
 
 
 class _Settings(Record):
@@ -73,53 +46,39 @@ class _StoredRun(Record):
     settings: _Settings
 
 
-class _StoredRow(Record):
-    """A row of `trials`."""
-
-    number: Count
-    theta: Json[dict[str, float]]
-    state: Literal["COMPLETE", "FAILED"]
-    loss: float | None
-    reason: str
-    seconds: Amount
-    n_solves: Count
-    n_factorisations: Count
-    experiment_losses: Json[dict[str, float]]
-    errors: Json[dict[str, dict[str, float]]]
-    elapsed: Amount
-    payload: bytes | None
-
-    @model_validator(mode="after")
-    def _whole(self) -> _StoredRow:
-        if (self.state == "COMPLETE") != (self.loss is not None):
-            raise ValueError(f"trial {self.number} is {self.state}, and its loss is {self.loss}")
-        return self
-
-
 class RunStore:
-    """An open run folder. Use `create` or `resume`, and close it (or use it in `with`).
+    """An open run folder, held by this process alone. Use `create` or `resume`, and close it (or use it in `with`).
 
-    batch: the number of points that the search asked for at once when the run was begun.
+    space: the parameters that are searched; batch: the number of points that the search asked for at once when the run
+    was begun.
+
+    Raises
+    ------
+    StorageError
+        Where another process has it open, it cannot be written, or its trials are damaged.
     """
 
-    def __init__(self, folder: Path, batch: int = 1) -> None:
+    def __init__(self, folder: Path, space: SearchSpace, batch: int = 1) -> None:
         self.folder, self.batch = folder, batch
-        # One that was closed in order has its rows in the file itself; SQLite would begin an empty one in its place.
-        lost = [name for name in (JOURNAL, RESULT) if (folder / name).is_file()]
-        if lost and not (folder / TRIALS).is_file():
-            raise StorageError(Fault("the trials of the run are missing", str(folder / TRIALS), f"{lost[0]} beside it"))
-        with storing(folder):
-            self._trials = sqlite3.connect(folder / TRIALS, timeout=0.5, isolation_level=None)
-            # Exclusive: two processes in one folder would each undo the other's search.
-            self._trials.execute("PRAGMA locking_mode=EXCLUSIVE")
-            self._trials.execute("PRAGMA journal_mode=WAL")
-            self._trials.execute("PRAGMA synchronous=NORMAL")
-            self._trials.execute(_SCHEMA)
+        self._space, self._path = space, folder / JOURNAL
+        if lost := [name for name in (ARRAYS, RESULT) if (folder / name).exists() and not self._path.exists()]:
+            raise StorageError(Fault("the trials of the run are missing", str(self._path), f"{lost[0]} beside it"))
+        with storing(self._path):
+            # Two processes in one folder would each undo the other's search.
+            self._file = _alone(folder)
+            try:
+                mend(self._path)
+                self._journal = TrialJournal(self._path)
+                self._journal.begin()
+            except BaseException:
+                self._file.close()
+                raise
 
     @classmethod
     def create(
         cls,
         folder: Path,
+        space: SearchSpace,
         *,
         identity: Mapping[str, str],
         settings: Mapping[str, Any],
@@ -146,12 +105,18 @@ class RunStore:
         for name, text in (files or {}).items():
             write_text(folder / name, text)
         about = {"format": _FORMAT, "identity": dict(identity), "settings": dict(settings), "versions": dict(versions)}
-        write_text(folder / "run.json", json.dumps(about, indent=2))
-        return cls(folder, settings.get("batch", 1))
+        write_text(folder / RECORD, json.dumps(about, indent=2))
+        return cls(folder, space, settings.get("batch", 1))
 
     @classmethod
     def resume(
-        cls, folder: Path, *, identity: Mapping[str, str], settings: Mapping[str, Any], grows: bool = True
+        cls,
+        folder: Path,
+        space: SearchSpace,
+        *,
+        identity: Mapping[str, str],
+        settings: Mapping[str, Any],
+        grows: bool = True,
     ) -> RunStore:
         """The run in a folder, resumed with the settings it began with; `grows`: except the number of trials.
 
@@ -160,9 +125,17 @@ class RunStore:
         StorageError
             Where there is no run, or it calibrates something else; names every item that differs.
         """
-        path = folder / "run.json"
+        path = folder / RECORD
         if not path.is_file():
             raise StorageError(Fault("there is no run to resume", where=str(folder), attempt="without --resume"))
+        if (folder / _EARLIER).exists():
+            raise StorageError(
+                Fault(
+                    "the run is of an earlier version of softcal, and cannot be resumed by this one",
+                    str(folder / _EARLIER),
+                    attempt="a new run: another --out, without --resume; its report and its results can be read",
+                )
+            )
         held = read_record(_StoredRun, path, "the record of the run", _FORMAT)
         held_identity, held_settings = held.identity, held.settings.model_dump()
         faults = [
@@ -180,7 +153,7 @@ class RunStore:
             )
         if faults:
             raise StorageError(faults)
-        return cls(folder, held.settings.batch)
+        return cls(folder, space, held.settings.batch)
 
     def __enter__(self) -> RunStore:
         return self
@@ -191,46 +164,40 @@ class RunStore:
     def close(self) -> None:
         """Release the folder for other processes."""
         with storing(self.folder):
-            self._trials.close()
+            self._file.close()
 
-    def append(self, stored: StoredTrial) -> None:
-        """Store a trial; it is on disk when this returns.
-
-        Raises
-        ------
-        StorageError
-            For a full disk or a folder that no longer exists.
-        """
-        trial = stored.trial
-        row = (
-            trial.number,
-            json.dumps(dict(trial.theta)),
-            trial.state,
-            trial.loss,
-            trial.reason,
-            trial.seconds,
-            stored.n_solves,
-            trial.n_factorisations,
-            json.dumps(dict(trial.experiment_losses)),
-            json.dumps({name: dict(held) for name, held in trial.errors.items()}),
-            stored.elapsed,
-            stored.payload,
-        )
-        with storing(self.folder / TRIALS):
-            self._trials.execute("INSERT INTO trials VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", row)
-
-    def keep(self, number: int, payload: bytes) -> None:
-        """Store other arrays of a trial in the place of its own, such as those with its derivatives.
+    def append(self, trial: Trial, *, n_solves: int, elapsed: float, arrays: bytes | None = None) -> None:
+        """Store a trial, its arrays first; it is on disk when this returns.
 
         Raises
         ------
         StorageError
             For a full disk or a folder that no longer exists.
         """
-        with storing(self.folder / TRIALS):
-            self._trials.execute("UPDATE trials SET payload = ? WHERE number = ?", (payload, number))
+        place = arrays_file(self.folder, trial.number)
+        if arrays is not None:
+            self.keep(trial.number, arrays)
+        with storing(self._path):
+            # Optuna would begin another file in the place of one that was removed.
+            if not os.path.samestat(os.fstat(self._file.fileno()), self._path.stat()):
+                raise OSError("it was replaced by another file")
+            stored = StoredTrial(trial, n_solves, elapsed, None if arrays is None else place)
+            self._journal.append(stored, self._space)
 
-    def stored(self) -> dict[int, StoredTrial]:
+    def keep(self, number: int, arrays: bytes) -> None:
+        """Store the arrays of a trial, in the place of those it has, such as without its derivatives.
+
+        Raises
+        ------
+        StorageError
+            For a full disk or a folder that no longer exists.
+        """
+        place = arrays_file(self.folder, number)
+        with storing(place):
+            place.parent.mkdir(exist_ok=True)
+        write_bytes(place, arrays)
+
+    def stored(self) -> Mapping[int, StoredTrial]:
         """Every trial that is kept, by number.
 
         Raises
@@ -238,31 +205,17 @@ class RunStore:
         StorageError
             Where the file cannot be read, or is damaged.
         """
-        path, what = self.folder / TRIALS, "the trials of the run"
-        columns = list(_StoredRow.model_fields)
-        try:
-            rows = self._trials.execute(f"SELECT {', '.join(columns)} FROM trials ORDER BY number").fetchall()
-            held = [_StoredRow.model_validate(dict(zip(columns, row, strict=True))) for row in rows]
-        except ValidationError as error:
-            raise damaged(path, what, error) from error
-        except sqlite3.Error as error:
-            raise contradiction(path, what, str(error)) from error
-        return {row.number: _stored(row) for row in held}
+        return self._journal.read()
 
 
-def _stored(row: _StoredRow) -> StoredTrial:
-    trial = Trial(
-        row.number,
-        row.theta,
-        row.state,
-        row.loss,
-        row.reason,
-        row.seconds,
-        row.n_factorisations,
-        row.experiment_losses,
-        row.errors,
-    )
-    return StoredTrial(trial, row.n_solves, row.elapsed, row.payload)
+def _alone(folder: Path) -> BinaryIO:
+    """The file of the trials, held by this process alone."""
+    try:
+        return hold(folder / JOURNAL)
+    except BlockingIOError as error:
+        attempt = "wait for the other calibration in this folder"
+        locked = Fault("the run cannot be kept", str(folder), "a folder locked by another process", attempt=attempt)
+        raise StorageError(locked) from error
 
 
 def write_text(path: Path, text: str) -> None:
@@ -273,11 +226,22 @@ def write_text(path: Path, text: str) -> None:
     StorageError
         Where it cannot be written; what was there before is then still there.
     """
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """As `write_text`, of any content.
+
+    Raises
+    ------
+    StorageError
+        Where it cannot be written; what was there before is then still there.
+    """
     partial = path.with_name(path.name + ".part")
     with storing(path):
         try:
-            with partial.open("w", encoding="utf-8", newline="") as file:
-                file.write(text)
+            with partial.open("wb") as file:
+                file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
             partial.replace(path)
@@ -293,21 +257,18 @@ def storing(path: Path) -> Generator[None]:
     Raises
     ------
     StorageError
-        In the place of OSError and sqlite3.Error.
+        In the place of OSError.
     """
     try:
         yield
-    except sqlite3.OperationalError as error:
-        attempt = "wait for the other calibration in this folder" if "locked" in str(error) else ""
-        raise StorageError(Fault("the run cannot be kept", where=str(path), got=str(error), attempt=attempt)) from error
-    except sqlite3.DatabaseError as error:  # such as a file that was cut short
-        file = path / TRIALS if path.is_dir() else path
-        attempt = "a copy of it that is whole, or a new run: another --out, without --resume"
-        raise StorageError(Fault("the trials of the run cannot be read", str(file), str(error), "", attempt)) from error
-    except (OSError, sqlite3.Error) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    except OSError as error:
         raise StorageError(
-            Fault("the run cannot be kept", where=str(path), got=reason, attempt="a folder that can be written to")
+            Fault(
+                "the run cannot be kept",
+                where=str(path),
+                got=error.strerror or str(error),
+                attempt="a folder that can be written to",
+            )
         ) from error
 
 

@@ -15,8 +15,9 @@ from softcal.calibration.parameters import search_space
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import SweepResult, Trial
 from softcal.calibration.search import Progress
-from softcal.calibration.store import RunStore, write_text
+from softcal.calibration.store import write_text
 from softcal.calibration.sweep import sweep as sweep_problem
+from softcal.calibration.trial_journal import stored_trials
 from softcal.csv_text import csv_text
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError
 from softcal.executors.executor import Executor
@@ -234,8 +235,7 @@ def _row(trial: Trial, parameters: Sequence[str]) -> list[object]:
 
 def _all_failed(store: Path) -> list[Trial]:
     """The cells that are kept in a folder, where none of them could be simulated; else none."""
-    with RunStore(store) as run:
-        trials = [stored.trial for stored in run.stored().values()]
+    trials = [stored.trial for stored in stored_trials(store).values()]
     return [] if any(trial.loss is not None for trial in trials) else trials
 
 

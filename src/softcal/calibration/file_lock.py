@@ -1,0 +1,41 @@
+"""A file that one process holds, by the operating system: one that is killed leaves nothing that others wait for."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import BinaryIO
+
+_FAR = 2**40  # the byte that is locked on Windows, where others cannot read what is
+
+
+def hold(path: Path, *, wait: bool = False) -> BinaryIO:
+    """Open a file to append to it, made if it is not there, and hold it until it is closed; others can read it.
+
+    wait: until another process has released it.
+
+    Raises
+    ------
+    BlockingIOError
+        Where another process holds it, and this one does not wait.
+    OSError
+        Where it cannot be opened, or its file system has no locks.
+    """
+    file = path.open("ab")
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            file.seek(_FAR)
+            try:
+                msvcrt.locking(file.fileno(), msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
+            except PermissionError as error:
+                raise BlockingIOError(str(error)) from error
+        else:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except BaseException:
+        file.close()
+        raise
+    return file

@@ -1,0 +1,20 @@
+"""The trials of a run folder, changed on disk."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+
+def change_trials(folder: Path, change: Callable[[dict[str, Any]], object], *, only: int | None = None) -> None:
+    """Change the entry of every trial in Optuna's journal, or of one, and write it back."""
+    path = folder / "optuna.journal"
+    entries = [json.loads(line) for line in path.read_text().splitlines()]
+    trials = [entry for entry in entries if "user_attrs" in entry]
+    assert trials
+    for entry in trials:
+        if only in (None, entry["user_attrs"]["number"]):
+            change(entry)
+    path.write_text("".join(json.dumps(entry) + "\n" for entry in entries))

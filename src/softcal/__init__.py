@@ -111,6 +111,8 @@ if TYPE_CHECKING:
     from softcal.workflows.export import ExportRequest as ExportRequest
     from softcal.workflows.export import register_export as register_export
     from softcal.workflows.export import write_export as write_export
+    from softcal.workflows.fleet import Fleet as Fleet
+    from softcal.workflows.fleet import fleet as fleet
     from softcal.workflows.importance import importance as importance
     from softcal.workflows.intervals import intervals as intervals
     from softcal.workflows.mesh_study import mesh_study as mesh_study
@@ -147,6 +149,7 @@ _HOMES = {
     "ExportOption": "softcal.workflows.export",
     "ExportRequest": "softcal.workflows.export",
     "Fault": "softcal.errors",
+    "Fleet": "softcal.workflows.fleet",
     "FreeParameter": "softcal.calibration.parameters",
     "GivenSection": "softcal.geometry.section",
     "InputError": "softcal.errors",
@@ -203,6 +206,7 @@ _HOMES = {
     "check": "softcal.workflows.checking",
     "compare_laws": "softcal.coupons.comparison",
     "compare_records": "softcal.workflows.whole_record",
+    "fleet": "softcal.workflows.fleet",
     "helix": "softcal.geometry.centreline",
     "importance": "softcal.workflows.importance",
     "intervals": "softcal.workflows.intervals",
@@ -259,6 +263,7 @@ __all__ = [
     "ExportOption",
     "ExportRequest",
     "Fault",
+    "Fleet",
     "FreeParameter",
     "GivenSection",
     "InputError",
@@ -315,6 +320,7 @@ __all__ = [
     "check",
     "compare_laws",
     "compare_records",
+    "fleet",
     "helix",
     "importance",
     "intervals",

@@ -9,6 +9,7 @@ import numpy as np
 from project_case import bench_values, write_project
 
 from softcal.analysis.specimen import Factor, Specimen
+from softcal.calibration.parameters import Scale
 from softcal.calibration.result import Estimate
 
 E, SLACK = "bar.youngs_modulus", "front.slack[pull]"
@@ -42,7 +43,7 @@ def estimates(
     values: Sequence[float],
     errors: Sequence[float],
     *,
-    scale: str = "linear",
+    scale: Scale = "linear",
     factors: Sequence[Mapping[str, Factor]] | None = None,
     unit: str = "1",
     dof: float | None = None,
@@ -60,7 +61,7 @@ def estimates(
             size,
             (value - 2 * size, value + 2 * size),
             scale=scale,
-            dof=dof,  # type: ignore[arg-type]
+            dof=dof,
         )
         found.append(Specimen(f"s{k}", "DONE", {} if factors is None else factors[k], {"x": estimate}, 1.0))
     return found

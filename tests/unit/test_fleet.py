@@ -65,6 +65,8 @@ def test_the_files_tell_what_was_found(found: Fleet) -> None:
     assert kept is not None
     assert kept.parameters == found.specimens[2].parameters
     assert (found.folder / "table.csv").read_text() == TABLE
+    live = json.loads((found.folder / "live.json").read_text())
+    assert (live["done"], live["total"], live["failed"], live["ended"]) == (6, 6, 0, True)
 
 
 def test_two_processes_find_the_same(folder: Path, found: Fleet) -> None:

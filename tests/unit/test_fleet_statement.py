@@ -85,7 +85,7 @@ def test_on_the_log_scale_mean_and_spread_are_those_of_the_logarithm() -> None:
     assert found.mean == pytest.approx(1.0)
     assert found.spread == pytest.approx(np.std([0.0, 0.1, -0.1, 0.2, -0.2], ddof=1), rel=1e-3)
     assert spread_text(found.spread, "log", "1", 1.0) == "16 %"
-    assert spread_text(math.log(2.0), "log", "1", 1.0) == "a factor of 2"
+    assert spread_text(math.log(2.0), "log", "1", 1.0) == "a factor of 2.00"
 
 
 def test_what_all_specimens_share_is_no_error_of_one() -> None:
@@ -108,6 +108,9 @@ def test_errors_that_depend_on_the_value_do_not_weigh() -> None:
         assert found.is_pooled
         held += found.interval[0] <= MEAN <= found.interval[1]
     assert held / 200 >= 0.9
+    sizes = np.linspace(0.1, 0.3, 12)
+    assert "so that all specimens count alike" in text(estimates((MEAN + sizes).tolist(), sizes.tolist()))
+    assert "count alike" not in text(estimates((MEAN + sizes).tolist(), [0.1] * 12))
 
 
 def test_a_parameter_that_few_determine_gets_no_statement() -> None:
@@ -270,6 +273,18 @@ def test_specimens_that_are_all_the_same_number() -> None:
     assert found.spread == 0.0
     assert found.spread_interval == (0.0, 0.0)
     assert not found.differs
+
+
+def test_a_factor_that_all_share_is_named() -> None:
+    said = text(estimates([1.0, 2.0, 3.0], [0.1] * 3, factors=[{"operator": "Ann"}] * 3), ["operator"])
+    assert "No comparison by operator: all specimens have the same." in said
+
+
+def test_a_spread_and_its_interval_are_told_in_one_form() -> None:
+    values = (2e6 * np.exp([0.0, 0.17])).tolist()
+    assert "their spread is a factor of 1.13 (1.0" in text(estimates(values, [0.01] * 2, scale="log", unit="Pa"))
+    values = (2e6 * np.exp(0.02 * np.array([-1.5, -0.5, 0.5, 1.5] * 5))).tolist()
+    assert "their spread is 2.1 % (1.4 to 3.2 %)" in text(estimates(values, [0.01] * 20, scale="log", unit="Pa"))
 
 
 def test_a_failed_specimen_is_named_and_does_not_count() -> None:

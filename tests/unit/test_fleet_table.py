@@ -8,7 +8,7 @@ import pytest
 from fleet_case import FILE, write_fleet
 
 from softcal.errors import InputError
-from softcal.project.fleet_table import FleetTable, merged, read_fleet, row_faults
+from softcal.project.fleet_table import FleetTable, merged, parse_fleet, read_fleet, row_faults
 from softcal.project.project import load
 
 GOOD = f"specimen,{FILE},filament,infill [%]\none,p1.csv,A,20\ntwo,p2.csv,B,40\n"
@@ -19,12 +19,13 @@ def read(folder: Path, table: str, *changes: tuple[str, str], by: tuple[str, ...
 
 
 def faults(folder: Path, table: str, *changes: tuple[str, str]) -> str:
-    """Those of the table, else those of its specimens."""
+    """Those of the table and of its specimens, as the command tells them."""
     try:
-        found = read(folder, table, *changes)
+        found, known = parse_fleet(write_fleet(folder, [1.0, 1.1], table, *changes))
     except InputError as error:
         return str(error)
-    return "\n".join(str(one) for one in merged(f for row in found.rows for f in row_faults(found.template, row)))
+    own = [fault for row in found.rows for fault in row_faults(found.template, row)]
+    return "\n".join(map(str, merged([*known, *own])))
 
 
 def test_a_row_says_by_what_a_specimen_differs_from_the_template(tmp_path: Path) -> None:
@@ -130,6 +131,23 @@ def test_a_fault_of_the_table_is_told_with_its_place(tmp_path: Path, table: str,
         else faults(tmp_path, table, ("    noise:", "    slack: 1 mm\n    noise:"))
     )
     assert said in found
+
+
+def test_a_name_that_is_nearly_a_key_is_no_factor(tmp_path: Path) -> None:
+    changes = ("    noise:", "    slack: 1 mm\n    noise:")
+    found = faults(tmp_path, f"specimen,{FILE},slak [mm]\none,p1.csv,2\n", changes)
+    assert "column 'slak [mm]': this column sets nothing" in found
+    assert "Try: 'experiments.pull.slack', or --by slak if it is a factor" in found
+    assert read_fleet(tmp_path, by=("slak",)).rows[0].factors == {"slak": "2 mm"}
+
+
+def test_faults_of_table_and_specimens_are_told_together(tmp_path: Path) -> None:
+    found = faults(tmp_path, "specimen,experiments.pul.file,bar.poissons_ratio\none,p1.csv,0.7\none,p2.csv,0.4\n")
+    assert "column 'experiments.pul.file': this column sets nothing" in found
+    assert "two rows have the same name" in found
+    assert "Poisson's ratio is out of range" in found
+    with pytest.raises(InputError, match="this column sets nothing"):
+        read_fleet(tmp_path)
 
 
 def test_every_missing_file_is_named_in_one_fault(tmp_path: Path) -> None:

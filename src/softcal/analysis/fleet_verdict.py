@@ -49,6 +49,7 @@ def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tup
         for label, why in found.unknown.items()
     ]
     texts += [sentence for one in found.effects if (sentence := _effect(one, found)) is not None]
+    texts += [FleetSentence(f"No comparison by {name}: {why}.", "note") for name, why in found.not_compared.items()]
     for one, other in found.not_apart:
         text = f"{other.capitalize()} determines {one} in this table: a difference by one can be one by the other."
         texts.append(FleetSentence(text, "note"))
@@ -58,20 +59,25 @@ def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tup
     return tuple(texts)
 
 
-def spread_text(spread: float, scale: Scale, unit: str, value: float) -> str:
-    """A spread between specimens: in per cent, or as a factor, where it is one of the logarithm; else with its unit."""
+def spread_text(spread: float, scale: Scale, unit: str, value: float, *, as_ratio: bool = False) -> str:
+    """A spread between specimens: in per cent, or as a factor where it is large, of a logarithm; else with its unit."""
     if scale != "log":
         return format_quantity(spread, unit, readable_unit(value, unit), digits=2)
-    return f"{plain(100 * spread, 2)} %" if spread < _AS_RATIO else f"a factor of {plain(math.exp(spread), 3)}"
+    return f"a factor of {_ratio(spread)}" if as_ratio or spread >= _AS_RATIO else f"{plain(100 * spread, 2)} %"
 
 
-def spread_ends(one: Population) -> str:
-    """The interval of a spread, with its unit once."""
-    low, high = (spread_text(end, one.scale, one.unit, one.mean) for end in one.spread_interval)
-    if one.scale == "log" and one.spread_interval[1] >= _AS_RATIO:
-        return f"{plain(math.exp(one.spread_interval[0]), 3)} to {plain(math.exp(one.spread_interval[1]), 3)}"
-    unit = high.rpartition(" ")[2]
-    return f"{low.removesuffix(f' {unit}')} to {high}"
+def spread_of(one: Population) -> tuple[str, str]:
+    """The spread of a population, and its interval with the unit once."""
+    low, high = one.spread_interval
+    is_ratio = one.scale == "log" and high >= _AS_RATIO
+    ends = [spread_text(end, one.scale, one.unit, one.mean) for end in (low, high)]
+    unit = ends[1].rpartition(" ")[2]
+    told = f"{_ratio(low)} to {_ratio(high)}" if is_ratio else f"{ends[0].removesuffix(f' {unit}')} to {ends[1]}"
+    return spread_text(one.spread, one.scale, one.unit, one.mean, as_ratio=is_ratio), told
+
+
+def _ratio(spread: float) -> str:
+    return f"{math.exp(spread):#.3g}".rstrip(".") if spread < math.log(1e4) else "more than 10000"
 
 
 def value_text(value: float, interval: Interval, unit: str) -> str:
@@ -115,6 +121,8 @@ def _population(one: Population) -> list[FleetSentence]:
         text += f" No difference between them is seen beyond their errors ({chance}); their spread is at most {most}."
     else:
         text += f" No difference between them is seen beyond their errors ({chance})."
+    if one.is_pooled:
+        text += " The errors depend on the value, so that all specimens count alike."
     if one.further is not None:
         text += f" A further specimen is expected at {ends_text(one.further, one.unit, one.mean)}."
     found = [FleetSentence(text, "good" if one.differs or one.n > 2 else "note")]
@@ -137,7 +145,8 @@ def _population(one: Population) -> list[FleetSentence]:
 
 
 def _spread(one: Population) -> str:
-    return f"their spread is {spread_text(one.spread, one.scale, one.unit, one.mean)} ({spread_ends(one)})"
+    spread, ends = spread_of(one)
+    return f"their spread is {spread} ({ends})"
 
 
 def _effect(one: FactorEffect, found: FleetStatement) -> FleetSentence | None:
@@ -145,8 +154,9 @@ def _effect(one: FactorEffect, found: FleetStatement) -> FleetSentence | None:
     of = next(p for p in found.populations if p.label == one.label)
     chance = f"chance {chance_text(one.chance)}"
     alike = "" if one.at_infill is None else f", at an infill of {level_text(one.at_infill, INFILL)}"
+    about = "" if one.at_infill is None else " about the law"
     if one.differs:
-        share = "" if one.explained is None else f", which is {plain(100 * one.explained, 2)} % of their variance"
+        share = "" if one.explained is None else f", which is {plain(100 * one.explained, 2)} % of the variance{about}"
         groups = "; ".join(
             f"{level_text(g.level, one.factor)} {value_text(g.mean, g.interval, of.unit)} "
             f"({ends_text(g.interval, of.unit, g.mean)}, n = {g.n})"

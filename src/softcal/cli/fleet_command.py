@@ -7,13 +7,13 @@ import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from softcal.cli.app import app, exit_on_error, resumable
 from softcal.cli.printing import print_report_table
-from softcal.cli.values import WithReport, Workers, as_typed, names, parsed_pairs, scalar
+from softcal.cli.values import LOCAL, On, WithReport, Workers, as_typed, names, parsed_pairs, scalar
 
 if TYPE_CHECKING:
     from softcal.workflows.fleet import Fleet, Observer
@@ -49,7 +49,8 @@ def fleet(  # noqa: PLR0913 (one argument for each option)
         list[str] | None,
         typer.Option(metavar="NAME=VALUE", help="A setting of the calibration, such as starts=5; repeat for more."),
     ] = None,
-    workers: Workers = 1,
+    workers: Workers = None,
+    on: On = LOCAL,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder of the fleet; 'fleet' beside the table by default.")
     ] = None,
@@ -58,21 +59,23 @@ def fleet(  # noqa: PLR0913 (one argument for each option)
 ) -> None:
     """Calibrate many specimens by one template, and say how they differ: spread, by factor, E against the infill."""
     options = parsed_pairs(option, "--option", "this sets no option", "NAME=VALUE, such as starts=5")
+    from softcal.executors.chosen import executor_on
     from softcal.workflows.fleet import fleet as calibrate_fleet
 
     folder = out if out is not None else (table if table.is_dir() else table.parent) / "fleet"
-    typed = {"template": template and str(template), "by": by or None, "method": method, "option": option}
+    typed: dict[str, Any] = {"template": template and str(template), "by": by or None, "method": method}
+    typed |= {"option": option, "workers": workers, "on": None if on == LOCAL else on}
     again = f"softcal fleet {shlex.quote(str(table))} --out {shlex.quote(str(folder))}"
-    again += f"{as_typed({**typed, 'workers': None if workers == 1 else workers})} --resume"
+    again += f"{as_typed(typed)} --resume"
     changes = {"method": method, **{name: scalar(text) for name, text in options.items()}}
     with resumable(folder, "What was calibrated", again, "fleet.json"):
-        with _bar() as show:
+        with executor_on(on, workers) as executor, _bar() as show:
             found = calibrate_fleet(
                 table,
                 template=template,
                 out=folder,
                 resume=resume,
-                workers=workers,
+                workers=executor,
                 by=names(by),
                 progress=show,
                 **changes,

@@ -19,6 +19,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,7 @@ SPECIMEN, FILE, INFILL = "specimen", "file", "infill"
 _FILES = "files"
 _NUMBER = re.compile(r"([-+−]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?)(.*)", re.DOTALL)
 _LINE = re.compile(r", line (\d+)$")
+_NEAR = 0.85  # of a name to that of a key, from which on one may be meant for the other
 _N_LINES = 5  # named in a fault of many rows
 
 
@@ -115,6 +117,22 @@ def read_fleet(source: str | Path, template: str | Path | None = None, by: Seque
     StorageError
         Where the table or the template cannot be read.
     """
+    table, faults = parse_fleet(source, template, by)
+    if faults:
+        raise ProjectFileError(merged(faults))
+    return table
+
+
+def parse_fleet(
+    source: str | Path, template: str | Path | None = None, by: Sequence[str] = ()
+) -> tuple[FleetTable, list[Fault]]:
+    """As `read_fleet`, with the faults of the table beside what could be read of it.
+
+    Raises
+    ------
+    StorageError
+        Where the table or the template cannot be read.
+    """
     path = Path(source) / TABLE if Path(source).is_dir() else Path(source)
     of = path.parent / TEMPLATE if template is None else Path(template)
     for one, kind, attempt in ((path, "table of the fleet", ""), (of, "template", "--template FILE")):
@@ -124,11 +142,10 @@ def read_fleet(source: str | Path, template: str | Path | None = None, by: Seque
     table = load_table(path, [SPECIMEN, INFILL, FILE], TableFormat(header_row=_first_line(path)))
     reader = _RowReader(table, document, by)
     rows = reader.rows()
-    if reader.faults:
-        raise ProjectFileError(merged(reader.faults))
     sets = tuple(one.header for one in reader.columns if one.kind in ("key", "parameter"))
     factors = {one.name: one.unit for one in reader.columns if one.factor and (not by or one.name in by)}
-    return FleetTable(path, of, rows, sets, factors, {path.name: sha256(path), of.name: sha256(of)})
+    hashes = {path.name: sha256(path), of.name: sha256(of)}
+    return FleetTable(path, of, rows, sets, factors, hashes), reader.faults
 
 
 def _first_line(path: Path) -> int | None:
@@ -263,14 +280,14 @@ class _RowReader:
                 return _TableColumn(place, header, "parameter", name, (name,), unit)
             self._unknown(header, name)
             return None
-        leaf = sorted(key for key in self.keys if key.rpartition(".")[2] == name and self._is_value(key))
+        leaf = self._leaves(name)
         if (name == FILE or leaf) and name not in self.by:
             self._unknown(header, name, leaf)
             return None
         return _TableColumn(place, header, "factor", name, (), unit, factor=True)
 
     def _unknown(self, header: str, name: str, leaf: Sequence[str] = ()) -> None:
-        where = f"{self.table.path}, line {self.table.header_line}"
+        where = f"{self.table.path}, column '{header}'"
         if name == FILE:
             files = sorted(key for key in (f"{e}.file" for e in self._experiments()) if self._keys_of(key))
             allowed = ", ".join(files) or "experiments.NAME.files[0].path"
@@ -311,8 +328,11 @@ class _RowReader:
                 return None
         return here
 
-    def _is_value(self, key: str) -> bool:
-        return not isinstance(self._value(key), (dict, list))
+    def _leaves(self, name: str) -> list[str]:
+        """The keys of values of the template whose last part is a name, or nearly."""
+        values = [key for key in self.keys if not isinstance(self._value(key), (dict, list))]
+        near = get_close_matches(name, {key.rpartition(".")[2] for key in values}, n=1, cutoff=_NEAR)
+        return sorted(key for key in values if key.rpartition(".")[2] in near)
 
     def _row(self, line: int, cells: Sequence[str], seen: dict[str, tuple[int, str]]) -> FleetRow:
         name = ""

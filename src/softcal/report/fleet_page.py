@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from softcal.analysis.fleet_statement import FleetStatement
-from softcal.analysis.fleet_verdict import ends_text, fleet_sentences, spread_ends, spread_text, value_text
+from softcal.analysis.fleet_verdict import ends_text, fleet_sentences, spread_of, value_text
 from softcal.analysis.population import Population
 from softcal.analysis.specimen import Specimen
 from softcal.report.figure import Picture
@@ -48,8 +48,8 @@ def key_numbers(populations: Sequence[Population]) -> list[KeyNumber]:
     found: list[KeyNumber] = []
     for one in populations[:3]:
         mean, _, unit = value_text(one.mean, one.interval, one.unit).partition(" ")
-        remark = f"95 %: {ends_text(one.interval, one.unit, one.mean)}; spread "
-        remark += f"{spread_text(one.spread, one.scale, one.unit, one.mean)}, 95 %: {spread_ends(one)}"
+        spread, ends = spread_of(one)
+        remark = f"95 %: {ends_text(one.interval, one.unit, one.mean)}; spread {spread}, 95 %: {ends}"
         found.append(KeyNumber(one.label, mean, unit, remark))
     return found
 

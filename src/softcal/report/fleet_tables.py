@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from softcal.analysis.fleet_statement import FleetStatement
-from softcal.analysis.fleet_verdict import chance_text, ends_text, level_text, spread_ends, spread_text, value_text
+from softcal.analysis.fleet_verdict import chance_text, ends_text, level_text, spread_of, spread_text, value_text
 from softcal.analysis.specimen import Specimen
 from softcal.calibration.digits import estimate_text, interval_text
 from softcal.report.tables import Cell, Column, ReportTable
@@ -27,8 +27,7 @@ def populations_table(found: FleetStatement) -> ReportTable:
                 one.n,
                 value_text(one.mean, one.interval, one.unit),
                 ends_text(one.interval, one.unit, one.mean),
-                spread_text(one.spread, one.scale, one.unit, one.mean),
-                spread_ends(one),
+                *spread_of(one),
                 chance_text(one.chance),
                 "" if one.further is None else ends_text(one.further, one.unit, one.mean),
             )

@@ -8,15 +8,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from softcal.analysis.fleet_statement import FleetStatement, fleet_statement
-from softcal.analysis.specimen import Specimen
+from softcal.analysis.specimen import Specimen, State
 from softcal.calibration.interrupts import stoppable
-from softcal.errors import InputError, ProjectFileError, SoftcalError
-from softcal.project.fleet_table import FleetRow, FleetTable, merged, read_fleet, row_faults
+from softcal.calibration.live import told_live
+from softcal.calibration.search import Progress
+from softcal.errors import Fault, InputError, ProjectFileError, SoftcalError
+from softcal.executors.chosen import executor_of
+from softcal.executors.each import Lost, each, results
+from softcal.executors.executor import Executor
+from softcal.project.fleet_table import FleetRow, FleetTable, merged, parse_fleet, row_faults
 from softcal.project.project import load
 from softcal.workflows.calibration import calibrate, plan
 from softcal.workflows.fleet_folder import (
@@ -27,7 +32,7 @@ from softcal.workflows.fleet_folder import (
     specimen_folder,
     write_specimen,
 )
-from softcal.workflows.fleet_workers import Lost, each
+from softcal.workflows.output import require_free_folder
 
 Observer = Callable[[str, int, int, int], None]
 """Told what is done, of how many specimens, how many are finished, and how many of those failed."""
@@ -78,7 +83,7 @@ def fleet(
     template: str | Path | None = None,
     out: str | Path,
     resume: bool = False,
-    workers: int = 1,
+    workers: int | Executor = 1,
     by: Sequence[str] = (),
     progress: Observer | None = None,
     **changes: object,
@@ -96,7 +101,7 @@ def fleet(
     resume
         Go on with the fleet in `out`: specimens that are done are kept, those that failed are tried again.
     workers
-        Processes; a specimen is calibrated by one.
+        Processes, or an executor; a specimen is calibrated by one process.
     by
         Factors by which the specimens are compared; by default all that the table has.
     progress
@@ -110,71 +115,68 @@ def fleet(
         With every fault of the table and of every specimen's project, before any is calibrated; for a folder that
         cannot be used.
     """
-    table, folder = read_fleet(source, template, by), Path(out).absolute()
+    (table, faults), folder = parse_fleet(source, template, by), Path(out).absolute()
     given = {key: value for key, value in changes.items() if value is not None}
-    settings = {"mesh_error": False, **given}
-    show = progress or (lambda *_: None)
-    n = len(table.rows)
-    if resume:
-        reopen_fleet(table, settings, folder)
-    else:
-        _check(table, settings, workers, show)
-        begin_fleet(table, settings, folder)
-    found = (
-        {} if not resume else {row.name: s for row in table.rows if (s := read_specimen(folder, row.name)) is not None}
-    )
-    found = {name: one for name, one in found.items() if one.state == "DONE"}
-    left = [row for row in table.rows if row.name not in found]
-    with stoppable() as stop:
+    order = _Order(table.template.absolute(), folder, {"mesh_error": False, **given})
+    with executor_of(workers) as executor, stoppable() as stop:
+        if resume:
+            reopen_fleet(table, order.settings, folder)
+        else:
+            require_free_folder(folder)
+            _check(table, order, faults, executor, progress or _unseen)
+            begin_fleet(table, order.settings, folder)
         try:
-            show("specimens", n, len(found), 0)
-            calls = each(
-                workers, calibrated_specimen, _Order(table.template, folder, settings), [(row,) for row in left]
-            )
-            for row, answer in zip(left, calls, strict=False):
-                if isinstance(answer, Lost):
-                    answer = Specimen(row.name, "FAILED", row.factors, reason=answer.sentence)
-                    write_specimen(answer, folder)
-                found[row.name] = answer
-                show("specimens", n, len(found), sum(one.state == "FAILED" for one in found.values()))
+            _calibrate(table, order, executor, progress or _unseen)
         except KeyboardInterrupt:
             if stop.by is None:
                 raise
-    for row in left:  # a worker may have finished more than was told
-        if row.name not in found and (one := read_specimen(folder, row.name)) is not None:
-            found[row.name] = one
-    specimens = tuple(found[row.name] for row in table.rows if row.name in found)
+    specimens = tuple(one for row in table.rows if (one := read_specimen(folder, row.name)) is not None)
     statement = fleet_statement(specimens, list(table.factors))
-    result = Fleet(table, specimens, statement, folder, stop.by)
-    finish_fleet(table, settings, specimens, statement, folder)
-    return result
+    finish_fleet(table, order.settings, specimens, statement, folder)
+    return Fleet(table, specimens, statement, folder, stop.by)
 
 
-def calibrated_specimen(order: _Order, row: FleetRow) -> Specimen:
+def _unseen(what: str, of: int, done: int, failed: int) -> None:
+    """Progress that nobody looks at."""
+
+
+def _calibrate(table: FleetTable, order: _Order, executor: Executor, show: Observer) -> None:
+    """Calibrate the specimens that are not done; each keeps its own record."""
+    kept = {row.name: read_specimen(order.folder, row.name) for row in table.rows}
+    left = [row for row in table.rows if (one := kept[row.name]) is None or one.state == "FAILED"]
+    n, failed = len(table.rows), 0
+    done = n - len(left)
+    with told_live(order.folder, executor) as live:
+        calls = each(executor, calibrated_specimen, order, [(row,) for row in left])
+        for row in (None, *left):
+            if row is not None:
+                state = next(calls)
+                if isinstance(state, Lost):
+                    write_specimen(Specimen(row.name, "FAILED", row.factors, reason=state.why), order.folder)
+                done, failed = done + 1, failed + (state != "DONE")
+            live.progress = Progress(done, n, failed, None, None, "specimens")
+            show("specimens", n, done, failed)
+
+
+def calibrated_specimen(order: _Order, row: FleetRow) -> State:
     """Calibrate one specimen in its folder, and keep what was found; a failure is a state."""
     began = time.perf_counter()
     run = specimen_folder(order.folder, row.name)
     try:
         project = load(order.template, changes=row.changes, values=row.values)
         found = calibrate(project, out=run, resume=run.is_dir(), **order.settings)
+        if found.stopped_by is not None:
+            raise found.stopped_by
+        best = found.headline
+        warnings = tuple(note.text for note in best.notes if note.level == "warning")
+        one = Specimen(row.name, "DONE", row.factors, best.parameters, best.loss, "", warnings)
     except SoftcalError as error:
-        return _kept(
-            Specimen(row.name, "FAILED", row.factors, reason=str(error), seconds=time.perf_counter() - began), order
-        )
-    if found.stopped_by is not None:
-        raise found.stopped_by
-    best = found.headline
-    warnings = tuple(note.text for note in best.notes if note.level == "warning")
-    seconds = time.perf_counter() - began
-    return _kept(Specimen(row.name, "DONE", row.factors, best.parameters, best.loss, "", warnings, seconds), order)
+        one = Specimen(row.name, "FAILED", row.factors, reason=str(error))
+    write_specimen(replace(one, seconds=time.perf_counter() - began), order.folder)
+    return one.state
 
 
-def _kept(one: Specimen, order: _Order) -> Specimen:
-    write_specimen(one, order.folder)
-    return one
-
-
-def checked_row(order: _Order, row: FleetRow) -> tuple[Any, ...]:
+def checked_row(order: _Order, row: FleetRow) -> tuple[Fault, ...]:
     """Every fault of a specimen's project and of the settings for it."""
     if faults := row_faults(order.template, row):
         return faults
@@ -185,12 +187,12 @@ def checked_row(order: _Order, row: FleetRow) -> tuple[Any, ...]:
     return ()
 
 
-def _check(table: FleetTable, settings: Mapping[str, Any], workers: int, show: Observer) -> None:
-    """Raise with the faults of all specimens' projects."""
-    order, n = _Order(table.template, Path(), settings), len(table.rows)
-    faults: list[Any] = []
-    for k, found in enumerate(each(workers, checked_row, order, [(row,) for row in table.rows])):
-        faults += found if not isinstance(found, Lost) else ()
-        show("checked", n, k + 1, 0)
+def _check(table: FleetTable, order: _Order, known: Sequence[Fault], executor: Executor, show: Observer) -> None:
+    """Raise with the faults of the table and of all specimens' projects."""
+    faults = list(known)
+    calls = results(executor, checked_row, order, [(row,) for row in table.rows])
+    for k, found in enumerate(calls, 1):
+        faults += found
+        show("checked", len(table.rows), k, 0)
     if faults:
         raise ProjectFileError(merged(faults))

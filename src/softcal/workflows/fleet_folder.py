@@ -6,7 +6,8 @@ specimens/<name>/              the specimen's run folder, from its beginning on 
 specimens/<name>.json          from its end on: {"format", "specimen", "state": "DONE" or "FAILED", "reason", "seconds",
                                "loss", "factors", "parameters", "warnings"}
 fleet.csv                      at the end: a row for each specimen and parameter
-report.html, figures           at the end
+live.json                      how many are finished, and the workers (see `calibration.live`)
+report.html, figures, tables   at the end
 
 A specimen with a .json file is finished; one with a folder and without the file is in work, or was when the fleet was
 stopped; any other waits. A resumed fleet writes the .json of a specimen that failed anew.

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from fleet_case import FILE, write_fleet
 
-from softcal.errors import InputError
-from softcal.project.fleet_table import FleetTable, merged, parse_fleet, read_fleet, row_faults
+from softcal.errors import Fault, InputError
+from softcal.project.alike_faults import merged
+from softcal.project.fleet_table import FleetTable, parse_fleet, read_fleet, row_project
 from softcal.project.project import load
 
 GOOD = f"specimen,{FILE},filament,infill [%]\none,p1.csv,A,20\ntwo,p2.csv,B,40\n"
@@ -24,7 +25,12 @@ def faults(folder: Path, table: str, *changes: tuple[str, str]) -> str:
         found, known = parse_fleet(write_fleet(folder, [1.0, 1.1], table, *changes))
     except InputError as error:
         return str(error)
-    own = [fault for row in found.rows for fault in row_faults(found.template, row)]
+    own: list[Fault] = []
+    for row in found.rows:
+        try:
+            row_project(found.template, row)
+        except InputError as error:
+            own += error.faults
     return "\n".join(map(str, merged([*known, *own])))
 
 

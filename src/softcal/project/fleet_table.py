@@ -17,22 +17,22 @@ template says; of a factor it says that nothing is known. Paths are relative to 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from softcal.errors import Fault, InputError, ProjectFileError, StorageError, nearest
-from softcal.experiments.read import line_numbers
 from softcal.experiments.table import Table, is_unit, load_table, split_header, uses_decimal_comma
 from softcal.experiments.table_format import TableFormat
 from softcal.experiments.text_file import open_text
 from softcal.limits import LIMITS
+from softcal.project.alike_faults import merged
 from softcal.project.document import Document, Entry, dotted, key_path
 from softcal.project.files import not_a_file, sha256
 from softcal.project.names import folded, name_fault
-from softcal.project.project import load
+from softcal.project.project import Project, load
 from softcal.project.sections import SECTIONS
 from softcal.project.yaml_file import read_document
 from softcal.quantities import QUANTITIES
@@ -42,9 +42,7 @@ TABLE, TEMPLATE = "fleet.csv", "project.yaml"
 SPECIMEN, FILE, INFILL = "specimen", "file", "infill"
 _FILES = "files"
 _NUMBER = re.compile(r"([-+−]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?)(.*)", re.DOTALL)
-_LINE = re.compile(r", line (\d+)$")
 _NEAR = 0.85  # of a name to that of a key, from which on one may be meant for the other
-_N_LINES = 5  # named in a fault of many rows
 
 
 @dataclass(frozen=True)
@@ -113,7 +111,7 @@ def read_fleet(source: str | Path, template: str | Path | None = None, by: Seque
     Raises
     ------
     ProjectFileError
-        With every fault of the table by itself; what only a specimen's project shows is found by `row_faults`.
+        With every fault of the table by itself; what only a specimen's project shows is found by `row_project`.
     StorageError
         Where the table or the template cannot be read.
     """
@@ -157,33 +155,18 @@ def _first_line(path: Path) -> int | None:
     return None
 
 
-def row_faults(template: Path, row: FleetRow) -> tuple[Fault, ...]:
-    """Every fault of one specimen's project."""
+def row_project(template: Path, row: FleetRow) -> Project:
+    """One specimen's project.
+
+    Raises
+    ------
+    InputError
+        With every fault of it, those of fixed parameters at their cells.
+    """
     try:
-        load(template, changes=row.changes, values=row.values)
+        return load(template, changes=row.changes, values=row.values)
     except InputError as error:
-        return tuple(replace(one, where=row.places.get(one.where, one.where)) for one in error.faults)
-    return ()
-
-
-def merged(faults: Iterable[Fault]) -> list[Fault]:
-    """Faults that are alike but for the row, as one that names the rows; each of the others once."""
-    groups: dict[tuple[str, ...], list[tuple[int, Fault]]] = {}
-    for one in dict.fromkeys(faults):
-        match = _LINE.search(one.where)
-        line = int(match[1]) if match else 0
-        where = one.where[: match.start()] if match else one.where
-        got = "" if match else one.got
-        groups.setdefault((where, one.what, one.allowed, got), []).append((line, one))
-    found: list[Fault] = []
-    for (where, *_), held in groups.items():
-        first = held[0][1]
-        if len(held) > 1:
-            lines = line_numbers([line for line, _ in held[:_N_LINES]], len(held))
-            got = ", ".join(dict.fromkeys(one.got for _, one in held[:_N_LINES]))
-            first = replace(first, where=f"{where}, {lines}", got=got)
-        found.append(first)
-    return found
+        raise type(error)(replace(one, where=row.places.get(one.where, one.where)) for one in error.faults) from error
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from softcal.errors import Fault, InputError, ProjectFileError, SoftcalError
 from softcal.executors.chosen import executor_of
 from softcal.executors.each import Lost, each, results
 from softcal.executors.executor import Executor
-from softcal.project.fleet_table import FleetRow, FleetTable, merged, parse_fleet, row_faults
-from softcal.project.project import load
+from softcal.project.alike_faults import merged
+from softcal.project.fleet_table import FleetRow, FleetTable, parse_fleet, row_project
 from softcal.workflows.calibration import calibrate, plan
 from softcal.workflows.fleet_folder import (
     begin_fleet,
@@ -163,7 +163,7 @@ def calibrated_specimen(order: _Order, row: FleetRow) -> State:
     began = time.perf_counter()
     run = specimen_folder(order.folder, row.name)
     try:
-        project = load(order.template, changes=row.changes, values=row.values)
+        project = row_project(order.template, row)
         found = calibrate(project, out=run, resume=run.is_dir(), **order.settings)
         if found.stopped_by is not None:
             raise found.stopped_by
@@ -177,11 +177,9 @@ def calibrated_specimen(order: _Order, row: FleetRow) -> State:
 
 
 def checked_row(order: _Order, row: FleetRow) -> tuple[Fault, ...]:
-    """Every fault of a specimen's project and of the settings for it."""
-    if faults := row_faults(order.template, row):
-        return faults
+    """Every fault of a specimen's project, or of the settings for it."""
     try:
-        plan(load(order.template, changes=row.changes, values=row.values), **order.settings)
+        plan(row_project(order.template, row), **order.settings)
     except InputError as error:
         return error.faults
     return ()

@@ -48,7 +48,7 @@ def _kernels_of_one_signature() -> Generator[None]:
         f"{module}.{name}": value
         for module, held in list(sys.modules.items())
         if module.startswith("softcal.mechanics.")
-        for name, value in vars(held).items()
+        for name, value in list(vars(held).items())
         if getattr(value, "nopython_signatures", ())
     }
     several = {name: kernel.signatures for name, kernel in kernels.items() if len(kernel.signatures) > 1}

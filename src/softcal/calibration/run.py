@@ -18,10 +18,11 @@ from softcal.calibration.result import CalibrationResult, Note
 from softcal.calibration.result_files import write_result
 from softcal.calibration.search import Found, Observer, Search, searched
 from softcal.calibration.settings import SearchSettings
+from softcal.calibration.shared_search import Sharing, require_shareable, searched_together
 from softcal.executors.executor import Executor
 
 
-def calibrate(
+def calibrate(  # noqa: PLR0913 (what is searched, where, and by whom)
     problem: Problem,
     settings: SearchSettings | None = None,
     *,
@@ -31,6 +32,7 @@ def calibrate(
     hashes: Mapping[str, str] | None = None,
     files: Mapping[str, str] | None = None,
     progress: Observer | None = None,
+    sharing: Sharing | None = None,
     **changes: Any,
 ) -> CalibrationResult:
     """Find the free parameters of a problem, all its experiments jointly.
@@ -57,6 +59,9 @@ def calibrate(
         What else identifies the run (a resume with another is refused), and texts to store with it.
     progress
         Called after every trial, and before a long computation after the search (its `stage` names that).
+    sharing
+        The study in which several processes, on one machine or many, do the trials of one search by `tpe` together;
+        each calls this with a `store` of its own. Its result depends on the order in which trials end.
     changes
         Settings by their names, such as `method="tpe", trials=100`, in the place of those in `settings`.
 
@@ -70,6 +75,36 @@ def calibrate(
         Where no trial could be simulated, or there are no workers any more. The trials are stored.
     """
     given = (settings or SearchSettings()).changed(**changes)
+    search, complete = _search(problem, given, hashes)
+    part = search.problem
+    course = searched if sharing is None else partial(searched_together, sharing=sharing)
+    with course(search, workers=workers, store=store, resume=resume, files=files, progress=progress) as found:
+        result = _concluded(part, found, mesh_error=given.mesh_error)
+        if complete.hold_out:
+            found.announce(f"prediction of {', '.join(complete.hold_out)}")
+            theta = {name: estimate.value for name, estimate in result.parameters.items()}
+            held_out, notes = predicted(problem, theta, complete.hold_out, found.best)
+            result = replace(result, held_out=held_out, notes=(*result.notes, *notes))
+        if found.folder is not None:
+            write_result(result, found.folder)
+        return result
+
+
+def require_joinable(
+    problem: Problem, settings: SearchSettings, sharing: Sharing, hashes: Mapping[str, str] | None = None
+) -> None:
+    """Raise unless `calibrate` with the same arguments could take part in a shared study; nothing is made.
+
+    Raises
+    ------
+    InputError
+        As `calibrate`.
+    """
+    require_shareable(_search(problem, settings, hashes)[0], sharing)
+
+
+def _search(problem: Problem, given: SearchSettings, hashes: Mapping[str, str] | None) -> tuple[Search, SearchSettings]:
+    """The search that the settings ask for, and the settings made complete."""
     optimiser = OPTIMISERS.named(given.method)
     complete = optimiser.settled(given)
     part = fitted_part(problem, complete.hold_out)
@@ -81,16 +116,7 @@ def calibrate(
         {**fingerprints(problem), **(hashes or {})},
         derives=True,
     )
-    with searched(search, workers=workers, store=store, resume=resume, files=files, progress=progress) as found:
-        result = _concluded(part, found, mesh_error=given.mesh_error)
-        if complete.hold_out:
-            found.announce(f"prediction of {', '.join(complete.hold_out)}")
-            theta = {name: estimate.value for name, estimate in result.parameters.items()}
-            held_out, notes = predicted(problem, theta, complete.hold_out, found.best)
-            result = replace(result, held_out=held_out, notes=(*result.notes, *notes))
-        if found.folder is not None:
-            write_result(result, found.folder)
-        return result
+    return search, complete
 
 
 def _concluded(problem: Problem, found: Found, *, mesh_error: bool) -> CalibrationResult:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import Counter
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -130,7 +130,7 @@ def searched(
     settings = dict(search.settings)
     with executor_of(workers) as executor, contextlib.ExitStack() as stack:
         with interrupts_held():
-            run = _open(search, store, resume, files)
+            run = open_run(search, store, resume, files)
             if run is not None:
                 stack.enter_context(run)
                 settings["batch"] = run.batch
@@ -146,7 +146,7 @@ def searched(
 
         stopped = _course(optimiser, stack.enter_context(evaluator), tally, tell)
         if tally.best is None:
-            raise CalibrationError(_no_result(tally, stopped))
+            raise CalibrationError(no_result(tally.trials, stopped))
 
         def announce(stage: str) -> None:
             with contextlib.suppress(KeyboardInterrupt):  # there is no search any more to be stopped
@@ -203,17 +203,7 @@ class _Tally:
     def note(self, number: int, evaluation: Evaluation, *, jacobian: bool) -> None:
         """Count a trial, and store it if it is new."""
         complete = evaluation.loss is not None
-        trial = Trial(
-            number,
-            dict(evaluation.theta),
-            "COMPLETE" if complete else "FAILED",
-            evaluation.loss,
-            evaluation.failure,
-            evaluation.seconds,
-            evaluation.n_factorisations,
-            dict(evaluation.experiment_losses),
-            evaluation.errors,
-        )
+        trial = trial_of(number, evaluation)
         better = evaluation.loss is not None and (
             self.best is None or self.best.loss is None or evaluation.loss < self.best.loss
         )
@@ -239,17 +229,39 @@ class _Tally:
         self.n_solves += best.n_solves
         if all(block.jacobian is not None for block in best.blocks):
             return
-        derived = self.problem.evaluate(best.theta, jacobian=True)
-        if derived.loss is None:
-            return
-        seen = {
-            name: replace(observation, derivatives=derived.observations[name].derivatives)
-            for name, observation in best.observations.items()
-        }
+        found = derived(self.problem, best)
         with interrupts_held():
-            if self.run is not None:
-                self.run.keep(self.best_number, encode(seen))
-            self.best = self.problem.judge(best.theta, seen, best.n_solves, best.n_factorisations, best.seconds)
+            if self.run is not None and found is not best:
+                self.run.keep(self.best_number, encode(found.observations))
+            self.best = found
+
+
+def trial_of(number: int, evaluation: Evaluation) -> Trial:
+    """An evaluation as a trial of a search."""
+    return Trial(
+        number,
+        dict(evaluation.theta),
+        "FAILED" if evaluation.loss is None else "COMPLETE",
+        evaluation.loss,
+        evaluation.failure,
+        evaluation.seconds,
+        evaluation.n_factorisations,
+        dict(evaluation.experiment_losses),
+        evaluation.errors,
+    )
+
+
+def derived(problem: Problem, evaluation: Evaluation) -> Evaluation:
+    """An evaluation completed by its jacobian; itself where that cannot be computed."""
+    found = problem.evaluate(evaluation.theta, jacobian=True)
+    if found.loss is None:
+        return evaluation
+    seen = {
+        name: replace(observation, derivatives=found.observations[name].derivatives)
+        for name, observation in evaluation.observations.items()
+    }
+    one = evaluation
+    return problem.judge(one.theta, seen, one.n_solves, one.n_factorisations, one.seconds)
 
 
 def _course(optimiser: Optimiser, evaluator: Evaluator, tally: _Tally, tell: Observer) -> str:
@@ -283,7 +295,14 @@ def _progress(tally: _Tally, optimiser: Optimiser, stage: str = "") -> Progress:
     )
 
 
-def _open(search: Search, folder: Path | None, resume: bool, files: Mapping[str, str] | None) -> RunStore | None:
+def open_run(search: Search, folder: Path | None, resume: bool, files: Mapping[str, str] | None) -> RunStore | None:
+    """The folder of a search, new or resumed; None where nothing is to be stored.
+
+    Raises
+    ------
+    StorageError
+        Where the folder cannot be used, or holds a run of something else.
+    """
     if folder is None:
         if resume:
             raise StorageError(Fault("there is no run to resume without its folder", "store"))
@@ -295,12 +314,13 @@ def _open(search: Search, folder: Path | None, resume: bool, files: Mapping[str,
     return RunStore.create(folder, space, identity=identity, settings=settings, versions=versions, files=files)
 
 
-def _no_result(tally: _Tally, stopped: str) -> str:
+def no_result(trials: Sequence[Trial], stopped: str) -> str:
+    """Why a search without a completed trial has no result; stopped: what interrupted it, or ""."""
     if stopped:
-        return f"Stopped by {stopped} before any trial could be completed ({len(tally.trials)} failed)."
-    reason, count = Counter(trial.reason for trial in tally.trials).most_common(1)[0]
+        return f"Stopped by {stopped} before any trial could be completed ({len(trials)} failed)."
+    reason, count = Counter(trial.reason for trial in trials).most_common(1)[0]
     return (
-        f"All {len(tally.trials)} trials failed: the twin could not be simulated anywhere. The most frequent reason "
+        f"All {len(trials)} trials failed: the twin could not be simulated anywhere. The most frequent reason "
         f"({count} times): {reason} Try: narrower bounds, a stiffer start, or softcal check."
     )
 

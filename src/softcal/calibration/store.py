@@ -20,8 +20,8 @@ from typing import Annotated, Any, BinaryIO
 from pydantic import ConfigDict, Field
 
 from softcal.calibration.file_lock import hold
+from softcal.calibration.identity import differences, identity_faults
 from softcal.calibration.parameters import SearchSpace
-from softcal.calibration.problem import SOFTCAL
 from softcal.calibration.result import Trial
 from softcal.calibration.stored import Record, read_record
 from softcal.calibration.trial_journal import ARRAYS, JOURNAL, StoredTrial, TrialJournal, arrays_file, mend
@@ -139,15 +139,15 @@ class RunStore:
         held = read_record(_StoredRun, path, "the record of the run", _FORMAT)
         held_identity, held_settings = held.identity, held.settings.model_dump()
         faults = [
-            *_other_things(path, held_identity, identity),
-            *_differences(
-                "the run began with other settings", path, held_settings, settings, ignored=("batch", "trials")
+            *identity_faults("the run", str(path), held_identity, identity),
+            *differences(
+                "the run began with other settings", str(path), held_settings, settings, ignored=("batch", "trials")
             ),
         ]
         if not grows and held_settings.get("trials") != settings.get("trials"):
-            faults += _differences(
+            faults += differences(
                 f"another number of trials is another {settings.get('method')}",
-                path,
+                str(path),
                 {"trials": held_settings.get("trials")},
                 {"trials": settings.get("trials")},
             )
@@ -270,39 +270,3 @@ def storing(path: Path) -> Generator[None]:
                 attempt="a folder that can be written to",
             )
         ) from error
-
-
-def _other_things(path: Path, held: Mapping[str, str], given: Mapping[str, str]) -> list[Fault]:
-    """The items in which the identity differs; of another engine one fault, since its settings then differ all
-    together.
-    """
-    what, engines = "the run calibrates something else", (held.get("engine", SOFTCAL), given.get("engine", SOFTCAL))
-    if engines[0] == engines[1]:
-        return _differences(what, path, held, given)
-    held, given = (
-        {key: value for key, value in one.items() if key != "engine" and not key.startswith("engines.")}
-        for one in (held, given)
-    )
-    other = Fault(
-        "the run was made with another engine",
-        str(path),
-        got=engines[1],
-        allowed=engines[0],
-        attempt=f"--engine {engines[0]}",
-    )
-    return [other, *_differences(what, path, held, given)]
-
-
-def _differences(
-    what: str, path: Path, held: Mapping[str, Any], given: Mapping[str, Any], *, ignored: tuple[str, ...] = ()
-) -> list[Fault]:
-    return [
-        Fault(f"{what}: {name}", str(path), got=_short(given.get(name)), allowed=_short(held.get(name)))
-        for name in dict.fromkeys([*held, *given])
-        if name not in ignored and held.get(name) != given.get(name)
-    ]
-
-
-def _short(value: object) -> str:
-    text = "nothing" if value is None else str(value)
-    return f"{text[:12]}…" if len(text) > 24 else text

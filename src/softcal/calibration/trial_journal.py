@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -30,7 +31,7 @@ JOURNAL, ARRAYS = "optuna.journal", "arrays"
 STUDY = "softcal"
 _WHAT = "the trials of the run"
 # What Optuna raises for a journal that is none, or is damaged.
-_BROKEN = (ValueError, LookupError, TypeError, AttributeError, AssertionError, ArithmeticError, RuntimeError)
+BROKEN = (ValueError, LookupError, TypeError, AttributeError, AssertionError, ArithmeticError, RuntimeError)
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,7 @@ class TrialJournal:
                 return {}
             held = self._storage.get_all_trials(study, deepcopy=False)
             for frozen in held[self._n_read :]:
-                stored = _as_softcals(frozen, self._path.parent)
+                stored = as_stored(frozen, frozen.user_attrs, self._path.parent)
                 if stored.trial.number in self._rows:
                     raise contradiction(self._path, _WHAT, f"trial {stored.trial.number} is there twice")
                 self._rows[stored.trial.number] = stored
@@ -169,7 +170,7 @@ class TrialJournal:
             yield
         except ValidationError as error:
             raise damaged(self._path, _WHAT, error) from error
-        except _BROKEN as error:
+        except BROKEN as error:
             attempt = "a copy of it that is whole, or a new run: another --out, without --resume"
             got = str(error) or type(error).__name__
             raise StorageError(Fault(f"{_WHAT} cannot be read", str(self._path), got, attempt=attempt)) from error
@@ -202,16 +203,33 @@ def mend(path: Path) -> None:
     StorageError
         Where its last line is damaged otherwise.
     """
-    held = read_bytes(path, _WHAT)
-    whole = held.rfind(b"\n") + 1
+    cut_to_whole_lines(path)
     try:
-        if last := held[:whole].splitlines()[-1:]:
+        if last := read_bytes(path, _WHAT).splitlines()[-1:]:
             json.loads(last[0])
     except (ValueError, RecursionError) as error:
         raise contradiction(path, _WHAT, f"its last line is damaged ({error})") from error
-    if whole < len(held):
-        with path.open("r+b") as file:
-            file.truncate(whole)
+
+
+def cut_to_whole_lines(path: Path) -> None:
+    """Cut off a last line that does not end.
+
+    Raises
+    ------
+    OSError
+        Where the file cannot be written.
+    """
+    with path.open("r+b") as file:
+        end = file.seek(0, os.SEEK_END)
+        place, last = end, b""
+        while place > 0 and not last.endswith(b"\n"):
+            place -= 1
+            file.seek(place)
+            last = file.read(1)
+        if last.endswith(b"\n"):
+            place += 1
+        if place < end:
+            file.truncate(place)
 
 
 def _as_optunas(stored: StoredTrial, space: SearchSpace) -> optuna.trial.FrozenTrial:
@@ -249,11 +267,18 @@ def attributes(stored: StoredTrial) -> dict[str, Any]:
     }
 
 
-def _as_softcals(frozen: optuna.trial.FrozenTrial, folder: Path) -> StoredTrial:
+def as_stored(frozen: optuna.trial.FrozenTrial, held: Mapping[str, Any], folder: Path) -> StoredTrial:
+    """A trial of Optuna's. held: its number and softcal's attributes of it; folder: the run's.
+
+    Raises
+    ------
+    ValidationError
+        Where attributes are missing, or are others than softcal's.
+    """
     values = frozen.values
     row = _StoredRow.model_validate(
         {
-            **frozen.user_attrs,
+            **held,
             "theta": frozen.params,
             "state": frozen.state.name,
             "loss": None if values is None else values[0],

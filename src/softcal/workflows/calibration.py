@@ -16,7 +16,9 @@ from softcal.calibration.option import options_of
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult, SearchResult
 from softcal.calibration.run import calibrate as calibrate_problem
+from softcal.calibration.run import require_joinable
 from softcal.calibration.search import Progress
+from softcal.calibration.shared_search import Sharing
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError, nearest
 from softcal.executors.executor import Executor
 from softcal.project.bench_names import experiments_named
@@ -62,6 +64,7 @@ def calibrate(
     workers: int | Executor = 1,
     engine: str = SOFTCAL,
     progress: Observer | None = None,
+    storage: str | None = None,
     **changes: object,
 ) -> Calibrations:
     """Find a project's free parameters.
@@ -78,6 +81,9 @@ def calibrate(
         What computes the twin: "softcal" or "sofa", by the project's `engines`.
     progress
         Called after every trial, and before what takes long after them, with the calibration's label and its progress.
+    storage
+        Where several processes share the search, each with an `out` of its own: `journal:FILE`, or the URL of a
+        PostgreSQL or MySQL database. The method is tpe; the study is named after the project and the calibration.
     changes
         Any of the project's `calibration` section, in the place of what it says: `method`, `fit` ("each", "joint" or
         "both"), `trials`, `seed`, `starts`, `loss`, `hold_out` (experiments that are not fitted but predicted), `split`
@@ -93,6 +99,11 @@ def calibrate(
         Where no trial could be simulated.
     """
     settings, problems = plan(project, engine, **changes)
+    identity = engine_identity(engine, project.engines)
+    shared = {label: None if storage is None else Sharing(storage, _study(project, label)) for label in problems}
+    for label, sharing in shared.items():
+        if sharing is not None:
+            require_joinable(problems[label], settings.search, sharing, identity)
     folder = None if out is None else Path(out)
     if folder is not None:
         if resume:
@@ -114,8 +125,9 @@ def calibrate(
                     workers=workers,
                     store=store,
                     resume=resume and begun,
-                    hashes=engine_identity(engine, project.engines),
+                    hashes=identity,
                     progress=_labelled(progress, label),
+                    sharing=shared[label],
                 )
             except CalibrationError:
                 if stop.by is None:
@@ -229,6 +241,11 @@ def _problems(problem: Problem, fit: str, hold_out: Sequence[str]) -> dict[str, 
         return {names[0]: problem}
     alone = {name: problem.only([name, *hold_out]) for name in names} if fit in ("each", "both") else {}
     return {**alone, **({JOINT: problem} if fit in ("joint", "both") else {})}
+
+
+def _study(project: Project, label: str) -> str:
+    """The name of the study in which processes share one of a project's calibrations."""
+    return f"softcal/{project.name}/{label}"
 
 
 def _labelled(progress: Observer | None, label: str) -> Callable[[Progress], None] | None:

@@ -44,14 +44,7 @@ class TpeOptimiser(Optimiser):
         import optuna
 
         optuna.logging.set_verbosity(optuna.logging.WARNING)
-        sampler = optuna.samplers.TPESampler(
-            multivariate=False,
-            group=False,
-            n_startup_trials=startup_trials,
-            n_ei_candidates=24,
-            constant_liar=False,
-            seed=seed,
-        )
+        sampler = tpe_sampler(seed, startup_trials)
         self._study = optuna.create_study(sampler=sampler, direction="minimize")
         self._distributions = distributions(space)
         self._trials, self._batch = trials, batch
@@ -85,3 +78,17 @@ class TpeOptimiser(Optimiser):
         if self._told < self._trials:
             return f"{self._told} of {self._trials} trials are done."
         return f"All {self._trials} trials were run."
+
+
+def tpe_sampler(seed: int, startup_trials: int = STARTUP_TRIALS) -> optuna.samplers.TPESampler:
+    """Optuna's estimator with the paper's settings."""
+    import optuna
+
+    return optuna.samplers.TPESampler(
+        multivariate=False,
+        group=False,
+        n_startup_trials=startup_trials,
+        n_ei_candidates=24,
+        constant_liar=False,
+        seed=seed,
+    )

@@ -1,0 +1,337 @@
+"""One study of Optuna's that several processes search together, on one machine or many, whoever of them dies.
+
+A trial counts as soon as it begins, so that no more begin than are wanted; one that began too many by a race is pruned.
+Every process shows that its trials are alive by an attribute that it changes every ten seconds. Others judge that by
+their own clocks: a trial whose attribute has not changed for a minute is given up, and its point is tried again. What a
+trial gave is one attribute, "softcal", written before its state. So at any instant it is there whole, or not at all.
+
+Optuna has such means for databases (heartbeat, retry of stale trials), but none for journal files, and they do not see
+a trial whose process ended before its first sign of life. This is one means for both.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Collection, Generator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from softcal.calibration.identity import differences, identity_faults
+from softcal.calibration.optimiser import Proposal
+from softcal.calibration.parameters import SearchSpace
+from softcal.calibration.storage_url import StorageUrl
+from softcal.calibration.stored import Count, Record
+from softcal.calibration.trial_journal import StoredTrial, as_stored, attributes
+from softcal.errors import Fault, StorageError
+
+if TYPE_CHECKING:
+    import optuna
+
+FORMAT = 1
+OUTCOME = "softcal"  # the attribute of a study that says what it is, and that of a trial that says what it gave
+_FAILED = "failed"  # in the outcome: it is one although there is no loss
+_BEAT = "beat"
+_RETRIED = "retry of"
+BEAT, GRACE = 10.0, 60.0  # [s] between signs of life; without one after which a trial is given up
+_BEGINNING = 5.0  # [s] that a process may take between making a study and saying what it is
+
+
+class _About(Record):
+    """What a study is, as its first process wrote it."""
+
+    format: Count
+    identity: dict[str, str]
+    settings: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class StudyIdentity:
+    """What a shared study is a search of.
+
+    Attributes
+    ----------
+    name
+        Its name in the storage.
+    identity, settings
+        As those of a run: hash by the name of what is hashed, and the settings of the search.
+    """
+
+    name: str
+    identity: Mapping[str, str]
+    settings: Mapping[str, Any]
+
+
+def require_joinable(place: StorageUrl, about: StudyIdentity) -> None:
+    """Raise unless a storage answers and has no study of that name, or the same search; nothing of one is made there.
+
+    Raises
+    ------
+    StorageError
+        Where it cannot be reached, or is the study of something else.
+    """
+    import optuna
+
+    with place.opened() as storage, place.answering(), contextlib.suppress(KeyError):
+        study = optuna.load_study(storage=storage, study_name=about.name)
+        if (held := study.user_attrs.get(OUTCOME)) is not None:
+            _require_same(place, about, held)
+
+
+class SharedStudy:
+    """A study of a storage, made or joined. To be closed, best by `with`: trials not told are then left to others.
+
+    sampler: from a seed to Optuna's sampler. Every trial has its own, whose seed follows from the search's and the
+    number of the trial, so that no two processes draw the same random numbers.
+
+    Raises
+    ------
+    StorageError
+        Where it cannot be reached, or is the study of something else.
+    """
+
+    def __init__(
+        self,
+        place: StorageUrl,
+        about: StudyIdentity,
+        space: SearchSpace,
+        *,
+        seed: int,
+        sampler: Callable[[int], optuna.samplers.BaseSampler],
+    ) -> None:
+        self._place, self._about, self._space = place, about, space
+        self._seed, self._sampler = seed, sampler
+        self._mine: dict[int, optuna.trial.Trial] = {}
+        self._seen: dict[int, tuple[object, float]] = {}  # number -> the last sign of life, and when it was first seen
+        self._outcomes: dict[int, StoredTrial] = {}
+        with contextlib.ExitStack() as stack:
+            storage = stack.enter_context(place.opened())
+            with self._answering():
+                self._study = self._joined(storage)
+            self._open = stack.pop_all()
+        self._over = threading.Event()
+        self._beats = threading.Thread(target=self._beat, daemon=True)
+        self._beats.start()
+
+    def __enter__(self) -> SharedStudy:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._over.set()
+        self._beats.join(timeout=1.0)
+        with self._open, contextlib.suppress(StorageError):  # else the others give them up, in a minute
+            self.give_back()
+
+    def outcomes(self) -> Mapping[int, StoredTrial]:
+        """Every trial with its outcome so far, by number, of whichever process.
+
+        Raises
+        ------
+        StorageError
+            Where the study cannot be reached, or holds a trial that is none of softcal's.
+        """
+        with self._answering():
+            return self._read(self._trials())
+
+    def ask(self, total: int, count: int) -> tuple[Proposal, ...]:
+        """Points for this process to evaluate, at most `count`; none where all of `total` have begun.
+
+        Raises
+        ------
+        StorageError
+            Where the study cannot be reached, or holds a trial that is none of softcal's.
+        """
+        asked: list[Proposal] = []
+        with self._answering():
+            self._give_up_stale()
+            while len(asked) < count:
+                trials = self._trials()
+                if not any(_waits(trial) for trial in trials) and len(self._counted(trials)) >= total:
+                    break
+                trial = self._study.ask()
+                self._mine[trial.number] = trial
+                if sum(number < trial.number for number in self._counted(self._trials())) >= total:
+                    self._end(trial.number, "PRUNED")  # another process was faster
+                    continue
+                seed = np.random.SeedSequence((self._seed, trial.number)).generate_state(1)[0]
+                self._study.sampler = self._sampler(int(seed))
+                for p in self._space.parameters:
+                    trial.suggest_float(p.label, p.lower, p.upper, log=p.scale == "log")
+                asked.append(Proposal(trial.number, dict(trial.params)))
+        return tuple(asked)
+
+    def tell(self, stored: StoredTrial) -> bool:
+        """Record the outcome of a trial that was asked for; False where others have given it up meanwhile.
+
+        Raises
+        ------
+        StorageError
+            Where the study cannot be reached.
+        """
+        trial, number = stored.trial, stored.trial.number
+        told = False
+        with self._answering(), _unless_ended():
+            self._mine[number].set_user_attr(OUTCOME, {**attributes(stored), _FAILED: trial.loss is None})
+            if trial.loss is None:
+                self._study.tell(number, state=_state("FAIL"))
+            else:
+                self._study.tell(number, trial.loss)
+            told = True
+        self._mine.pop(number, None)
+        return told
+
+    def give_back(self) -> None:
+        """Leave the trials that were asked for and not told to the other processes.
+
+        Raises
+        ------
+        StorageError
+            Where the study cannot be reached.
+        """
+        with self._answering():
+            for number in list(self._mine):
+                self._give_up(number)
+                del self._mine[number]
+
+    def _joined(self, storage: optuna.storages.BaseStorage) -> optuna.Study:
+        import optuna
+
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        about = {"format": FORMAT, "identity": dict(self._about.identity), "settings": dict(self._about.settings)}
+        try:
+            study = optuna.create_study(storage=storage, study_name=self._about.name, direction="minimize")
+            study.set_user_attr(OUTCOME, about)
+        except optuna.exceptions.DuplicatedStudyError:
+            study = optuna.load_study(storage=storage, study_name=self._about.name)
+            began = time.monotonic()
+            while (held := study.user_attrs.get(OUTCOME)) is None and time.monotonic() - began < _BEGINNING:
+                time.sleep(0.1)
+            if held is None and study.get_trials(deepcopy=False):
+                raise StorageError(
+                    Fault("the study was not made by softcal", self._place.shown, self._about.name)
+                ) from None
+            if held is None:  # its first process ended before it could say what it is
+                study.set_user_attr(OUTCOME, about)
+        _require_same(self._place, self._about, study.user_attrs.get(OUTCOME))
+        return study
+
+    def _trials(self) -> list[optuna.trial.FrozenTrial]:
+        return self._study.get_trials(deepcopy=False)
+
+    def _read(self, trials: Collection[optuna.trial.FrozenTrial]) -> Mapping[int, StoredTrial]:
+        for frozen in trials:
+            if frozen.number not in self._outcomes and _is_outcome(frozen):
+                held = frozen.user_attrs.get(OUTCOME)
+                if not isinstance(held, dict):
+                    raise self._other_trial(frozen.number, "it has no outcome of softcal's")
+                try:
+                    told = as_stored(frozen, {**held, "number": frozen.number}, Path())
+                except ValidationError as error:
+                    raise self._other_trial(frozen.number, f"{error.error_count()} faults") from error
+                self._outcomes[frozen.number] = told
+        return dict(sorted(self._outcomes.items()))
+
+    def _other_trial(self, number: int, why: str) -> StorageError:
+        what = f"trial {number} of the study {self._about.name} cannot be read: {why}"
+        return StorageError(Fault(what, self._place.shown, attempt="another storage"))
+
+    def _counted(self, trials: Collection[optuna.trial.FrozenTrial]) -> set[int]:
+        """The numbers of the trials that have an outcome, or may still have one."""
+        return {trial.number for trial in trials if not trial.state.is_finished() or _is_outcome(trial)}
+
+    def _give_up_stale(self) -> None:
+        """Give up every trial of another process that has shown no sign of life for a minute."""
+        now = time.monotonic()
+        running = {t.number: t.user_attrs.get(_BEAT) for t in self._trials() if t.state.name == "RUNNING"}
+        self._seen = {
+            number: self._seen[number] if number in self._seen and self._seen[number][0] == beat else (beat, now)
+            for number, beat in running.items()
+            if number not in self._mine
+        }
+        for number, (_, since) in self._seen.items():
+            if now - since > GRACE:
+                self._give_up(number)
+
+    def _give_up(self, number: int) -> None:
+        """End a trial without an outcome, and have its point tried again, unless it ended before."""
+        if not self._end(number, "FAIL"):
+            return
+        ended = next(trial for trial in self._trials() if trial.number == number)
+        if not _is_outcome(ended) and ended.params:
+            self._study.enqueue_trial(ended.params, user_attrs={_RETRIED: number})
+
+    def _end(self, number: int, state: str) -> bool:
+        """End a trial; False where it has ended already."""
+        with _unless_ended():
+            self._study.tell(number, state=_state(state))
+            if state == "PRUNED":
+                self._mine.pop(number, None)
+            return True
+        return False
+
+    def _beat(self) -> None:
+        beat = 0
+        while not self._over.wait(BEAT):
+            beat += 1
+            for trial in list(self._mine.values()):
+                with contextlib.suppress(StorageError), self._answering():
+                    trial.set_user_attr(_BEAT, beat)
+
+    def _answering(self) -> contextlib.AbstractContextManager[None]:
+        return self._place.answering()
+
+
+def _require_same(place: StorageUrl, wanted: StudyIdentity, held: Any) -> None:
+    where, name = f"{place.shown}, study {wanted.name}", "the shared study"
+    form = held.get("format") if isinstance(held, dict) else None
+    if form != FORMAT:
+        attempt = "another version of softcal, or another storage"
+        raise StorageError(Fault(f"{name} is of another format", where, str(form), str(FORMAT), attempt))
+    try:
+        about = _About.model_validate(held)
+    except ValidationError as error:
+        raise StorageError(Fault(f"{name} cannot be read", where, f"{error.error_count()} faults")) from error
+    other = f"{name} began with other settings"
+    faults = [
+        *identity_faults(name, where, about.identity, wanted.identity),
+        *differences(other, where, about.settings, wanted.settings, ignored=("trials",)),
+    ]
+    if faults:
+        raise StorageError(faults)
+
+
+def _state(name: str) -> optuna.trial.TrialState:
+    import optuna
+
+    return optuna.trial.TrialState[name]
+
+
+def _waits(trial: optuna.trial.FrozenTrial) -> bool:
+    return trial.state.name == "WAITING"
+
+
+def _is_outcome(trial: optuna.trial.FrozenTrial) -> bool:
+    """Whether a trial has ended with an outcome: a loss, or the reason why the twin could not be simulated."""
+    if trial.state.name != "FAIL":
+        return trial.state.name == "COMPLETE"
+    held = trial.user_attrs.get(OUTCOME)
+    return isinstance(held, dict) and held.get(_FAILED) is True
+
+
+@contextlib.contextmanager
+def _unless_ended() -> Generator[None]:
+    """Leave the block where the trial that is changed has already ended, such as by another process."""
+    import optuna
+
+    try:
+        yield
+    except optuna.exceptions.UpdateFinishedTrialError:
+        pass
+    except ValueError as error:
+        if "Cannot tell a" not in str(error):
+            raise

@@ -1,0 +1,232 @@
+"""Where processes share a study: the URL of a journal file or a database, opened by Optuna, or refused in a sentence.
+
+A password is never shown, whatever is wrong with it or the URL.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import re
+import threading
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from softcal.calibration.file_lock import hold
+from softcal.calibration.trial_journal import BROKEN, cut_to_whole_lines
+from softcal.errors import Fault, StorageError
+
+if TYPE_CHECKING:
+    import optuna
+    from optuna.storages.journal import JournalFileOpenLock
+
+_JOURNAL = "journal"
+_LONGEST = 10.0  # [s] that a server may take to answer
+# Database -> its drivers in Python -> the module, and what pip installs.
+_DRIVERS: dict[str, dict[str, tuple[str, str]]] = {
+    "postgresql": {
+        "psycopg2": ("psycopg2", "psycopg2-binary"),
+        "psycopg": ("psycopg", "psycopg[binary]"),
+        "pg8000": ("pg8000", "pg8000"),
+    },
+    "mysql": {
+        "mysqldb": ("MySQLdb", "mysqlclient"),
+        "pymysql": ("pymysql", "pymysql"),
+        "mysqlconnector": ("mysql", "mysql-connector-python"),
+    },
+}
+_WITHOUT = {"postgresql": "pg8000", "mysql": "pymysql"}  # those in pure Python, advised where there is none
+_ALLOWED = (
+    "journal:FILE, postgresql://USER:PASSWORD@HOST/DATABASE, mysql://USER:PASSWORD@HOST/DATABASE, each database also "
+    "with a driver, as in postgresql+pg8000://…"
+)
+
+
+@dataclass(frozen=True)
+class StorageUrl:
+    """The place of a shared study.
+
+    Attributes
+    ----------
+    shown
+        As it may be printed.
+    file
+        Of a journal, or None.
+    url
+        Of a database, its driver among it, or "".
+    """
+
+    shown: str
+    file: Path | None = None
+    url: str = field(default="", repr=False)
+
+    @contextlib.contextmanager
+    def opened(self) -> Generator[optuna.storages.BaseStorage]:
+        """Optuna's storage there, closed at the end; what it needs is made, such as the tables of an empty database.
+
+        Raises
+        ------
+        StorageError
+            Where it does not answer within ten seconds, refuses, or is of another version of Optuna.
+        """
+        storage = self._open()
+        try:
+            yield storage
+        finally:
+            _close(storage)
+
+    def _open(self) -> optuna.storages.BaseStorage:
+        if self.file is not None:
+            with self.answering():
+                return _journal(self.file)
+        opened: list[optuna.storages.BaseStorage] = []
+        failed: list[BaseException] = []
+
+        def connect() -> None:
+            try:
+                opened.append(_database(self.url))
+            except BaseException as error:  # noqa: BLE001 (raised again below)
+                failed.append(error)
+
+        # No driver has a limit for every way in which a server can be silent.
+        thread = threading.Thread(target=connect, daemon=True)
+        thread.start()
+        thread.join(_LONGEST)
+        if not opened and not failed:
+            attempt = "the address, its port, and whether the server runs"
+            silent = f"it does not answer within {_LONGEST:.0f} s"
+            raise StorageError(Fault("the shared study cannot be reached", self.shown, silent, attempt=attempt))
+        with self.answering():
+            if failed:
+                raise failed[0]
+        return opened[0]
+
+    @contextlib.contextmanager
+    def answering(self) -> Generator[None]:
+        """Turn what is raised where the storage fails into a sentence.
+
+        Raises
+        ------
+        StorageError
+            In the place of errors of the operating system, the database and Optuna.
+        """
+        import sqlalchemy.exc
+
+        try:
+            yield
+        except (OSError, sqlalchemy.exc.SQLAlchemyError, *BROKEN) as error:
+            got = self._without_secret(_reason(error))
+            raise StorageError(Fault("the shared study cannot be reached", self.shown, got)) from None
+
+    def _without_secret(self, text: str) -> str:
+        import sqlalchemy
+
+        secret = sqlalchemy.make_url(self.url).password if self.url else None
+        return text.replace(str(secret), "***") if secret else text
+
+
+def storage_url(text: str) -> StorageUrl:
+    """The place that a text names: `journal:FILE`, or the URL of a PostgreSQL or MySQL database.
+
+    Raises
+    ------
+    StorageError
+        Where it names none, its driver is not installed, or the folder of its file does not exist.
+    """
+    what, where = "this is no storage that processes can share", "--storage"
+    scheme, _, rest = text.partition(":")
+    if scheme == _JOURNAL:
+        file = Path(rest)
+        if not rest.strip() or file.is_dir():
+            raise StorageError(Fault(what, where, f"{text}, which names no file", _ALLOWED))
+        if not file.absolute().parent.is_dir():
+            raise StorageError(Fault("the folder of the file does not exist", where, text, "an existing folder"))
+        return StorageUrl(text, file)
+    database, _, driver = scheme.partition("+")
+    known = _DRIVERS.get(database, {})
+    if not known or (driver and driver not in known) or not rest.startswith("//"):
+        shown = f"{scheme}:…" if re.fullmatch(r"[a-z0-9+]{1,40}", scheme) else "another text"
+        raise StorageError(Fault(what, where, shown, _ALLOWED))
+    shown = _shown(scheme, rest)
+    installed = [name for name, (module, _) in known.items() if importlib.util.find_spec(module) is not None]
+    if (driver and driver not in installed) or not installed:
+        package = known[driver or _WITHOUT[database]][1]
+        fault = Fault(f"the driver of {database} is not installed", where, shown, attempt=f"pip install '{package}'")
+        raise StorageError(fault)
+    import sqlalchemy
+    import sqlalchemy.exc
+
+    try:
+        url = sqlalchemy.make_url(text).set(drivername=f"{database}+{driver or installed[0]}")
+    except (ValueError, sqlalchemy.exc.ArgumentError):
+        attempt = "%-codes for special characters in the password, such as %40 for @"
+        raise StorageError(Fault("the URL of the database cannot be read", where, shown, _ALLOWED, attempt)) from None
+    return StorageUrl(shown, url=url.render_as_string(hide_password=False))
+
+
+def _shown(scheme: str, rest: str) -> str:
+    """A URL without user, password and options; only its scheme where it is not certain what is what."""
+    place = rest.removeprefix("//").partition("?")[0]
+    secret = "***@" if "@" in place else ""
+    place = place.rpartition("@")[2]
+    sure = re.fullmatch(r"([\w.-]*|\[[0-9a-fA-F:]*\])(:\d+)?(/[\w.-]*)?", place)
+    return f"{scheme}://{secret}{place if sure else '…'}"
+
+
+def _journal(path: Path) -> optuna.storages.BaseStorage:
+    from optuna.storages import JournalStorage
+    from optuna.storages.journal import JournalFileBackend
+
+    return JournalStorage(JournalFileBackend(str(path), lock_obj=_held(path)))
+
+
+def _held(path: Path) -> JournalFileOpenLock:
+    """A lock that the operating system holds, on the file itself, so that none is left where a process is killed."""
+    from optuna.storages.journal import JournalFileOpenLock
+
+    class HeldFile(JournalFileOpenLock):
+        def acquire(self) -> bool:
+            self._file = hold(path, wait=True)
+            try:
+                cut_to_whole_lines(path)
+            except BaseException:
+                self._file.close()
+                raise
+            return True
+
+        def release(self) -> None:
+            self._file.close()
+
+    return HeldFile(str(path))
+
+
+def _database(url: str) -> optuna.storages.BaseStorage:
+    from optuna.storages import RDBStorage
+
+    # Optuna fills in a template, for which a brace would be a field. A connection is tried before it is used: servers
+    # and the networks between close those that were not used for a while.
+    escaped = url.replace("{", "{{").replace("}", "}}")
+    storage = RDBStorage(escaped, engine_kwargs={"pool_pre_ping": True})
+    storage.remove_session()
+    return storage
+
+
+def _close(storage: optuna.storages.BaseStorage) -> None:
+    from optuna.storages import RDBStorage
+
+    if isinstance(storage, RDBStorage):
+        storage.remove_session()
+        storage.engine.dispose()
+
+
+def _reason(error: BaseException) -> str:
+    """What a driver says, without the statement and the pages that SQLAlchemy adds."""
+    origin = error.__cause__ if error.__cause__ is not None else error
+    origin = getattr(origin, "orig", None) or origin
+    first = origin.args[0] if getattr(origin, "args", ()) else ""
+    if isinstance(first, dict):  # pg8000: the fields of the server's message
+        first = first.get("M", "")
+    text = str(first if isinstance(first, str) and first else origin).strip()
+    return text.splitlines()[0].rstrip(".") if text else type(error).__name__

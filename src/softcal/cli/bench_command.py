@@ -9,7 +9,7 @@ import typer
 
 from softcal.cli.app import app, exit_on_error
 from softcal.cli.printing import print_table
-from softcal.cli.running import clock
+from softcal.cli.running import clock, executor_told
 from softcal.cli.values import LOCAL, On, Workers
 
 if TYPE_CHECKING:
@@ -79,10 +79,9 @@ def run(
     """Fit a case's samples with softcal, predict the others, and write and score the predictions."""
     from softcal.bench.case import CASES
     from softcal.bench.run import run_case
-    from softcal.executors.chosen import executor_on
 
     CASES.named(case)
-    with executor_on(on, workers) as executor, clock() as show:
+    with executor_told(on, workers) as executor, clock() as show:
         done = run_case(case, out or Path("bench", case), data=data, workers=executor, progress=show)
     _print_score(done.score)
     typer.echo(f"Predictions and score: {done.folder}")

@@ -13,7 +13,7 @@ from softcal.cli.app import ProjectFile, app, exit_on_error, resumable
 from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.calibration_table import print_results
 from softcal.cli.printing import print_warnings
-from softcal.cli.running import clock
+from softcal.cli.running import clock, executor_told
 from softcal.cli.values import (
     LOCAL,
     SOFTCAL,
@@ -93,7 +93,6 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
 
     options = parsed_pairs(option, "--option", "this sets no option", "NAME=VALUE, such as starts=5")
     loaded = load(project, values=parsed_values(values))
-    from softcal.executors.chosen import executor_on
     from softcal.workflows.calibration import calibrate as calibrate_project
     from softcal.workflows.furthest import furthest_responses, shape_warnings
 
@@ -119,7 +118,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     changes["mesh_error"] = mesh_error
     changes["hold_out"] = None if hold_out is None else names(hold_out)
     changes |= {name: scalar(text) for name, text in options.items()}
-    with executor_on(on, workers) as executor, resumable(folder, "Everything", f"softcal calibrate {again}"):
+    with executor_told(on, workers) as executor, resumable(folder, "Everything", f"softcal calibrate {again}"):
         if engine != SOFTCAL and not resume:
             _print_expected(loaded, engine, changes, executor.count)
         with calibration_progress() as bars:

@@ -10,7 +10,7 @@ import typer
 from softcal.cli.app import app, exit_on_error
 from softcal.cli.export_commands import Source
 from softcal.cli.printing import print_table, print_warnings
-from softcal.cli.running import clock
+from softcal.cli.running import clock, executor_told
 from softcal.cli.values import LOCAL, On, Values, Workers, parsed_values
 
 if TYPE_CHECKING:
@@ -52,12 +52,11 @@ def importance(
         require_free_folder(folder)
     studied = study_source(source, parsed_values(values), calibration)
     from softcal.analysis.importance_verdict import importance_sentences
-    from softcal.executors.chosen import executor_on
     from softcal.workflows.importance import study_importance
     from softcal.workflows.importance_files import write_importance
 
     print_warnings(studied.project.warnings if not source.is_dir() else ())
-    with executor_on(on, workers) as executor, clock() as show:
+    with executor_told(on, workers) as executor, clock() as show:
         found = study_importance(
             studied,
             simulations=simulations,

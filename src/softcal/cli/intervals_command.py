@@ -9,7 +9,7 @@ import typer
 
 from softcal.cli.app import app, exit_on_error
 from softcal.cli.printing import print_table
-from softcal.cli.running import clock
+from softcal.cli.running import clock, executor_told
 from softcal.cli.values import LOCAL, On, Workers
 
 if TYPE_CHECKING:
@@ -61,7 +61,6 @@ def intervals(  # noqa: PLR0913 (one argument for each option)
     jackknife: one group of measurements left out at a time, without a further trajectory. bootstrap: groups with random
     weights, the ends confirmed by some three trajectories each.
     """
-    from softcal.executors.chosen import executor_on
     from softcal.workflows.intervals import check_method, default_folder, study_intervals
     from softcal.workflows.intervals_files import write_intervals
     from softcal.workflows.output import require_free_folder
@@ -71,7 +70,7 @@ def intervals(  # noqa: PLR0913 (one argument for each option)
     folder = out if out is not None else default_folder(run, by, over)
     require_free_folder(folder)
     source = run_source(run, calibration)
-    with executor_on(on, workers) as executor, clock() as show:
+    with executor_told(on, workers) as executor, clock() as show:
         found = study_intervals(
             source,
             by,

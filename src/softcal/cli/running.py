@@ -7,9 +7,12 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+import typer
+
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
+    from softcal.executors.executor import Executor
     from softcal.workflows.motion import Observer
 
 
@@ -67,3 +70,22 @@ def motion_bars() -> Generator[Observer]:
     finally:
         if tasks:
             bars.stop()
+
+
+@contextmanager
+def executor_told(on: str, workers: int | None) -> Generator[Executor]:
+    """The executor that `--on` and `--workers` choose, closed at the end; says where work is done by other machines.
+
+    Raises
+    ------
+    InputError
+        Where there is no such executor, or it cannot be had.
+    """
+    from softcal.executors.chosen import executor_on
+
+    with executor_on(on, workers) as executor:
+        if not executor.here:
+            there = sum(worker.state != "lost" for worker in executor.workers)
+            waits = "" if there else "; what is to be computed waits for the first"
+            typer.echo(f"On {executor.told}: {there} worker{'s' * (there != 1)} at present{waits}.")
+        yield executor

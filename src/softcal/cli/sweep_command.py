@@ -11,6 +11,7 @@ from softcal.cli.app import ProjectFile, app, exit_on_error, resumable
 from softcal.cli.calibrate_commands import report_run
 from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.printing import print_table, print_warnings
+from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, Values, WithReport, Workers, names, parsed_pairs, parsed_values
 
 if TYPE_CHECKING:
@@ -53,13 +54,12 @@ def sweep(  # noqa: PLR0913 (one argument for each option)
 
     axes = parsed_pairs(over, "--over", "this is not an axis", OVER)
     loaded = load(project, values=parsed_values(values))
-    from softcal.executors.chosen import executor_on
     from softcal.workflows.sweep import sweep as sweep_project
 
     print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "sweep"
     with resumable(folder, "Every cell", "the same command and --resume"):
-        with executor_on(on, workers) as executor, calibration_progress() as bars:
+        with executor_told(on, workers) as executor, calibration_progress() as bars:
             found = sweep_project(
                 loaded,
                 over=axes or None,

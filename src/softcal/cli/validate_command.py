@@ -10,6 +10,7 @@ import typer
 
 from softcal.cli.app import app, exit_on_error
 from softcal.cli.printing import print_table, print_warnings
+from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, Values, Workers, names, parsed_values
 
 if TYPE_CHECKING:
@@ -54,7 +55,6 @@ def validate(
     if out is not None:
         require_free_file(out)
     loaded = {str(path): load(path, values=parsed_values(values)) for path in projects}
-    from softcal.executors.chosen import executor_on
     from softcal.workflows.validation import validate as validate_projects
     from softcal.workflows.validation import write_validation
 
@@ -62,7 +62,7 @@ def validate(
         print_warnings(project.warnings)
     labels = {path: Path(path).stem for path in loaded}
     unique = len(set(labels.values())) == len(labels)
-    with executor_on(on, workers) as executor, calibration_progress() as bars:
+    with executor_told(on, workers) as executor, calibration_progress() as bars:
         found = validate_projects(
             {labels[path] if unique else path: project for path, project in loaded.items()},
             hold_out=[names(fold) for fold in hold_out or []],

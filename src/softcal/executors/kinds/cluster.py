@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import concurrent.futures
 import contextlib
 import logging
@@ -31,16 +32,14 @@ from softcal.executors.shared import Parcel, UnableError, packed
 if TYPE_CHECKING:
     import distributed
 
-_ANSWER = 8.0  # [s] that a scheduler has to answer
+_ANSWER = 5.0  # [s] that a scheduler has to answer
 _LARGEST = "1GB"  # of what is shared, before Dask warns of its size
 
 
 class Cluster(Protocol):
     """What one of Dask's clusters offers that was started for this run."""
 
-    scheduler_address: str
-
-    def close(self) -> None:
+    def close(self) -> object:
         """End its workers and its scheduler."""
 
 
@@ -94,7 +93,7 @@ class DaskExecutor(Executor):
 
     def __init__(self, address: str, *, limit: float | None = None, cluster: Cluster | None = None) -> None:
         self._cluster, self._limit, self._longest = cluster, limit, 0.0
-        self._address, self._client = address, _client(address)
+        self._address, self._client = address, _client(address if cluster is None else cluster, address)
         self._kept: dict[str, distributed.Future[Any]] = {}
         self._awaited: set[distributed.Future[Any]] = set()
         self._suspects: deque[_Call] = deque()
@@ -137,10 +136,7 @@ class DaskExecutor(Executor):
 
     @property
     def workers(self) -> Sequence[WorkerState]:
-        try:
-            there = self._client.scheduler_info(n_workers=-1)["workers"]
-        except (OSError, RuntimeError, TimeoutError):  # no scheduler any more: the calls tell that
-            there = {}
+        there = self._there()
         states = [
             WorkerState(name, "busy" if held.get("metrics", {}).get("executing") else "idle", self._done[name])
             for name, held in there.items()
@@ -180,11 +176,11 @@ class DaskExecutor(Executor):
         one.outcome.add_done_callback(lambda told: future.cancel() if told.cancelled() else None)
         future.add_done_callback(partial(self._ended, one))
 
-    def _there(self) -> list[str]:
-        try:
-            return list(self._client.scheduler_info(n_workers=-1)["workers"])
-        except (OSError, RuntimeError, TimeoutError):  # no scheduler any more: the calls tell that
-            return []
+    def _there(self) -> dict[str, dict[str, Any]]:
+        """What the scheduler knows of its workers, by address; nothing where it is gone, which the calls tell."""
+        with contextlib.suppress(OSError, RuntimeError, TimeoutError):
+            return self._client.scheduler_info(n_workers=-1).get("workers", {})
+        return {}
 
     def _ended(self, one: _Call, future: distributed.Future[Any]) -> None:
         """Told by Dask, in a thread of its own, that a call is over in whatever way."""
@@ -210,13 +206,13 @@ class DaskExecutor(Executor):
         error: BaseException | None = None
         try:
             if future.status == "finished":
-                worker, seconds, result = future.result(timeout=_ANSWER)
+                worker, seconds, result = future.result()  # made again by Dask where its holder has ended meanwhile
                 self._done[worker] += 1
                 self._longest = max(self._longest, seconds)
                 self._tell(one, result)
                 return ""
             if future.status == "error":
-                error = cast("BaseException | None", future.exception(timeout=_ANSWER))
+                error = cast("BaseException | None", future.exception())
         except Exception as lost:  # noqa: BLE001  Dask's own errors of a connection that is gone have no common class
             logging.getLogger(__name__).debug("a result was lost: %s", lost)
         if isinstance(error, RefusedError):
@@ -255,8 +251,8 @@ class DaskExecutor(Executor):
         return error
 
 
-def _client(address: str) -> distributed.Client:
-    """A client of the scheduler.
+def _client(scheduler: str | Cluster, address: str) -> distributed.Client:
+    """A client of a scheduler, by its address or as a cluster of this process.
 
     Raises
     ------
@@ -272,13 +268,36 @@ def _client(address: str) -> distributed.Client:
     for name in ("distributed.client", "distributed.core", "distributed.comm", "distributed.scheduler"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
-        return distributed.Client(address, timeout=_ANSWER, set_as_default=False, name="softcal")
-    except (OSError, TimeoutError, ValueError, RuntimeError) as error:
-        why = str(error).splitlines()[0] if str(error) else type(error).__name__
+        if isinstance(scheduler, str):
+            # A client of Dask's waits for ever for one that takes the connection and says nothing.
+            with concurrent.futures.ThreadPoolExecutor(1) as thread:  # a notebook's own has an event loop already
+                thread.submit(asyncio.run, _identity(scheduler)).result()
+        return distributed.Client(scheduler, timeout=_ANSWER, set_as_default=False, name="softcal")
+    except (OSError, TimeoutError, ValueError, RuntimeError, TypeError) as error:
+        why = str(error).splitlines()[0] if str(error) else f"no answer within {_ANSWER:.0f} s"
         attempt = "dask scheduler on that machine, and its address as it prints it"
         raise InputError(
             Fault("no Dask scheduler answers there", "--on", f"'dask:{address}' ({why})", "", attempt)
         ) from error
+
+
+async def _identity(address: str) -> None:
+    """Ask who is at an address.
+
+    Raises
+    ------
+    OSError, TimeoutError, ValueError
+        Where nobody answers, the address makes no sense, or it is no scheduler's.
+    """
+    from distributed import Security, rpc
+
+    asked = rpc(address, connection_args=Security().get_connection_args("client"))
+    try:
+        found: dict[str, Any] = await asyncio.wait_for(asked.identity(), _ANSWER)  # pyright: ignore[reportAssignmentType]
+    finally:
+        await asked.close_rpc()
+    if found.get("type") != "Scheduler":
+        raise ValueError(f"a Dask {str(found.get('type')).lower()}")
 
 
 def _require_same_code(client: distributed.Client, address: str) -> None:

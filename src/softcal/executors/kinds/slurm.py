@@ -1,0 +1,59 @@
+"""Jobs of a SLURM queue, each a worker of a Dask cluster that is made for the run (dask-jobqueue)."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+from softcal.errors import Fault, InputError
+from softcal.executors.executor import register_executor
+from softcal.executors.kinds.cluster import DaskExecutor
+
+_JOBS = 4
+# Where Dask's configuration says nothing else. The certificates of a run lie in the home, which the machines share.
+_DEFAULTS = {"cores": 1, "processes": 1, "memory": "4GB", "shared_temp_directory": str(Path.home())}
+
+
+@register_executor
+class SlurmExecutor(DaskExecutor):
+    """Calls by jobs that are queued as the executor is made, and cancelled as it is closed.
+
+    What a job gets (cores, memory, walltime, account) is said in Dask's configuration, `jobqueue.slurm`. The scheduler
+    runs in this process; it and its workers know each other by certificates of their own (TLS).
+    """
+
+    name = "slurm"
+    summary = "jobs of a SLURM queue: slurm, or slurm:QUEUE"
+
+    @classmethod
+    def at(cls, address: str, workers: int | None) -> SlurmExecutor:
+        """So many jobs, four by default, of a queue ("": the default one).
+
+        Raises
+        ------
+        InputError
+            Where dask-jobqueue or SLURM is not installed, or a job cannot be queued.
+        """
+        try:
+            import dask.config
+            from dask_jobqueue.slurm import SLURMCluster
+        except ModuleNotFoundError as error:
+            what = f"this needs {error.name}, which is not installed"
+            raise InputError(Fault(what, "--on", "'slurm'", attempt="pip install 'softcal[cluster]'")) from error
+        if shutil.which("sbatch") is None:
+            attempt = "this command on a machine of the cluster that submits jobs"
+            raise InputError(Fault("SLURM's sbatch is not on this machine", "--on", "'slurm'", "", attempt))
+        options: dict[str, Any] = {
+            name: dask.config.get(f"jobqueue.slurm.{name.replace('_', '-')}", None) or default
+            for name, default in _DEFAULTS.items()
+        }
+        if address:
+            options["queue"] = address
+        try:
+            cluster = SLURMCluster(**options, security=True, protocol="tls://", scheduler_options={"dashboard": False})
+            cluster.scale(jobs=workers or _JOBS)
+        except (OSError, RuntimeError, ValueError) as error:
+            why = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise InputError(Fault("no job can be queued", "--on", f"'slurm' ({why})")) from error
+        return cls(cluster.scheduler_address, cluster=cluster)

@@ -1,0 +1,291 @@
+"""Searches on a Dask cluster: as in one process, whoever is killed; and what is refused before anything starts."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Generator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from dask_cluster import DaskProcesses, dask_cluster, kill_group, wait_for_workers
+from fake_twin import soft_necks_fail
+from project_case import write_project
+from test_calibration_run import problem_of, same
+
+import softcal
+from softcal.calibration.result_reading import load_result
+from softcal.calibration.run import calibrate
+from softcal.calibration.search import Progress
+from softcal.calibration.sweep import sweep
+from softcal.cli import main
+from softcal.errors import CalibrationError, InputError
+from softcal.executors.chosen import executor_on
+from softcal.executors.kinds import slurm
+from softcal.executors.kinds.slurm import SlurmExecutor
+from softcal.twin.protocol import Protocol
+from softcal.twin.response import Response
+from softcal.twin.robot import Robot
+
+pytest.importorskip("distributed")
+METHODS = [("least-squares", 30), ("grid", 16), ("tpe", 14)]
+
+
+def slow_twin(
+    robot: Robot,
+    protocol: Protocol,
+    theta: Mapping[str, float] | None = None,
+    *,
+    sensitivities: Sequence[str] = (),
+    snapshots: bool = False,
+) -> Response:
+    time.sleep(0.05)
+    return soft_necks_fail(robot, protocol, theta, sensitivities=sensitivities)
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Generator[DaskProcesses]:
+    with dask_cluster(tmp_path_factory.mktemp("dask")) as made:
+        yield made
+
+
+def test_every_search_is_that_of_one_process(cluster: DaskProcesses) -> None:
+    with executor_on(f"dask:{cluster.address}") as executor:
+        for method, trials in METHODS:
+            there = calibrate(problem_of(soft_necks_fail), method=method, trials=trials, workers=executor)
+            same(there, calibrate(problem_of(soft_necks_fail), method=method, trials=trials))
+        several = {"method": "least-squares", "trials": 30, "starts": 3}
+        same(calibrate(problem_of(), **several, workers=executor), calibrate(problem_of(), **several))
+        problem = problem_of(soft_necks_fail)
+        axes = {p.label: (p.lower, 0.5 * (p.lower + p.upper), p.upper) for p in problem.space.parameters}
+        there, here = sweep(problem, axes, workers=executor), sweep(problem, axes)
+        assert [(t.number, t.state, t.theta, t.loss) for t in there.trials] == [
+            (t.number, t.state, t.theta, t.loss) for t in here.trials
+        ]
+        assert sum(worker.done for worker in executor.workers) > 40
+
+
+def run_cli(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "softcal.cli", *map(str, arguments)], capture_output=True, text=True, check=False
+    )
+
+
+def test_the_commands_give_on_a_cluster_what_they_give_here(cluster: DaskProcesses, tmp_path: Path) -> None:
+    project = write_project(tmp_path)
+    on = ("--on", f"dask:{cluster.address}")
+    for command in (
+        ("calibrate", project, "--no-report", "--method", "tpe", "--trials", 6, "--out"),
+        ("validate", project, "--out"),
+    ):
+        here, there = tmp_path / f"{command[0]}-here.csv", tmp_path / f"{command[0]}-there.csv"
+        alone, far = run_cli(*command, here), run_cli(*command, there, *on)
+        assert alone.returncode == far.returncode, far.stderr
+        if alone.returncode == 0:
+            assert f"On the Dask cluster at {cluster.address}: 2 workers at present." in far.stdout
+    first, second = (
+        load_result(tmp_path / f"calibrate-{at}.csv" / "calibrations" / "pull") for at in ("here", "there")
+    )
+    same(first, second)
+
+
+def test_an_address_that_does_not_answer_starts_nothing(tmp_path: Path) -> None:
+    project, out = write_project(tmp_path), tmp_path / "run"
+    with socket.socket() as silent:  # takes connections, and says nothing
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        began = time.monotonic()
+        done = run_cli("calibrate", project, "--out", out, "--on", f"dask:tcp://127.0.0.1:{silent.getsockname()[1]}")
+        taken = time.monotonic() - began
+    assert done.returncode == 2
+    assert "--on: no Dask scheduler answers there" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not out.exists()
+    assert taken < 30  # 8 s, and Python's start on a busy machine
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense", "ftp://127.0.0.1:3", "tcp://no.such.host:8786"])
+def test_an_address_of_nobody_is_refused(address: str) -> None:
+    with pytest.raises(InputError, match="no Dask scheduler answers there"), executor_on(f"dask:{address}"):
+        pass
+
+
+def test_the_number_of_workers_is_the_clusters(cluster: DaskProcesses) -> None:
+    with pytest.raises(InputError, match="the cluster decides how many"), executor_on(f"dask:{cluster.address}", 3):
+        pass
+
+
+def copied_softcal(folder: Path) -> Path:
+    """Another copy of softcal, which differs by a comment."""
+    shutil.copytree(Path(softcal.__file__).parent, folder / "softcal", ignore=shutil.ignore_patterns("__pycache__"))
+    with (folder / "softcal" / "errors.py").open("a") as file:
+        file.write("# another version\n")
+    return folder
+
+
+def test_workers_with_another_softcal_are_refused(tmp_path: Path) -> None:
+    other = copied_softcal(tmp_path / "other")
+    with DaskProcesses(tmp_path) as cluster:
+        cluster.add_worker(path=[other])
+        wait_for_workers(cluster, 1)
+        with pytest.raises(InputError) as told, executor_on(f"dask:{cluster.address}"):
+            pass
+        text = str(told.value)
+        assert "has another version than this process" in text
+        assert "softcal's code" in text
+        assert "the same softcal must be on all machines" in text
+
+
+def test_a_worker_with_another_softcal_that_comes_later_takes_no_part(tmp_path: Path) -> None:
+    other = copied_softcal(tmp_path / "other")
+    with DaskProcesses(tmp_path) as cluster:
+        cluster.add_worker()
+        wait_for_workers(cluster, 1)
+        with executor_on(f"dask:{cluster.address}") as executor:
+            cluster.add_worker(path=[other])
+            wait_for_workers(cluster, 2)
+            there = calibrate(problem_of(soft_necks_fail), method="grid", trials=16, workers=executor)
+            assert sorted(worker.done for worker in executor.workers) == [0, 16]
+    same(there, calibrate(problem_of(soft_necks_fail), method="grid", trials=16))
+
+
+class RandomKiller:
+    """Kills a process at work after some random number of trials, at a random instant; its nanny starts another."""
+
+    def __init__(self, cluster: DaskProcesses) -> None:
+        self._cluster, self._chance = cluster, random.Random(4)
+        self._next, self.killed = 5, 0
+
+    def __call__(self, progress: Progress) -> None:
+        if progress.done >= self._next:
+            self._next = progress.done + self._chance.randint(10, 40)
+            threading.Timer(self._chance.uniform(0.0, 0.1), self.kill).start()
+
+    def kill(self) -> None:
+        at_work = [pid for worker in self._cluster.workers for pid in children(worker.pid)]
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(self._chance.choice(at_work), signal.SIGKILL)
+            self.killed += 1
+
+
+def children(pid: int) -> list[int]:
+    """The processes at work that a nanny has started."""
+    psutil = pytest.importorskip("psutil")
+    found: list[int] = []
+    for one in psutil.Process(pid).children(recursive=True):
+        with contextlib.suppress(psutil.Error):  # it has ended meanwhile
+            if "resource_tracker" not in " ".join(one.cmdline()):
+                found.append(one.pid)
+    return found
+
+
+@pytest.mark.slow
+def test_workers_that_are_killed_at_random_change_nothing(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    options: dict[str, Any] = {"method": "tpe", "trials": 300}
+    with dask_cluster(tmp_path) as cluster, executor_on(f"dask:{cluster.address}") as executor:
+        killer = RandomKiller(cluster)
+        found = calibrate(problem_of(slow_twin), **options, workers=executor, store=folder, progress=killer)
+    assert killer.killed >= 5
+    assert not [trial.reason for trial in found.trials if "tried" in trial.reason]
+    same(found, calibrate(problem_of(soft_necks_fail), **options))
+    assert [trial.number for trial in load_result(folder).trials] == list(range(300))
+
+
+@pytest.mark.slow
+def test_processes_of_this_machine_that_are_killed_at_random_change_nothing(tmp_path: Path) -> None:
+    options: dict[str, Any] = {"method": "tpe", "trials": 120}
+    killed: list[int] = []
+
+    def kill(progress: Progress) -> None:
+        if progress.done % 15 == 0:
+            killed.append(max(children(os.getpid())))
+            os.kill(killed[-1], signal.SIGKILL)
+
+    found = calibrate(problem_of(slow_twin), **options, workers=2, progress=kill)
+    assert len(set(killed)) == 8
+    same(found, calibrate(problem_of(soft_necks_fail), **options))
+    assert not set(children(os.getpid())) & set(killed)
+
+
+def test_the_schedulers_death_costs_nothing_that_was_told(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    options: dict[str, Any] = {"method": "tpe", "trials": 60, "store": folder}
+    with dask_cluster(tmp_path) as cluster, executor_on(f"dask:{cluster.address}") as executor:
+
+        def kill(progress: Any) -> None:
+            if progress.done == 20:
+                kill_group(cluster.scheduler)
+
+        with pytest.raises(CalibrationError, match=r"scheduler at .* no longer answers.*resume"):
+            calibrate(problem_of(slow_twin), **options, workers=executor, progress=kill)
+    resumed = calibrate(problem_of(soft_necks_fail), **options, resume=True)
+    same(resumed, calibrate(problem_of(soft_necks_fail), method="tpe", trials=60))
+
+
+SBATCH = """#!/bin/sh
+# A queue of one machine: a job begins at once.
+for last; do :; done
+cp "$last" "$last.job" 2>/dev/null; script="{folder}/job-$$.sh"; cp "$last" "$script"
+setsid sh "$script" >"$script.log" 2>&1 &
+echo $! >>"{folder}/jobs"
+echo "Submitted batch job $!"
+"""
+SCANCEL = """#!/bin/sh
+echo "$@" >>"{folder}/cancelled"
+kill -9 -- "-$1"
+"""
+
+
+@pytest.fixture
+def queue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with an sbatch and an scancel of its own."""
+    pytest.importorskip("dask_jobqueue")
+    pytest.importorskip("cryptography")
+    folder = tmp_path / "queue"
+    folder.mkdir()
+    for name, text in (("sbatch", SBATCH), ("scancel", SCANCEL)):
+        (folder / name).write_text(text.format(folder=folder))
+        (folder / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(one for one in sys.path if one))
+    monkeypatch.setitem(slurm._DEFAULTS, "shared_temp_directory", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    return folder
+
+
+def test_jobs_of_a_queue_give_the_same_and_are_cancelled(queue: Path) -> None:
+    with executor_on("slurm:long", 1) as executor:
+        assert isinstance(executor, SlurmExecutor)
+        assert executor.told.startswith("the Dask cluster at tls://")
+        there = calibrate(problem_of(soft_necks_fail), method="grid", trials=9, workers=executor)
+    same(there, calibrate(problem_of(soft_necks_fail), method="grid", trials=9))
+    (script,) = queue.glob("job-*.sh")
+    assert "#SBATCH -p long" in script.read_text()
+    jobs, cancelled = ((queue / name).read_text().split() for name in ("jobs", "cancelled"))
+    assert set(jobs) <= set(cancelled)
+
+
+def test_without_a_queue_on_this_machine_that_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("dask_jobqueue")
+    monkeypatch.setenv("PATH", "/nowhere")
+    with pytest.raises(InputError, match="sbatch is not on this machine"), executor_on("slurm"):
+        pass
+
+
+def test_without_dask_the_command_says_what_to_install(monkeypatch: pytest.MonkeyPatch, capsys, tmp_path) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", str(write_project(tmp_path)), "--out", str(tmp_path / "run"), "--on", "dask:tcp://a:1"])
+    assert ended.value.code == 2
+    assert "pip install 'softcal[cluster]'" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()

@@ -55,6 +55,7 @@ def test_result_json_holds_what_is_promised_in_si(run: tuple[Path, CalibrationRe
         "interval": list(result.parameters[E].interval),
         "scale": "log",
         "shares": dict(result.parameters[E].shares),
+        "dof": result.parameters[E].dof,
     }
     for key in ("loss", "method", "seed", "n_solves", "n_factorisations", "wall_s", "status", "n_failed_trials"):
         assert held[key] == getattr(result, key)

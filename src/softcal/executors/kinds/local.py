@@ -142,6 +142,8 @@ class LocalExecutor(Executor):
             for _ in range(TRIES):
                 limit = self._limit or patience(self._longest)
                 process.start(limit)
+                if self._closed:  # nobody waits for it
+                    break
                 began = time.perf_counter()
                 try:
                     result = process.call(function, args, kwargs, limit)
@@ -155,8 +157,6 @@ class LocalExecutor(Executor):
                 else:
                     self._longest = max(self._longest, time.perf_counter() - began)
                     return result
-                if self._closed:  # nobody waits for it
-                    break
             raise WorkerLost(f"It was tried {TRIES} times, and {why}.")
         finally:
             self._idle.put(process)

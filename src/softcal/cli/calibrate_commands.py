@@ -79,6 +79,14 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         Path | None, typer.Option(metavar="DIR", help="Run folder; 'run' beside the project by default.")
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the run in the folder.")] = False,
+    storage: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            help="Share the search (tpe) with other processes: journal:FILE, postgresql://… or mysql://…",
+            show_default=False,
+        ),
+    ] = None,
     report: WithReport = True,
     mesh_error: Annotated[
         bool | None,
@@ -93,6 +101,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
 
     options = parsed_pairs(option, "--option", "this sets no option", "NAME=VALUE, such as starts=5")
     loaded = load(project, values=parsed_values(values))
+    from softcal.calibration.storage_url import storage_url
     from softcal.workflows.calibration import calibrate as calibrate_project
     from softcal.workflows.furthest import furthest_responses, shape_warnings
 
@@ -112,6 +121,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         "engine": None if engine == SOFTCAL else engine,
         "workers": workers,
         "on": None if on == LOCAL else on,
+        "storage": None if storage is None else storage_url(storage).shown,
     }
     again = f"{shlex.quote(str(project))} --out {shlex.quote(str(folder))}{as_typed({**changes, **others})}"
     again += f"{' --no-mesh-error' * (mesh_error is False)} --resume"
@@ -129,6 +139,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
                 workers=executor,
                 engine=engine,
                 progress=bars.show,
+                storage=storage,
                 **changes,
             )
         records = {name: record for name, record in loaded.corrected.items() if record is not None}

@@ -1,0 +1,138 @@
+"""Storages of shared studies: refused in a sentence before anything is made, and never with a password in it."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Generator
+from pathlib import Path
+
+import pytest
+from postgres_server import PASSWORD, postgres
+from project_case import write_project
+
+from softcal.calibration import storage_url
+from softcal.calibration.result_reading import load_result
+from softcal.calibration.storage_url import StorageUrl
+from softcal.cli import main
+from softcal.errors import StorageError
+
+
+@pytest.fixture(scope="module")
+def server() -> Generator[str]:
+    with postgres() as url:
+        yield url
+
+
+@pytest.mark.parametrize(
+    ("url", "told"),
+    [
+        ("sqlite:///shared.db", "got sqlite:…; allowed: journal:FILE, postgresql://"),
+        ("redis://user:s3cret@host", "got redis:…; allowed"),
+        ("s3cret!", "got another text; allowed"),
+        ("postgresql+asyncpg://u:s3cret@h/d", "no storage that processes can share"),
+        ("postgresql:u:s3cret@h/d", "no storage that processes can share"),
+        ("postgresql+pg8000://u:s3@cret@h:port/d", r"postgresql\+pg8000://\*\*\*@…"),
+        ("postgresql+pg8000://u:s3cret", r"postgresql\+pg8000://…"),
+        ("journal:", "names no file"),
+        ("journal:.", "names no file"),
+        ("journal:missing/file", "the folder of the file does not exist"),
+    ],
+)
+def test_a_storage_that_is_none_is_refused_without_its_secrets(url: str, told: str) -> None:
+    with pytest.raises(StorageError, match=told) as refused:
+        storage_url.storage_url(url)
+    assert "s3" not in str(refused.value)
+    assert "cret" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("url", "package"),
+    [
+        ("postgresql://u:s3cret@h/d", "pg8000"),
+        ("postgresql+psycopg2://u:s3cret@h/d", "psycopg2-binary"),
+        ("mysql://u:s3cret@h/d", "pymysql"),
+        ("mysql+mysqlconnector://u:s3cret@h/d", "mysql-connector-python"),
+    ],
+)
+def test_a_driver_that_is_not_installed_is_named(url: str, package: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(storage_url.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(StorageError, match=rf"is not installed; got .* Try: pip install '{package}'") as refused:
+        storage_url.storage_url(url)
+    assert "s3cret" not in str(refused.value)
+
+
+def refused_by_calibrate(capsys: pytest.CaptureFixture[str], tmp_path: Path, url: str, *options: str) -> str:
+    path = write_project(tmp_path / "p")
+    before = sorted(path.parent.rglob("*"))
+    with pytest.raises(SystemExit) as left:
+        main(["calibrate", str(path), "--method", "tpe", "--out", str(tmp_path / "out"), "--storage", url, *options])
+    assert left.value.code == 2
+    assert not (tmp_path / "out").exists()
+    assert sorted(path.parent.rglob("*")) == before
+    err = capsys.readouterr().err
+    assert "Traceback" not in err
+    return err
+
+
+def test_a_server_that_is_not_there_or_is_silent_is_told(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(storage_url, "_LONGEST", 0.5)
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        port = silent.getsockname()[1]
+        url = f"postgresql+pg8000://u:s3cret@127.0.0.1:{port}/d"
+        gone = refused_by_calibrate(capsys, tmp_path, url)
+        silent.listen()
+        err = refused_by_calibrate(capsys, tmp_path, url)
+    shown = f"postgresql+pg8000://***@127.0.0.1:{port}/d: the shared study cannot be reached"
+    assert shown in gone
+    assert f"{shown}; got it does not answer within" in err
+    assert "s3cret" not in gone + err
+
+
+def test_a_wrong_password_or_database_is_told_and_never_shown(
+    server: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    wrong = server.replace("s3cret", "0ther")
+    err = refused_by_calibrate(capsys, tmp_path, wrong)
+    assert "password authentication failed" in err
+    assert "0ther" not in err
+    err = refused_by_calibrate(capsys, tmp_path, server.replace("/postgres", "/nowhere"))
+    assert 'database "nowhere" does not exist' in err
+    assert PASSWORD not in err
+    assert "s3cret" not in err
+
+
+def test_calibrate_shares_a_projects_search_by_a_database(
+    server: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Its words, and what is typed to go on, do not show the password."""
+    path = write_project(tmp_path / "p")
+    command = ["calibrate", str(path), "--method", "tpe", "--trials", "4", "--no-report", "--storage", server]
+    for name in ("a", "b"):
+        with pytest.raises(SystemExit) as left:
+            main([*command, "--out", str(tmp_path / name)])
+        assert not left.value.code
+    results = [load_result(tmp_path / name / "calibrations" / "pull") for name in ("a", "b")]
+    assert results[0].trials == results[1].trials
+    assert len(results[0].trials) == 4
+    held = "".join(f.read_text(errors="replace") for f in tmp_path.rglob("*") if f.is_file())
+    said = capsys.readouterr()
+    assert "s3cret" not in held + said.out + said.err
+    err = refused_by_calibrate(capsys, tmp_path / "again", server, "--seed", "7")
+    assert "the shared study began with other settings: seed; got 7; allowed: 1" in err
+
+
+def test_a_database_of_another_version_of_optuna_is_refused(tmp_path: Path) -> None:
+    import sqlalchemy
+
+    place = StorageUrl("a database", url=f"sqlite:///{tmp_path / 'optuna.db'}")
+    with place.opened():
+        pass
+    engine = sqlalchemy.create_engine(place.url)
+    with engine.begin() as connection:
+        connection.execute(sqlalchemy.text("UPDATE alembic_version SET version_num = 'v0.9.0.a'"))
+    engine.dispose()
+    with pytest.raises(StorageError, match=r"a database: the shared study cannot be reached; got .*(version|schema)"):
+        place.opened().__enter__()

@@ -124,6 +124,8 @@ if TYPE_CHECKING:
     from softcal.workflows.sweep import Swept as Swept
     from softcal.workflows.sweep import sweep as sweep
     from softcal.workflows.validation import validate as validate
+    from softcal.workflows.watching import WatchedPage as WatchedPage
+    from softcal.workflows.watching import watch_run as watch_run
     from softcal.workflows.whole_record import compare_records as compare_records
 
 _HOMES = {
@@ -201,6 +203,7 @@ _HOMES = {
     "UnitError": "softcal.errors",
     "VariedSection": "softcal.geometry.varied_section",
     "ViaPoint": "softcal.twin.robot",
+    "WatchedPage": "softcal.workflows.watching",
     "box_mesh": "softcal.geometry.primitives",
     "calibrate": "softcal.workflows.calibration",
     "check": "softcal.workflows.checking",
@@ -235,6 +238,7 @@ _HOMES = {
     "straight": "softcal.geometry.centreline",
     "sweep": "softcal.workflows.sweep",
     "validate": "softcal.workflows.validation",
+    "watch_run": "softcal.workflows.watching",
     "with_parameters": "softcal.twin.parameters",
     "write_export": "softcal.workflows.export",
     "write_report": "softcal.workflows.reporting",
@@ -315,6 +319,7 @@ __all__ = [
     "UnitError",
     "VariedSection",
     "ViaPoint",
+    "WatchedPage",
     "box_mesh",
     "calibrate",
     "check",
@@ -349,6 +354,7 @@ __all__ = [
     "straight",
     "sweep",
     "validate",
+    "watch_run",
     "with_parameters",
     "write_export",
     "write_report",

@@ -73,6 +73,26 @@ def run(
 
 
 @contextlib.contextmanager
+def beside(command: Sequence[str], *, patience: float = 5.0) -> Generator[subprocess.Popen[str]]:
+    """A program that runs during this block, with its output to be read; at the end it is asked to stop, and terminated
+    after `patience` [s].
+
+    Raises
+    ------
+    OSError
+        If it cannot be started.
+    """
+    pipes: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    with _guarded(command, text=True, **pipes) as process:
+        try:
+            yield process
+        finally:
+            process.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(patience)
+
+
+@contextlib.contextmanager
 def _guarded(command: Sequence[str], **options: Any) -> Generator[subprocess.Popen[Any]]:
     """A running program, terminated at the end of this block, and with this process even if that is killed."""
     # The watchdog is started before the program and stopped first, so that it covers the program's whole life.

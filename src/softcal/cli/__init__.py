@@ -20,6 +20,7 @@ from softcal.cli import marker_commands
 from softcal.cli import export_commands
 from softcal.cli import crosscheck_command
 from softcal.cli import bench_command
+from softcal.cli import watch_command
 
 # isort: on
 from softcal.calibration.interrupts import stop_signals_raised
@@ -41,6 +42,7 @@ COMMAND_GROUPS = (
     export_commands,
     crosscheck_command,
     bench_command,
+    watch_command,
 )
 
 

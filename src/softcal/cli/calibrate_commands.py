@@ -13,13 +13,14 @@ from softcal.cli.app import ProjectFile, app, exit_on_error, resumable
 from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.calibration_table import print_results
 from softcal.cli.printing import print_warnings
-from softcal.cli.running import clock, executor_told
+from softcal.cli.running import clock, executor_told, page_beside
 from softcal.cli.values import (
     LOCAL,
     SOFTCAL,
     Engine,
     On,
     Values,
+    WithPage,
     WithReport,
     Workers,
     as_typed,
@@ -88,6 +89,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         ),
     ] = None,
     report: WithReport = True,
+    watch: WithPage = False,
     mesh_error: Annotated[
         bool | None,
         typer.Option(
@@ -128,29 +130,30 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     changes["mesh_error"] = mesh_error
     changes["hold_out"] = None if hold_out is None else names(hold_out)
     changes |= {name: scalar(text) for name, text in options.items()}
-    with executor_told(on, workers) as executor, resumable(folder, "Everything", f"softcal calibrate {again}"):
-        if engine != SOFTCAL and not resume:
-            _print_expected(loaded, engine, changes, executor.count)
-        with calibration_progress() as bars:
-            found = calibrate_project(
-                loaded,
-                out=folder,
-                resume=resume,
-                workers=executor,
-                engine=engine,
-                progress=bars.show,
-                storage=storage,
-                **changes,
-            )
-        records = {name: record for name, record in loaded.corrected.items() if record is not None}
-        print_results(found.results, {name: e.dataset for name, e in loaded.experiments.items()}, records)
-        if found.stopped_by is not None:
-            raise found.stopped_by
-    solved = furthest_responses(loaded, found.results)
-    print_warnings(shape_warnings(solved))
-    typer.echo(f"Run: {folder}")
-    if report:
-        report_run(folder, None, solved)
+    with page_beside(folder, wanted=watch):
+        with executor_told(on, workers) as executor, resumable(folder, "Everything", f"softcal calibrate {again}"):
+            if engine != SOFTCAL and not resume:
+                _print_expected(loaded, engine, changes, executor.count)
+            with calibration_progress() as bars:
+                found = calibrate_project(
+                    loaded,
+                    out=folder,
+                    resume=resume,
+                    workers=executor,
+                    engine=engine,
+                    progress=bars.show,
+                    storage=storage,
+                    **changes,
+                )
+            records = {name: record for name, record in loaded.corrected.items() if record is not None}
+            print_results(found.results, {name: e.dataset for name, e in loaded.experiments.items()}, records)
+            if found.stopped_by is not None:
+                raise found.stopped_by
+        solved = furthest_responses(loaded, found.results)
+        print_warnings(shape_warnings(solved))
+        typer.echo(f"Run: {folder}")
+        if report:
+            report_run(folder, None, solved)
 
 
 def _print_expected(project: Project, engine: str, changes: dict[str, Any], workers: int) -> None:

@@ -11,8 +11,8 @@ from softcal.cli.app import ProjectFile, app, exit_on_error, resumable
 from softcal.cli.calibrate_commands import report_run
 from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.printing import print_table, print_warnings
-from softcal.cli.running import executor_told
-from softcal.cli.values import LOCAL, On, Values, WithReport, Workers, names, parsed_pairs, parsed_values
+from softcal.cli.running import executor_told, page_beside
+from softcal.cli.values import LOCAL, On, Values, WithPage, WithReport, Workers, names, parsed_pairs, parsed_values
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -48,6 +48,7 @@ def sweep(  # noqa: PLR0913 (one argument for each option)
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the sweep in the folder.")] = False,
     report: WithReport = True,
+    watch: WithPage = False,
 ) -> None:
     """Simulate every cell of a grid of parameters; write each one's errors, the best cells, and a report."""
     from softcal.project.project import load
@@ -58,23 +59,24 @@ def sweep(  # noqa: PLR0913 (one argument for each option)
 
     print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "sweep"
-    with resumable(folder, "Every cell", "the same command and --resume"):
-        with executor_told(on, workers) as executor, calibration_progress() as bars:
-            found = sweep_project(
-                loaded,
-                over=axes or None,
-                experiments=None if experiments is None else names(experiments),
-                out=folder,
-                resume=resume,
-                workers=executor,
-                progress=bars.show,
-            )
-        _print_sweep(found)
-        if found.stopped_by is not None:
-            raise found.stopped_by
-    typer.echo(f"Sweep: {folder}")
-    if report:
-        report_run(folder, None)
+    with page_beside(folder, wanted=watch):
+        with resumable(folder, "Every cell", "the same command and --resume"):
+            with executor_told(on, workers) as executor, calibration_progress() as bars:
+                found = sweep_project(
+                    loaded,
+                    over=axes or None,
+                    experiments=None if experiments is None else names(experiments),
+                    out=folder,
+                    resume=resume,
+                    workers=executor,
+                    progress=bars.show,
+                )
+            _print_sweep(found)
+            if found.stopped_by is not None:
+                raise found.stopped_by
+        typer.echo(f"Sweep: {folder}")
+        if report:
+            report_run(folder, None)
 
 
 def _print_sweep(found: Swept) -> None:

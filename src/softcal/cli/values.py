@@ -41,6 +41,7 @@ On = Annotated[
         help="Where the twin is simulated: local, dask:ADDRESS of a Dask scheduler, or slurm[:QUEUE].",
     ),
 ]
+WithPage = Annotated[bool, typer.Option("--watch", help="Show the run on a local page, as softcal watch does.")]
 WithReport = Annotated[bool, typer.Option(help="Write the report at the end.")]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,8 +24,12 @@ MANY = 6
 
 def calibrated_shapes(project: Project, result: SearchResult) -> EquilibriumShapes | None:
     """The calibrated twin's shapes at the end of experiments with positions; None if there are none."""
-    at_values = calibrated(project, result)
     placed = [name for name, fit in result.experiments.items() if fit.distances]
+    return equilibrium_shapes(calibrated(project, result), placed)
+
+
+def equilibrium_shapes(at_values: Project, placed: Sequence[str]) -> EquilibriumShapes | None:
+    """The twin's shapes at the end of these experiments, and without loads; None where there are none."""
     shapes: dict[str, Snapshot] = {}
     for name in placed[:MANY]:
         response = simulate(at_values, experiment=name, snapshots=True)

@@ -19,7 +19,7 @@ from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.calibration.run import require_joinable
 from softcal.calibration.search import Progress
 from softcal.calibration.shared_search import Sharing
-from softcal.errors import CalibrationError, Fault, InputError, ParameterError, nearest
+from softcal.errors import CalibrationError, Fault, InputError, ParameterError, StorageError, nearest
 from softcal.executors.executor import Executor
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration_schema import CalibrationSection
@@ -29,6 +29,7 @@ from softcal.project.section import changed
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.workflows.engines import SOFTCAL, engine_for, engine_identity
 from softcal.workflows.run_folder import begin_run, calibration_folder, finish_run, reopen_run
+from softcal.workflows.watching import WatchedPage, watch_run
 
 # Told after every trial, and of every stage after them: the label of the calibration, and how far it is.
 Observer = Callable[[str, Progress], None]
@@ -44,6 +45,20 @@ class Calibrations:
     results: Mapping[str, CalibrationResult]
     folder: Path | None
     stopped_by: KeyboardInterrupt | None = None
+
+    def watch(self) -> WatchedPage:
+        """Its page, without waiting; see `watch_run`.
+
+        Raises
+        ------
+        StorageError
+            Where it is kept in no folder.
+        InputError
+            As `watch_run`.
+        """
+        if self.folder is None:
+            raise StorageError(Fault("there is no folder to show", "watch", attempt="out, a folder of the run"))
+        return watch_run(self.folder)
 
     @property
     def interrupted(self) -> bool:
@@ -256,26 +271,44 @@ def _labelled(progress: Observer | None, label: str) -> Callable[[Progress], Non
 
 def calibrated(project: Project, result: SearchResult) -> Project:
     """The project at the values of a result: shared ones in the robot and in every rig, an experiment's own in it."""
+    theta = {label: estimate.value for label, estimate in result.parameters.items()}
+    tied = {label: estimate.of for label, estimate in result.parameters.items()}
+    held = {name: one.own for name, one in result.held_out.items()}
+    return project_at(project, theta, tied, [*result.experiments, *result.held_out], held)
+
+
+def project_at(
+    project: Project,
+    theta: Mapping[str, float],
+    tied: Mapping[str, Sequence[str]],
+    experiments: Sequence[str],
+    held: Mapping[str, Mapping[str, float]] | None = None,
+) -> Project:
+    """The project at theta [SI by label]: shared values in the robot and in every rig, an experiment's own in it.
+
+    tied: label -> names of the parameters that have its value, where the label is none itself; experiments: those that
+    get values; held: experiment that was held out -> its own values [SI by label].
+    """
     of_robot = robot_parameters(project.robot)
     shared: dict[str, float] = {}
     own: dict[str, dict[str, float]] = {}
-    for label, estimate in result.parameters.items():
+    for label, value in theta.items():
         name, _, experiment = label.removesuffix("]").partition("[")
-        values = dict.fromkeys(estimate.of or (name,), estimate.value)
+        values = dict.fromkeys(tied.get(label) or (name,), value)
         members = [e.name for e in project.experiments.values() if experiment in (e.name, e.set_up)]
         for target in [own.setdefault(e, {}) for e in members] if experiment else [shared]:
             target.update(values)
-    for name, held in result.held_out.items():
-        own.setdefault(name, {}).update({label.partition("[")[0]: value for label, value in held.own.items()})
+    for name, values in (held or {}).items():
+        own.setdefault(name, {}).update({label.partition("[")[0]: value for label, value in values.items()})
     robot = with_parameters(project.robot, {name: value for name, value in shared.items() if name in of_robot})
-    experiments = dict(project.experiments)
-    for name in (*result.experiments, *result.held_out):
-        experiment = experiments[name]
+    changed_experiments = dict(project.experiments)
+    for name in experiments:
+        experiment = changed_experiments[name]
         known = experiment.rig_values().keys() | of_robot.keys()
         here = {**{n: v for n, v in shared.items() if n not in of_robot}, **own.get(name, {})}
         # The pulleys' friction stays the nominal one, under which the dataset was brought to the neck's side.
         pulleys = experiment.rig.pulleys
         kept = () if pulleys is not None and pulleys.friction_memory else (PULLEY_FRICTION,)
         settings = {n: v for n, v in here.items() if n in known and n not in kept}
-        experiments[name] = replace(experiment, settings={**experiment.settings, **settings})
-    return replace(project, robot=robot, experiments=experiments)
+        changed_experiments[name] = replace(experiment, settings={**experiment.settings, **settings})
+    return replace(project, robot=robot, experiments=changed_experiments)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,12 +16,17 @@ from softcal.workflows.simulation import simulate
 def furthest_response(project: Project, result: SearchResult) -> Response:
     """Response of the calibrated twin, with shapes, in the result's experiment with the largest drive."""
     at_values = calibrated(project, result)
+    return simulate(at_values, experiment=furthest_experiment(at_values, list(result.experiments)), snapshots=True)
+
+
+def furthest_experiment(project: Project, experiments: Sequence[str]) -> str:
+    """The experiment with the largest drive."""
 
     def reach(name: str) -> float:
-        experiment = at_values.experiments[name]
+        experiment = project.experiments[name]
         return max((float(np.max(experiment.dataset.values(drive))) for drive in experiment.drives), default=0.0)
 
-    return simulate(at_values, experiment=max(result.experiments, key=reach), snapshots=True)
+    return max(experiments, key=reach)
 
 
 def furthest_responses(project: Project, results: Mapping[str, SearchResult]) -> dict[str, Response]:

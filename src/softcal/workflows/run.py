@@ -10,6 +10,7 @@ from pathlib import Path
 from softcal.calibration.result import CalibrationResult, Estimate, SearchResult, SweepResult
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project
+from softcal.workflows.watching import WatchedPage, watch_run
 
 SWEEP = "sweep"
 """The label of a sweep, in the place of a calibration's."""
@@ -44,6 +45,16 @@ class Run(ABC):
     @abstractmethod
     def headline(self) -> SearchResult:
         """The result whose values are the run's."""
+
+    def watch(self) -> WatchedPage:
+        """Its page, without waiting; see `watch_run`.
+
+        Raises
+        ------
+        InputError
+            As `watch_run`.
+        """
+        return watch_run(self.folder)
 
 
 @dataclass(frozen=True)

@@ -195,8 +195,7 @@ def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
     """
     folder = Path(folder)
     record = _record(folder)
-    _require_unchanged(folder, record)
-    project = load(folder / PROJECT, values=record.values, copies=record.copies, changes=record.changes)
+    project, settings = project_of_run(folder)
     results = {
         label: load_result(calibration_folder(folder, label))
         for label in record.calibrations
@@ -213,7 +212,7 @@ def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
             raise StorageError(
                 Fault("the result is of an experiment that the run does not have", where, ", ".join(strangers))
             )
-    about = (folder, project, record.settings, record.versions, record.hashes, record.created)
+    about = (folder, project, settings, record.versions, record.hashes, record.created)
     calibrations = {label: result for label, result in results.items() if isinstance(result, CalibrationResult)}
     match list(results.values()):
         case [SweepResult() as swept]:
@@ -222,6 +221,23 @@ def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
             return CalibrationRun(*about, calibrations)
         case _:
             raise contradiction(folder / CALIBRATIONS, "the run", "there is a sweep among its calibrations")
+
+
+def project_of_run(folder: str | Path) -> tuple[Project, CalibrationSection]:
+    """The project and the settings of a run that may still be searching, by the copies in its folder.
+
+    Raises
+    ------
+    StorageError
+        If there is no run, or an input of it is missing or has changed.
+    ProjectFileError
+        Where the project in it cannot be loaded.
+    """
+    folder = Path(folder)
+    record = _record(folder)
+    _require_unchanged(folder, record)
+    project = load(folder / PROJECT, values=record.values, copies=record.copies, changes=record.changes)
+    return project, record.settings
 
 
 def refuse_project_folder(folder: Path) -> None:

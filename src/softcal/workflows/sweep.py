@@ -19,7 +19,7 @@ from softcal.calibration.store import write_text
 from softcal.calibration.sweep import sweep as sweep_problem
 from softcal.calibration.trial_journal import stored_trials
 from softcal.csv_text import csv_text
-from softcal.errors import CalibrationError, Fault, InputError, ParameterError
+from softcal.errors import CalibrationError, Fault, InputError, ParameterError, StorageError
 from softcal.executors.executor import Executor
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis, shown_configurations
 from softcal.project.bench_names import experiments_named
@@ -27,6 +27,7 @@ from softcal.project.project import Project
 from softcal.workflows.calibration import make_loss
 from softcal.workflows.run import SWEEP
 from softcal.workflows.run_folder import begin_run, calibration_folder, finish_sweep, reopen_run
+from softcal.workflows.watching import WatchedPage, watch_run
 
 FORMULA = "nominal error / error of the best cell - 1; 100 % where the error was halved"
 
@@ -54,6 +55,20 @@ class Swept:
     best: tuple[BestCell, ...]
     folder: Path | None
     stopped_by: KeyboardInterrupt | None = None
+
+    def watch(self) -> WatchedPage:
+        """Its page, without waiting; see `watch_run`.
+
+        Raises
+        ------
+        StorageError
+            Where it is kept in no folder.
+        InputError
+            As `watch_run`.
+        """
+        if self.folder is None:
+            raise StorageError(Fault("there is no folder to show", "watch", attempt="out, a folder of the run"))
+        return watch_run(self.folder)
 
     @property
     def interrupted(self) -> bool:

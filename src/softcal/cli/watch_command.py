@@ -1,0 +1,54 @@
+"""The command `softcal watch`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from softcal.cli.app import app, exit_on_error
+
+PORTS = 65535
+
+
+@app.command()
+@exit_on_error
+def watch(
+    run: Annotated[
+        Path,
+        typer.Argument(metavar="RUN", help="A folder that calibrate, sweep or bench run writes.", show_default=False),
+    ],
+    host: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Address of this machine; other than its own needs a token.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int | None,
+        typer.Option(min=0, max=PORTS, help="Port; by default the first free one from 8085 on.", show_default=False),
+    ] = None,
+    browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
+    wait: Annotated[bool, typer.Option("--wait", help="Take a folder that does not exist yet.")] = False,
+) -> None:
+    """Show a run on a local page while it works: progress, losses, parameters, failures, the twin, the report."""
+    from softcal.errors import Fault, InputError
+    from softcal.watch.server import require_nicegui, serve
+
+    require_nicegui()
+    if not run.is_dir() and not (wait and not run.exists()):
+        allowed = "a folder that calibrate, sweep or bench run writes"
+        raise InputError(
+            Fault("there is no such folder", str(run), allowed=allowed, attempt="--wait, if it will be there")
+        )
+
+    def ready(address: str) -> None:
+        typer.echo(f"Page: {address} (Ctrl-C ends it)")
+        if browser:
+            import webbrowser
+
+            webbrowser.open(address)
+
+    try:
+        serve(run, host=host, port=port, ready=ready)
+    except KeyboardInterrupt as stop:
+        if str(stop):  # another signal than Ctrl-C
+            raise

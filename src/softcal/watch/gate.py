@@ -1,0 +1,127 @@
+"""Who may see the page: this machine alone, or those who have the token; and what the page may load: itself alone."""
+
+from __future__ import annotations
+
+import ipaddress
+import secrets
+from collections.abc import Awaitable, Callable, MutableMapping
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+Scope = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
+Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+SOCKET = "/_nicegui_ws/"
+REFUSED = b"This page needs the address with its token, as softcal watch printed it.\n"
+ELSEWHERE = b"This page is for this machine alone.\n"
+_POLICY = (
+    "default-src 'none'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self' data: blob:; worker-src 'self' blob:; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors "
+)
+# A notebook on this machine shows the page in a frame.
+_LOCAL_FRAMES = "'self' http://localhost:* http://127.0.0.1:*"
+
+
+def new_token() -> str:
+    """A token that nobody guesses."""
+    return secrets.token_urlsafe(32)
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address or a name is this machine's own, which no other machine reaches."""
+    if host.rstrip(".").casefold() == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+class Gate:
+    """ASGI application that lets requests and websockets through to `app`.
+
+    token: what every one of them needs, in the address or in the cookie that the address sets; "" for a page of this
+    machine alone, whose requests must name it (a page from elsewhere could have its own name point here).
+    """
+
+    def __init__(self, app: App, token: str, port: int) -> None:
+        self.app, self._token, self._cookie = app, token, f"softcal-{port}"
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self.app(scope, receive, send)
+            return
+        headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        refusal = self._refusal(scope, headers)
+        if refusal:
+            await _refuse(scope, receive, send, refusal)
+            return
+        cookies: list[tuple[bytes, bytes]] = []
+        if self._token and self._is_token(_asked(scope)):
+            cookie = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
+            cookies = [(b"set-cookie", cookie.encode())]
+
+        async def with_headers(message: MutableMapping[str, Any]) -> None:
+            if message["type"] == "http.response.start":
+                own = [(name, value) for name, value in message.get("headers", [])]
+                present = {name.lower() for name, _ in own}
+                policy = _POLICY + ("'none'" if self._token else _LOCAL_FRAMES)
+                added = [
+                    (b"content-security-policy", policy.encode()),
+                    (b"referrer-policy", b"no-referrer"),
+                    (b"x-content-type-options", b"nosniff"),
+                ]
+                message["headers"] = [*own, *(pair for pair in added if pair[0] not in present), *cookies]
+            await send(message)
+
+        await self.app(scope, receive, with_headers)
+
+    def _refusal(self, scope: Scope, headers: dict[str, str]) -> bytes:
+        """Why a request is refused, or nothing."""
+        if scope["type"] == "http" and scope["method"] not in ("GET", "HEAD"):
+            if scope["method"] != "POST" or not scope["path"].startswith(SOCKET):
+                return b"This page can only be read.\n"
+        host = headers.get("host", "")
+        origin = headers.get("origin")
+        if origin is not None and urlsplit(origin).netloc != host:
+            return ELSEWHERE
+        if not self._token:
+            return b"" if is_loopback(_name(host)) else ELSEWHERE
+        return b"" if self._is_token(_asked(scope)) or self._is_token(self._kept(headers)) else REFUSED
+
+    def _is_token(self, given: str) -> bool:
+        return secrets.compare_digest(given.encode("utf-8", "replace"), self._token.encode())
+
+    def _kept(self, headers: dict[str, str]) -> str:
+        try:
+            held = SimpleCookie(headers.get("cookie", "")).get(self._cookie)
+        except CookieError:
+            return ""
+        return "" if held is None else held.value
+
+
+def _asked(scope: Scope) -> str:
+    """The token in an address, or ""."""
+    return parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
+
+
+def _name(host: str) -> str:
+    """The name in a Host header, without the port."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
+
+
+async def _refuse(scope: Scope, receive: Receive, send: Send, why: bytes) -> None:
+    if scope["type"] == "websocket":
+        await receive()
+        await send({"type": "websocket.close", "code": 1008})
+        return
+    headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"cache-control", b"no-store")]
+    await send({"type": "http.response.start", "status": 403, "headers": headers})
+    await send({"type": "http.response.body", "body": why})

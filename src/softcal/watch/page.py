@@ -1,0 +1,207 @@
+"""The page of a run: what was read, drawn and kept up to date in every browser that looks at it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+from softcal.watch.charts import loss_chart, parameter_chart
+from softcal.watch.twin_panel import TwinPanel
+from softcal.watch.watched import WatchedRun, WatchedSearch
+from softcal.watch.words import (
+    STATES,
+    best_rows,
+    failed_rows,
+    score_rows,
+    search_rows,
+    share_done,
+    state_sentence,
+    time_text,
+    trials_text,
+    worker_rows,
+)
+
+if TYPE_CHECKING:
+    from softcal.watch.watch import Watch
+
+EVERY = 1.0  # [s]
+PAGE = 15  # rows of a table
+_HIDDEN = "sc-hidden"
+
+
+@dataclass
+class _Table:
+    """A card with a title and a table, hidden while there is no row."""
+
+    card: Any
+    title: Any
+    table: Any
+
+    def show(self, rows: list[dict[str, Any]], title: str = "") -> None:
+        if title:
+            self.title.set_text(title)
+        few = len(rows) <= PAGE
+        self.table.props("hide-bottom" if few else "", remove="" if few else "hide-bottom")
+        if self.table.rows != rows:
+            self.table.rows[:] = rows
+            self.table.update()
+        _show(self.card, bool(rows))
+
+
+class RunPage:
+    """The elements of one browser's page, and what they show."""
+
+    def __init__(self, watch: Watch) -> None:
+        self._watch = watch
+        self._chosen: str | None = None
+        self._drawn: object = None
+        self._build()
+
+    async def refresh(self) -> None:
+        """Read what is new, and show it."""
+        run = await self._watch.now()
+        now = datetime.now(UTC)
+        search = self._search(run, now)
+        self._name.set_text(run.name)
+        _show(self._report, bool(run.report))
+        self._faults.set_text("\n".join([*run.unreadable, *(() if search is None else search.unreadable)]))
+        _show(self._faults, bool(self._faults.text))
+        self._searches.show(search_rows(run, now) if len(run.searches) > 1 else [])
+        self._scores.show(score_rows(run))
+        for element in self._of_search:
+            _show(element, search is not None)
+        if search is None:
+            self._state.set_text("Done" if run.scores else "Waiting")
+            self._stage.set_text("" if run.scores else "There is no run in this folder yet.")
+            return
+        self._show_search(search, now)
+
+    def _search(self, run: WatchedRun, now: datetime) -> WatchedSearch | None:
+        chosen = next((search for search in run.searches if search.place == self._chosen), None)
+        return chosen or run.now_at(now)
+
+    def _show_search(self, search: WatchedSearch, now: datetime) -> None:
+        course = search.course(now)
+        self._state.set_text(STATES[course])
+        self._state.classes(replace=f"sc-state {course}")
+        self._stage.set_text(state_sentence(search, now))
+        self._fill.style(f"width: {100 * share_done(search, now):.1f}%")
+        best = search.best
+        self._trials.set_text(trials_text(search))
+        self._best.set_text("–" if best is None or best.loss is None else f"{best.loss:.6g}")
+        self._best_note.set_text("" if best is None else f"trial {best.number}")
+        self._failed.set_text(str(len(search.failed)))
+        self._time.set_text(time_text(search, now))
+        self._method.set_text(
+            " ".join(part for part in (search.method, search.live.executor if search.live else "") if part)
+        )
+        keeper = self._watch.twins
+        keeper.want(search, ended=course == "ended")
+        facts = keeper.facts(search)
+        self._twin.show(search, keeper.shape(search), busy=keeper.is_busy)
+        drawn = (search.place, search.trials[-1:], len(search.trials), search.result, facts)
+        if drawn == self._drawn:
+            self._workers.show(worker_rows(search))
+            return
+        self._drawn = drawn
+        _draw(self._losses, loss_chart(search))
+        _draw(self._parameters, parameter_chart(search, facts))
+        result = search.result
+        title = "Values of the best trial, and bounds" if result is None else "Result: values, and 95 % intervals"
+        self._values.table.columns[2]["label"] = "bounds" if result is None else "95 % interval"
+        self._values.show(best_rows(search, facts), title)
+        self._notes.set_text("" if result is None else "\n".join(result.notes))
+        _show(self._notes, bool(self._notes.text))
+        self._failures.show(failed_rows(search, facts), f"Failed trials: {len(search.failed)}")
+        self._workers.show(worker_rows(search))
+
+    def _choose(self, event: Any) -> None:
+        self._chosen = event.args[1].get("place")
+
+    def _build(self) -> None:
+        from nicegui import ui
+
+        with ui.element("main").classes("sc-page"):
+            with ui.element("header").classes("sc-head"):
+                self._name = ui.label().classes("sc-name").mark("name")
+                self._state = ui.label("Waiting").classes("sc-state").mark("state")
+                self._stage = ui.label().classes("sc-stage").mark("stage")
+                self._report = ui.link("Open the report", "report", new_tab=True).classes(f"sc-report {_HIDDEN}")
+            self._faults = ui.label().classes(f"sc-12 sc-note sc-warn {_HIDDEN}")
+            self._searches = _table(
+                "Calibrations",
+                {"label": "calibration", "state": "state", "trials": "trials", "best": "best loss", "failed": "failed"},
+                key="place",
+            )
+            self._searches.table.on("rowClick", self._choose)
+            with ui.element("div").classes("sc-bar") as bar:
+                self._fill = ui.element("div").classes("sc-fill")
+            with ui.element("div").classes("sc-facts") as facts:
+                self._trials, self._method = _fact("Trials", "trials")
+                self._best, self._best_note = _fact("Best loss", "best")
+                self._failed, _ = _fact("Failed", "failed")
+                self._time, _ = _fact("Time", "time")
+            with _card("sc-7") as losses:
+                ui.label("Loss against trials").classes("sc-title")
+                self._losses = ui.echart({"series": []}).classes("sc-chart")
+            with _card("sc-5") as twin:
+                self._twin = TwinPanel()
+            with _card("sc-7") as parameters:
+                ui.label("Parameters of the trials").classes("sc-title")
+                self._parameters = ui.echart({"series": []}).classes("sc-chart")
+            self._values = _table("Values", {"name": "parameter", "value": "value", "range": "range"}, width="sc-5")
+            with self._values.card:
+                self._notes = ui.label().classes(f"sc-note {_HIDDEN}")
+            self._workers = _table("Workers", {"name": "worker", "state": "state", "done": "trials done"}, width="sc-6")
+            self._failures = _table("Failed trials", {"trial": "trial", "reason": "reason", "at": "parameters"})
+            self._scores = _table(
+                "Scores",
+                {name: name for name in ("case", "method", "split", "of", "rms", "mean", "largest")},
+                key="key",
+            )
+        self._of_search = (bar, facts, losses, twin, parameters)
+        ui.timer(EVERY, self.refresh)
+
+
+def _card(width: str) -> Any:
+    from nicegui import ui
+
+    return ui.element("section").classes(f"sc-card {width}")
+
+
+def _fact(title: str, mark: str) -> tuple[Any, Any]:
+    """A card with one value and a note."""
+    from nicegui import ui
+
+    with ui.element("section").classes("sc-card"):
+        ui.label(title).classes("sc-title")
+        value = ui.label("–").classes("sc-value").props(f'data-fact="{mark}"')
+        return value, ui.label().classes("sc-note").props(f'data-fact="{mark}-note"')
+
+
+def _table(title: str, columns: Mapping[str, str], *, key: str = "", width: str = "sc-12") -> _Table:
+    """A table with columns (key of the row -> title)."""
+    from nicegui import ui
+
+    heads = [{"name": name, "label": label, "field": name, "align": "left"} for name, label in columns.items()]
+    with _card(f"{width} {_HIDDEN}") as card:
+        head = ui.label(title).classes("sc-title")
+        table = ui.table(columns=heads, rows=[], row_key=key or next(iter(columns)), pagination=PAGE).props(
+            "flat dense hide-bottom"
+        )
+    return _Table(card, head, table)
+
+
+def _draw(chart: Any, options: dict[str, Any]) -> None:
+    chart.options.clear()
+    chart.options.update(options)
+    chart.update()
+
+
+def _show(element: Any, shown: bool) -> None:
+    if shown:
+        element.classes(remove=_HIDDEN)
+    else:
+        element.classes(add=_HIDDEN)

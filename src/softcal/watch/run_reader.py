@@ -1,0 +1,195 @@
+"""Reads a run's folder again and again while it is written; it never writes, and what it cannot read it says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path, PurePosixPath
+from typing import Any, TypeVar
+
+from softcal.watch.live import LIVE, moment, read_live
+from softcal.watch.reading import Unreadable, clean, count, finite, inside, numbers, read_record
+from softcal.watch.trials import TrialReader
+from softcal.watch.watched import WatchedEstimate, WatchedResult, WatchedRun, WatchedScore, WatchedSearch
+
+RECORD, RESULT, SCORE, REPORT, JOURNAL = "run.json", "result.json", "score.json", "report.html", "optuna.journal"
+CALIBRATIONS = "calibrations"
+MOST_SEARCHES = 2000  # of a folder
+
+T = TypeVar("T")
+
+
+class RunReader:
+    """Reads one folder; `read` gives what is there now."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._trials: dict[str, TrialReader] = {}
+        self._known: dict[str, tuple[object, WatchedSearch]] = {}
+
+    def read(self) -> WatchedRun:
+        """The run as it stands; never raises for what is in the folder."""
+        faults: list[str] = []
+        name = clean(self.folder.resolve().name, 200)
+        record = _told(faults, lambda: read_record(self.folder, RECORD)) or {}
+        labels = record.get("calibrations")
+        if isinstance(labels, list):
+            return self._project_run(record, name, labels, faults)
+        if "identity" in record:  # one calibration's own folder
+            return WatchedRun(name, "calibration", (self._search(name, ""),), unreadable=tuple(faults))
+        return self._folder_of_runs(name, faults)
+
+    def _project_run(self, record: Mapping[str, Any], name: str, labels: list[Any], faults: list[str]) -> WatchedRun:
+        searches: list[WatchedSearch] = []
+        for label in labels[:MOST_SEARCHES]:
+            if (
+                not isinstance(label, str)
+                or len(PurePosixPath(label).parts) != 1
+                or label in ("..", "/")
+                or "\0" in label
+            ):
+                faults.append(f"{RECORD} names a calibration that cannot be one: {clean(label, 60)!r}.")
+                continue
+            searches.append(self._search(label, f"{CALIBRATIONS}/{label}"))
+        return WatchedRun(
+            clean(record.get("project"), 200) or name,
+            "sweep" if labels == ["sweep"] else "calibration",
+            tuple(searches),
+            moment(record.get("created")),
+            REPORT if _told(faults, lambda: inside(self.folder, REPORT)) is not None else "",
+            unreadable=tuple(faults),
+            values=numbers(record.get("values")),
+        )
+
+    def _folder_of_runs(self, name: str, faults: list[str]) -> WatchedRun:
+        """Runs and scores in the folder itself, or in folders in it."""
+        searches: list[WatchedSearch] = []
+        scores: list[WatchedScore] = []
+        for place in ("", *self._folders()):
+            score = _told(faults, lambda place=place: read_record(self.folder, _joined(place, SCORE)))
+            if score is not None:
+                scores.append(_score(score))
+            record = (
+                None
+                if not place
+                else _told(faults, lambda place=place: read_record(self.folder, _joined(place, RECORD)))
+            )
+            if record is None:
+                continue
+            inner = record.get("calibrations")
+            if isinstance(inner, list):
+                labels = [
+                    one for one in inner if isinstance(one, str) and len(PurePosixPath(one).parts) == 1 and one != ".."
+                ]
+                searches += [
+                    self._search(f"{place}: {one}" if len(labels) > 1 else place, f"{place}/{CALIBRATIONS}/{one}")
+                    for one in labels
+                ]
+            elif "identity" in record:
+                searches.append(self._search(place, place))
+            if len(searches) >= MOST_SEARCHES:
+                break
+        kind = "runs" if searches else "benchmark" if scores else ""
+        return WatchedRun(name, kind, tuple(searches), scores=tuple(scores), unreadable=tuple(faults))
+
+    def _folders(self) -> list[str]:
+        try:
+            return sorted(one.name for one in self.folder.iterdir() if one.is_dir() and not one.is_symlink())
+        except OSError:
+            return []
+
+    def _search(self, label: str, place: str) -> WatchedSearch:
+        """One search; nothing is read again of one whose files are the same."""
+        faults: list[str] = []
+        result_path = _told(faults, lambda: inside(self.folder, _joined(place, RESULT)))
+        live = _told(faults, lambda: read_live(self.folder, _joined(place, LIVE)))
+        journal = _told(faults, lambda: inside(self.folder, _joined(place, JOURNAL)))
+        stamp = (_stamp(result_path), _stamp(journal), live)
+        if place in self._known and self._known[place][0] == stamp and not faults:
+            return self._known[place][1]
+        record = _told(faults, lambda: read_record(self.folder, _joined(place, RECORD))) or {}
+        settings = record.get("settings")
+        settings = settings if isinstance(settings, Mapping) else {}
+        reader = self._trials.setdefault(place, TrialReader(self.folder, _joined(place, JOURNAL)))
+        trials = _told(faults, reader.read) or ()
+        result = _told(faults, lambda: read_record(self.folder, _joined(place, RESULT))) if result_path else None
+        total = live.total if live is not None and live.total else count(settings.get("trials"))
+        search = WatchedSearch(
+            clean(label, 200),
+            place,
+            clean(settings.get("method"), 100),
+            trials,
+            total,
+            live,
+            None if result is None else _result(result),
+            _when(journal),
+            _when(result_path),
+            tuple(faults),
+        )
+        self._known[place] = (stamp, search)
+        return search
+
+
+def _result(record: Mapping[str, Any]) -> WatchedResult:
+    parameters, notes = record.get("parameters"), record.get("notes")
+    found: list[WatchedEstimate] = []
+    for name, one in (parameters if isinstance(parameters, Mapping) else {}).items():
+        value = finite(one.get("value")) if isinstance(one, Mapping) else None
+        if value is None:
+            continue
+        ends = [finite(end) for end in one["interval"]] if isinstance(one.get("interval"), list) else []
+        low, high = ends if len(ends) == 2 else (None, None)
+        interval = None if low is None or high is None else (low, high)
+        found.append(
+            WatchedEstimate(clean(name, 200), value, clean(one.get("unit"), 30), interval, one.get("at_bound") is True)
+        )
+    return WatchedResult(
+        tuple(found),
+        finite(record.get("loss")),
+        clean(record.get("status")),
+        tuple(clean(note) for note in (notes if isinstance(notes, list) else [])[:100]),
+    )
+
+
+def _score(record: Mapping[str, Any]) -> WatchedScore:
+    rows: list[tuple[str, str, float, float, float]] = []
+    splits = record.get("splits")
+    for split, one in (splits if isinstance(splits, Mapping) else {}).items():
+        points = one.get("points") if isinstance(one, Mapping) else None
+        named = (
+            {"all points": one.get("all_points"), **(points if isinstance(points, Mapping) else {})}
+            if isinstance(one, Mapping)
+            else {}
+        )
+        for name, error in named.items():
+            held = numbers(error)
+            if {"rms", "mean", "largest"} <= held.keys():
+                rows.append((clean(split, 60), clean(name, 100), held["rms"], held["mean"], held["largest"]))
+    return WatchedScore(clean(record.get("case"), 100), clean(record.get("method"), 100), tuple(rows[:500]))
+
+
+def _told(faults: list[str], read: Callable[[], T]) -> T | None:
+    """What is read, or None and a sentence on why not."""
+    try:
+        return read()
+    except Unreadable as error:
+        faults.append(str(error))
+        return None
+
+
+def _stamp(path: Path | None) -> tuple[int, int]:
+    """When a file was changed [ns], and its size; zeros where there is none."""
+    try:
+        about = None if path is None else path.stat()
+    except OSError:
+        about = None
+    return (0, 0) if about is None else (about.st_mtime_ns, about.st_size)
+
+
+def _when(path: Path | None) -> datetime | None:
+    changed, _ = _stamp(path)
+    return datetime.fromtimestamp(changed / 1e9, UTC) if changed else None
+
+
+def _joined(place: str, name: str) -> str:
+    return f"{place}/{name}" if place else name

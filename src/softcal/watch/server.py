@@ -1,0 +1,152 @@
+"""Serves the page of a folder until it is told to end."""
+
+from __future__ import annotations
+
+import os
+import socket
+import tempfile
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from softcal.errors import Fault, InputError
+from softcal.watch.gate import Gate, is_loopback, new_token
+from softcal.watch.reading import Unreadable, inside
+from softcal.watch.run_reader import REPORT
+
+if TYPE_CHECKING:
+    from softcal.watch.watch import Watch
+
+LOOPBACK, PORT, FURTHER = "127.0.0.1", 8085, 50
+_REPORT_POLICY = "sandbox; default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; font-src data:"
+
+
+def require_nicegui() -> None:
+    """Check that the extra is installed.
+
+    Raises
+    ------
+    InputError
+        With the command that installs it.
+    """
+    from importlib.util import find_spec
+
+    if find_spec("nicegui") is None:
+        what = "the page needs NiceGUI, which is not installed"
+        raise InputError(Fault(what, "softcal watch", attempt="pip install 'softcal[watch]'"))
+
+
+def serve(folder: Path, *, host: str = LOOPBACK, port: int | None = None, ready: Callable[[str], None]) -> None:
+    """Serve the page of a folder until Ctrl-C or another signal; ready: told its address when it answers.
+
+    port: a free one from 8085 on where None, any free one where 0.
+
+    Raises
+    ------
+    InputError
+        Where NiceGUI is not installed, or the port or the address cannot be had.
+    KeyboardInterrupt
+        When it is ended.
+    """
+    require_nicegui()
+    with ExitStack() as stack:
+        listening = stack.enter_context(_listening(host, port))
+        number: int = listening.getsockname()[1]
+        token = "" if is_loopback(host) else new_token()
+        # What NiceGUI would keep beside the present folder; nothing is kept.
+        os.environ["NICEGUI_STORAGE_PATH"] = stack.enter_context(tempfile.TemporaryDirectory(prefix="softcal-watch-"))
+        app, watch = _application(folder)
+        stack.callback(watch.twins.close)
+        server = _server(Gate(app, token, number), lambda: ready(_address(host, number, token)))
+        server.run(sockets=[listening])
+
+
+def _listening(host: str, port: int | None) -> socket.socket:
+    """A socket that listens on the port, or on the first free one."""
+    wanted = range(PORT, PORT + FURTHER) if port is None else (port,)
+    problem = ""
+    for number in wanted:
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        found = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            found.bind((host.strip("[]"), number))
+            found.listen(100)
+        except (OSError, OverflowError, TypeError, UnicodeError) as error:  # of names that can be none
+            found.close()
+            problem = getattr(error, "strerror", None) or str(error)
+        else:
+            return found
+    named = f"{host}:{wanted[0]}" if len(wanted) == 1 else f"{host}:{wanted[0]} to {wanted[-1]}"
+    raise InputError(
+        Fault("the page cannot be served at this address", named, problem.lower(), attempt="another --port or --host")
+    )
+
+
+def _address(host: str, port: int, token: str) -> str:
+    """What is typed into a browser; a page on all addresses of the machine is called by the machine's name."""
+    name = socket.gethostname() if host in ("0.0.0.0", "::") else f"[{host}]" if ":" in host else host
+    return f"http://{name}:{port}/" + (f"?token={token}" if token else "")
+
+
+def _application(folder: Path) -> tuple[Any, Watch]:
+    """The application, and what its pages share."""
+    from fastapi import FastAPI
+    from fastapi.responses import HTMLResponse, PlainTextResponse, Response
+    from nicegui import ui
+
+    from softcal.watch.page import RunPage
+    from softcal.watch.twin_panel import shape_name
+    from softcal.watch.watch import Watch
+
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    watch = Watch(folder)
+    style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
+
+    def report() -> Response:
+        try:
+            path = inside(folder, REPORT)
+            text = None if path is None else path.read_bytes()
+        except (Unreadable, OSError):
+            text = None
+        if text is None:
+            return PlainTextResponse("There is no report yet.\n", status_code=404)
+        return HTMLResponse(text, headers={"content-security-policy": _REPORT_POLICY})
+
+    def twin(name: str) -> Response:
+        glb = next((one.glb for one in watch.twins.shapes() if shape_name(one) == name), b"")
+        return Response(glb, media_type="model/gltf-binary") if glb else PlainTextResponse("", status_code=404)
+
+    app.get("/report")(report)
+    app.get("/twin/{name}.glb")(twin)
+
+    def page() -> None:
+        ui.add_css(style)
+        RunPage(watch)
+
+    ui.page("/")(page)
+    ui.run_with(
+        app,
+        title="softcal watch",
+        tailwind=False,
+        binding_refresh_interval=None,
+        reconnect_timeout=5.0,
+        message_history_length=50,
+        show_welcome_message=False,
+    )
+    return app, watch
+
+
+def _server(gate: Gate, ready: Callable[[], None]) -> Any:
+    import uvicorn
+
+    class WatchServer(uvicorn.Server):
+        """A server that says when it answers."""
+
+        async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+            await super().startup(sockets)
+            ready()
+
+    config = uvicorn.Config(gate, log_level="error", timeout_graceful_shutdown=1, server_header=False)
+    return WatchServer(config)

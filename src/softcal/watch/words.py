@@ -1,0 +1,156 @@
+"""What the page says of a search, in words and tables; pure functions of what was read."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from softcal.units import digits_that_tell, format_quantity, format_range
+from softcal.watch.twin import ParameterFacts
+from softcal.watch.watched import Course, WatchedRun, WatchedSearch
+
+STATES: dict[Course, str] = {
+    "waiting": "Not begun",
+    "running": "Running",
+    "silent": "No sign of life",
+    "left": "No process",
+    "ended": "Done",
+}
+MOST_FAILED = 200  # rows of the table
+
+
+def state_sentence(search: WatchedSearch, now: datetime) -> str:
+    """What the search does, or why it does nothing."""
+    course, live = search.course(now), search.live
+    if course == "ended":
+        return "" if search.result is None else search.result.status
+    if course == "waiting":
+        return "No trial has been evaluated."
+    if course == "running":
+        stage = "" if live is None else live.stage
+        late = live is not None and live.age(now) > 60.0
+        return stage + (f"{'; ' if stage else ''}last sign of life {span(live.age(now))} ago" if live and late else "")
+    if live is not None:
+        last = "" if live.updated is None else f" Its last sign of life was {span(live.age(now))} ago."
+        if course == "left":
+            return f"No process works on this run.{last} The same command with --resume goes on with it."
+        return f"It runs on {live.host}, and gave no sign of life for {span(live.age(now))}."
+    written = "" if search.written is None else f" for {span((now - search.written).total_seconds())}"
+    return f"Nothing was written{written}; whether a process works on this run is not known."
+
+
+def trials_text(search: WatchedSearch) -> str:
+    """How many trials are done, and of how many."""
+    if search.total is None or search.done > search.total:
+        return str(search.done)
+    return f"{search.done} of {'' if search.done == search.total else 'at most '}{search.total}"
+
+
+def share_done(search: WatchedSearch, now: datetime) -> float:
+    """The share of the trials that are done, 1 with a result."""
+    if search.course(now) == "ended":
+        return 1.0
+    return min(search.done / search.total, 1.0) if search.total else 0.0
+
+
+def time_text(search: WatchedSearch, now: datetime) -> str:
+    """How long the process has worked on it, or did until its last sign of life."""
+    live = search.live
+    if live is None or live.began is None:
+        return "–"
+    end = now if search.course(now) == "running" else live.updated or now
+    return span(max((end - live.began).total_seconds(), 0.0))
+
+
+def best_rows(search: WatchedSearch, facts: ParameterFacts) -> list[dict[str, Any]]:
+    """The parameters with the values of the result, or of the best trial before it."""
+    if search.result is not None and search.result.estimates:
+        return [
+            {
+                "name": one.name,
+                "value": format_quantity(one.value, one.unit) + (" (at a bound)" if one.at_bound else ""),
+                "range": "–" if one.interval is None else _range(*one.interval, one.unit),
+            }
+            for one in search.result.estimates
+        ]
+    if search.best is None:
+        return []
+    return [
+        {
+            "name": name,
+            "value": _shown(value, facts.units.get(name)),
+            "range": _range(*facts.bounds[name], facts.units.get(name)) if name in facts.bounds else "–",
+        }
+        for name, value in search.best.theta.items()
+    ]
+
+
+def failed_rows(search: WatchedSearch, facts: ParameterFacts) -> list[dict[str, Any]]:
+    """The last failed trials, latest first: number, reason, parameters."""
+    return [
+        {
+            "trial": trial.number,
+            "reason": trial.reason or "no reason is recorded",
+            "at": ", ".join(f"{name} {_shown(value, facts.units.get(name))}" for name, value in trial.theta.items()),
+        }
+        for trial in reversed(search.failed[-MOST_FAILED:])
+    ]
+
+
+def search_rows(run: WatchedRun, now: datetime) -> list[dict[str, Any]]:
+    """A row for every search of a run."""
+    return [
+        {
+            "place": search.place,
+            "label": search.label,
+            "state": STATES[search.course(now)],
+            "trials": trials_text(search),
+            "best": "–" if search.best is None or search.best.loss is None else f"{search.best.loss:.5g}",
+            "failed": len(search.failed),
+        }
+        for search in run.searches
+    ]
+
+
+def worker_rows(search: WatchedSearch) -> list[dict[str, Any]]:
+    """A row for every worker."""
+    workers = () if search.live is None else search.live.workers
+    return [{"name": one.name, "state": one.state, "done": one.done} for one in workers]
+
+
+def score_rows(run: WatchedRun) -> list[dict[str, Any]]:
+    """A row for every part and point of every benchmark's score [mm]."""
+    return [
+        {
+            "key": f"{score.case} {score.method} {split} {of}",
+            "case": score.case,
+            "method": score.method,
+            "split": split,
+            "of": of,
+            "rms": format_quantity(rms, "m", digits=3),
+            "mean": format_quantity(mean, "m", digits=3),
+            "largest": format_quantity(largest, "m", digits=3),
+        }
+        for score in run.scores
+        for split, of, rms, mean, largest in score.rows
+    ]
+
+
+def span(seconds: float) -> str:
+    """A time in whole units: "12 s", "3 min 5 s", "2 h 10 min"."""
+    whole = int(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"
+
+
+def _shown(value: float, unit: str | None) -> str:
+    return f"{value:.4g} (SI)" if unit is None else format_quantity(value, unit)
+
+
+def _range(low: float, high: float, unit: str | None) -> str:
+    if unit is None:
+        return f"{low:.4g} to {high:.4g} (SI)"
+    return format_range(low, high, unit, digits=digits_that_tell(low, high))

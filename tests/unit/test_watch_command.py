@@ -1,0 +1,122 @@
+"""The command `softcal watch`, the page beside a command, and the page in a notebook."""
+
+from __future__ import annotations
+
+import importlib.util
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import pytest
+from project_case import write_project
+from typer.testing import CliRunner
+from watch_case import write_run
+
+import softcal
+from softcal.cli.app import app
+from softcal.workflows.calibration import Calibrations
+from softcal.workflows.run import CalibrationRun
+from softcal.workflows.sweep import Swept
+from softcal.workflows.watching import WatchedPage, watch_run
+
+there = importlib.util.find_spec("nicegui") is not None
+needs_nicegui = pytest.mark.skipif(not there, reason="the extra `watch` is not installed")
+
+
+def test_without_the_extra_one_sentence_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    find = importlib.util.find_spec
+    lacks = {"nicegui"}
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name in lacks else find(name, *more))
+    done = CliRunner().invoke(app, ["watch", str(write_run(tmp_path))])
+    assert done.exit_code == 2
+    expected = "softcal watch: the page needs NiceGUI, which is not installed. Try: pip install 'softcal[watch]'."
+    assert done.stderr == f"Error: {expected}\n"
+
+
+@needs_nicegui
+def test_a_folder_that_is_not_there_is_refused(tmp_path: Path):
+    done = CliRunner().invoke(app, ["watch", str(tmp_path / "nothing")])
+    assert done.exit_code == 2
+    assert "there is no such folder" in done.stderr
+    assert "--wait" in done.stderr
+    (tmp_path / "file").write_text("")
+    assert CliRunner().invoke(app, ["watch", str(tmp_path / "file"), "--wait"]).exit_code == 2
+
+
+@needs_nicegui
+@pytest.mark.parametrize("options", [["--host", "192.0.2.1"], ["--host", "no such host"], ["--host", "\u0000"]])
+def test_an_address_that_is_not_this_machine_s_is_refused(options: list[str], tmp_path: Path):
+    done = CliRunner().invoke(app, ["watch", str(write_run(tmp_path)), "--no-browser", "--port", "0", *options])
+    assert done.exit_code == 2, done.output
+    assert "the page cannot be served at this address" in done.stderr
+
+
+@needs_nicegui
+def test_a_page_in_a_notebook_is_there_until_it_is_closed(tmp_path: Path):
+    with watch_run(write_run(tmp_path / "a run"), port=0) as page:
+        shown = page._repr_html_()
+        assert f'<iframe src="{page.address}"' in shown
+        assert repr(page) == f"The page of the run: {page.address}"
+        with urllib.request.urlopen(page.address, timeout=60) as answer:
+            assert answer.status == 200
+    with pytest.raises(OSError, match="refused"):
+        urllib.request.urlopen(page.address, timeout=60)
+
+
+@needs_nicegui
+def test_a_page_that_cannot_be_served_is_an_error_of_the_input(tmp_path: Path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(softcal.InputError, match="there is no such folder"):
+        watch_run(tmp_path / "file")
+
+
+def test_every_run_has_a_page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    asked: list[Any] = []
+    for module in ("calibration", "run", "sweep"):
+        monkeypatch.setattr(f"softcal.workflows.{module}.watch_run", asked.append)
+    Calibrations({}, tmp_path / "a").watch()
+    CalibrationRun(tmp_path / "b", *[None] * 5, {}).watch()  # type: ignore[arg-type]
+    Swept(None, None, (), tmp_path / "c").watch()  # type: ignore[arg-type]
+    assert [path.name for path in asked] == ["a", "b", "c"]
+    with pytest.raises(softcal.StorageError, match="there is no folder to show"):
+        Calibrations({}, None).watch()
+
+
+def test_the_page_beside_a_command_ends_with_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    said: list[str] = []
+
+    class Page(WatchedPage):
+        def close(self) -> None:
+            said.append("closed")
+
+    def served(folder: Path) -> WatchedPage:
+        said.append(f"page of {folder.name}, there: {folder.exists()}")
+        return Page("http://127.0.0.1:1/", None)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("softcal.workflows.watching.watch_run", served)
+    project = write_project(tmp_path / "project")
+    run = tmp_path / "run"
+    options = ["--out", str(run), "--method", "grid", "--trials", "4", "--no-report", "--watch"]
+    done = CliRunner().invoke(app, ["calibrate", str(project), *options])
+    assert done.exit_code == 0, done.output
+    assert said == ["page of run, there: False", "closed"]
+    assert "Page: http://127.0.0.1:1/ (until this command ends)" in done.stderr
+    assert f"It is shown again by: softcal watch {run}" in done.stderr
+
+
+def test_the_page_beside_a_sweep(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    monkeypatch.setattr("softcal.workflows.watching.watch_run", lambda folder: pytest.fail("not asked for"))
+    project = write_project(tmp_path / "project")
+    over = ["--over", "bar.youngs_modulus=1MPa,2MPa", "--no-report", "--out"]
+    assert CliRunner().invoke(app, ["sweep", str(project), *over, str(tmp_path / "one")]).exit_code == 0
+    seen: list[Path] = []
+
+    def served(folder: Path) -> WatchedPage:
+        seen.append(folder)
+        from contextlib import ExitStack
+
+        return WatchedPage("http://127.0.0.1:1/", ExitStack())
+
+    monkeypatch.setattr("softcal.workflows.watching.watch_run", served)
+    assert CliRunner().invoke(app, ["sweep", str(project), *over, str(tmp_path / "two"), "--watch"]).exit_code == 0
+    assert seen == [tmp_path / "two"]

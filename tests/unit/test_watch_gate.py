@@ -1,0 +1,134 @@
+"""Who may see the page, on every route and websocket."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from softcal.watch.gate import ELSEWHERE, REFUSED, Gate, is_loopback, new_token
+
+TOKEN = new_token()
+COOKIE = f"softcal-8085={TOKEN}"
+PATHS = ("/", "/report", "/twin/a.glb", "/_nicegui/3/static/nicegui.js", "/_nicegui_ws/socket.io/", "/favicon.ico")
+
+
+async def _inner(scope: Any, receive: Any, send: Any) -> None:
+    if scope["type"] == "websocket":
+        await send({"type": "websocket.accept"})
+        return
+    await send({"type": "http.response.start", "status": 200, "headers": [(b"content-type", b"text/html")]})
+    await send({"type": "http.response.body", "body": b"the page"})
+
+
+def ask(
+    token: str, path: str = "/", query: str = "", kind: str = "http", method: str = "GET", **headers: str
+) -> tuple[int | str, bytes, dict[str, str]]:
+    """Status (or what a websocket got), body and headers of the answer."""
+    named = {"host": "127.0.0.1:8085", **headers}
+    scope = {
+        "type": kind, "path": path, "method": method, "query_string": query.encode(),
+        "headers": [(name.encode(), value.encode("latin-1")) for name, value in named.items()],
+    }  # fmt: skip
+    sent: list[Any] = []
+
+    async def receive() -> Any:
+        return {"type": "websocket.connect"}
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    asyncio.run(Gate(_inner, token, 8085)(scope, receive, send))
+    if kind == "websocket":
+        return sent[0]["type"], b"", {}
+    held = {name.decode(): value.decode() for name, value in sent[0]["headers"]}
+    return sent[0]["status"], sent[1]["body"], held
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_nothing_is_shown_without_the_token(path: str):
+    assert ask(TOKEN, path)[:2] == (403, REFUSED)
+    assert ask(TOKEN, path, "token=")[0] == 403
+    assert ask(TOKEN, path, f"token={TOKEN[:-1]}")[0] == 403
+    assert ask(TOKEN, path, f"token={TOKEN}x")[0] == 403
+    assert ask(TOKEN, path, "token=%ff%00")[0] == 403
+    assert ask(TOKEN, path, cookie=f"softcal-8085={TOKEN[:-1]}")[0] == 403
+    assert ask(TOKEN, path, cookie=f"softcal-8086={TOKEN}")[0] == 403
+    assert ask(TOKEN, path, cookie='"; softcal-8085=\xe9')[0] == 403
+    assert ask(TOKEN, path, f"token={TOKEN}")[:2] == (200, b"the page")
+    assert ask(TOKEN, path, cookie=COOKIE)[:2] == (200, b"the page")
+
+
+def test_no_websocket_without_the_token():
+    assert ask(TOKEN, PATHS[4], kind="websocket")[0] == "websocket.close"
+    assert ask(TOKEN, PATHS[4], kind="websocket", cookie=f"{COOKIE}x")[0] == "websocket.close"
+    assert ask(TOKEN, PATHS[4], kind="websocket", cookie=COOKIE)[0] == "websocket.accept"
+
+
+def test_the_address_with_the_token_sets_a_cookie_that_scripts_cannot_read():
+    held = ask(TOKEN, "/", f"token={TOKEN}")[2]
+    assert held["set-cookie"] == f"{COOKIE}; Path=/; HttpOnly; SameSite=Strict"
+    assert "set-cookie" not in ask(TOKEN, "/", cookie=COOKIE)[2]
+    assert "set-cookie" not in ask("", "/", f"token={TOKEN}")[2]
+
+
+def test_a_page_of_this_machine_answers_to_its_names_alone():
+    for host in ("127.0.0.1:8085", "localhost:9000", "[::1]:8085", "127.0.0.2"):
+        assert ask("", host=host)[0] == 200, host
+    for host in (
+        "evil.example",
+        "evil.example:8085",
+        "127.0.0.1.evil.example",
+        "10.0.0.3:8085",
+        "",
+        "[",
+        "localhost.evil",
+    ):
+        assert ask("", host=host)[:2] == (403, ELSEWHERE), host
+        assert ask("", host=host, kind="websocket")[0] == "websocket.close", host
+
+
+def test_a_page_of_another_origin_gets_no_websocket():
+    for token, cookie in (("", ""), (TOKEN, COOKIE)):
+        assert (
+            ask(token, PATHS[4], kind="websocket", cookie=cookie, origin="http://evil.example")[0] == "websocket.close"
+        )
+        assert ask(token, PATHS[4], kind="websocket", cookie=cookie, origin="null")[0] == "websocket.close"
+        own = ask(token, PATHS[4], kind="websocket", cookie=cookie, origin="http://127.0.0.1:8085")
+        assert own[0] == "websocket.accept"
+
+
+def test_the_page_can_only_be_read():
+    for method in ("POST", "PUT", "DELETE", "PATCH", "OPTIONS"):
+        assert ask("", "/", method=method)[0] == 403
+    assert ask("", "/_nicegui_ws/socket.io/", method="POST")[0] == 200
+
+
+def test_the_page_may_load_nothing_from_elsewhere():
+    policy = ask("")[2]["content-security-policy"]
+    assert "default-src 'none'" in policy
+    sources = {word for part in policy.split(";") for word in part.split()[1:] if "frame-ancestors" not in part}
+    assert sources <= {"'none'", "'self'", "'unsafe-inline'", "'unsafe-eval'", "data:", "blob:"}
+    assert ask("")[2]["referrer-policy"] == "no-referrer"
+
+
+def test_tokens_are_long_and_never_the_same():
+    assert len(new_token()) >= 43
+    assert new_token() != new_token()
+
+
+@pytest.mark.parametrize(
+    ("host", "expected"),
+    [
+        ("127.0.0.1", True),
+        ("::1", True),
+        ("localhost", True),
+        ("0.0.0.0", False),
+        ("::", False),
+        ("10.1.1.1", False),
+        ("lab", False),
+    ],
+)
+def test_what_is_this_machine_alone(host: str, expected: bool):
+    assert is_loopback(host) is expected

@@ -165,6 +165,15 @@ def test_a_process_that_works_is_running_and_one_that_is_gone_is_said_to_be():
     assert state_sentence(left, NOW) == f"{expected} The same command with --resume goes on with it."
 
 
+def test_a_search_that_ended_without_a_result_is_not_running_in_a_process_that_goes_on():
+    ended = watched(live=live_sign(live_record(os.getpid(), HOST, age=5, ended=True)))
+    assert ended.course(NOW) == "left"
+    said = "The search ended without a result. Its last sign of life was 5 s ago."
+    assert state_sentence(ended, NOW) == said
+    other = watched(live=live_sign(live_record(1, "other", age=5, ended=True)))
+    assert state_sentence(other, NOW) == said
+
+
 def test_a_process_on_another_machine_is_judged_by_its_last_sign():
     assert watched(live=live_sign(live_record(1, "other", age=5))).course(NOW) == "running"
     silent = watched(live=live_sign(live_record(1, "other", age=300)))

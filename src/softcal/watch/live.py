@@ -11,9 +11,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from softcal.calibration.live import LIVE
 from softcal.watch.reading import clean, count, read_record
 
-LIVE = "live.json"
 LONG = 60.0  # [s] without a sign of life
 
 
@@ -44,6 +44,8 @@ class LiveSign:
         On what it computes; "" where it does not say so.
     workers
         Its workers; empty where it does not say so.
+    ended
+        Whether it said that this was its last.
     """
 
     pid: int | None
@@ -56,6 +58,7 @@ class LiveSign:
     stage: str
     executor: str
     workers: tuple[WorkerSign, ...]
+    ended: bool = False
 
     def age(self, now: datetime) -> float:
         """Seconds since it said this; 0 where it does not say when."""
@@ -117,6 +120,7 @@ def live_sign(record: Mapping[str, Any]) -> LiveSign:
             for one in (workers if isinstance(workers, list) else [])
             if isinstance(one, Mapping)
         ),
+        record.get("ended") is True,
     )
 
 

@@ -91,13 +91,15 @@ class WatchedSearch:
 
     def course(self, now: datetime) -> Course:
         """Where it stands."""
-        at_work = self.live is not None and (self.live.has_process if self.live.is_here else self.live.age(now) <= LONG)
+        live = self.live
+        seen = live is not None and (live.has_process if live.is_here else live.age(now) <= LONG)
+        at_work = seen and live is not None and not live.ended
         if self.result is not None and not (at_work and self.is_resumed):
             return "ended"
         if at_work:
             return "running"
-        if self.live is not None:
-            return "left" if self.live.is_here else "silent"
+        if live is not None:
+            return "left" if live.is_here or live.ended else "silent"
         if self.written is None:
             return "waiting"
         return "running" if (now - self.written).total_seconds() <= LONG else "silent"

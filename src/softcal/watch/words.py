@@ -13,7 +13,7 @@ STATES: dict[Course, str] = {
     "waiting": "Not begun",
     "running": "Running",
     "silent": "No sign of life",
-    "left": "No process",
+    "left": "Stopped",
     "ended": "Done",
 }
 MOST_FAILED = 200  # rows of the table
@@ -32,6 +32,8 @@ def state_sentence(search: WatchedSearch, now: datetime) -> str:
         return stage + (f"{'; ' if stage else ''}last sign of life {span(live.age(now))} ago" if live and late else "")
     if live is not None:
         last = "" if live.updated is None else f" Its last sign of life was {span(live.age(now))} ago."
+        if live.ended:
+            return f"The search ended without a result.{last}"
         if course == "left":
             return f"No process works on this run.{last} The same command with --resume goes on with it."
         return f"It runs on {live.host}, and gave no sign of life for {span(live.age(now))}."

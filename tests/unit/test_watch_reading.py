@@ -248,6 +248,13 @@ def test_words_of_a_running_search(tmp_path: Path):
     assert failed_rows(search, facts) == [{"trial": 1, "reason": "it broke.", "at": "bar.youngs_modulus 1.01 MPa"}]
 
 
+def test_without_a_sign_of_life_the_time_is_that_of_the_last_trial(tmp_path: Path):
+    place = write_run(tmp_path) / "calibrations" / "joint"
+    assert time_text(RunReader(tmp_path).read().searches[0], NOW) == "–"
+    add_trials(place, [3.0] * 35)
+    assert time_text(RunReader(tmp_path).read().searches[0], NOW) == "1 min 10 s"
+
+
 def test_words_of_a_result_are_those_of_its_record(tmp_path: Path):
     place = write_run(tmp_path) / "calibrations" / "joint"
     write_json(place / "result.json", RESULT)

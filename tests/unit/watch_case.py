@@ -48,7 +48,17 @@ def add_trials(
                 value=loss,
                 params={name: 1e6 + 1e4 * count},
                 distributions={name: optuna.distributions.FloatDistribution(1e5, 4e7, log=True)},
-                user_attrs={"reason": reason} if loss is None else {},
+                user_attrs={
+                    "number": count,
+                    "reason": reason if loss is None else "",
+                    "seconds": 0.5,
+                    "n_solves": 1,
+                    "n_factorisations": 9,
+                    "experiment_losses": {},
+                    "errors": {},
+                    "elapsed": 2.0 * (count + 1),
+                    "arrays": False,
+                },
             )
         )
 

@@ -7,12 +7,15 @@ from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
-from softcal.watch.live import LIVE, moment, read_live
+from softcal.calibration.live import LIVE
+from softcal.calibration.store import RECORD, RESULT
+from softcal.calibration.trial_journal import JOURNAL
+from softcal.watch.live import moment, read_live
 from softcal.watch.reading import Unreadable, clean, count, finite, inside, numbers, read_record
 from softcal.watch.trials import TrialReader
 from softcal.watch.watched import WatchedEstimate, WatchedResult, WatchedRun, WatchedScore, WatchedSearch
 
-RECORD, RESULT, SCORE, REPORT, JOURNAL = "run.json", "result.json", "score.json", "report.html", "optuna.journal"
+SCORE, REPORT = "score.json", "report.html"
 CALIBRATIONS = "calibrations"
 MOST_SEARCHES = 2000  # of a folder
 
@@ -124,6 +127,7 @@ class RunReader:
             None if result is None else _result(result),
             _when(journal),
             _when(result_path),
+            reader.seconds,
             tuple(faults),
         )
         self._known[place] = (stamp, search)

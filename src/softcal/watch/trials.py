@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from softcal.calibration.result import Trial
-from softcal.calibration.store import JOURNAL
+from softcal.calibration.trial_journal import JOURNAL, StoredTrial, TrialJournal
+from softcal.errors import StorageError
 from softcal.watch.reading import Unreadable, clean, finite, inside, numbers
-
-STUDY = "softcal"
 
 
 class TrialReader:
@@ -17,10 +16,11 @@ class TrialReader:
 
     def __init__(self, folder: Path, place: str = JOURNAL) -> None:
         self._folder, self._place = folder, place
-        self._storage: Any = None
+        self._journal: TrialJournal | None = None
         self._file: tuple[int, int] | None = None
         self._size = -1
         self._found: dict[int, Trial] = {}
+        self.seconds = 0.0  # of the search when the last trial was recorded
 
     def read(self) -> tuple[Trial, ...]:
         """Every trial that is done, in order.
@@ -40,38 +40,23 @@ class TrialReader:
                 self._forget()
                 self._file = (about.st_dev, about.st_ino)
             if about.st_size != self._size:
-                self._add(path)
+                self._journal = self._journal or TrialJournal(path)
+                held = self._journal.read()
+                self._found |= {number: _shown(held[number]) for number in held.keys() - self._found.keys()}
+                self.seconds = max((one.elapsed for one in held.values()), default=0.0)
                 self._size = about.st_size
-        except Exception as error:
+        except (StorageError, OSError) as error:
             self._forget()
             raise Unreadable(f"{JOURNAL} cannot be read: it is damaged.") from error
         return tuple(self._found[number] for number in sorted(self._found))
 
     def _forget(self) -> None:
-        self._storage, self._file, self._size, self._found = None, None, -1, {}
-
-    def _add(self, path: Path) -> None:
-        from optuna.storages import JournalStorage
-        from optuna.storages.journal import JournalFileBackend
-
-        if self._storage is None:
-            self._storage = JournalStorage(JournalFileBackend(str(path)))
-        studies = {study.study_name: study._study_id for study in self._storage.get_all_studies()}  # noqa: SLF001
-        if STUDY not in studies:
-            return
-        for frozen in self._storage.get_all_trials(studies[STUDY], deepcopy=False):
-            if frozen.number not in self._found and frozen.state.is_finished():
-                self._found[frozen.number] = _trial(frozen)
+        self._journal, self._file, self._size, self._found, self.seconds = None, None, -1, {}, 0.0
 
 
-def _trial(frozen: Any) -> Trial:
-    loss = finite(frozen.value)
-    return Trial(
-        frozen.number,
-        numbers(frozen.params),
-        "FAILED" if loss is None else "COMPLETE",
-        loss,
-        clean(frozen.user_attrs.get("reason")),
-        finite(frozen.user_attrs.get("seconds")) or 0.0,
-        experiment_losses=numbers(frozen.user_attrs.get("experiment_losses")),
-    )
+def _shown(stored: StoredTrial) -> Trial:
+    """A trial whose texts can be shown, and whose numbers are finite."""
+    trial = stored.trial
+    loss = finite(trial.loss)
+    state = "FAILED" if loss is None else "COMPLETE"
+    return replace(trial, theta=numbers(trial.theta), loss=loss, state=state, reason=clean(trial.reason))

@@ -55,6 +55,8 @@ class WatchedSearch:
         Its result, or None before the end.
     written, ended
         When its trials, and its result, were last written, or None.
+    seconds
+        How long it had worked on it when its last trial was recorded [s].
     unreadable
         What of it cannot be read, a sentence each.
     """
@@ -68,6 +70,7 @@ class WatchedSearch:
     result: WatchedResult | None = None
     written: datetime | None = None
     ended: datetime | None = None
+    seconds: float = 0.0
     unreadable: tuple[str, ...] = ()
 
     @property

@@ -56,10 +56,10 @@ def share_done(search: WatchedSearch, now: datetime) -> float:
 
 
 def time_text(search: WatchedSearch, now: datetime) -> str:
-    """How long the process has worked on it, or did until its last sign of life."""
+    """How long the process has worked on it; without a sign of life, until its last trial."""
     live = search.live
     if live is None or live.began is None:
-        return "–"
+        return span(search.seconds) if search.trials else "–"
     end = now if search.course(now) == "running" else live.updated or now
     return span(max((end - live.began).total_seconds(), 0.0))
 

@@ -13,12 +13,23 @@ from pathlib import Path
 import pytest
 from watch_case import NOW, RESULT, add_trials, live_record, write_json, write_run
 
+from softcal.calibration.result import Trial
+from softcal.watch.charts import MOST_POINTS, fleet_chart, loss_chart, parameter_chart
 from softcal.watch.live import live_sign, process_exists
 from softcal.watch.reading import Unreadable, clean, read_record
 from softcal.watch.run_reader import RunReader
 from softcal.watch.twin import ParameterFacts, run_of
 from softcal.watch.watched import WatchedSearch
-from softcal.watch.words import best_rows, failed_rows, search_rows, share_done, state_sentence, time_text, trials_text
+from softcal.watch.words import (
+    best_rows,
+    failed_rows,
+    fleet_text,
+    search_rows,
+    share_done,
+    state_sentence,
+    time_text,
+    trials_text,
+)
 
 HOST = socket.gethostname()
 
@@ -295,3 +306,92 @@ def test_the_search_at_work_is_shown_first(tmp_path: Path):
 def test_a_folder_that_is_not_there_is_one_without_a_run(tmp_path: Path):
     run = RunReader(tmp_path / "later").read()
     assert (run.name, run.searches, run.unreadable) == ("later", (), ())
+
+
+def write_fleet(folder: Path, **states: str | None) -> Path:
+    """A fleet's folder with specimens that are DONE, FAILED, in work ("WORK") or waiting (None)."""
+    write_json(folder / "fleet.json", {"format": 1, "specimens": list(states), "created": NOW.isoformat()})
+    for name, state in states.items():
+        if state is not None:
+            place = write_run(folder / "specimens" / name, labels=["joint"]) / "calibrations" / "joint"
+            add_trials(place, [3.0, 2.0])
+        if state in ("DONE", "FAILED"):
+            done = state == "DONE"
+            record = {"specimen": name, "state": state, "reason": "" if done else "all trials failed.", "seconds": 4.0}
+            more = {"loss": 0.5, "parameters": RESULT["parameters"] if done else {}, "warnings": []}
+            write_json(folder / "specimens" / f"{name}.json", {**record, **more})
+    return folder
+
+
+def test_a_fleet_is_its_specimens(tmp_path: Path):
+    write_fleet(tmp_path, a="DONE", b="FAILED", c="WORK", d=None)
+    write_json(tmp_path / "specimens" / "c" / "calibrations" / "joint" / "live.json", live_record(os.getpid(), HOST))
+    reader = RunReader(tmp_path)
+    run = reader.read()
+    rows = [tuple(row[name] for name in ("label", "state", "trials", "best")) for row in search_rows(run, NOW)]
+    assert rows == [
+        ("a", "Done", "–", "0.5"),
+        ("b", "Failed", "–", "–"),
+        ("c", "Running", "2 of at most 20", "2"),
+        ("d", "Not begun", "0", "–"),
+    ]
+    assert fleet_text(run, NOW) == "2 of 4 specimens finished, 1 of them failed, 1 in work"
+    assert state_sentence(run.searches[1], NOW) == "all trials failed."
+    assert [run_of(search) for search in run.searches] == [f"specimens/{name}" for name in "abcd"]
+    # The trials of one that is finished are read when it is chosen.
+    whole = [reader.whole(search) for search in run.searches]
+    assert [len(search.trials) for search in whole] == [2, 2, 2, 0]
+    assert [search.course(NOW) for search in whole] == ["ended", "failed", "running", "waiting"]
+    assert whole[0].result == run.searches[0].result
+    shown = run.now_at(NOW)
+    assert shown is not None
+    assert shown.label == "c"
+    add_trials(tmp_path / "specimens" / "c" / "calibrations" / "joint", [1.0])
+    assert reader.read().searches[2].done == 3
+
+
+def test_the_chart_of_a_fleet_has_every_finished_specimen(tmp_path: Path):
+    write_fleet(tmp_path, a="DONE", b="FAILED", c="DONE")
+    chart = fleet_chart(RunReader(tmp_path).read())
+    assert chart["xAxis"]["data"] == ["a", "c"]
+    assert chart["yAxis"]["name"] == "bar.youngs_modulus [MPa]"
+    assert chart["series"][0]["data"] == [pytest.approx([1.3, 1.3, 1.2, 1.4])] * 2
+    assert chart["series"][1]["data"] == pytest.approx([1.3, 1.3])
+
+
+@pytest.mark.parametrize("name", ["..", "a/b", "", "\0", "../../outside"])
+def test_a_specimen_outside_the_folder_is_refused(name: str, tmp_path: Path):
+    write_json(tmp_path / "run" / "fleet.json", {"specimens": [name]})
+    run = RunReader(tmp_path / "run").read()
+    assert run.searches == ()
+    assert "names a specimen that cannot be one" in run.unreadable[0]
+
+
+def test_a_damaged_record_of_a_specimen_is_a_sentence(tmp_path: Path):
+    write_fleet(tmp_path, a="DONE", b="DONE")
+    (tmp_path / "specimens" / "a.json").write_text("{")
+    run = RunReader(tmp_path).read()
+    assert [search.label for search in run.searches] == ["b"]
+    assert run.unreadable == ("specimens/a.json cannot be read: it is not whole.",)
+
+
+def test_a_chart_of_many_trials_has_few_points_and_the_best():
+    trials = [Trial(n, {"E": 1e6 + n}, "COMPLETE", 5.0 + n % 7) for n in range(20000)]
+    trials[12345] = Trial(12345, {"E": 2e6}, "COMPLETE", 0.5)
+    search = watched(trials=tuple(trials))
+    chart = loss_chart(search)
+    assert len(chart["series"][0]["data"]) <= MOST_POINTS + 1
+    assert [12345, 0.5] in chart["series"][0]["data"]
+    assert chart["series"][1]["data"] == [[0, 5.0], [12345, 0.5], [19999, 0.5]]
+    assert len(parameter_chart(search, ParameterFacts())["series"][0]["data"]) <= MOST_POINTS + 1
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 14, 30])
+@pytest.mark.parametrize("losses", [[1.0], [0.0, -1.0], [1e-9, 1e9], [None], []])
+def test_charts_of_any_number_of_parameters_and_losses(count: int, losses: list[float | None]):
+    theta = {f"part{k}.youngs_modulus": 1e6 for k in range(count)}
+    trials = [Trial(n, theta, "FAILED" if loss is None else "COMPLETE", loss) for n, loss in enumerate(losses)]
+    search = watched(trials=tuple(trials))
+    known = ParameterFacts(dict.fromkeys(theta, "Pa"), dict.fromkeys(theta, (1e5, 4e7)))
+    for facts in (ParameterFacts(), known):
+        json.dumps([loss_chart(search), parameter_chart(search, facts)], allow_nan=False)

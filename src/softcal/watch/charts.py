@@ -10,7 +10,7 @@ from softcal.calibration.result import Trial
 from softcal.report.format import parameter_label
 from softcal.units import readable_unit, unit_factor
 from softcal.watch.twin import ParameterFacts
-from softcal.watch.watched import WatchedSearch
+from softcal.watch.watched import WatchedRun, WatchedSearch
 
 INK, MUTED, GRID, BLUE, RED, PALE = "#1f2937", "#6b7280", "#e5e7eb", "#0072b2", "#d55e00", "#9fc5de"
 MOST_POINTS = 1500  # that are drawn of many trials
@@ -105,6 +105,44 @@ def parameter_chart(search: WatchedSearch, facts: ParameterFacts) -> dict[str, A
             for i, axis in enumerate(axes)
         ],
         "series": [{"type": "parallel", "smooth": False, "data": rows, **width}],
+    }  # fmt: skip
+
+
+def fleet_chart(run: WatchedRun) -> dict[str, Any]:
+    """The first parameter of every finished specimen with its 95 % interval."""
+    found = [(search.label, one) for search in run.searches if search.result for one in search.result.estimates[:1]]
+    if not found:
+        return {"animation": False, "series": []}
+    name, si_unit = found[0][1].name, found[0][1].unit
+    same = [(label, one) for label, one in found if one.name == name and one.unit == si_unit]
+    unit = readable_unit(sorted(one.value for _, one in same)[len(same) // 2], si_unit)
+    factor = unit_factor(unit, si_unit)
+    ends = [
+        [one.value, one.value, *(one.interval or (one.value, one.value))] for _, one in same
+    ]  # as a candle's: open, close, lowest, highest
+    shown = "" if unit == "1" else f" [{unit}]"
+    return {
+        "animation": False,
+        "tooltip": {"renderMode": "richText", "trigger": "item"},
+        "grid": {"left": 8, "right": 20, "top": 34, "bottom": 8, "containLabel": True},
+        "xAxis": {
+            "type": "category", "data": [label for label, _ in same], "axisLabel": {**_TEXT, "hideOverlap": True},
+        },
+        "yAxis": {
+            "type": "value", "name": f"{name}{shown}", "scale": True, "axisLabel": _TEXT,
+            "nameTextStyle": {**_TEXT, "align": "left"}, "splitLine": {"lineStyle": {"color": GRID}},
+        },
+        "series": [
+            {
+                "name": "95 % interval", "type": "candlestick", "barMaxWidth": 6,
+                "itemStyle": dict.fromkeys(("color", "color0", "borderColor", "borderColor0", "borderColorDoji"), PALE),
+                "data": [[value / factor for value in four] for four in ends],
+            },
+            {
+                "name": name, "type": "scatter", "symbolSize": 5, "itemStyle": {"color": BLUE},
+                "data": [one.value / factor for _, one in same],
+            },
+        ],
     }  # fmt: skip
 
 

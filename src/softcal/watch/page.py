@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from softcal.watch.charts import loss_chart, parameter_chart
+from softcal.watch.charts import fleet_chart, loss_chart, parameter_chart
 from softcal.watch.twin_panel import TwinPanel
 from softcal.watch.watched import WatchedRun, WatchedSearch
 from softcal.watch.words import (
     STATES,
     best_rows,
     failed_rows,
+    fleet_text,
     score_rows,
     search_rows,
     share_done,
@@ -57,6 +58,7 @@ class RunPage:
         self._watch = watch
         self._chosen: str | None = None
         self._drawn: object = None
+        self._specimens: object = None
         self._build()
 
     async def refresh(self) -> None:
@@ -64,11 +66,17 @@ class RunPage:
         run = await self._watch.now()
         now = datetime.now(UTC)
         search = self._search(run, now)
+        search = None if search is None else await self._watch.whole(search)
         self._name.set_text(run.name)
         _show(self._report, bool(run.report))
         self._faults.set_text("\n".join([*run.unreadable, *(() if search is None else search.unreadable)]))
         _show(self._faults, bool(self._faults.text))
-        self._searches.show(search_rows(run, now) if len(run.searches) > 1 else [])
+        several = len(run.searches) > 1
+        self._searches.show(search_rows(run, now) if several else [], fleet_text(run, now) if several else "")
+        _show(self._fleet, run.kind == "fleet" and any(search.result for search in run.searches))
+        if run.kind == "fleet" and run.searches != self._specimens:
+            self._specimens = run.searches
+            _draw(self._fleet_chart, fleet_chart(run))
         self._scores.show(score_rows(run))
         for element in self._of_search:
             _show(element, search is not None)
@@ -136,6 +144,9 @@ class RunPage:
                 key="place",
             )
             self._searches.table.on("rowClick", self._choose)
+            with _card("sc-12") as self._fleet:
+                ui.label("The specimens' first parameter, with 95 % intervals").classes("sc-title")
+                self._fleet_chart = ui.echart({"series": []}).classes("sc-chart")
             with ui.element("div").classes("sc-bar") as bar:
                 self._fill = ui.element("div").classes("sc-fill")
             with ui.element("div").classes("sc-facts") as facts:

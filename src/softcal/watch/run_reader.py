@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
-from typing import Any, TypeVar
+from typing import Any, TypeGuard, TypeVar
 
 from softcal.calibration.live import LIVE
 from softcal.calibration.store import RECORD, RESULT
 from softcal.calibration.trial_journal import JOURNAL
+from softcal.watch.fleet_reader import FLEET, SPECIMENS, FleetReader
 from softcal.watch.live import moment, read_live
-from softcal.watch.reading import Unreadable, clean, count, finite, inside, numbers, read_record
+from softcal.watch.reading import Unreadable, clean, count, inside, numbers, read_record
+from softcal.watch.result_records import watched_result, watched_score
 from softcal.watch.trials import TrialReader
-from softcal.watch.watched import WatchedEstimate, WatchedResult, WatchedRun, WatchedScore, WatchedSearch
+from softcal.watch.watched import WatchedRun, WatchedScore, WatchedSearch
 
 SCORE, REPORT = "score.json", "report.html"
 CALIBRATIONS = "calibrations"
@@ -28,12 +31,16 @@ class RunReader:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._trials: dict[str, TrialReader] = {}
+        self._fleet = FleetReader(folder)
         self._known: dict[str, tuple[object, WatchedSearch]] = {}
 
     def read(self) -> WatchedRun:
         """The run as it stands; never raises for what is in the folder."""
         faults: list[str] = []
         name = clean(self.folder.resolve().name, 200)
+        fleet = _told(faults, lambda: read_record(self.folder, FLEET))
+        if fleet is not None:
+            return self._fleet.read(fleet, name, self._run_of)
         record = _told(faults, lambda: read_record(self.folder, RECORD)) or {}
         labels = record.get("calibrations")
         if isinstance(labels, list):
@@ -42,15 +49,26 @@ class RunReader:
             return WatchedRun(name, "calibration", (self._search(name, ""),), unreadable=tuple(faults))
         return self._folder_of_runs(name, faults)
 
+    def whole(self, search: WatchedSearch) -> WatchedSearch:
+        """A finished specimen of a fleet with its trials; any other search as it is."""
+        if search.trials or "/" not in search.place or search.place.split("/")[-2] != SPECIMENS:
+            return search
+        found = self._run_of(search.label, search.place)
+        return replace(found, result=search.result or found.result, failure=search.failure)
+
+    def _run_of(self, label: str, place: str) -> WatchedSearch:
+        """The search of a run in the folder, its joint one where it has several."""
+        record = _told([], lambda: read_record(self.folder, _joined(place, RECORD))) or {}
+        inner = record.get("calibrations")
+        labels = [one for one in (inner if isinstance(inner, list) else []) if _is_label(one)]
+        if not labels:
+            return WatchedSearch(label, place)
+        return self._search(label, f"{place}/{CALIBRATIONS}/{labels[-1]}")
+
     def _project_run(self, record: Mapping[str, Any], name: str, labels: list[Any], faults: list[str]) -> WatchedRun:
         searches: list[WatchedSearch] = []
         for label in labels[:MOST_SEARCHES]:
-            if (
-                not isinstance(label, str)
-                or len(PurePosixPath(label).parts) != 1
-                or label in ("..", "/")
-                or "\0" in label
-            ):
+            if not _is_label(label):
                 faults.append(f"{RECORD} names a calibration that cannot be one: {clean(label, 60)!r}.")
                 continue
             searches.append(self._search(label, f"{CALIBRATIONS}/{label}"))
@@ -71,7 +89,7 @@ class RunReader:
         for place in ("", *self._folders()):
             score = _told(faults, lambda place=place: read_record(self.folder, _joined(place, SCORE)))
             if score is not None:
-                scores.append(_score(score))
+                scores.append(watched_score(score))
             record = (
                 None
                 if not place
@@ -81,9 +99,7 @@ class RunReader:
                 continue
             inner = record.get("calibrations")
             if isinstance(inner, list):
-                labels = [
-                    one for one in inner if isinstance(one, str) and len(PurePosixPath(one).parts) == 1 and one != ".."
-                ]
+                labels = [one for one in inner if _is_label(one)]
                 searches += [
                     self._search(f"{place}: {one}" if len(labels) > 1 else place, f"{place}/{CALIBRATIONS}/{one}")
                     for one in labels
@@ -124,52 +140,24 @@ class RunReader:
             trials,
             total,
             live,
-            None if result is None else _result(result),
+            None if result is None else watched_result(result),
             _when(journal),
             _when(result_path),
             reader.seconds,
-            tuple(faults),
+            unreadable=tuple(faults),
         )
         self._known[place] = (stamp, search)
         return search
 
 
-def _result(record: Mapping[str, Any]) -> WatchedResult:
-    parameters, notes = record.get("parameters"), record.get("notes")
-    found: list[WatchedEstimate] = []
-    for name, one in (parameters if isinstance(parameters, Mapping) else {}).items():
-        value = finite(one.get("value")) if isinstance(one, Mapping) else None
-        if value is None:
-            continue
-        ends = [finite(end) for end in one["interval"]] if isinstance(one.get("interval"), list) else []
-        low, high = ends if len(ends) == 2 else (None, None)
-        interval = None if low is None or high is None else (low, high)
-        found.append(
-            WatchedEstimate(clean(name, 200), value, clean(one.get("unit"), 30), interval, one.get("at_bound") is True)
-        )
-    return WatchedResult(
-        tuple(found),
-        finite(record.get("loss")),
-        clean(record.get("status")),
-        tuple(clean(note) for note in (notes if isinstance(notes, list) else [])[:100]),
+def _is_label(label: object) -> TypeGuard[str]:
+    """Whether it names a folder in that of the calibrations, and none elsewhere."""
+    return (
+        isinstance(label, str)
+        and len(PurePosixPath(label).parts) == 1
+        and label not in ("..", "/")
+        and "\0" not in label
     )
-
-
-def _score(record: Mapping[str, Any]) -> WatchedScore:
-    rows: list[tuple[str, str, float, float, float]] = []
-    splits = record.get("splits")
-    for split, one in (splits if isinstance(splits, Mapping) else {}).items():
-        points = one.get("points") if isinstance(one, Mapping) else None
-        named = (
-            {"all points": one.get("all_points"), **(points if isinstance(points, Mapping) else {})}
-            if isinstance(one, Mapping)
-            else {}
-        )
-        for name, error in named.items():
-            held = numbers(error)
-            if {"rms", "mean", "largest"} <= held.keys():
-                rows.append((clean(split, 60), clean(name, 100), held["rms"], held["mean"], held["largest"]))
-    return WatchedScore(clean(record.get("case"), 100), clean(record.get("method"), 100), tuple(rows[:500]))
 
 
 def _told(faults: list[str], read: Callable[[], T]) -> T | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from softcal.watch.run_reader import RunReader
 from softcal.watch.twin import TwinKeeper
-from softcal.watch.watched import WatchedRun
+from softcal.watch.watched import WatchedRun, WatchedSearch
 
 LEAST = 0.9  # [s] between two readings
 REST = 9.0  # times as long as a reading took: at most a tenth of a core
@@ -33,3 +33,8 @@ class Watch:
                 took = time.monotonic() - began
                 self._next = began + took + max(LEAST, REST * took)
             return self._run
+
+    async def whole(self, search: WatchedSearch) -> WatchedSearch:
+        """A search with its trials, which those of finished specimens lack."""
+        async with self._reading:
+            return await asyncio.to_thread(self.reader.whole, search)

@@ -10,8 +10,8 @@ from typing import Literal
 from softcal.calibration.result import Trial
 from softcal.watch.live import LONG, LiveSign
 
-Course = Literal["waiting", "running", "silent", "left", "ended"]
-"""Of a search: not begun, at work, nothing is known of its process, its process is gone, with a result."""
+Course = Literal["waiting", "running", "silent", "left", "ended", "failed"]
+"""Of a search: not begun, at work, its process unknown, its process gone, with a result, failed as a whole."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,8 @@ class WatchedSearch:
         When its trials, and its result, were last written, or None.
     seconds
         How long it had worked on it when its last trial was recorded [s].
+    failure
+        Why a specimen of a fleet FAILED, a sentence; "" otherwise.
     unreadable
         What of it cannot be read, a sentence each.
     """
@@ -71,6 +73,7 @@ class WatchedSearch:
     written: datetime | None = None
     ended: datetime | None = None
     seconds: float = 0.0
+    failure: str = ""
     unreadable: tuple[str, ...] = ()
 
     @property
@@ -94,6 +97,8 @@ class WatchedSearch:
 
     def course(self, now: datetime) -> Course:
         """Where it stands."""
+        if self.failure:
+            return "failed"
         live = self.live
         seen = live is not None and (live.has_process if live.is_here else live.age(now) <= LONG)
         at_work = seen and live is not None and not live.ended

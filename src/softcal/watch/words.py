@@ -15,6 +15,7 @@ STATES: dict[Course, str] = {
     "silent": "No sign of life",
     "left": "Stopped",
     "ended": "Done",
+    "failed": "Failed",
 }
 MOST_FAILED = 200  # rows of the table
 
@@ -22,6 +23,8 @@ MOST_FAILED = 200  # rows of the table
 def state_sentence(search: WatchedSearch, now: datetime) -> str:
     """What the search does, or why it does nothing."""
     course, live = search.course(now), search.live
+    if course == "failed":
+        return search.failure
     if course == "ended":
         return "" if search.result is None else search.result.status
     if course == "waiting":
@@ -43,6 +46,8 @@ def state_sentence(search: WatchedSearch, now: datetime) -> str:
 
 def trials_text(search: WatchedSearch) -> str:
     """How many trials are done, and of how many."""
+    if not search.trials and (search.result is not None or search.failure):
+        return "–"  # of a finished specimen, whose trials are read when it is chosen
     if search.total is None or search.done > search.total:
         return str(search.done)
     return f"{search.done} of {'' if search.done == search.total else 'at most '}{search.total}"
@@ -50,7 +55,7 @@ def trials_text(search: WatchedSearch) -> str:
 
 def share_done(search: WatchedSearch, now: datetime) -> float:
     """The share of the trials that are done, 1 with a result."""
-    if search.course(now) == "ended":
+    if search.course(now) in ("ended", "failed"):
         return 1.0
     return min(search.done / search.total, 1.0) if search.total else 0.0
 
@@ -59,7 +64,7 @@ def time_text(search: WatchedSearch, now: datetime) -> str:
     """How long the process has worked on it; without a sign of life, until its last trial."""
     live = search.live
     if live is None or live.began is None:
-        return span(search.seconds) if search.trials else "–"
+        return span(search.seconds) if search.trials or search.seconds else "–"
     end = now if search.course(now) == "running" else live.updated or now
     return span(max((end - live.began).total_seconds(), 0.0))
 
@@ -99,6 +104,18 @@ def failed_rows(search: WatchedSearch, facts: ParameterFacts) -> list[dict[str, 
     ]
 
 
+def fleet_text(run: WatchedRun, now: datetime) -> str:
+    """How many of several searches or specimens are finished."""
+    what = "specimens" if run.kind == "fleet" else "searches"
+    courses = [search.course(now) for search in run.searches]
+    failed = courses.count("failed")
+    finished = courses.count("ended") + failed
+    parts = [f"{finished} of {len(courses)} {what} finished"]
+    parts += [f"{failed} of them failed"] if failed else []
+    parts += [f"{courses.count('running')} in work"] if "running" in courses else []
+    return ", ".join(parts)
+
+
 def search_rows(run: WatchedRun, now: datetime) -> list[dict[str, Any]]:
     """A row for every search of a run."""
     return [
@@ -107,11 +124,16 @@ def search_rows(run: WatchedRun, now: datetime) -> list[dict[str, Any]]:
             "label": search.label,
             "state": STATES[search.course(now)],
             "trials": trials_text(search),
-            "best": "–" if search.best is None or search.best.loss is None else f"{search.best.loss:.5g}",
+            "best": _loss_of(search),
             "failed": len(search.failed),
         }
         for search in run.searches
     ]
+
+
+def _loss_of(search: WatchedSearch) -> str:
+    loss = search.best.loss if search.best is not None else search.result.loss if search.result is not None else None
+    return "–" if loss is None else f"{loss:.5g}"
 
 
 def worker_rows(search: WatchedSearch) -> list[dict[str, Any]]:

@@ -1,0 +1,64 @@
+"""A fleet's folder: each specimen by its record once it is finished, by its run folder while it is in work."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from softcal.watch.live import moment
+from softcal.watch.reading import Unreadable, clean, finite, inside, read_record
+from softcal.watch.result_records import watched_result
+from softcal.watch.watched import WatchedRun, WatchedSearch
+from softcal.workflows.fleet_folder import FLEET, SPECIMENS
+
+MOST = 20000  # specimens
+REPORT = "report.html"
+ReadSearch = Callable[[str, str], WatchedSearch]
+"""Reads the search of a run in the folder: its label, and the place of the run."""
+
+
+class FleetReader:
+    """Reads a fleet's folder again and again; a specimen that is finished is read once, until its record is another."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._known: dict[str, tuple[int, WatchedSearch]] = {}
+
+    def read(self, record: Mapping[str, Any], name: str, in_work: ReadSearch) -> WatchedRun:
+        """The fleet of a record `fleet.json`, in the folder of that name."""
+        faults: list[str] = []
+        listed = record.get("specimens")
+        names = [one for one in (listed if isinstance(listed, list) else []) if isinstance(one, str)][:MOST]
+        found: list[WatchedSearch] = []
+        for specimen in names:
+            if not specimen or "/" in specimen or "\0" in specimen or specimen == "..":
+                faults.append(f"{FLEET} names a specimen that cannot be one: {clean(specimen, 60)!r}.")
+                continue
+            try:
+                found.append(self._finished(specimen) or in_work(clean(specimen, 200), f"{SPECIMENS}/{specimen}"))
+            except Unreadable as error:
+                faults.append(str(error))
+        report = REPORT if "statement" in record and inside(self._folder, REPORT) is not None else ""
+        created = moment(record.get("created"))
+        return WatchedRun(name, "fleet", tuple(found), created, report, unreadable=tuple(faults))
+
+    def _finished(self, specimen: str) -> WatchedSearch | None:
+        place = f"{SPECIMENS}/{specimen}.json"
+        path = inside(self._folder, place)
+        if path is None:
+            return None
+        changed = path.stat().st_mtime_ns
+        if specimen in self._known and self._known[specimen][0] == changed:
+            return self._known[specimen][1]
+        record = read_record(self._folder, place) or {}
+        failed = record.get("state") != "DONE"
+        search = WatchedSearch(
+            clean(specimen, 200),
+            f"{SPECIMENS}/{specimen}",
+            result=None if failed else watched_result({**record, "notes": record.get("warnings")}),
+            seconds=finite(record.get("seconds")) or 0.0,
+            failure=(clean(record.get("reason")) or "No reason is recorded.") if failed else "",
+        )
+        self._known[specimen] = changed, search
+        return search

@@ -24,8 +24,10 @@ from softcal.watch.words import (
     best_rows,
     failed_rows,
     fleet_text,
+    run_state,
     search_rows,
     share_done,
+    share_finished,
     state_sentence,
     time_text,
     trials_text,
@@ -348,6 +350,22 @@ def test_a_fleet_is_its_specimens(tmp_path: Path):
     assert shown.label == "c"
     add_trials(tmp_path / "specimens" / "c" / "calibrations" / "joint", [1.0])
     assert reader.read().searches[2].done == 3
+
+
+def test_what_a_fleet_does_as_a_whole(tmp_path: Path):
+    now = datetime.now(UTC)
+    write_fleet(tmp_path / "new", a=None)
+    assert run_state(RunReader(tmp_path / "new").read(), now) == ("waiting", "No specimen was begun.")
+    write_fleet(tmp_path / "some", a="DONE", b="FAILED", c=None)
+    run = RunReader(tmp_path / "some").read()
+    assert run_state(run, now) == ("running", "Choose a specimen for its trials.")
+    left = "No process works on this fleet. The same command with --resume goes on with it."
+    assert run_state(run, now + timedelta(seconds=90)) == ("left", left)
+    assert share_finished(run, now) == pytest.approx(2 / 3)
+    write_fleet(tmp_path / "all", a="DONE", b="FAILED")
+    later = now + timedelta(days=3)
+    assert run_state(RunReader(tmp_path / "all").read(), later) == ("ended", "Choose a specimen for its trials.")
+    assert run_state(RunReader(tmp_path / "nothing").read(), now)[0] == "waiting"
 
 
 def test_the_chart_of_a_fleet_has_every_finished_specimen(tmp_path: Path):

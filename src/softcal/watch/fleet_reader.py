@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,7 @@ class FleetReader:
             clean(specimen, 200),
             f"{SPECIMENS}/{specimen}",
             result=None if failed else watched_result({**record, "notes": record.get("warnings")}),
+            ended=datetime.fromtimestamp(changed / 1e9, UTC),
             seconds=finite(record.get("seconds")) or 0.0,
             failure=(clean(record.get("reason")) or "No reason is recorded.") if failed else "",
         )

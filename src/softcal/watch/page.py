@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 from softcal.watch.charts import fleet_chart, loss_chart, parameter_chart
 from softcal.watch.twin_panel import TwinPanel
-from softcal.watch.watched import WatchedRun, WatchedSearch
+from softcal.watch.watched import Course, WatchedRun, WatchedSearch
 from softcal.watch.words import (
     STATES,
     best_rows,
     failed_rows,
     fleet_text,
+    run_state,
     score_rows,
     search_rows,
     share_done,
+    share_finished,
     state_sentence,
     time_text,
     trials_text,
@@ -80,22 +82,29 @@ class RunPage:
         self._scores.show(score_rows(run))
         for element in self._of_search:
             _show(element, search is not None)
-        if search is None:
-            self._state.set_text("Done" if run.scores else "Waiting")
-            self._stage.set_text("" if run.scores else "There is no run in this folder yet.")
+        _show(self._bar, bool(run.searches))
+        if search is not None:
+            self._show_search(search, now)
             return
-        self._show_search(search, now)
+        for table in (self._values, self._failures, self._workers):
+            table.show([])
+        course, sentence = run_state(run, now)
+        self._say(course, sentence, share_finished(run, now))
+
+    def _say(self, course: Course, sentence: str, share: float) -> None:
+        self._state.set_text(STATES[course])
+        self._state.classes(replace=f"sc-state {course}")
+        self._stage.set_text(sentence)
+        self._fill.style(f"width: {100 * share:.1f}%")
 
     def _search(self, run: WatchedRun, now: datetime) -> WatchedSearch | None:
-        chosen = next((search for search in run.searches if search.place == self._chosen), None)
-        return chosen or run.now_at(now)
+        chosen = next((search for search in run.searches if search.label == self._chosen), None)
+        return chosen if chosen is not None or run.kind == "fleet" else run.now_at(now)
 
     def _show_search(self, search: WatchedSearch, now: datetime) -> None:
         course = search.course(now)
-        self._state.set_text(STATES[course])
-        self._state.classes(replace=f"sc-state {course}")
-        self._stage.set_text(state_sentence(search, now))
-        self._fill.style(f"width: {100 * share_done(search, now):.1f}%")
+        named = f"{search.label}: " if search.label == self._chosen else ""
+        self._say(course, f"{named}{state_sentence(search, now)}", share_done(search, now))
         best = search.best
         self._trials.set_text(trials_text(search))
         self._best.set_text("–" if best is None or best.loss is None else f"{best.loss:.6g}")
@@ -103,7 +112,7 @@ class RunPage:
         self._failed.set_text(str(len(search.failed)))
         self._time.set_text(time_text(search, now))
         self._method.set_text(
-            " ".join(part for part in (search.method, search.live.executor if search.live else "") if part)
+            ", ".join(part for part in (search.method, search.live.executor if search.live else "") if part)
         )
         keeper = self._watch.twins
         keeper.want(search, ended=course == "ended")
@@ -126,7 +135,7 @@ class RunPage:
         self._workers.show(worker_rows(search))
 
     def _choose(self, event: Any) -> None:
-        self._chosen = event.args[1].get("place")
+        self._chosen = event.args[1].get("label")
 
     def _build(self) -> None:
         from nicegui import ui
@@ -138,17 +147,17 @@ class RunPage:
                 self._stage = ui.label().classes("sc-stage").mark("stage")
                 self._report = ui.link("Open the report", "report", new_tab=True).classes(f"sc-report {_HIDDEN}")
             self._faults = ui.label().classes(f"sc-12 sc-note sc-warn {_HIDDEN}")
-            self._searches = _table(
-                "Calibrations",
-                {"label": "calibration", "state": "state", "trials": "trials", "best": "best loss", "failed": "failed"},
-                key="place",
-            )
-            self._searches.table.on("rowClick", self._choose)
+            with ui.element("div").classes("sc-bar") as self._bar:
+                self._fill = ui.element("div").classes("sc-fill")
             with _card("sc-12") as self._fleet:
                 ui.label("The specimens' first parameter, with 95 % intervals").classes("sc-title")
                 self._fleet_chart = ui.echart({"series": []}).classes("sc-chart")
-            with ui.element("div").classes("sc-bar") as bar:
-                self._fill = ui.element("div").classes("sc-fill")
+            self._searches = _table(
+                "Calibrations",
+                {"label": "name", "state": "state", "trials": "trials", "best": "best loss", "failed": "failed"},
+                key="place",
+            )
+            self._searches.table.on("rowClick", self._choose)
             with ui.element("div").classes("sc-facts") as facts:
                 self._trials, self._method = _fact("Trials", "trials")
                 self._best, self._best_note = _fact("Best loss", "best")
@@ -172,7 +181,7 @@ class RunPage:
                 {name: name for name in ("case", "method", "split", "of", "rms", "mean", "largest")},
                 key="key",
             )
-        self._of_search = (bar, facts, losses, twin, parameters)
+        self._of_search = (facts, losses, twin, parameters)
         ui.timer(EVERY, self.refresh)
 
 

@@ -6,6 +6,7 @@ from datetime import datetime
 from typing import Any
 
 from softcal.units import digits_that_tell, format_quantity, format_range
+from softcal.watch.live import LONG
 from softcal.watch.twin import ParameterFacts
 from softcal.watch.watched import Course, WatchedRun, WatchedSearch
 
@@ -114,6 +115,34 @@ def fleet_text(run: WatchedRun, now: datetime) -> str:
     parts += [f"{failed} of them failed"] if failed else []
     parts += [f"{courses.count('running')} in work"] if "running" in courses else []
     return ", ".join(parts)
+
+
+def share_finished(run: WatchedRun, now: datetime) -> float:
+    """The share of the searches that are finished."""
+    courses = [search.course(now) for search in run.searches]
+    return (courses.count("ended") + courses.count("failed")) / len(courses) if courses else 0.0
+
+
+def run_state(run: WatchedRun, now: datetime) -> tuple[Course, str]:
+    """What a fleet does as a whole, or a folder without a search, and what is to be said of it."""
+    courses = [search.course(now) for search in run.searches]
+    if not courses:
+        return ("ended", "") if run.scores else ("waiting", "There is no run in this folder yet.")
+    if share_finished(run, now) == 1.0:
+        return "ended", "Choose a specimen for its trials."
+    # Between two specimens none is in work for a moment; what is next was written just now.
+    signs = [sign for search in run.searches if (sign := search.live.updated if search.live else search.ended)]
+    fresh = any((now - sign).total_seconds() <= LONG for sign in signs)
+    if "running" in courses or fresh:
+        return "running", "Choose a specimen for its trials."
+    return (
+        ("left", "No process works on this fleet. The same command with --resume goes on with it.")
+        if signs
+        else (
+            "waiting",
+            "No specimen was begun.",
+        )
+    )
 
 
 def search_rows(run: WatchedRun, now: datetime) -> list[dict[str, Any]]:

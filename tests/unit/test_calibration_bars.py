@@ -8,7 +8,7 @@ import pytest
 
 from softcal.calibration.search import Progress
 from softcal.cli.calibration_bars import CalibrationBars, calibration_progress
-from softcal.cli.calibration_lines import INTERVAL, CalibrationLines
+from softcal.cli.calibration_lines import CalibrationLines
 
 
 def last_lines(err: str, n: int) -> list[str]:
@@ -59,21 +59,36 @@ def test_into_a_file_a_line_now_and_then(capsys: pytest.CaptureFixture[str]) -> 
     with CalibrationLines(lambda: now) as lines:
         for done in range(101):
             lines.show("joint", Progress(done, 100, done // 50, 1.0 / (1 + done), {}))
-            now += 0.25
+            now += 0.75
         lines.show("20mm", Progress(0, 10, 0, None, None))
         lines.show("20mm", Progress(10, 10, 0, 0.5, {}, "importances (fANOVA)"))
         lines.show("20mm", Progress(10, 10, 0, 0.5, {}))
     told = capsys.readouterr().err.splitlines()
-    every = int(INTERVAL / 0.25)
     assert told == [
         "joint: 0/100, best loss 1 (0 s)",
-        f"joint: {every}/100, best loss {1.0 / (1 + every):.6g} (10 s)",
-        f"joint: {2 * every}/100, best loss {1.0 / (1 + 2 * every):.6g}, 1 failed (20 s)",
-        "joint: 100/100, best loss 0.00990099, 2 failed (25 s)",
+        # A tenth takes 7.5 s: none of them within 10 s of the last.
+        "joint: 14/100, best loss 0.0666667 (10 s)",
+        "joint: 28/100, best loss 0.0344828 (21 s)",
+        "joint: 42/100, best loss 0.0232558 (32 s)",
+        "joint: 56/100, best loss 0.0175439, 1 failed (42 s)",
+        "joint: 70/100, best loss 0.0140845, 1 failed (52 s)",
+        "joint: 84/100, best loss 0.0117647, 1 failed (63 s)",
+        "joint: 98/100, best loss 0.010101, 1 failed (74 s)",
+        "joint: 100/100, best loss 0.00990099, 2 failed (76 s)",
         "20mm: 0/10 (0 s)",
         "20mm: 10/10, best loss 0.5; importances (fANOVA) (0 s)",
         "20mm: 10/10, best loss 0.5 (0 s)",
     ]
+
+
+def test_into_a_file_a_line_every_minute_of_a_slow_run(capsys: pytest.CaptureFixture[str]) -> None:
+    now = 0.0
+    with CalibrationLines(lambda: now) as lines:
+        for done in range(8):
+            lines.show("joint", Progress(done, 1000, 0, 1.0, {}))
+            now += 25.0
+    told = [line.split(",")[0] + line[line.index(" (") :] for line in capsys.readouterr().err.splitlines()]
+    assert told == ["joint: 0/1000 (0 s)", "joint: 3/1000 (75 s)", "joint: 6/1000 (150 s)", "joint: 7/1000 (200 s)"]
 
 
 def test_bars_are_for_terminals_alone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -93,3 +93,15 @@ def test_simulate_and_export_say_what_they_are_doing(
 
 def run(*arguments: object) -> int:
     return CliRunner().invoke(app, [str(argument) for argument in arguments]).exit_code
+
+
+def test_into_a_file_a_stage_is_told_where_a_minute_passed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 100.0
+    monkeypatch.setattr("softcal.cli.running.time.monotonic", lambda: now)
+    with clock() as show:
+        for stage in ("one", "two", "three", "four", "five"):
+            show(stage)
+            now += 25.0
+    assert capsys.readouterr().err == "four (75 s)\n"

@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import typer
 
-from softcal.calibration.search import Progress
+if TYPE_CHECKING:
+    from softcal.calibration.search import Progress
 
-INTERVAL = 10.0  # [s] at least between two lines of one calibration
+LEAST, MOST = 10.0, 60.0  # [s] between two lines of one calibration
+SHARE = 10  # a line for each tenth of the trials
 
 
 class CalibrationLines:
-    """Lines at the start of a calibration, at intervals, at each stage after the search, and at the end."""
+    """Lines at the start of a calibration, at each tenth of its trials, at each stage after them, and at the end.
+
+    None within 10 s of the last; one where a minute passed without.
+    """
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
         self._begun: dict[str, float] = {}
         self._reported: dict[str, float] = {}
+        self._tenth: dict[str, int] = {}
         self._waiting: dict[str, Progress] = {}  # the last unreported state of each
 
     def __enter__(self) -> CalibrationLines:
@@ -37,14 +44,22 @@ class CalibrationLines:
             for other, last in list(self._waiting.items()):
                 self._tell(other, last)
         self._waiting[label] = state
-        if is_new or state.stage or now - self._reported[label] >= INTERVAL:
+        since = now - self._reported.get(label, now)
+        is_further = _tenth(state) > self._tenth.get(label, 0)
+        if is_new or state.stage or since >= MOST or (is_further and since >= LEAST):
             self._tell(label, state)
 
     def _tell(self, label: str, state: Progress) -> None:
         self._reported[label] = self._now()
+        self._tenth[label] = _tenth(state)
         self._waiting.pop(label, None)
         best = "" if state.best_loss is None else f", best loss {state.best_loss:.6g}"
         failed = f", {state.failed} failed" if state.failed else ""
         stage = f"; {state.stage}" if state.stage else ""
         seconds = self._reported[label] - self._begun[label]
         typer.echo(f"{label}: {state.done}/{state.total}{best}{failed}{stage} ({seconds:.0f} s)", err=True)
+
+
+def _tenth(state: Progress) -> int:
+    """How many tenths of the trials are done."""
+    return SHARE * state.done // state.total if state.total else 0

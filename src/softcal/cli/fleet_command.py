@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from softcal.cli.app import app, exit_on_error, resumable
+from softcal.cli.calibration_lines import CalibrationLines
 from softcal.cli.printing import print_report_table
 from softcal.cli.values import LOCAL, On, WithReport, Workers, as_typed, names, parsed_pairs, scalar
 
@@ -90,12 +91,18 @@ def fleet(  # noqa: PLR0913 (one argument for each option)
 
 @contextmanager
 def _bar() -> Generator[Observer]:
-    """On a terminal, a progress bar for what is done with the specimens."""
+    """On a terminal, a progress bar for what is done with the specimens; elsewhere lines now and then."""
+    if not sys.stderr.isatty():
+        from softcal.calibration.search import Progress as Done
+
+        with CalibrationLines() as lines:
+            yield lambda what, of, done, failed: lines.show(what, Done(done, of, failed, None, None))
+        return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(20), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bars:
+    with Progress(*columns, console=Console(stderr=True)) as bars:
         tasks: dict[str, TaskID] = {}
 
         def show(what: str, of: int, done: int, failed: int) -> None:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import shlex
 import sys
+import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
+
+from softcal.cli.calibration_lines import MOST
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
@@ -20,7 +23,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def clock() -> Generator[Callable[[str], None]]:
-    """On a terminal, the current stage and its time."""
+    """On a terminal, the current stage and its time; elsewhere a line where a minute passed without one."""
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -28,9 +31,16 @@ def clock() -> Generator[Callable[[str], None]]:
     bar = Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty())
     task = bar.add_task("", total=None)
 
+    began = said = time.monotonic()
+
     def show(doing: str) -> None:
+        nonlocal said
         bar.start()  # once there is something to say
         bar.reset(task, description=doing)
+        now = time.monotonic()
+        if bar.disable and now - said >= MOST:
+            said = now
+            typer.echo(f"{doing} ({now - began:.0f} s)", err=True)
 
     try:
         yield show

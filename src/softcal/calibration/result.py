@@ -335,6 +335,11 @@ class SearchResult(ABC):
         default_factory=dict[str, Mapping[str, ResidualRecord]]
     )
 
+    def _repr_html_(self) -> str:
+        from softcal.calibration.result_html import result_html
+
+        return result_html(self)
+
     @property
     @abstractmethod
     def missed_minimum(self) -> bool:

@@ -108,6 +108,11 @@ class Project:
 
         return {**robot_parameters(self.robot), **rig_parameters(self.experiments.values())}
 
+    def _repr_html_(self) -> str:
+        from softcal.project.project_html import project_html
+
+        return project_html(self)
+
 
 def load(
     path: str | Path,

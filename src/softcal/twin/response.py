@@ -118,6 +118,11 @@ class Response:
         """
         return tuple(told for told in (self.instabilities, self.crossings, self.drawn_out, self.remarks) if told)
 
+    def _repr_html_(self) -> str:
+        from softcal.twin.response_html import response_html
+
+        return response_html(self)
+
     def over(self, n_samples: int) -> Response:
         """The response with a row for each of the protocol's samples: NaN for those that were not reached."""
         held = next((len(values) for values in self.channels.values()), 0)

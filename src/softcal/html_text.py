@@ -1,0 +1,60 @@
+"""Small tables as HTML, for notebooks; every text is escaped."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Iterable, Sequence
+
+MOST_ROWS = 60  # of a table
+_WIDTH, _HEIGHT, _MOST_POINTS = 120, 24, 120
+_CELL = 'style="text-align: left; padding: 2px 10px 2px 0; vertical-align: middle"'
+
+
+class Markup(str):
+    """Text that is HTML already, made by this module."""
+
+    __slots__ = ()
+
+
+def html_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A table of at most 60 rows; how many more there are is said below it."""
+    head = "".join(f"<th {_CELL}>{_escaped(name)}</th>" for name in header)
+    body = "".join(
+        "<tr>" + "".join(f"<td {_CELL}>{_escaped(cell)}</td>" for cell in row) + "</tr>" for row in rows[:MOST_ROWS]
+    )
+    rest = len(rows) - MOST_ROWS
+    more = paragraph(f"and {rest} more") if rest > 0 else ""
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}"
+
+
+def heading(text: str) -> str:
+    """A line in bold."""
+    return f"<div><b>{_escaped(text)}</b></div>"
+
+
+def paragraph(text: str) -> str:
+    """A line, such as a note."""
+    return f'<div style="max-width: 60em">{_escaped(text)}</div>'
+
+
+def curve(values: Iterable[float]) -> Markup:
+    """The course of some values as a small picture; nothing where fewer than two are finite."""
+    held = [float(value) for value in values]
+    held = held[:: max(1, math.ceil(len(held) / _MOST_POINTS))]
+    known = [value for value in held if math.isfinite(value)]
+    if len(known) < 2:
+        return Markup()
+    low, high = min(known), max(known)
+    span = high - low or 1.0
+    points = " ".join(
+        f"{_WIDTH * k / (len(held) - 1):.1f},{_HEIGHT - 1 - (_HEIGHT - 2) * (value - low) / span:.1f}"
+        for k, value in enumerate(held)
+        if math.isfinite(value)
+    )
+    line = f'<polyline points="{points}" fill="none" stroke="#0072b2" stroke-width="1.5"/>'
+    return Markup(f'<svg width="{_WIDTH}" height="{_HEIGHT}" role="img">{line}</svg>')
+
+
+def _escaped(value: object) -> str:
+    return value if isinstance(value, Markup) else html.escape("" if value is None else str(value))

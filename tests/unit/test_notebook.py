@@ -1,0 +1,112 @@
+"""What a notebook shows of a project, a response and a result."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import pytest
+from project_case import write_project
+
+import softcal
+from softcal.calibration.result import CalibrationResult, Note
+from softcal.html_text import MOST_ROWS, curve, heading, html_table, paragraph
+from softcal.project.project import Project
+
+SCRIPT = "<script>alert(1)</script>"
+
+
+class Cells(HTMLParser):
+    """The texts of a piece of HTML; every tag must be closed, and none may be a script."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.texts: list[str] = []
+        self._open: list[str] = []
+        self.feed(text)
+        assert self._open == []
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        assert tag in ("table", "thead", "tbody", "tr", "th", "td", "div", "b", "svg", "polyline")
+        if tag != "polyline":
+            self._open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag != "polyline":
+            assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Project:
+    return softcal.load(write_project(tmp_path_factory.mktemp("project")))
+
+
+@pytest.fixture(scope="module")
+def result(project: Project) -> CalibrationResult:
+    return softcal.calibrate(project, starts=1).headline
+
+
+def test_a_project_says_what_it_has(project: Project):
+    texts = Cells(project._repr_html_()).texts
+    assert texts[:2] == ["a square bar", "1 body, 1 plate, 1 cable"]
+    assert texts[6:10] == ["pull", "25", "shortening", "tension, pitch"]
+    row = texts.index("bar.youngs_modulus")
+    assert texts[row : row + 3] == ["bar.youngs_modulus", "100 kPa to 40 MPa", "log"]
+    assert "Warning" not in " ".join(texts)
+    warned = replace(project, name=SCRIPT, warnings=(softcal.Fault(SCRIPT),), held={"bar.poissons_ratio": 0.45})
+    texts = Cells(warned._repr_html_()).texts
+    assert texts[0] == SCRIPT
+    assert texts[-1] == f"Warning: {SCRIPT}."
+    assert texts[texts.index("bar.poissons_ratio") + 1] == "0.45"
+
+
+def test_a_response_says_what_its_channels_are(project: Project):
+    response = softcal.simulate(project)
+    texts = Cells(response._repr_html_()).texts
+    assert texts[0] == response.status
+    row = texts.index("front.tension")
+    tension = response.channels["front.tension"]
+    assert texts[row + 2] == f"{tension.max():.4g} N"
+    assert f"over {len(tension)} samples" in texts
+    assert "<svg" in response._repr_html_()
+    failed = replace(response, succeeded=False, status=SCRIPT, channels={"c": tension * math.nan}, units={"c": "N"})
+    texts = Cells(failed._repr_html_()).texts
+    assert texts[0] == f"Failed: {SCRIPT}"
+    assert texts[texts.index("c") + 1] == "–"
+    assert Cells(replace(failed, channels={}, remarks=SCRIPT)._repr_html_()).texts[-1] == f"Warning: {SCRIPT}"
+
+
+def test_a_result_says_its_values_and_intervals_as_they_are(result: CalibrationResult):
+    texts = Cells(result._repr_html_()).texts
+    row = texts.index("bar.youngs_modulus")
+    assert texts[row + 1] == "1.3 MPa"
+    assert " to " in texts[row + 2]
+    assert texts[row + 3] == "100 kPa to 40 MPa"
+    assert result.status in texts
+    one = result.parameters["bar.youngs_modulus"]
+    bound = replace(one, at_bound=True, interval=None)
+    told = replace(result, parameters={SCRIPT: bound}, notes=(Note(SCRIPT, "warning"),), n_failed_trials=2)
+    texts = Cells(told._repr_html_()).texts
+    row = texts.index(SCRIPT)
+    assert texts[row + 1 : row + 3] == ["1.3 MPa (at a bound)", "–"]
+    assert texts[-1] == f"Warning: {SCRIPT}"
+    assert texts[0].endswith(", 2 of them failed")
+
+
+def test_long_tables_are_cut_and_say_so():
+    texts = Cells(html_table(["a"], [[k] for k in range(MOST_ROWS + 5)])).texts
+    assert texts[-2:] == [str(MOST_ROWS - 1), "and 5 more"]
+    assert Cells(html_table(["a"], [[None]])).texts == ["a"]
+    assert Cells(heading("a & b") + paragraph('"')).texts == ["a & b", '"']
+
+
+def test_a_curve_of_any_values():
+    assert curve([1.0]) == curve([math.nan, 2.0]) == ""
+    assert 'points="0.0,23.0 120.0,1.0"' in curve([1.0, 2.0])
+    assert 'points="0.0,23.0 60.0,23.0 120.0,23.0"' in curve([5.0] * 3)
+    assert "nan" not in curve([1.0, math.nan, math.inf, 3.0])
+    assert len(curve(range(100000))) < 3000

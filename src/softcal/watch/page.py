@@ -143,7 +143,7 @@ class RunPage:
         with ui.element("main").classes("sc-page"):
             with ui.element("header").classes("sc-head"):
                 self._name = ui.label().classes("sc-name").mark("name")
-                self._state = ui.label("Waiting").classes("sc-state").mark("state")
+                self._state = ui.label("Reading").classes("sc-state").mark("state")
                 self._stage = ui.label().classes("sc-stage").mark("stage")
                 self._report = ui.link("Open the report", "report", new_tab=True).classes(f"sc-report {_HIDDEN}")
             self._faults = ui.label().classes(f"sc-12 sc-note sc-warn {_HIDDEN}")

@@ -14,7 +14,8 @@ import typer
 from softcal.cli.app import app, exit_on_error, resumable
 from softcal.cli.calibration_lines import CalibrationLines
 from softcal.cli.printing import print_report_table
-from softcal.cli.values import LOCAL, On, WithReport, Workers, as_typed, names, parsed_pairs, scalar
+from softcal.cli.running import page_beside
+from softcal.cli.values import LOCAL, On, WithPage, WithReport, Workers, as_typed, names, parsed_pairs, scalar
 
 if TYPE_CHECKING:
     from softcal.workflows.fleet import Fleet, Observer
@@ -57,6 +58,7 @@ def fleet(  # noqa: PLR0913 (one argument for each option)
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the fleet in the folder.")] = False,
     report: WithReport = True,
+    watch: WithPage = False,
 ) -> None:
     """Calibrate many specimens by one template, and say how they differ: spread, by factor, E against the infill."""
     options = parsed_pairs(option, "--option", "this sets no option", "NAME=VALUE, such as starts=5")
@@ -69,24 +71,25 @@ def fleet(  # noqa: PLR0913 (one argument for each option)
     again = f"softcal fleet {shlex.quote(str(table))} --out {shlex.quote(str(folder))}"
     again += f"{as_typed(typed)} --resume"
     changes = {"method": method, **{name: scalar(text) for name, text in options.items()}}
-    with resumable(folder, "What was calibrated", again, "fleet.json"):
-        with executor_on(on, workers) as executor, _bar() as show:
-            found = calibrate_fleet(
-                table,
-                template=template,
-                out=folder,
-                resume=resume,
-                workers=executor,
-                by=names(by),
-                progress=show,
-                **changes,
-            )
-        _print(found)
-        if found.stopped_by is not None:
-            raise found.stopped_by
-    typer.echo(f"Fleet: {folder}")
-    if report:
-        _report(found)
+    with page_beside(folder, wanted=watch):
+        with resumable(folder, "What was calibrated", again, "fleet.json"):
+            with executor_on(on, workers) as executor, _bar() as show:
+                found = calibrate_fleet(
+                    table,
+                    template=template,
+                    out=folder,
+                    resume=resume,
+                    workers=executor,
+                    by=names(by),
+                    progress=show,
+                    **changes,
+                )
+            _print(found)
+            if found.stopped_by is not None:
+                raise found.stopped_by
+        typer.echo(f"Fleet: {folder}")
+        if report:
+            _report(found)
 
 
 @contextmanager

@@ -12,8 +12,9 @@ import typer
 from softcal.cli.app import ProjectFile, app, exit_on_error, resumable
 from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.calibration_table import print_results
+from softcal.cli.page_beside import page_beside
 from softcal.cli.printing import print_warnings
-from softcal.cli.running import clock, executor_told, page_beside
+from softcal.cli.running import clock, executor_told
 from softcal.cli.values import (
     LOCAL,
     SOFTCAL,

@@ -13,8 +13,8 @@ import typer
 
 from softcal.cli.app import app, exit_on_error, resumable
 from softcal.cli.calibration_lines import CalibrationLines
+from softcal.cli.page_beside import page_beside
 from softcal.cli.printing import print_report_table
-from softcal.cli.running import page_beside
 from softcal.cli.values import LOCAL, On, WithPage, WithReport, Workers, as_typed, names, parsed_pairs, scalar
 
 if TYPE_CHECKING:

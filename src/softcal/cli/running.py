@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -46,24 +44,6 @@ def clock() -> Generator[Callable[[str], None]]:
         yield show
     finally:
         bar.stop()
-
-
-@contextmanager
-def page_beside(folder: Path, *, wanted: bool) -> Generator[None]:
-    """The page of a run beside the command, until it ends; on a terminal it is opened in the browser."""
-    if not wanted:
-        yield
-        return
-    from softcal.workflows.watching import watch_run
-
-    with watch_run(folder) as page:
-        typer.echo(f"Page: {page.address} (until this command ends)", err=True)
-        if sys.stderr.isatty():
-            import webbrowser
-
-            webbrowser.open(page.address)
-        yield
-    typer.echo(f"The page has ended. It is shown again by: softcal watch {shlex.quote(str(folder))}", err=True)
 
 
 @contextmanager

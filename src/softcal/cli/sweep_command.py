@@ -10,8 +10,9 @@ import typer
 from softcal.cli.app import ProjectFile, app, exit_on_error, resumable
 from softcal.cli.calibrate_commands import report_run
 from softcal.cli.calibration_bars import calibration_progress
+from softcal.cli.page_beside import page_beside
 from softcal.cli.printing import print_table, print_warnings
-from softcal.cli.running import executor_told, page_beside
+from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, Values, WithPage, WithReport, Workers, names, parsed_pairs, parsed_values
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / "docs" / "watch.png"
-ENOUGH = 60  # trials of the joint fit
+ENOUGH = 40  # trials of the joint fit
 SOFTCAL = [sys.executable, "-m", "softcal"]
 DRAWN_BY_SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
@@ -28,7 +28,7 @@ def main() -> None:
     browser = shutil.which("chromium")
     with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright:
         run = Path(place, "neck")
-        fit = ["--method", "tpe", "--fit", "joint", "--trials", "200", "--no-report"]
+        fit = ["--method", "tpe", "--fit", "joint", "--trials", "200", "--workers", "2", "--no-report"]
         search = subprocess.Popen(
             [*SOFTCAL, "calibrate", str(project), *fit, "--out", str(run)], stderr=subprocess.DEVNULL
         )

@@ -17,7 +17,9 @@ PORTS = 65535
 def watch(
     run: Annotated[
         Path,
-        typer.Argument(metavar="RUN", help="A folder that calibrate, sweep or bench run writes.", show_default=False),
+        typer.Argument(
+            metavar="RUN", help="A folder that calibrate, sweep, fleet or bench run writes.", show_default=False
+        ),
     ],
     host: Annotated[
         str, typer.Option(metavar="ADDRESS", help="Address of this machine; other than its own needs a token.")
@@ -35,7 +37,7 @@ def watch(
 
     require_nicegui()
     if not run.is_dir() and not (wait and not run.exists()):
-        allowed = "a folder that calibrate, sweep or bench run writes"
+        allowed = "a folder that calibrate, sweep, fleet or bench run writes"
         raise InputError(
             Fault("there is no such folder", str(run), allowed=allowed, attempt="--wait, if it will be there")
         )

@@ -28,9 +28,13 @@ from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.result import CalibrationResult
 from softcal.calibration.rig import Pulleys, Rig
 from softcal.calibration.run import calibrate
 from softcal.calibration.uncertain import UncertainParameter
+from softcal.executors.chosen import executor_of, executor_on
+from softcal.executors.each import results
+from softcal.executors.executor import Executor
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.project.project import load
 from softcal.twin.parameters import with_parameters
@@ -171,13 +175,15 @@ class Coverage:
         return self.held / self.given if self.given else float("nan")
 
 
-def coverage(case: Case, studies: int = STUDIES) -> list[Coverage]:
-    """Run the studies of a case."""
+def coverage(case: Case, studies: int = STUDIES, workers: int | Executor = 1) -> list[Coverage]:
+    """Run the studies of a case; workers: an executor, or a number of processes."""
     truth = case.truth
     found: dict[str, list[tuple[float, tuple[float, float] | None]]] = {}
     differ = 0
-    for seed in range(studies):
-        result = calibrate(study(case, seed), starts=1)
+    with executor_of(workers) as executor:
+        calls = [(seed,) for seed in range(studies)]
+        held_by_seed: list[CalibrationResult] = list(results(executor, calibrated_study, case, calls))
+    for result in held_by_seed:
         differ += any(spread.differs for spread in result.spreads.values())
         for name, estimate in result.parameters.items():
             if name in truth:
@@ -190,6 +196,11 @@ def coverage(case: Case, studies: int = STUDIES) -> list[Coverage]:
         ratio = float(np.mean(ends[:, 1] - ends[:, 0])) / 2 / (1.96 * error) if len(ends) else float("nan")
         rows.append(Coverage(case, name, len(held), len(ends), int(inside), ratio, differ))
     return rows
+
+
+def calibrated_study(case: Case, seed: int) -> CalibrationResult:
+    """One study, calibrated."""
+    return calibrate(study(case, seed), starts=1)
 
 
 def study(case: Case, seed: int) -> Problem:
@@ -333,18 +344,21 @@ def main() -> None:
     names = [case.name for case in CASES]
     parser.add_argument("--cases", nargs="+", metavar="NAME", choices=names, default=names, help=", ".join(names))
     parser.add_argument("--out", type=Path, default=PAGE, help="where the page goes; docs/uncertainty.md by default")
+    parser.add_argument("--workers", type=int, help="number of processes, 1 by default")
+    parser.add_argument("--on", default="local", help="local, dask:ADDRESS or slurm, as of softcal's commands")
     arguments = parser.parse_args()
     found: list[Coverage] = []
-    for case in CASES:
-        if case.name not in arguments.cases:
-            continue
-        began = time.perf_counter()
-        rows = coverage(case, min(arguments.studies, case.studies))
-        print(f"{case.name}: {time.perf_counter() - began:.0f} s")
-        for one in rows:
-            share = f"{one.held} of {one.given} contain the true value ({one.studies} studies)"
-            print(f"  {one.parameter}: {share}, length {one.ratio:.2f}")
-        found += rows
+    with executor_on(arguments.on, arguments.workers) as executor:
+        for case in CASES:
+            if case.name not in arguments.cases:
+                continue
+            began = time.perf_counter()
+            rows = coverage(case, min(arguments.studies, case.studies), executor)
+            print(f"{case.name}: {time.perf_counter() - began:.0f} s")
+            for one in rows:
+                share = f"{one.held} of {one.given} contain the true value ({one.studies} studies)"
+                print(f"  {one.parameter}: {share}, length {one.ratio:.2f}")
+            found += rows
     arguments.out.write_text(page(found), encoding="utf-8")
 
 

@@ -15,6 +15,9 @@ from softcal.cli import app
 from softcal.errors import SimulationError
 from softcal.export.calculix import Deck
 from softcal.export.calculix_run import run_calculix
+from softcal.project.project import load
+from softcal.workflows.cases import PULL, cases
+from softcal.workflows.crosschecking import crosscheck_project
 
 DECK = Deck("** a deck", {}, 2)
 TABLE = """
@@ -114,3 +117,14 @@ def test_crosscheck_ends_with_1_where_calculix_fails(ccx, tmp_path, script, opti
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 1
     assert sentence in done.output
+
+
+def test_two_workers_compare_as_one_process_does(ccx, tmp_path):
+    ccx("echo ' *ERROR: too many cutbacks'; exit 201")
+    project = load(write_project(tmp_path / "project"))
+    chosen = {f"{mm} mm": cases(project, [f"front={mm}mm"])[PULL] for mm in (2, 3)}
+    seen: list[tuple[str, str]] = []
+    there = crosscheck_project(project, chosen, ["calculix"], workers=2, progress=lambda *told: seen.append(told))
+    assert there == crosscheck_project(project, chosen, ["calculix"])
+    assert seen == [("2 mm", "each engine"), ("3 mm", "each engine")]
+    assert all("too many cutbacks" in result.failed["calculix"] for result in there.values())

@@ -285,3 +285,11 @@ def test_shifts_in_words():
 def test_a_place_moves_as_far_as_its_coordinates_together():
     """3 and 4 are 5, whatever is done to average over the samples."""
     assert mesh_changes._distance(np.array([[3.0, 3.0], [4.0, 4.0]])) == pytest.approx(5.0)
+
+
+def test_two_workers_find_what_one_process_finds(problem: Problem, optimum: dict[str, float], study: MeshStudy):
+    seen: list[tuple[str, int, int | None]] = []
+    there = mesh_study(problem, optimum, workers=2, progress=lambda *told: seen.append(told))
+    assert [replace(one, seconds=0.0) for one in there.finer] == [replace(one, seconds=0.0) for one in study.finer]
+    assert there.notes == study.notes
+    assert [name for name, done, of in seen if done and of] == [one.name for one in study.finer if one.name != LIMIT]

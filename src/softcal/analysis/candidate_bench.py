@@ -10,6 +10,7 @@ import numpy as np
 from softcal.analysis.candidate import Candidate, as_experiment, noise_like, own_parameters
 from softcal.analysis.candidate_mesh import mesh_change, step_of_parameters
 from softcal.calibration.added_test import AddedChannel, AddedTest
+from softcal.calibration.evaluator import evaluated
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.loss import Block
 from softcal.calibration.losses.likelihood import LikelihoodLoss
@@ -20,6 +21,7 @@ from softcal.calibration.scope import P
 from softcal.calibration.uncertain import MESH_ERROR, UncertainParameter
 from softcal.checks import Floats
 from softcal.errors import Fault, InputError, SimulationError
+from softcal.executors.executor import Executor
 from softcal.sensing.channel import ChannelName
 from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.parameters import robot_parameters, with_shape
@@ -111,9 +113,15 @@ def joined(problem: Problem, theta: Mapping[str, float], plans: Sequence[Plan]) 
 
 
 def simulated(
-    problem: Problem, theta: Mapping[str, float], plans: Sequence[Plan], *, mesh_error: bool = True
+    problem: Problem,
+    theta: Mapping[str, float],
+    plans: Sequence[Plan],
+    *,
+    mesh_error: bool = True,
+    workers: int | Executor = 1,
 ) -> Simulated:
-    """The problem's experiments and all candidates, at once; mesh_error: with the error of the mesh in each.
+    """The problem's experiments and all candidates, at once; mesh_error: with the error of the mesh in each; workers:
+    an executor, or a number of processes, which share the trajectories.
 
     Raises
     ------
@@ -122,7 +130,7 @@ def simulated(
     """
     failures: dict[str, str] = {}
     whole, values = joined(problem, theta, plans)
-    found = whole.evaluate(values, jacobian=True)
+    found = evaluated(whole, values, workers=workers, jacobian=True)
     n_solves = found.n_solves
     if found.loss is None:
         done = set(found.observations)
@@ -131,7 +139,7 @@ def simulated(
             n_solves += alone.n_solves
             failures[plan.test.name] = (alone.failure or found.failure).removeprefix(f"{plan.test.name}: ")
         whole, values = joined(problem, theta, [plan for plan in plans if plan.test.name in done])
-        found = whole.evaluate(values, jacobian=True)
+        found = evaluated(whole, values, workers=workers, jacobian=True)
         n_solves += found.n_solves
     if found.loss is None:
         raise SimulationError(f"The twin cannot be simulated at the values found. {found.failure}")

@@ -33,6 +33,9 @@ from softcal.calibration.result import Estimate
 from softcal.calibration.sensitivity import local_statistics
 from softcal.checks import Floats
 from softcal.errors import MeshError, SimulationError
+from softcal.executors.chosen import executor_of
+from softcal.executors.each import Lost, each
+from softcal.executors.executor import Executor
 from softcal.mechanics.elements import DEFAULT, ELEMENTS
 from softcal.twin.finer import Size, elevated, halved, has_lower, size
 from softcal.twin.parameters import robot_parameters
@@ -141,6 +144,7 @@ def mesh_study(
     element: str = DEFAULT.name,
     halvings: int = 2,
     max_unknowns: int = UNKNOWNS,
+    workers: int | Executor = 1,
     progress: Observer | None = None,
 ) -> MeshStudy:
     """Simulate a problem at theta [SI by label] on finer discretisations, and predict the shift of its estimates.
@@ -153,6 +157,8 @@ def mesh_study(
         Number of refinements by halving; each divides a tet into eight.
     max_unknowns
         Limit of unknowns; larger discretisations are skipped with a reason.
+    workers
+        An executor, or a number of processes: a discretisation for each.
 
     Raises
     ------
@@ -174,8 +180,9 @@ def mesh_study(
         plans.append((f"{element} h/2", f"{element} elements, {_halved_words(1)}", raised, 1))
     found: list[Finer] = []
     seen: dict[str, Evaluation] = {}
-    for name, what, robot, n in plans:
-        one, evaluation = _simulated(model, (name, what, robot, n), theta, max_unknowns, partial(observer, name))
+    with executor_of(workers) as executor:
+        outcomes = _each_simulated(executor, _Plans(model, plans, theta, max_unknowns), observer)
+    for (name, *_), (one, evaluation) in zip(plans, outcomes, strict=True):
         found.append(one)
         if evaluation is not None:
             seen[name] = evaluation
@@ -237,6 +244,37 @@ class _Model:
 
 
 _Plan = tuple[str, str, Robot, int]
+
+
+@dataclass(frozen=True)
+class _Plans:
+    """What the discretisations of a study have in common, and the plan of each."""
+
+    model: _Model
+    plans: Sequence[_Plan]
+    theta: Mapping[str, float]
+    max_unknowns: int
+
+    def simulated(self, k: int, observer: Callable[[int, int | None], None]) -> tuple[Finer, Evaluation | None]:
+        """Discretisation k."""
+        return _simulated(self.model, self.plans[k], self.theta, self.max_unknowns, observer)
+
+
+def _each_simulated(executor: Executor, plans: _Plans, observer: Observer) -> list[tuple[Finer, Evaluation | None]]:
+    """Every discretisation; the observer is told of each trajectory here, and of whole ones where others work."""
+    names = [name for name, *_ in plans.plans]
+    if executor.alone:
+        return [plans.simulated(k, partial(observer, name)) for k, name in enumerate(names)]
+    found: list[tuple[Finer, Evaluation | None]] = []
+    for k, one in enumerate(each(executor, _simulated_there, plans, [(k,) for k in range(len(names))])):
+        name, what, *_ = plans.plans[k]
+        found.append((Finer(name, what, None, failure=one.why), None) if isinstance(one, Lost) else one)
+        observer(name, 1, 1)
+    return found
+
+
+def _simulated_there(plans: _Plans, k: int) -> tuple[Finer, Evaluation | None]:
+    return plans.simulated(k, lambda done, of: None)
 
 
 def _simulated(

@@ -23,6 +23,7 @@ from softcal.calibration.problem import Problem
 from softcal.calibration.sensitivity import MIXED
 from softcal.checks import Floats
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError, nearest
+from softcal.executors.executor import Executor
 from softcal.units import format_quantity
 
 
@@ -91,11 +92,13 @@ def next_tests(
     parameter: str = "",
     *,
     mesh_error: bool = True,
+    workers: int | Executor = 1,
 ) -> NextTests:
     """Rank candidates for a problem at its minimum theta [SI by label].
 
     parameter: label of the one whose interval counts; by default the first of the robot. mesh_error: whether the
-    intervals include the error of the mesh, by one more simulation on a finer one.
+    intervals include the error of the mesh, by one more simulation on a finer one. workers: an executor, or a number of
+    processes, which share the trajectories.
 
     Raises
     ------
@@ -119,7 +122,7 @@ def next_tests(
             plans[candidate.name] = planned(problem, theta, candidate)
         except InputError as error:
             failures[candidate.name] = str(error)
-    seen = simulated(problem, theta, list(plans.values()), mesh_error=mesh_error)
+    seen = simulated(problem, theta, list(plans.values()), mesh_error=mesh_error, workers=workers)
     failures |= seen.failures
     present = _Present(problem, theta, seen, labels.index(label))
     found = [

@@ -31,6 +31,8 @@ class Evaluator:
         An executor, which stays open; or a number of processes of this machine.
     jacobian
         Whether with derivatives.
+    long
+        Whether it is known that an evaluation is worth the start of processes.
 
     Raises
     ------
@@ -38,12 +40,12 @@ class Evaluator:
         For less than one worker.
     """
 
-    def __init__(self, problem: Problem, *, workers: int | Executor, jacobian: bool) -> None:
+    def __init__(self, problem: Problem, *, workers: int | Executor, jacobian: bool, long: bool = False) -> None:
         self._problem, self._jacobian = problem, jacobian
         self._stack = contextlib.ExitStack()
         self._executor = self._stack.enter_context(executor_of(workers))
         self._seconds = 0.0  # of the last evaluation by itself
-        self._begun = self._succeeded = False
+        self._begun, self._succeeded = long, False
         self._lost = 0
 
     def __enter__(self) -> Evaluator:
@@ -101,6 +103,20 @@ class Evaluator:
                 f"{lost.why} The trials so far are kept. Try: fewer workers than {self._executor.count}, and resume."
             )
         return self._problem.failed(proposal.theta, lost.why)
+
+
+def evaluated(
+    problem: Problem, theta: Mapping[str, float], *, workers: int | Executor = 1, jacobian: bool = False
+) -> Evaluation:
+    """One evaluation at theta [SI by label], its trajectories shared by the workers.
+
+    Raises
+    ------
+    CalibrationError
+        Where no more workers can be had.
+    """
+    with Evaluator(problem, workers=workers, jacobian=jacobian, long=True) as evaluator:
+        return next(iter(evaluator.evaluate([Proposal(0, theta)])))[1]
 
 
 def _evaluate(problem: Problem, theta: dict[str, float], jacobian: bool) -> Evaluation:

@@ -10,8 +10,8 @@ import typer
 from softcal.cli.app import FAILED, app, exit_on_error
 from softcal.cli.export_commands import Pull, Source
 from softcal.cli.printing import print_table
-from softcal.cli.running import clock
-from softcal.cli.values import Values, names, parsed_values
+from softcal.cli.running import clock, executor_told
+from softcal.cli.values import LOCAL, On, Values, Workers, names, parsed_values
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -38,6 +38,8 @@ def crosscheck(
             show_default=False,
         ),
     ] = "",
+    workers: Workers = None,
+    on: On = LOCAL,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -62,12 +64,13 @@ def crosscheck(
     from softcal.workflows.crosschecking import crosscheck_project, write_crosscheck
 
     chosen = cases(project, pull or ())
-    with clock() as show:
+    with executor_told(on, workers) as executor, clock() as show:
         found = crosscheck_project(
             project,
             chosen,
             names(engines),
             timeout=longest,
+            workers=executor,
             progress=lambda state, engine: show(f"{state or AT_REST}: {engine} compared with softcal"),
         )
     _print_crosscheck(found)

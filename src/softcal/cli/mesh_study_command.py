@@ -13,7 +13,8 @@ import typer
 from softcal.cli.app import app, exit_on_error
 from softcal.cli.export_commands import Source
 from softcal.cli.printing import print_table, print_warnings
-from softcal.cli.values import Values, parsed_values
+from softcal.cli.running import executor_told
+from softcal.cli.values import LOCAL, On, Values, Workers, parsed_values
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 @app.command("mesh-study")
 @exit_on_error
-def mesh_study(
+def mesh_study(  # noqa: PLR0913 (one argument for each option)
     source: Source,
     calibration: Annotated[
         str,
@@ -35,6 +36,8 @@ def mesh_study(
     element: Annotated[str, typer.Option(metavar="KIND", help="Element that replaces those of lower order.")] = "P2P1",
     halvings: Annotated[int, typer.Option(metavar="N", help="Number of halvings (a tet into eight).")] = 2,
     unknowns: Annotated[int, typer.Option(metavar="N", help="Skip meshes with more unknowns.")] = 150_000,
+    workers: Workers = None,
+    on: On = LOCAL,
     values: Values = None,
     out: Annotated[
         Path | None,
@@ -61,8 +64,10 @@ def mesh_study(
     from softcal.workflows.mesh_study_files import write_study
 
     print_warnings(studied.project.warnings if not source.is_dir() else ())
-    with _bars() as show:
-        found = study(studied, element=element, halvings=halvings, max_unknowns=unknowns, progress=show)
+    with executor_told(on, workers) as executor, _bars() as show:
+        found = study(
+            studied, element=element, halvings=halvings, max_unknowns=unknowns, workers=executor, progress=show
+        )
     if studied.calibration:
         typer.echo(f"What the mesh contributes to the calibration '{studied.calibration}'")
     _print_study(found)

@@ -9,6 +9,8 @@ import typer
 
 from softcal.cli.app import app, exit_on_error
 from softcal.cli.printing import print_table
+from softcal.cli.running import executor_told
+from softcal.cli.values import LOCAL, On, Workers
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -37,6 +39,8 @@ def next_test(
         Path | None,
         typer.Option(metavar="DIR", help="A folder, new or empty, for the table.", show_default=False),
     ] = None,
+    workers: Workers = None,
+    on: On = LOCAL,
 ) -> None:
     """Rank further bench tests by the interval that a parameter is expected to have after each."""
     from softcal.workflows.output import require_free_folder
@@ -47,7 +51,8 @@ def next_test(
     from softcal.workflows.next_test import rank, run_source, write_ranking
 
     source = run_source(run, calibration)
-    found = rank(source, parameter)
+    with executor_told(on, workers) as executor:
+        found = rank(source, parameter, workers=executor)
     print_table(_table(found))
     for one in found.outlooks:
         if one.failure:

@@ -10,6 +10,9 @@ from softcal.calibration.outcome import installed_versions
 from softcal.calibration.problem import SOFTCAL
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, InputError
+from softcal.executors.chosen import executor_of
+from softcal.executors.each import results
+from softcal.executors.executor import Executor
 from softcal.export.crosscheck import AGREES, Crosscheck, crosscheck
 from softcal.export.engine import ENGINES, Running
 from softcal.project.project import Project
@@ -26,11 +29,13 @@ def crosscheck_project(
     engines: Sequence[str] = (),
     *,
     timeout: float | None = None,
+    workers: int | Executor = 1,
     progress: Callable[[str, str], None] = lambda state, engine: None,
 ) -> dict[str, Crosscheck]:
     """Case name -> cross-check of its furthest state in the engines (default: all); see `softcal.export.crosscheck`.
 
-    timeout [s]: limit of each engine's process, by default the engine's own. progress: called with state and engine.
+    timeout [s]: limit of each engine's process, by default the engine's own. workers: an executor, or a number of
+    processes: a state for each. progress: called with state and engine, or with each state as it is done by others.
 
     Raises
     ------
@@ -54,11 +59,26 @@ def crosscheck_project(
             case.robot, case.protocol, chosen, running=running, progress=lambda engine: progress(name, engine)
         )
 
-    found = {name: one(name, case) for name, case in cases.items()}
+    with executor_of(workers) as executor:
+        if executor.alone:
+            found = {name: one(name, case) for name, case in cases.items()}
+        else:
+            asked_of = (list(cases.values()), tuple(chosen), running)
+            found = {}
+            for name, result in zip(
+                cases, results(executor, _crosschecked, asked_of, [(k,) for k in range(len(cases))]), strict=True
+            ):
+                found[name] = result
+                progress(name, "each engine")
     asked = [result for result in found.values() if result.comparisons or result.failed or result.still]
     if asked and all(result.still and not result.failed for result in asked):
         raise InputError(Fault(NOTHING_MOVES, attempt="--pull CABLE=VALUE"))
     return found
+
+
+def _crosschecked(asked: tuple[Sequence[Case], Sequence[str], Running], k: int) -> Crosscheck:
+    among, engines, running = asked
+    return crosscheck(among[k].robot, among[k].protocol, engines, running=running)
 
 
 def write_crosscheck(project: Project, found: Mapping[str, Crosscheck], folder: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from softcal.analysis.mesh_study import UNKNOWNS, MeshStudy, Observer
 from softcal.analysis.mesh_study import mesh_study as study_problem
 from softcal.errors import Fault, InputError
+from softcal.executors.executor import Executor
 from softcal.mechanics.elements import DEFAULT, higher_elements
 from softcal.twin.finer import has_lower
 from softcal.workflows.mesh_study_files import write_study
@@ -24,6 +25,7 @@ def study(
     element: str = DEFAULT.name,
     halvings: int = 2,
     max_unknowns: int = UNKNOWNS,
+    workers: int | Executor = 1,
     progress: Observer | None = None,
 ) -> MeshStudy:
     """Mesh study of a source; see `softcal.analysis.mesh_study`.
@@ -51,12 +53,18 @@ def study(
     if faults:
         raise InputError(faults)
     found = study_problem(
-        source.problem, source.theta, element=element, halvings=halvings, max_unknowns=max_unknowns, progress=progress
+        source.problem,
+        source.theta,
+        element=element,
+        halvings=halvings,
+        max_unknowns=max_unknowns,
+        workers=workers,
+        progress=progress,
     )
     return replace(found, notes=(*source.notes, *found.notes))
 
 
-def mesh_study(
+def mesh_study(  # noqa: PLR0913 (one argument for each option)
     path: str | Path,
     *,
     calibration: str = "",
@@ -64,6 +72,7 @@ def mesh_study(
     element: str = DEFAULT.name,
     halvings: int = 2,
     max_unknowns: int = UNKNOWNS,
+    workers: int | Executor = 1,
     out: str | Path | None = None,
     progress: Observer | None = None,
 ) -> MeshStudy:
@@ -83,6 +92,8 @@ def mesh_study(
         Number of refinements by halving.
     max_unknowns
         Limit of unknowns; larger discretisations are skipped with a note.
+    workers
+        An executor, or a number of processes: a discretisation for each.
     out
         A new folder for the study as JSON and CSV; a run's report shows the one in its `mesh-study`.
     progress
@@ -98,7 +109,14 @@ def mesh_study(
     if out is not None:
         require_free_folder(Path(out))
     source = study_source(Path(path), values, calibration)
-    found = study(source, element=element, halvings=halvings, max_unknowns=max_unknowns, progress=progress)
+    found = study(
+        source,
+        element=element,
+        halvings=halvings,
+        max_unknowns=max_unknowns,
+        workers=workers,
+        progress=progress,
+    )
     if out is not None:
         write_study(found, source.project, source.calibration, Path(out))
     return found

@@ -13,6 +13,7 @@ from softcal.analysis.next_test_verdict import verdict
 from softcal.calibration.uncertain import MESH_ERROR
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, InputError, StorageError
+from softcal.executors.executor import Executor
 from softcal.workflows.output import require_free_folder
 from softcal.workflows.study_files import write_study_files
 from softcal.workflows.study_source import StudySource, study_source
@@ -28,6 +29,7 @@ def next_test(
     parameter: str = "",
     calibration: str = "",
     out: str | Path | None = None,
+    workers: int | Executor = 1,
 ) -> NextTests:
     """Rank tests that could be made after a run by the interval that one parameter is expected to have then.
 
@@ -45,6 +47,8 @@ def next_test(
         Label of the run's calibration; by default the joint one, else the first.
     out
         A new folder for the ranking as JSON and CSV.
+    workers
+        An executor, or a number of processes, which share the trajectories.
 
     Raises
     ------
@@ -60,7 +64,7 @@ def next_test(
     if out is not None:
         require_free_folder(Path(out))
     source = run_source(Path(run), calibration)
-    found = rank(source, parameter, candidates)
+    found = rank(source, parameter, candidates, workers)
     if out is not None:
         write_ranking(found, source, Path(out))
     return found
@@ -89,7 +93,9 @@ def run_source(run: Path, calibration: str = "") -> StudySource:
     return source
 
 
-def rank(source: StudySource, parameter: str = "", candidates: Sequence[Candidate] = ()) -> NextTests:
+def rank(
+    source: StudySource, parameter: str = "", candidates: Sequence[Candidate] = (), workers: int | Executor = 1
+) -> NextTests:
     """The candidates, those of a run's project and those of softcal, ranked; see `next_test`."""
     problem = source.problem
     like = furthest(problem).name
@@ -101,6 +107,7 @@ def rank(source: StudySource, parameter: str = "", candidates: Sequence[Candidat
         [*stated, *(one for one in default_candidates(problem) if one.name not in names)],
         parameter,
         mesh_error=_has_mesh_error(source),
+        workers=workers,
     )
     return replace(found, notes=(*source.notes, *found.notes))
 

@@ -65,7 +65,7 @@ def _reduce() -> None:
     from PIL import Image
 
     with Image.open(PICTURE) as picture:
-        picture.convert("P", palette=Image.Palette.ADAPTIVE, colors=64).save(PICTURE, optimize=True)
+        picture.convert("P", palette=Image.Palette.ADAPTIVE, colors=200).save(PICTURE, optimize=True)
 
 
 if __name__ == "__main__":

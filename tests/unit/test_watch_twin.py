@@ -147,7 +147,7 @@ def test_the_twin_is_simulated_again_when_the_best_changed_and_after_a_rest(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):
     made: list[int | None] = []
-    clock, done = [100.0], threading.Event()
+    clock, done, cpu = [100.0], threading.Event(), [None]
 
     def answer(folder: Path, search: WatchedSearch) -> tuple[dict[str, Any], bytes]:
         made.append(None if search.best is None else search.best.number)
@@ -159,6 +159,7 @@ def test_the_twin_is_simulated_again_when_the_best_changed_and_after_a_rest(
             "title": "front",
             "largest": 0.01,
             "trouble": "",
+            "cpu": cpu[0],
         }, b"glb"
 
     def want(search: WatchedSearch, *, ended: bool = False) -> None:
@@ -181,7 +182,7 @@ def test_the_twin_is_simulated_again_when_the_best_changed_and_after_a_rest(
     want(one)
     want(one)
     assert made == [0]
-    want(two)  # it took 2 s, so that 18 s of rest are to come
+    want(two)  # it took 2 s, so that none is begun before 20 s are over
     clock[0] += 17.0
     want(two)
     assert made == [0]
@@ -195,9 +196,19 @@ def test_the_twin_is_simulated_again_when_the_best_changed_and_after_a_rest(
     assert shape is not None
     assert (shape.trial, shape.glb, shape.largest) == (3, b"glb", 0.01)
     assert SHORTEST >= 5.0
+    # One that took 0.3 s of a processor in 2 s of time is followed by the shortest rest.
+    clock[0], cpu[0] = 1000.0, 0.3
+    want(one)
+    clock[0] += 4.9
+    want(two)
+    assert made == [0, 1, 3, 0]
+    clock[0] += 0.2
+    want(two)
+    assert made == [0, 1, 3, 0, 1]
+    clock[0] += 100.0
     keeper.close()
     want(one)
-    assert made == [0, 1, 3]
+    assert made == [0, 1, 3, 0, 1]
 
 
 def test_a_shape_of_an_earlier_best_says_so(tmp_path: Path):

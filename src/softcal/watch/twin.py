@@ -18,7 +18,7 @@ from softcal.watch.reading import clean, finite, numbers
 from softcal.watch.run_reader import CALIBRATIONS
 from softcal.watch.watched import WatchedSearch
 
-REST = 9.0  # times as long as a simulation took, none is begun: at most a tenth of a core
+SHARE = 0.1  # of a core, at most: none is begun before its last one has taken no more of the time
 SHORTEST = 5.0  # [s] of rest
 PATIENCE = 600.0  # [s] for one simulation
 MOST_SHAPES = 8  # that are kept
@@ -106,9 +106,10 @@ class TwinKeeper:
         self._ended.set()
 
     def _make(self, search: WatchedSearch, key: object) -> None:
-        began = self._now()
+        began, cpu = self._now(), None
         try:
             answer, glb = simulated_twin(self._folder, search)
+            cpu = finite(answer.get("cpu"))
             units, bounds = answer.get("units"), answer.get("bounds")
             if isinstance(units, Mapping) and units:
                 ends = {clean(name): tuple(pair) for name, pair in (bounds or {}).items() if len(pair) == 2}
@@ -125,7 +126,9 @@ class TwinKeeper:
                     self._shapes.pop(next(iter(self._shapes)))
                 self._shapes[search.place] = (key, shape)
         finally:
-            self._rest_until = self._now() + max(SHORTEST, REST * (self._now() - began))
+            now = self._now()
+            # One that waited for a processor took less of it than of the time.
+            self._rest_until = max(now + SHORTEST, began + (now - began if cpu is None else cpu) / SHARE)
             self._busy = False
 
 

@@ -3,7 +3,7 @@
 Run as `python -m softcal.watch.twin_worker SHAPE`: standard input is a JSON object {folder, label, theta}, where theta
 [SI by label] is missing or null before the first trial; SHAPE is the GLB file to write. Standard output is a JSON
 object: `units` by parameter, `bounds` by parameter, and of the shape `title`, `largest` displacement [m] and `trouble`,
-a sentence where there is no shape.
+a sentence where there is no shape; `cpu`, the processor time that it took [s].
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,7 +46,7 @@ def main(shape: Path) -> None:
             answer |= _shape(project, request["theta"], names, shape)
     except SoftcalError as error:
         answer["trouble"] = str(error)
-    json.dump(answer, sys.stdout)
+    json.dump({**answer, "cpu": time.process_time()}, sys.stdout)
 
 
 def _parameters(project: Project) -> dict[str, Any]:

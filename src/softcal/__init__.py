@@ -44,6 +44,9 @@ if TYPE_CHECKING:
     from softcal.errors import SoftcalError as SoftcalError
     from softcal.errors import StorageError as StorageError
     from softcal.errors import UnitError as UnitError
+    from softcal.executors.chosen import executor_on as executor_on
+    from softcal.executors.executor import Executor as Executor
+    from softcal.executors.executor import register_executor as register_executor
     from softcal.experiments.dataset import Channel as Channel
     from softcal.experiments.dataset import Dataset as Dataset
     from softcal.experiments.step import Setting as Setting
@@ -147,6 +150,7 @@ _HOMES = {
     "Disc": "softcal.twin.robot",
     "Drawing": "softcal.report.figure",
     "Engine": "softcal.export.engine",
+    "Executor": "softcal.executors.executor",
     "Experiment": "softcal.calibration.experiment",
     "ExportOption": "softcal.workflows.export",
     "ExportRequest": "softcal.workflows.export",
@@ -209,6 +213,7 @@ _HOMES = {
     "check": "softcal.workflows.checking",
     "compare_laws": "softcal.coupons.comparison",
     "compare_records": "softcal.workflows.whole_record",
+    "executor_on": "softcal.executors.chosen",
     "fleet": "softcal.workflows.fleet",
     "helix": "softcal.geometry.centreline",
     "importance": "softcal.workflows.importance",
@@ -225,6 +230,7 @@ _HOMES = {
     "read_coupons": "softcal.coupons.reading",
     "read_mesh": "softcal.geometry.read",
     "register_engine": "softcal.export.engine",
+    "register_executor": "softcal.executors.executor",
     "register_export": "softcal.workflows.export",
     "register_figure": "softcal.report.figure",
     "register_law": "softcal.materials.catalogue",
@@ -263,6 +269,7 @@ __all__ = [
     "Disc",
     "Drawing",
     "Engine",
+    "Executor",
     "Experiment",
     "ExportOption",
     "ExportRequest",
@@ -325,6 +332,7 @@ __all__ = [
     "check",
     "compare_laws",
     "compare_records",
+    "executor_on",
     "fleet",
     "helix",
     "importance",
@@ -341,6 +349,7 @@ __all__ = [
     "read_coupons",
     "read_mesh",
     "register_engine",
+    "register_executor",
     "register_export",
     "register_figure",
     "register_law",

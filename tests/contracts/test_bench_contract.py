@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -17,11 +18,12 @@ from softcal.bench.page import read_scores, write_page
 from softcal.bench.predictions import Predictions, read_predictions
 from softcal.bench.project_case import ProjectCase
 from softcal.bench.record import PREDICT, CaseRecord
-from softcal.bench.run import score_file
+from softcal.bench.run import run_case, score_file
 from softcal.bench.score import Score, score
 from softcal.cli import app
-from softcal.errors import DatasetError
+from softcal.errors import DatasetError, StorageError
 from softcal.project.project import Project
+from softcal.workflows.run_folder import load_run
 
 EVERY = pytest.mark.parametrize("name", sorted(CASES))
 
@@ -303,6 +305,27 @@ def test_bad_arguments_are_refused_in_a_sentence(arguments: list[str], message: 
     ran = CliRunner().invoke(app, ["bench", *arguments, *folder])
     assert ran.exit_code == 2, ran.output
     assert message in " ".join(ran.output.split())
+
+
+def test_a_run_keeps_its_fit_and_is_resumed_after_a_stop(tmp_path: Path) -> None:
+    def stop(stage: str) -> None:
+        if " 2 trials" in stage:
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        run_case("beam", tmp_path / "out", progress=stop)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["fit"]
+    with pytest.raises(StorageError, match="not empty"):
+        run_case("beam", tmp_path / "out")
+    resumed = run_case("beam", tmp_path / "out", resume=True)
+    whole = run_case("beam", tmp_path / "whole")
+    names = ["fit", "predictions.csv", "score.json"]
+    assert sorted(path.name for path in resumed.folder.iterdir()) == names
+    assert resumed.score.splits == whole.score.splits
+    assert load_run(tmp_path / "out" / "fit").results
+    for folder, why in ((tmp_path / "out", "run to its end"), (tmp_path / "none", "no fit to resume")):
+        with pytest.raises(StorageError, match=why):
+            run_case("beam", folder, resume=True)
 
 
 def test_what_a_case_leaves_out_is_neither_fitted_nor_to_be_predicted(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -98,8 +98,18 @@ class BenchmarkCase(ABC):
         """
 
     @abstractmethod
-    def run(self, data: Path | None = None, *, workers: int | Executor = 1, progress: Progress) -> Predictions:
+    def run(
+        self,
+        data: Path | None = None,
+        *,
+        workers: int | Executor = 1,
+        store: Path | None = None,
+        resume: bool = False,
+        progress: Progress,
+    ) -> Predictions:
         """softcal's own predictions of all samples: fitted to those of the fit alone.
+
+        store: run folder of the fit, new or empty, where there is one; resume: go on with the fit in it.
 
         Raises
         ------

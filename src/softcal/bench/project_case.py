@@ -87,17 +87,30 @@ class ProjectCase(BenchmarkCase):
                 [*(part for part in parts if part[0] == FIT), *(part for part in parts if part[0] == PREDICT)]
             )
 
-    def run(self, data: Path | None = None, *, workers: int | Executor = 1, progress: Progress) -> Predictions:
+    def run(
+        self,
+        data: Path | None = None,
+        *,
+        workers: int | Executor = 1,
+        store: Path | None = None,
+        resume: bool = False,
+        progress: Progress,
+    ) -> Predictions:
         began = perf_counter()
         with self._project(data) as project:
             held = self._held(project)
-            found = calibrate(
+            done = calibrate(
                 project,
                 fit="joint",
                 hold_out=[*self.left_out, *held],
+                out=store,
+                resume=resume and store is not None and (store / "run.json").is_file(),
                 workers=workers,
                 progress=lambda label, state: progress(f"{self.name}: {state.done} trials {state.stage}"),
-            ).headline
+            )
+            if done.stopped_by is not None:
+                raise done.stopped_by
+            found = done.headline
             require_predicted(found, (*self.left_out, *held))
             fits = {**found.experiments, **{name: one.fit for name, one in found.held_out.items()}}
             tables = [

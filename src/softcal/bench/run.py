@@ -10,10 +10,12 @@ from softcal.bench.case import CASES, BenchmarkCase, Progress
 from softcal.bench.predictions import Predictions, read_predictions
 from softcal.bench.record import CaseRecord
 from softcal.bench.score import Score, score
+from softcal.calibration.store import write_text
+from softcal.errors import Fault, StorageError
 from softcal.executors.executor import Executor
 from softcal.workflows.output import new_folder, require_free_folder
 
-PREDICTIONS, SCORE = "predictions.csv", "score.json"
+PREDICTIONS, SCORE, FIT = "predictions.csv", "score.json", "fit"
 
 
 @dataclass(frozen=True)
@@ -30,11 +32,13 @@ def run_case(
     *,
     data: Path | None = None,
     workers: int | Executor = 1,
+    resume: bool = False,
     progress: Progress = lambda stage: None,
 ) -> Ran:
     """softcal's predictions of a case, fitted to the samples of the fit alone, with their score.
 
-    Writes `predictions.csv` and `score.json` into a folder that is new or empty.
+    Writes `predictions.csv` and `score.json` into a folder that is new or empty, beside `fit`, the run folder of the
+    fit, where the case has one. resume: go on with the fit of a run of the same case that was stopped.
 
     Raises
     ------
@@ -43,9 +47,30 @@ def run_case(
     """
     case = CASES.named(name)
     record = case.record(data)
-    require_free_folder(out)
-    found = case.run(data, workers=workers, progress=progress)
-    return Ran(_written(case, record, found, out, data), out)
+    if resume:
+        _require_unfinished(out)
+    else:
+        require_free_folder(out)
+    found = case.run(data, workers=workers, store=out / FIT, resume=resume, progress=progress)
+    out.mkdir(parents=True, exist_ok=True)
+    result = _scored(case, record, found, data)
+    for file, text in _texts(record, found, result).items():
+        write_text(out / file, text)
+    return Ran(result, out)
+
+
+def _require_unfinished(out: Path) -> None:
+    """Raise where a folder holds no run of a case that was stopped.
+
+    Raises
+    ------
+    StorageError
+        As said.
+    """
+    if (out / SCORE).exists():
+        raise StorageError(Fault("the case was run to its end", str(out), f"{SCORE} in it", attempt="another --out"))
+    if not (out / FIT).is_dir():
+        raise StorageError(Fault("there is no fit to resume", str(out), attempt="without --resume"))
 
 
 def score_file(
@@ -73,6 +98,11 @@ def _scored(case: BenchmarkCase, record: CaseRecord, found: Predictions, data: P
 def _written(case: BenchmarkCase, record: CaseRecord, found: Predictions, out: Path, data: Path | None) -> Score:
     result = _scored(case, record, found, data)
     with new_folder(out) as folder:
-        (folder / PREDICTIONS).write_text(found.text(record.units), encoding="utf-8")
-        (folder / SCORE).write_text(json.dumps(result.as_json(), indent=2) + "\n", encoding="utf-8")
+        for file, text in _texts(record, found, result).items():
+            (folder / file).write_text(text, encoding="utf-8")
     return result
+
+
+def _texts(record: CaseRecord, found: Predictions, result: Score) -> dict[str, str]:
+    """The files of scored predictions, by name; the score, which says that they are whole, last."""
+    return {PREDICTIONS: found.text(record.units), SCORE: json.dumps(result.as_json(), indent=2) + "\n"}

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.app import app, exit_on_error
+from softcal.cli.page_beside import page_beside
 from softcal.cli.printing import print_table
 from softcal.cli.running import clock, executor_told
-from softcal.cli.values import LOCAL, On, Workers
+from softcal.cli.values import LOCAL, On, WithPage, Workers
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -75,14 +76,17 @@ def run(
     data: Data = None,
     workers: Workers = None,
     on: On = LOCAL,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the fit in the folder.")] = False,
+    watch: WithPage = False,
 ) -> None:
     """Fit a case's samples with softcal, predict the others, and write and score the predictions."""
     from softcal.bench.case import CASES
-    from softcal.bench.run import run_case
+    from softcal.bench.run import FIT, run_case
 
     CASES.named(case)
-    with executor_told(on, workers) as executor, clock() as show:
-        done = run_case(case, out or Path("bench", case), data=data, workers=executor, progress=show)
+    folder = out or Path("bench", case)
+    with page_beside(folder / FIT, wanted=watch), executor_told(on, workers) as executor, clock() as show:
+        done = run_case(case, folder, data=data, workers=executor, resume=resume, progress=show)
     _print_score(done.score)
     typer.echo(f"Predictions and score: {done.folder}")
 

@@ -71,7 +71,15 @@ class SoroSimRod(BenchmarkCase):
         none = np.zeros(len(shapes), dtype=bool)
         return CaseRecord(tuple(shape.name for shape in shapes), none, channels, dict.fromkeys(channels, "m"))
 
-    def run(self, data: Path | None = None, *, workers: int | Executor = 1, progress: Progress) -> Predictions:
+    def run(
+        self,
+        data: Path | None = None,
+        *,
+        workers: int | Executor = 1,
+        store: Path | None = None,
+        resume: bool = False,
+        progress: Progress,
+    ) -> Predictions:
         shapes, began = self.shapes(data), perf_counter()
         progress(f"Simulating {len(shapes)} shapes")
         robots = [self._robot(shape) for shape in shapes]

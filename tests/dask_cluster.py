@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -69,6 +71,13 @@ def dask_cluster(folder: Path, workers: int = 2) -> Generator[DaskProcesses]:
             cluster.add_worker()
         wait_for_workers(cluster, workers)
         yield cluster
+
+
+def close_what_dask_left() -> None:
+    """Collect sockets that Dask's connections left to the collector, which would warn of them in another test."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)
+        gc.collect()
 
 
 def wait_for_workers(cluster: DaskProcesses, count: int) -> None:

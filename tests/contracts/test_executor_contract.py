@@ -10,7 +10,7 @@ from pathlib import Path
 
 import called
 import pytest
-from dask_cluster import dask_cluster
+from dask_cluster import close_what_dask_left, dask_cluster
 
 from softcal.errors import CalibrationError, ParameterError
 from softcal.executors.chosen import executor_on
@@ -20,6 +20,12 @@ from softcal.executors.kinds.cluster import DaskExecutor
 from softcal.executors.kinds.local import LocalExecutor
 
 NUMBERS = [(k,) for k in range(6)]
+
+
+@pytest.fixture(autouse=True)
+def _collected() -> Generator[None]:
+    yield
+    close_what_dask_left()
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import os
 import random
 import shutil
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from dask_cluster import DaskProcesses, dask_cluster, kill_group, wait_for_workers
+from dask_cluster import DaskProcesses, close_what_dask_left, dask_cluster, kill_group, wait_for_workers
 from fake_twin import soft_necks_fail
 from project_case import write_project
 from test_calibration_run import problem_of, same
@@ -50,6 +51,12 @@ def slow_twin(
 ) -> Response:
     time.sleep(0.05)
     return soft_necks_fail(robot, protocol, theta, sensitivities=sensitivities)
+
+
+@pytest.fixture(autouse=True)
+def _collected() -> Generator[None]:
+    yield
+    close_what_dask_left()
 
 
 @pytest.fixture(scope="module")
@@ -246,11 +253,17 @@ kill -9 -- "-$1"
 """
 
 
+def skip_without(*modules: str) -> None:
+    """Without importing them: dask-jobqueue replaces the answer to Ctrl-C as it is imported."""
+    for module in modules:
+        if importlib.util.find_spec(module) is None:
+            pytest.skip(f"{module} is not installed")
+
+
 @pytest.fixture
 def queue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with an sbatch and an scancel of its own."""
-    pytest.importorskip("dask_jobqueue")
-    pytest.importorskip("cryptography")
+    skip_without("dask_jobqueue", "cryptography")
     folder = tmp_path / "queue"
     folder.mkdir()
     for name, text in (("sbatch", SBATCH), ("scancel", SCANCEL)):
@@ -264,7 +277,9 @@ def queue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_jobs_of_a_queue_give_the_same_and_are_cancelled(queue: Path) -> None:
+    answer = signal.getsignal(signal.SIGINT)
     with executor_on("slurm:long", 1) as executor:
+        assert signal.getsignal(signal.SIGINT) is answer
         assert isinstance(executor, SlurmExecutor)
         assert executor.told.startswith("the Dask cluster at tls://")
         there = calibrate(problem_of(soft_necks_fail), method="grid", trials=9, workers=executor)
@@ -276,7 +291,7 @@ def test_jobs_of_a_queue_give_the_same_and_are_cancelled(queue: Path) -> None:
 
 
 def test_without_a_queue_on_this_machine_that_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("dask_jobqueue")
+    skip_without("dask_jobqueue")
     monkeypatch.setenv("PATH", "/nowhere")
     with pytest.raises(InputError, match="sbatch is not on this machine"), executor_on("slurm"):
         pass

@@ -142,6 +142,9 @@ def test_damaged_files_are_named(studied: tuple[Path, str], tmp_path: Path):
 def test_python_and_the_command_line_have_the_same_defaults():
     python = inspect.signature(intervals).parameters
     command = inspect.signature(intervals_command.intervals).parameters
-    for name in set(python) & set(command) - {"path", "out"}:
+    # Without --workers the executor of --on chooses their number: on this machine one, as in Python.
+    for name in set(python) & set(command) - {"path", "out", "workers"}:
         assert python[name].default == command[name].default, name
+    with softcal.executor_on(command["on"].default, command["workers"].default) as executor:
+        assert executor.count == python["workers"].default
     assert softcal.intervals is intervals

@@ -9,6 +9,7 @@ from softcal.analysis.fleet_verdict import chance_text, ends_text, level_text, s
 from softcal.analysis.specimen import Specimen
 from softcal.calibration.digits import estimate_text, interval_text
 from softcal.report.tables import Cell, Column, ReportTable
+from softcal.twin.parameter_name import parameter_name
 from softcal.units import plain
 
 
@@ -108,6 +109,6 @@ def specimens_table(specimens: Sequence[Specimen], most: int) -> ReportTable:
         rows.append((one.name, *told, *held, one.loss, one.reason or "done"))
     columns = [Column("specimen"), *map(Column, factors)]
     for label in labels:
-        columns += [Column(label), Column(f"interval of {label.rpartition('.')[2]}")]
+        columns += [Column(label), Column(f"interval of {parameter_name(label).kind}")]
     note = f"{most} of {len(order)} specimens; fleet.csv has all." if len(order) > most else ""
     return ReportTable("specimens", "Each specimen", (*columns, Column("loss"), Column("state")), tuple(rows), note)

@@ -6,7 +6,6 @@ import asyncio
 import concurrent.futures
 import contextlib
 import logging
-import platform
 import threading
 import time
 from collections import Counter, deque
@@ -14,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
+from sysconfig import get_python_version
 from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
 from softcal.errors import Fault, InputError, ParameterError
@@ -308,9 +308,9 @@ def _require_same_code(client: distributed.Client, address: str) -> None:
     InputError
         As said.
     """
-    ours = (_python(), version("softcal"), code_hash())
+    ours = (get_python_version(), version("softcal"), code_hash())
     asked: list[tuple[str, Callable[..., Any], tuple[str, ...]]] = [
-        ("Python", platform.python_version, ()),
+        ("Python", get_python_version, ()),
         ("softcal", version, ("softcal",)),
         ("softcal's code", code_hash, ()),
     ]
@@ -321,7 +321,7 @@ def _require_same_code(client: distributed.Client, address: str) -> None:
         for worker, found in told.items():
             if isinstance(found, BaseException):
                 faults[worker] = Fault(f"the worker {worker} has no usable softcal", "--on", str(found), str(own))
-            elif (found if what != "Python" else _minor(found)) != own:
+            elif found != own:
                 shown = (f"{what} {one}" for one in (found, own))
                 faults[worker] = Fault(f"the worker {worker} has another version than this process", "--on", *shown)
     if faults:
@@ -331,14 +331,6 @@ def _require_same_code(client: distributed.Client, address: str) -> None:
 
 def _still_asked(client: distributed.Client, faults: dict[str, Fault]) -> list[str]:
     return [worker for worker in client.scheduler_info(n_workers=-1)["workers"] if worker not in faults]
-
-
-def _python() -> str:
-    return _minor(platform.python_version())
-
-
-def _minor(found: str) -> str:
-    return ".".join(found.split(".")[:2])
 
 
 def _itself(parcel: Parcel) -> Parcel:

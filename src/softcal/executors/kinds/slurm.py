@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
+import signal
+import threading
+from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +41,9 @@ class SlurmExecutor(DaskExecutor):
         """
         try:
             import dask.config
-            from dask_jobqueue.slurm import SLURMCluster
+
+            with _ctrl_c_kept():
+                from dask_jobqueue.slurm import SLURMCluster
         except ModuleNotFoundError as error:
             what = f"this needs {error.name}, which is not installed"
             raise InputError(Fault(what, "--on", "'slurm'", attempt="pip install 'softcal[cluster]'")) from error
@@ -51,9 +57,27 @@ class SlurmExecutor(DaskExecutor):
         if address:
             options["queue"] = address
         try:
-            cluster = SLURMCluster(**options, security=True, protocol="tls://", scheduler_options={"dashboard": False})
+            cluster = SLURMCluster(
+                **options,
+                security=True,
+                protocol="tls://",
+                scheduler_options={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+            )
             cluster.scale(jobs=workers or _JOBS)
         except (OSError, RuntimeError, ValueError) as error:
             why = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise InputError(Fault("no job can be queued", "--on", f"'slurm' ({why})")) from error
         return cls(cluster.scheduler_address, cluster=cluster)
+
+
+@contextlib.contextmanager
+def _ctrl_c_kept() -> Generator[None]:
+    """Keep the answer to Ctrl-C, which dask-jobqueue replaces as it is imported."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # an import fails there where it sets a signal, so it has been made before, or cannot be
+        return
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -19,7 +19,8 @@ from typing import Self
 class DaskProcesses:
     """A scheduler and its workers, each a process group; all are killed at the end."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, allowed_failures: int = 3) -> None:
+        self._allowed = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": str(allowed_failures)}
         self._folder, self._file = folder, folder / "scheduler.json"
         self.scheduler = self._started("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
         self.workers: list[subprocess.Popen[bytes]] = []
@@ -37,7 +38,13 @@ class DaskProcesses:
         with (self._folder / f"{what}.log").open("ab") as log:
             return subprocess.Popen(
                 [sys.executable, "-m", "dask", what, "--scheduler-file", str(self._file), *options],
-                env={**os.environ, "PYTHONPATH": found, "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"},
+                env={
+                    **os.environ,
+                    **self._allowed,
+                    "PYTHONPATH": found,
+                    "OMP_NUM_THREADS": "1",
+                    "NUMBA_NUM_THREADS": "1",
+                },
                 stdout=log,
                 stderr=log,
                 start_new_session=True,
@@ -64,9 +71,9 @@ def kill_group(process: subprocess.Popen[bytes]) -> None:
 
 
 @contextmanager
-def dask_cluster(folder: Path, workers: int = 2) -> Generator[DaskProcesses]:
+def dask_cluster(folder: Path, workers: int = 2, allowed_failures: int = 3) -> Generator[DaskProcesses]:
     """A cluster whose workers are there."""
-    with DaskProcesses(folder) as cluster:
+    with DaskProcesses(folder, allowed_failures) as cluster:
         for _ in range(workers):
             cluster.add_worker()
         wait_for_workers(cluster, workers)

@@ -15,7 +15,7 @@ from dask_cluster import close_what_dask_left, dask_cluster
 from softcal.errors import CalibrationError, ParameterError
 from softcal.executors.chosen import executor_on
 from softcal.executors.each import Lost, each, results
-from softcal.executors.executor import EXECUTORS, Executor, WorkerLost, register_executor
+from softcal.executors.executor import EXECUTORS, Executor, WorkerLost, patience, register_executor
 from softcal.executors.kinds.cluster import DaskExecutor
 from softcal.executors.kinds.local import LocalExecutor
 
@@ -155,3 +155,16 @@ def test_what_is_no_executor_is_not_registered(kind: Callable[..., object]) -> N
     with pytest.raises(ParameterError, match=r"not an executor|lacks something"):
         register_executor(kind)
     assert "half" not in EXECUTORS
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_full_disk_is_told_alike_by_any_number_of_processes(workers: int) -> None:
+    with executor_on("local", workers) as executor:
+        found = list(each(executor, called.has_no_disk, None, NUMBERS))
+    assert isinstance(found[2], Lost)
+    assert "machine could not do it ([Errno 28] No space left on device)" in found[2].why
+    assert found[:2] + found[3:] == [0, 1, 3, 4, 5]
+
+
+def test_how_long_is_long() -> None:
+    assert (patience(0.0), patience(1.0), patience(100.0)) == (6 * 3600.0, 600.0, 2000.0)

@@ -57,6 +57,17 @@ def hangs(shared: Path, number: int) -> int:
     return number
 
 
+def hangs_at(shared: tuple[Path, int], number: int) -> int:
+    folder, which = shared
+    if number == which:
+        hangs(folder, 2)
+    return number
+
+
+def slow(shared: object, seconds: float) -> None:
+    time.sleep(seconds)
+
+
 def has_no_disk(shared: object, number: int) -> int:
     if number == 2:
         raise OSError(28, "No space left on device")

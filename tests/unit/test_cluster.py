@@ -17,6 +17,7 @@ from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import called
 import pytest
 from dask_cluster import DaskProcesses, close_what_dask_left, dask_cluster, kill_group, wait_for_workers
 from fake_twin import soft_necks_fail
@@ -31,8 +32,10 @@ from softcal.calibration.sweep import sweep
 from softcal.cli import main
 from softcal.errors import CalibrationError, InputError
 from softcal.executors.chosen import executor_on
+from softcal.executors.each import Lost, each
 from softcal.executors.kinds import slurm
 from softcal.executors.kinds.slurm import SlurmExecutor
+from softcal.executors.shared import call
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
@@ -152,16 +155,18 @@ def test_workers_with_another_softcal_are_refused(tmp_path: Path) -> None:
         assert "the same softcal must be on all machines" in text
 
 
-def test_a_worker_with_another_softcal_that_comes_later_takes_no_part(tmp_path: Path) -> None:
+def test_workers_with_another_softcal_that_come_later_take_no_part(tmp_path: Path) -> None:
     other = copied_softcal(tmp_path / "other")
     with DaskProcesses(tmp_path) as cluster:
         cluster.add_worker()
         wait_for_workers(cluster, 1)
         with executor_on(f"dask:{cluster.address}") as executor:
-            cluster.add_worker(path=[other])
-            wait_for_workers(cluster, 2)
+            for _ in range(3):
+                cluster.add_worker(path=[other])
+            wait_for_workers(cluster, 4)
             there = calibrate(problem_of(soft_necks_fail), method="grid", trials=16, workers=executor)
-            assert sorted(worker.done for worker in executor.workers) == [0, 16]
+            time.sleep(1.1)  # so long the executor believes what it knows of the workers
+            assert sorted(worker.done for worker in executor.workers) == [0, 0, 0, 16]
     same(there, calibrate(problem_of(soft_necks_fail), method="grid", trials=16))
 
 
@@ -237,6 +242,54 @@ def test_the_schedulers_death_costs_nothing_that_was_told(tmp_path: Path) -> Non
             calibrate(problem_of(slow_twin), **options, workers=executor, progress=kill)
     resumed = calibrate(problem_of(soft_necks_fail), **options, resume=True)
     same(resumed, calibrate(problem_of(soft_necks_fail), method="tpe", trials=60))
+
+
+def test_calls_that_wait_to_be_made_alone_are_told_of_the_schedulers_death(tmp_path: Path) -> None:
+    """Each ended its worker, among others that had not ended yet when the scheduler did."""
+    with dask_cluster(tmp_path, allowed_failures=0) as cluster, executor_on(f"dask:{cluster.address}") as executor:
+        parcel = executor.share(tmp_path)
+        slow = executor.submit(call, parcel, called.slow, 60)
+        lost = [executor.submit(call, parcel, called.ends_the_worker, 2) for _ in range(3)]
+        deadline = time.monotonic() + 60
+        while len(executor._suspects) < 2 and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert len(executor._suspects) >= 2
+        kill_group(cluster.scheduler)
+        for future in (slow, *lost):
+            with pytest.raises(CalibrationError, match=r"no longer answers|ended unexpectedly"):
+                future.result(60)
+
+
+def test_one_worker_that_cannot_do_a_call_is_asked_three_times(tmp_path: Path) -> None:
+    with dask_cluster(tmp_path, workers=1) as cluster, executor_on(f"dask:{cluster.address}") as executor:
+        found = list(each(executor, called.has_no_disk, None, [(k,) for k in range(4)]))
+    assert isinstance(found[2], Lost)
+    assert "It was tried 3 times, and no worker could do it: tcp://" in found[2].why
+    assert found[:2] + found[3:] == [0, 1, 3]
+
+
+def test_a_stopped_worker_does_not_hold_up_the_start(tmp_path: Path) -> None:
+    with dask_cluster(tmp_path) as cluster:
+        (stopped,) = children(cluster.workers[0].pid)
+        os.kill(stopped, signal.SIGSTOP)
+        began = time.monotonic()
+        with executor_on(f"dask:{cluster.address}") as executor:
+            assert executor.count == 2
+            assert time.monotonic() - began < 40  # three questions, and a busy machine
+
+
+def test_how_long_a_call_may_take_is_learned_from_others(
+    cluster: DaskProcesses, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("softcal.executors.executor._SHORTEST", 2.0)
+    for name, executor in (("dask", executor_on(f"dask:{cluster.address}")), ("local", executor_on("local", 2))):
+        (tmp_path / name).mkdir()
+        with executor as made:
+            # The first calls of a cluster are handed over before any has ended.
+            number = 30 if name == "dask" else 2
+            found = list(each(made, called.hangs_at, (tmp_path / name, number), [(k,) for k in range(36)]))
+        assert found == list(range(36))
+        assert (tmp_path / name / "been").exists()
 
 
 SBATCH = """#!/bin/sh

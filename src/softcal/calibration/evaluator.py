@@ -11,7 +11,7 @@ from softcal.calibration.optimiser import Proposal
 from softcal.calibration.problem import Contribution, Evaluation, Problem
 from softcal.errors import CalibrationError
 from softcal.executors.chosen import executor_of
-from softcal.executors.each import Lost, each
+from softcal.executors.each import Lost, each, here
 from softcal.executors.executor import Executor
 
 _WORTH = 2.0  # [s]: an evaluation by itself that takes less is not worth the start of processes
@@ -65,7 +65,9 @@ class Evaluator:
         short = len(proposals) == 1 and not self._begun and self._seconds < _WORTH
         if self._executor.alone or (self._executor.here and short):
             for proposal in proposals:
-                evaluation = self._problem.evaluate(proposal.theta, jacobian=self._jacobian)
+                evaluation = here(_evaluate, self._problem, dict(proposal.theta), self._jacobian)
+                if isinstance(evaluation, Lost):
+                    evaluation = self._problem.failed(proposal.theta, evaluation.why)
                 self._seconds = evaluation.seconds
                 yield proposal, evaluation
             return

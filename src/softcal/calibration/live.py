@@ -52,7 +52,8 @@ def told_live(folder: Path | None, executor: Executor) -> Generator[LiveProgress
     began, over = _now(), threading.Event()
 
     def write(ended: bool) -> None:
-        with contextlib.suppress(StorageError):  # a full disk is told by what the search itself stores
+        # A full disk is told by what the search itself stores, a lost cluster by its calls.
+        with contextlib.suppress(StorageError, RuntimeError, OSError):
             write_text(folder / LIVE, json.dumps(_record(told.progress, executor, began, ended)))
 
     def go_on() -> None:

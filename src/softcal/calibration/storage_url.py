@@ -38,6 +38,7 @@ _DRIVERS: dict[str, dict[str, tuple[str, str]]] = {
     },
 }
 _WITHOUT = {"postgresql": "pg8000", "mysql": "pymysql"}  # those in pure Python, advised where there is none
+_BEGIN = b'{"op_code"'  # of every journal of Optuna's
 _ALLOWED = (
     "journal:FILE, postgresql://USER:PASSWORD@HOST/DATABASE, mysql://USER:PASSWORD@HOST/DATABASE, each database also "
     "with a driver, as in postgresql+pg8000://…"
@@ -179,7 +180,26 @@ def _journal(path: Path) -> optuna.storages.BaseStorage:
     from optuna.storages import JournalStorage
     from optuna.storages.journal import JournalFileBackend
 
+    _require_journal(path)
     return JournalStorage(JournalFileBackend(str(path), lock_obj=_held(path)))
+
+
+def _require_journal(path: Path) -> None:
+    """Raise where a file is there that no journal begins with: it is the user's, and nothing is written into it.
+
+    Raises
+    ------
+    StorageError
+        As said.
+    """
+    try:
+        with path.open("rb") as file:
+            found = file.read(len(_BEGIN))
+    except OSError:  # it is told where the file is opened for good
+        return
+    if found != _BEGIN[: len(found)]:
+        attempt = "journal:FILE of a new file, or of a study's"
+        raise StorageError(Fault("this file is no journal of a study", str(path), "", "", attempt))
 
 
 def _held(path: Path) -> JournalFileOpenLock:

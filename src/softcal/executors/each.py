@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import concurrent.futures
+from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 from softcal.executors.executor import Executor, WorkerLost
 from softcal.executors.shared import call
+
+_AHEAD = 4  # calls handed over for each worker
 
 
 @dataclass(frozen=True)
@@ -45,19 +50,42 @@ def each(
         What the function raises.
     """
     if executor.alone:
-        yield from (function(shared, *args) for args in calls)
+        yield from (here(function, shared, *args) for args in calls)
         return
-    parcel = executor.share(shared)
-    futures = [executor.submit(call, parcel, function, *args) for args in calls]
+    parcel, waiting = executor.share(shared), iter(calls)
+    futures: deque[concurrent.futures.Future[Any]] = deque()  # in the order of the calls
+    unfinished: set[concurrent.futures.Future[Any]] = set()
     try:
-        for future in futures:
-            try:
-                yield future.result()
-            except WorkerLost as error:
-                yield Lost(str(error))
+        while True:
+            # A few for each worker, not all: how long a call may take is known when others have ended.
+            for args in islice(waiting, max(0, _AHEAD * executor.count - len(unfinished))):
+                futures.append(executor.submit(call, parcel, function, *args))
+                unfinished.add(futures[-1])
+            if not futures:
+                return
+            while futures and futures[0].done():
+                yield _found(futures.popleft())
+            unfinished = {one for one in unfinished if not one.done()}
+            if futures and not futures[0].done():
+                concurrent.futures.wait(unfinished, return_when=concurrent.futures.FIRST_COMPLETED)
     finally:
         for future in futures:
             future.cancel()
+
+
+def here(function: Callable[..., Any], *args: Any) -> Any:
+    """function(*args) in this process; a machine that cannot do it is `Lost`, as with workers."""
+    try:
+        return function(*args)
+    except (OSError, MemoryError) as error:
+        return Lost(f"The machine could not do it ({str(error) or type(error).__name__}).")
+
+
+def _found(future: concurrent.futures.Future[Any]) -> Any:
+    try:
+        return future.result()
+    except WorkerLost as error:
+        return Lost(str(error))
 
 
 def results(

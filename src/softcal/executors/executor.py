@@ -13,7 +13,7 @@ from softcal.errors import CalibrationError, Fault
 
 TRIES = 3
 """How often a call is made whose worker ends, hangs or cannot do it."""
-_SHORTEST, _LONGER = 600.0, 20.0
+_SHORTEST, _LONGER, _UNKNOWN = 600.0, 20.0, 6 * 3600.0  # [s], times the longest, [s]
 
 
 class WorkerLost(CalibrationError):
@@ -101,9 +101,9 @@ class Executor(concurrent.futures.Executor, ABC):
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> concurrent.futures.Future[Any]: ...
 
 
-def patience(longest: float) -> float | None:
-    """Seconds after which a call counts as hanging, given the longest so far [s]; None before the first has ended."""
-    return max(_SHORTEST, _LONGER * longest) if longest else None
+def patience(longest: float) -> float:
+    """Seconds after which a call counts as hanging, given the longest so far [s], 0 before the first has ended."""
+    return max(_SHORTEST, _LONGER * longest) if longest else _UNKNOWN
 
 
 def _faults(kind: type[Executor], known: Mapping[str, type[Executor]]) -> list[Fault]:

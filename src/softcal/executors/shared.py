@@ -19,7 +19,8 @@ from softcal.errors import CalibrationError
 
 _KEPT = 4  # objects that a worker keeps opened
 _open: OrderedDict[str, object] = OrderedDict()
-_one_at_a_time = threading.Lock()
+one_at_a_time = threading.RLock()
+"""Held by every call: the solvers share their state among the threads of a process."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ def call(shared: Parcel | ParcelFile, function: Callable[..., Any], *args: Any) 
     UnableError
         Where this machine cannot do it: no memory, a full disk.
     """
-    with _one_at_a_time:  # the solvers share their state among the threads of a process
+    with one_at_a_time:
         try:
             return function(_opened(shared), *args)
         except (OSError, MemoryError) as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import concurrent.futures
 import contextlib
 import logging
@@ -12,12 +11,11 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.metadata import version
-from sysconfig import get_python_version
-from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
-from softcal.errors import Fault, InputError, ParameterError
+from softcal.errors import Fault, ParameterError
 from softcal.executors.code import code_hash
+from softcal.executors.dask_client import Cluster, dask_client, require_same_code
 from softcal.executors.executor import (
     TRIES,
     Executor,
@@ -27,42 +25,37 @@ from softcal.executors.executor import (
     patience,
     register_executor,
 )
-from softcal.executors.shared import Parcel, UnableError, packed
+from softcal.executors.shared import Parcel, UnableError, one_at_a_time, packed
 
 if TYPE_CHECKING:
     import distributed
 
-_ANSWER = 5.0  # [s] that a scheduler has to answer
+_FRESH = 1.0  # [s] for which what the scheduler said of its workers is believed
 _LARGEST = "1GB"  # of what is shared, before Dask warns of its size
 
 
-class Cluster(Protocol):
-    """What one of Dask's clusters offers that was started for this run."""
-
-    def close(self) -> object:
-        """End its workers and its scheduler."""
-
-
 class RefusedError(Exception):
-    """A call that one worker cannot do; another may."""
+    """A call that one worker cannot do; another may. foreign: since it has another softcal."""
 
-    def __init__(self, worker: str, why: str) -> None:
-        super().__init__(worker, why)
-        self.worker, self.why = worker, why
+    def __init__(self, worker: str, why: str, foreign: bool = False) -> None:
+        super().__init__(worker, why, foreign)
+        self.worker, self.why, self.foreign = worker, why, foreign
 
 
 @dataclass
 class _Call:
     """A call, until its outcome is told.
 
-    refused: why, by worker. tries: how often it ended its worker. alone: whether it is made with no other beside it.
+    refused: by which workers, and why. tries: how often it ended its worker. gone: how often its result was lost with
+    its worker. alone: whether it is made with no other beside it.
     """
 
     function: Callable[..., Any]
     args: tuple[Any, ...]
     outcome: concurrent.futures.Future[Any] = field(default_factory=concurrent.futures.Future)
-    refused: dict[str, str] = field(default_factory=dict[str, str])
+    refused: list[tuple[str, str]] = field(default_factory=list[tuple[str, str]])
     tries: int = 0
+    gone: int = 0
     alone: bool = False
 
 
@@ -78,7 +71,8 @@ class DaskExecutor(Executor):
     address
         Of the scheduler, such as "tcp://host:8786".
     limit
-        Seconds after which a call counts as hanging; None: twenty times the longest so far, ten minutes at least.
+        Seconds after which a call counts as hanging; None: twenty times the longest so far, ten minutes at least, and
+        six hours before the first has ended.
     cluster
         What is closed with it.
 
@@ -93,14 +87,17 @@ class DaskExecutor(Executor):
 
     def __init__(self, address: str, *, limit: float | None = None, cluster: Cluster | None = None) -> None:
         self._cluster, self._limit, self._longest = cluster, limit, 0.0
-        self._address, self._client = address, _client(address if cluster is None else cluster, address)
+        self._address, self._client = address, dask_client(address if cluster is None else cluster, address)
         self._kept: dict[str, distributed.Future[Any]] = {}
         self._awaited: set[distributed.Future[Any]] = set()
         self._suspects: deque[_Call] = deque()
+        self._foreign: set[str] = set()
+        self._closing = False
+        self._seen: tuple[float, dict[str, dict[str, Any]]] = (-_FRESH, {})
         self._lock = threading.Lock()
         self._done: Counter[str] = Counter()
         try:
-            _require_same_code(self._client, address)
+            require_same_code(self._client, address)
         except BaseException:
             self._client.close()
             raise
@@ -141,7 +138,7 @@ class DaskExecutor(Executor):
             WorkerState(name, "busy" if held.get("metrics", {}).get("executing") else "idle", self._done[name])
             for name, held in there.items()
         ]
-        return (*states, *(WorkerState(name, "lost", n) for name, n in self._done.items() if name not in there))
+        return (*states, *(WorkerState(name, "lost", n) for name, n in list(self._done.items()) if name not in there))
 
     def share(self, what: object) -> distributed.Future[Any]:
         parcel = packed(what)
@@ -159,28 +156,39 @@ class DaskExecutor(Executor):
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Leave the cluster; calls that were not finished are cancelled."""
+        self._closing = True
         with contextlib.suppress(Exception):  # a scheduler that is gone has nothing left to cancel
             self._client.cancel([*self._awaited, *self._kept.values()])
         self._client.close()
         if self._cluster is not None:
             self._cluster.close()
 
-    def _try(self, one: _Call) -> None:
-        """Have a call made, by a worker that has not refused it."""
-        others = [name for name in self._there() if name not in one.refused] if one.refused else []
+    def _try(self, one: _Call) -> bool:
+        """Have a call made, by a worker that has not refused it; False where none can be asked any more."""
+        avoided = {worker for worker, _ in one.refused} | self._foreign
+        others = [name for name in self._there() if name not in avoided] if avoided else []
         options: dict[str, Any] = {"workers": others, "allow_other_workers": True} if others else {}
         limit = self._limit or patience(self._longest)
+        if self._client.status != "running":  # it would take the call, and never tell of it
+            self._tell(one, error=self._meaning(None))
+            return False
         future = self._client.submit(_at_worker, code_hash(), limit, one.function, *one.args, pure=False, **options)
         with self._lock:
             self._awaited.add(future)
         one.outcome.add_done_callback(lambda told: future.cancel() if told.cancelled() else None)
         future.add_done_callback(partial(self._ended, one))
+        return True
 
     def _there(self) -> dict[str, dict[str, Any]]:
         """What the scheduler knows of its workers, by address; nothing where it is gone, which the calls tell."""
+        when, known = self._seen
+        if time.monotonic() - when < _FRESH:
+            return known
+        found: dict[str, dict[str, Any]] = {}
         with contextlib.suppress(OSError, RuntimeError, TimeoutError):
-            return self._client.scheduler_info(n_workers=-1).get("workers", {})
-        return {}
+            found = self._client.scheduler_info(n_workers=-1).get("workers", {})
+        self._seen = (time.monotonic(), found)
+        return found
 
     def _ended(self, one: _Call, future: distributed.Future[Any]) -> None:
         """Told by Dask, in a thread of its own, that a call is over in whatever way."""
@@ -191,11 +199,19 @@ class DaskExecutor(Executor):
             self._awaited.discard(future)
             if again == "alone":
                 self._suspects.append(one)
-            # Where a worker ends, Dask suspects every call that it had; alone, only the culprit ends it again.
-            suspect = self._suspects.popleft() if self._suspects and not self._awaited else None
-        if suspect is not None:
+        # Where a worker ends, Dask suspects every call that it had; alone, only the culprit ends it again.
+        while (suspect := self._next_suspect()) is not None:
             suspect.alone = True
-            self._try(suspect)
+            if self._try(suspect):
+                break
+
+    def _next_suspect(self) -> _Call | None:
+        with self._lock:
+            while self._suspects and not self._awaited:
+                suspect = self._suspects.popleft()
+                if not suspect.outcome.cancelled():
+                    return suspect
+        return None
 
     def _told(self, one: _Call, future: distributed.Future[Any]) -> Literal["", "elsewhere", "alone"]:
         """Tell what came of a call; or how it is to be made again."""
@@ -215,12 +231,21 @@ class DaskExecutor(Executor):
                 error = cast("BaseException | None", future.exception())
         except Exception as lost:  # noqa: BLE001  Dask's own errors of a connection that is gone have no common class
             logging.getLogger(__name__).debug("a result was lost: %s", lost)
+        if error is None and self._client.status == "running" and not self._closing and one.gone < TRIES:
+            one.gone += 1
+            return "elsewhere"
         if isinstance(error, RefusedError):
-            one.refused[error.worker] = error.why
-            if len(one.refused) < min(TRIES, max(2, self.count)):
-                return "elsewhere"
-            told = "; ".join(f"{worker}: {why}" for worker, why in one.refused.items())
-            error = WorkerLost(f"It was tried on {len(one.refused)} workers, and none could do it: {told}.")
+            if error.foreign:
+                self._foreign.add(error.worker)
+                if any(name not in self._foreign for name in self._there()):
+                    return "elsewhere"
+                error = ExecutorLost(f"Every worker has another softcal; {error.worker}: {error.why}.")
+            else:
+                one.refused.append((error.worker, error.why))
+                if len(one.refused) < TRIES:
+                    return "elsewhere"
+                told = "; ".join(dict.fromkeys(f"{worker}: {why}" for worker, why in one.refused))
+                error = WorkerLost(f"It was tried {len(one.refused)} times, and no worker could do it: {told}.")
         elif isinstance(error, KilledWorker):
             one.tries += error.allowed_failures + 1
             if not one.alone:
@@ -251,88 +276,6 @@ class DaskExecutor(Executor):
         return error
 
 
-def _client(scheduler: str | Cluster, address: str) -> distributed.Client:
-    """A client of a scheduler, by its address or as a cluster of this process.
-
-    Raises
-    ------
-    InputError
-        Where Dask is not installed, or no scheduler answers.
-    """
-    try:
-        import distributed
-    except ModuleNotFoundError as error:
-        what = f"this needs {error.name}, which is not installed"
-        raise InputError(Fault(what, "--on", attempt="pip install 'softcal[cluster]'")) from error
-    # What Dask logs of a lost connection is said by softcal in a sentence.
-    for name in ("distributed.client", "distributed.core", "distributed.comm", "distributed.scheduler"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)
-    try:
-        if isinstance(scheduler, str):
-            # A client of Dask's waits for ever for one that takes the connection and says nothing.
-            with concurrent.futures.ThreadPoolExecutor(1) as thread:  # a notebook's own has an event loop already
-                thread.submit(asyncio.run, _identity(scheduler)).result()
-        return distributed.Client(scheduler, timeout=_ANSWER, set_as_default=False, name="softcal")
-    except (OSError, TimeoutError, ValueError, RuntimeError, TypeError) as error:
-        why = str(error).splitlines()[0] if str(error) else f"no answer within {_ANSWER:.0f} s"
-        attempt = "dask scheduler on that machine, and its address as it prints it"
-        raise InputError(
-            Fault("no Dask scheduler answers there", "--on", f"'dask:{address}' ({why})", "", attempt)
-        ) from error
-
-
-async def _identity(address: str) -> None:
-    """Ask who is at an address.
-
-    Raises
-    ------
-    OSError, TimeoutError, ValueError
-        Where nobody answers, the address makes no sense, or it is no scheduler's.
-    """
-    from distributed import Security, rpc
-
-    asked = rpc(address, connection_args=Security().get_connection_args("client"))
-    try:
-        found: dict[str, Any] = await asyncio.wait_for(asked.identity(), _ANSWER)  # pyright: ignore[reportAssignmentType]
-    finally:
-        await asked.close_rpc()
-    if found.get("type") != "Scheduler":
-        raise ValueError(f"a Dask {str(found.get('type')).lower()}")
-
-
-def _require_same_code(client: distributed.Client, address: str) -> None:
-    """Raise where a worker has another softcal or another Python than this process; all such workers at once.
-
-    Raises
-    ------
-    InputError
-        As said.
-    """
-    ours = (get_python_version(), version("softcal"), code_hash())
-    asked: list[tuple[str, Callable[..., Any], tuple[str, ...]]] = [
-        ("Python", get_python_version, ()),
-        ("softcal", version, ("softcal",)),
-        ("softcal's code", code_hash, ()),
-    ]
-    faults: dict[str, Fault] = {}
-    for (what, function, args), own in zip(asked, ours, strict=True):
-        asked_now = _still_asked(client, faults)
-        told = cast("dict[str, Any]", client.run(function, *args, workers=asked_now, on_error="return"))
-        for worker, found in told.items():
-            if isinstance(found, BaseException):
-                faults[worker] = Fault(f"the worker {worker} has no usable softcal", "--on", str(found), str(own))
-            elif found != own:
-                shown = (f"{what} {one}" for one in (found, own))
-                faults[worker] = Fault(f"the worker {worker} has another version than this process", "--on", *shown)
-    if faults:
-        same = Fault("the same softcal must be on all machines", "--on", f"'dask:{address}'")
-        raise InputError([*faults.values(), same])
-
-
-def _still_asked(client: distributed.Client, faults: dict[str, Fault]) -> list[str]:
-    return [worker for worker in client.scheduler_info(n_workers=-1)["workers"] if worker not in faults]
-
-
 def _itself(parcel: Parcel) -> Parcel:
     return parcel
 
@@ -349,9 +292,10 @@ def _at_worker(code: str, limit: float | None, function: Callable[..., Any], *ar
 
     worker, began = get_worker().address, time.perf_counter()
     if code != code_hash():
-        raise RefusedError(worker, f"its softcal has other code than that of the run, {code_hash()} and not {code}")
+        why = f"its softcal has other code than that of the run, {code_hash()} and not {code}"
+        raise RefusedError(worker, why, foreign=True)
     try:
-        with _ended_after(limit):
+        with one_at_a_time, _ended_after(limit):
             result = function(*args)
     except UnableError as error:
         raise RefusedError(worker, str(error)) from error

@@ -32,6 +32,7 @@ from softcal.limits import LIMITS
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 _START = 300.0  # [s] that a process may take to start
+_LOOK = 1.0  # [s] between looks at whether a call takes too long
 _STARTS = 3  # a worker that ends so often before it can take a call will always do so
 
 
@@ -48,7 +49,8 @@ class LocalExecutor(Executor):
     workers
         Number of processes.
     limit
-        Seconds after which a call counts as hanging; None: twenty times the longest so far, ten minutes at least.
+        Seconds after which a call counts as hanging; None: twenty times the longest so far, ten minutes at least, and
+        six hours before the first has ended.
 
     Raises
     ------
@@ -136,21 +138,23 @@ class LocalExecutor(Executor):
         # Nobody waits any more for what is still being computed.
         self.shutdown(wait=False, cancel_futures=True)
 
+    def _patience(self) -> float:
+        return self._limit or patience(self._longest)
+
     def _made(self, function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
         process, why = self._idle.get(), ""
         try:
             for _ in range(TRIES):
-                limit = self._limit or patience(self._longest)
-                process.start(limit)
+                process.start(self._patience())
                 if self._closed:  # nobody waits for it
                     break
                 began = time.perf_counter()
                 try:
-                    result = process.call(function, args, kwargs, limit)
+                    result = process.call(function, args, kwargs, self._patience)
                 except BrokenProcessPool:
                     why = "its worker process ended unexpectedly, perhaps for lack of memory"
                 except TimeoutError:
-                    why = f"it had not ended after {limit:.0f} s"
+                    why = f"it had not ended after {self._patience():.0f} s"
                     process.kill()
                 except UnableError as error:
                     why = f"the machine could not do it ({error})"
@@ -174,7 +178,7 @@ class _Process:
     def told(self) -> WorkerState:
         return WorkerState(f"process {self.pid}", "busy" if self._busy else "idle", self._done)
 
-    def start(self, limit: float | None) -> None:
+    def start(self, limit: float) -> None:
         """Have a process that can take a call; limit [s]: how long one that is there may take to answer.
 
         Raises
@@ -204,9 +208,9 @@ class _Process:
         )
 
     def call(
-        self, function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any], limit: float | None
+        self, function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any], limit: Callable[[], float]
     ) -> Any:
-        """function(*args, **kwargs) in the process.
+        """function(*args, **kwargs) in the process; limit [s]: asked again and again, since others may end meanwhile.
 
         Raises
         ------
@@ -218,7 +222,11 @@ class _Process:
         assert self._pool is not None  # noqa: S101
         self._busy = True
         try:
-            result = self._pool.submit(function, *args, **kwargs).result(limit)
+            asked, began = self._pool.submit(function, *args, **kwargs), time.perf_counter()
+            while not concurrent.futures.wait([asked], _LOOK).done:
+                if time.perf_counter() - began > limit():
+                    raise TimeoutError
+            result = asked.result()
         except BrokenProcessPool:
             self.end()
             raise

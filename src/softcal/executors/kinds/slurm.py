@@ -63,11 +63,21 @@ class SlurmExecutor(DaskExecutor):
                 protocol="tls://",
                 scheduler_options={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
             )
-            cluster.scale(jobs=workers or _JOBS)
         except (OSError, RuntimeError, ValueError) as error:
-            why = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise InputError(Fault("no job can be queued", "--on", f"'slurm' ({why})")) from error
-        return cls(cluster.scheduler_address, cluster=cluster)
+            raise _not_queued(error) from error
+        try:
+            cluster.scale(jobs=workers or _JOBS)
+            return cls(cluster.scheduler_address, cluster=cluster)
+        except BaseException as error:
+            cluster.close()
+            if isinstance(error, OSError | RuntimeError | ValueError):
+                raise _not_queued(error) from error
+            raise
+
+
+def _not_queued(error: Exception) -> InputError:
+    why = str(error).splitlines()[0] if str(error) else type(error).__name__
+    return InputError(Fault("no job can be queued", "--on", f"'slurm' ({why})"))
 
 
 @contextlib.contextmanager

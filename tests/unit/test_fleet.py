@@ -6,14 +6,20 @@ import csv
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from fleet_case import FILE, E, write_fleet
 from project_case import MODULUS
 
+from softcal.calibration import problem
 from softcal.cli import main
-from softcal.errors import CalibrationError, InputError, ProjectFileError, StorageError
+from softcal.errors import InputError, ProjectFileError, SimulationError, StorageError
+from softcal.twin.protocol import Protocol
+from softcal.twin.response import Response
+from softcal.twin.robot import Robot
+from softcal.twin.simulate import simulate
 from softcal.workflows import fleet as fleets
 from softcal.workflows.fleet import Fleet, fleet
 from softcal.workflows.fleet_folder import read_specimen
@@ -108,24 +114,69 @@ def test_what_a_killed_worker_began_is_gone_on_with(folder: Path, found: Fleet, 
     assert [one.parameters for one in again.specimens] == [one.parameters for one in found.specimens]
 
 
-def test_a_specimen_that_fails_is_a_row_with_its_reason(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_specimen_that_fails_is_a_row_with_its_reason_and_begins_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = fleets.calibrate
+    def simulate_bar(robot: Robot, protocol: Protocol, *given: Any, **more: Any) -> Response:
+        if max(float(told.values.max()) for told in protocol.commands.values()) > 0.025:
+            raise SimulationError("The bar buckles.")
+        return simulate(robot, protocol, *given, **more)
 
-    def failing(project, **given):
-        if "p3.csv" in project.inputs:
-            raise CalibrationError("No trial could be simulated: the bar buckles.")
-        return whole(project, **given)
-
-    monkeypatch.setattr(fleets, "calibrate", failing)
+    monkeypatch.setattr(problem, "_real_simulate", lambda: simulate_bar)
+    folder = write_fleet(tmp_path / "own", FACTORS[:2], f"specimen,{FILE}\ns 1,p1.csv\ns 2,p2.csv\n")
+    right = (folder / "p2.csv").read_text()
+    header, *rows = right.splitlines()
+    cells = [row.split(",") for row in rows]
+    far = [",".join([t, f"{2 * float(d):.6f}", *rest]) for t, d, *rest in cells]
+    (folder / "p2.csv").write_text("\n".join([header, *far]) + "\n")
     result = fleet(folder, out=tmp_path / "out")
-    assert [one.state for one in result.specimens].count("FAILED") == 1
-    assert result.specimens[2].reason == "No trial could be simulated: the bar buckles."
-    assert result.statement.failed == 1
-    assert next(one for one in result.statement.populations if one.label == E).n == 5
-    monkeypatch.setattr(fleets, "calibrate", whole)
-    assert fleet(folder, out=tmp_path / "out", resume=True).statement.failed == 0  # it is tried again
+    one, two = result.specimens
+    assert (one.state, two.state, two.parameters) == ("DONE", "FAILED", {})
+    assert "The bar buckles." in two.reason
+    assert (result.statement.done, result.statement.failed) == (1, 1)
+    place = tmp_path / "out" / "specimens" / "s 2"
+    journal = (place / "calibrations" / "pull" / "optuna.journal").read_bytes()
+    # With the same data in vain, but not by the trials that are stored; with the right data well. All is kept.
+    assert fleet(folder, out=tmp_path / "out", resume=True).statement.failed == 1
+    (folder / "p2.csv").write_text(right)
+    again = fleet(folder, out=tmp_path / "out", resume=True)
+    assert again.specimens[0] == one
+    assert again.specimens[1].parameters[E].value == pytest.approx(MODULUS * FACTORS[1], rel=5e-3)
+    first, second = (place.with_name(f"s 2.failed-{n}") for n in (1, 2))
+    assert (first / "calibrations" / "pull" / "optuna.journal").read_bytes() == journal
+    assert (second / "calibrations" / "pull" / "optuna.journal").is_file()
+    assert json.loads(first.with_name("s 2.failed-1.json").read_text())["reason"] == two.reason
+
+
+def test_results_of_changed_data_are_not_kept(folder: Path, found: Fleet, tmp_path: Path) -> None:
+    own, out = tmp_path / "own", tmp_path / "out"
+    shutil.copytree(folder, own, ignore=shutil.ignore_patterns("out", "two"))
+    shutil.copytree(found.folder, out)
+    (out / "specimens" / "s 4.json").unlink()  # in work, so that it is judged by its own run folder
+    before = sorted((path, path.stat().st_mtime_ns) for path in out.rglob("*.json"))
+    for k in (2, 4, 5):
+        with (own / f"p{k}.csv").open("a", encoding="utf-8") as file:
+            file.write("\n")
+    (own / "p6.csv").unlink()
+    with pytest.raises(StorageError) as error:
+        fleet(own, out=out, resume=True)
+    assert [(one.where, one.got) for one in error.value.faults] == [
+        ("p2.csv", "results of 's 2'"), ("p5.csv", "results of 's 5'"), ("p6.csv", "results of 's 6'"),
+    ]  # fmt: skip
+    assert [one.what for one in error.value.faults] == [
+        *["the file was changed after specimens were calibrated with it"] * 2, "the file cannot be read",
+    ]  # fmt: skip
+    assert all("another --out" in one.attempt for one in error.value.faults)
+    assert sorted((path, path.stat().st_mtime_ns) for path in out.rglob("*.json")) == before
+    with (own / "bar.msh").open("ab") as file:  # of all of them
+        file.write(b"\n")
+    with pytest.raises(StorageError, match=r"bar.msh.*results of 's 1', 's 2', 's 3', 's 5', 's 6'"):
+        fleet(own, out=out, resume=True)
+
+
+def test_a_wrong_factor_is_refused_when_resumed_too(folder: Path, found: Fleet) -> None:
+    with pytest.raises(ProjectFileError, match=r"the table has no such factor; got 'filamnt'"):
+        fleet(folder, out=found.folder, resume=True, by=["filamnt"])
 
 
 def test_nothing_is_begun_where_a_specimen_has_a_fault(folder: Path, tmp_path: Path) -> None:
@@ -163,3 +214,20 @@ def test_the_command_prints_the_statement(folder: Path, tmp_path: Path, capsys: 
         main(["fleet", str(folder), "--template", str(tmp_path / "no.yaml")])
     assert end.value.code == 2
     assert "the template cannot be read" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["fleet", "calibrate"])
+@pytest.mark.parametrize("option", ["workers=2", "out=x", "project=2", "engine=sofa", "source=x", "strats=5"])
+def test_what_is_no_option_is_refused_by_its_name(
+    command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_fleet(tmp_path, FACTORS[:2], f"specimen,{FILE}\ns 1,p1.csv\ns 2,p2.csv\n")
+    source = folder if command == "fleet" else folder / "project.yaml"
+    with pytest.raises(SystemExit) as end:
+        main([command, str(source), "--option", option, "--option", "no=1", "--out", str(tmp_path / "out")])
+    assert end.value.code == 2
+    said = capsys.readouterr().err
+    assert said.startswith("Error: 2 faults:\n")
+    assert f"--option {option}: neither a method nor a loss has this option; allowed: alpha, beta, " in said
+    assert ("Try: 'starts'" in said) == (option == "strats=5")
+    assert not (tmp_path / "out").exists()

@@ -6,6 +6,7 @@ import json
 import struct
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pytest
 from project_case import bar_robot, write_project
 from watch_case import add_trials
 
+from softcal.project.files import sha256
 from softcal.project.project import load
 from softcal.report.scene import Ball, FlatDisc, Surface, Tube
 from softcal.report.scene_glb import scene_glb
@@ -218,3 +220,65 @@ def test_a_shape_of_an_earlier_best_says_so(tmp_path: Path):
     expected = "Trial 0: pull: no equilibrium was found. Trial 1 is better, and is drawn next."
     assert caption(search, TwinShape(0, "", 0.0, b"", "pull: no equilibrium was found.")) == expected
     assert bar_robot().bodies[0].name == "bar"
+
+
+def made_up(run: Path, change: Callable[[dict[str, Any]], None]) -> str:
+    """What the page says of the twin of a run whose record was changed by hand."""
+    record = json.loads((run / "run.json").read_text())
+    change(record)
+    record["hashes"]["project.yaml"] = sha256(run / "project.yaml")
+    (run / "run.json").write_text(json.dumps(record))
+    (search,) = RunReader(run).read().searches
+    answer, glb = twin.simulated_twin(run, search)
+    assert glb == b""
+    return answer["trouble"]
+
+
+def test_the_twin_reads_no_file_outside_the_run(tmp_path: Path):
+    secret = tmp_path / "secret.txt"
+    secret.write_text("Time,secret word\n0,1\n")
+    run = started_run(tmp_path, [3.0])
+    text = (run / "project.yaml").read_text()
+
+    def left_out(record: dict[str, Any]) -> None:
+        for kind in ("hashes", "copies"):
+            record[kind].pop("data/pull.csv")
+
+    (run / "project.yaml").write_text(text.replace("data/pull.csv", str(secret)))
+    told = made_up(run, left_out)
+    assert "the run has no copy of the data file" in told
+    assert "word" not in told
+
+    def linked(record: dict[str, Any]) -> None:
+        record["copies"]["data/pull.csv"] = "inputs/link.csv"
+        record["hashes"]["data/pull.csv"] = sha256(secret)
+
+    (run / "project.yaml").write_text(text)
+    (run / "inputs" / "link.csv").symlink_to(secret)
+    told = made_up(run, linked)
+    assert "link.csv: the file lies outside the run's folder" in told
+    assert "word" not in told
+    (run / "inputs" / "link.csv").unlink()
+    (run / "inputs" / "link.csv").symlink_to(run / "inputs" / "link.csv")  # a loop
+    assert "link.csv" in made_up(run, lambda record: None)
+
+
+def test_the_project_file_of_a_twin_is_the_run_s_own(tmp_path: Path):
+    run = started_run(tmp_path, [3.0])
+    (tmp_path / "secret.txt").write_text("a secret word")
+    (run / "project.yaml").unlink()
+    (run / "project.yaml").symlink_to(tmp_path / "secret.txt")
+    told = made_up(run, lambda record: None)
+    assert "project.yaml: the file lies outside the run's folder" in told
+    assert "word" not in told
+
+
+def test_the_twin_of_a_run_outside_the_folder_is_not_simulated(tmp_path: Path):
+    started_run(tmp_path, [3.0])
+    fleet = tmp_path / "fleet"
+    (fleet / "specimens").mkdir(parents=True)
+    (fleet / "specimens" / "x").symlink_to(tmp_path / "run")
+    search = WatchedSearch("x", "specimens/x/calibrations/pull")
+    answer, glb = twin.simulated_twin(fleet, search)
+    assert answer == {"trouble": "The run lies outside the folder that is shown; there is no picture of it."}
+    assert glb == b""

@@ -42,6 +42,8 @@ class Specimen:
         Those of its calibration.
     seconds
         Wall time [s] of its calibration.
+    hashes
+        SHA-256 of the files that it was calibrated with, by their paths as the template has them, where DONE.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Specimen:
     reason: str = ""
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
+    hashes: Mapping[str, str] = field(default_factory=dict[str, str])
 
 
 def own_error(estimate: Estimate) -> float | None:

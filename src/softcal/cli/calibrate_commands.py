@@ -25,10 +25,9 @@ from softcal.cli.values import (
     WithReport,
     Workers,
     as_typed,
+    calibration_options,
     names,
-    parsed_pairs,
     parsed_values,
-    scalar,
 )
 
 if TYPE_CHECKING:
@@ -102,7 +101,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     """Find the free parameters; keeps every trial, and writes tables, figures and a report into a run folder."""
     from softcal.project.project import load
 
-    options = parsed_pairs(option, "--option", "this sets no option", "NAME=VALUE, such as starts=5")
+    options = calibration_options(option)
     loaded = load(project, values=parsed_values(values))
     from softcal.calibration.storage_url import storage_url
     from softcal.workflows.calibration import calibrate as calibrate_project
@@ -130,7 +129,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     again += f"{' --no-mesh-error' * (mesh_error is False)} --resume"
     changes["mesh_error"] = mesh_error
     changes["hold_out"] = None if hold_out is None else names(hold_out)
-    changes |= {name: scalar(text) for name, text in options.items()}
+    changes |= options
     with page_beside(folder, wanted=watch):
         with executor_told(on, workers) as executor, resumable(folder, "Everything", f"softcal calibrate {again}"):
             if engine != SOFTCAL and not resume:

@@ -15,7 +15,8 @@ from softcal.cli.app import app, exit_on_error, resumable
 from softcal.cli.calibration_lines import CalibrationLines
 from softcal.cli.page_beside import page_beside
 from softcal.cli.printing import print_report_table
-from softcal.cli.values import LOCAL, On, WithPage, WithReport, Workers, as_typed, names, parsed_pairs, scalar
+from softcal.cli.running import executor_told
+from softcal.cli.values import LOCAL, On, WithPage, WithReport, Workers, as_typed, calibration_options, names
 
 if TYPE_CHECKING:
     from softcal.workflows.fleet import Fleet, Observer
@@ -61,8 +62,7 @@ def fleet(  # noqa: PLR0913 (one argument for each option)
     watch: WithPage = False,
 ) -> None:
     """Calibrate many specimens by one template, and say how they differ: spread, by factor, E against the infill."""
-    options = parsed_pairs(option, "--option", "this sets no option", "NAME=VALUE, such as starts=5")
-    from softcal.executors.chosen import executor_on
+    options = calibration_options(option)
     from softcal.workflows.fleet import fleet as calibrate_fleet
 
     folder = out if out is not None else (table if table.is_dir() else table.parent) / "fleet"
@@ -70,10 +70,10 @@ def fleet(  # noqa: PLR0913 (one argument for each option)
     typed |= {"option": option, "workers": workers, "on": None if on == LOCAL else on}
     again = f"softcal fleet {shlex.quote(str(table))} --out {shlex.quote(str(folder))}"
     again += f"{as_typed(typed)} --resume"
-    changes = {"method": method, **{name: scalar(text) for name, text in options.items()}}
+    changes = {"method": method, **options}
     with page_beside(folder, wanted=watch):
         with resumable(folder, "What was calibrated", again, "fleet.json"):
-            with executor_on(on, workers) as executor, _bar() as show:
+            with executor_told(on, workers) as executor, _bar() as show:
                 found = calibrate_fleet(
                     table,
                     template=template,

@@ -81,6 +81,22 @@ def parsed_pairs(given: list[str] | None, option: str, what: str, allowed: str) 
     return found
 
 
+def calibration_options(given: list[str] | None) -> dict[str, int | float | str]:
+    """The settings of a calibration from the arguments of `--option NAME=VALUE`.
+
+    Raises
+    ------
+    InputError
+        As `parsed_pairs`; for a name that is no setting.
+    """
+    options = parsed_pairs(given, "--option", "this sets no option", "NAME=VALUE, such as starts=5")
+    if options:
+        from softcal.workflows.calibration import require_options
+
+        require_options(options)
+    return {name: scalar(text) for name, text in options.items()}
+
+
 def scalar(text: str) -> int | float | str:
     """A text as a project file would read it: a number where it is one."""
     for kind in (int, float):

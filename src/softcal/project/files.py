@@ -26,11 +26,11 @@ class InputFiles:
     """Resolves paths as they are written in a project file, and records which were requested.
 
     folder: the project file's folder. copies: path as written -> path of its copy in `folder`, for a project that is
-    read back from a run.
+    read back from a run, which has no other files; None for any other.
     """
 
     folder: Path
-    copies: Mapping[str, str] = field(default_factory=dict[str, str])
+    copies: Mapping[str, str] | None = None
     used: dict[str, Path] = field(default_factory=dict[str, Path])
 
     def find(self, written: str, kind: str, limit: Limit | None = None) -> Path:
@@ -39,10 +39,12 @@ class InputFiles:
         Raises
         ------
         StorageError
-            Where it does not exist, or is too large.
+            Where it does not exist, or is too large, or the run has no copy of it.
         """
+        if self.copies is not None and written not in self.copies:
+            raise StorageError(Fault(f"the run has no copy of the {kind}", got=shortened(written)))
         try:
-            path = self.folder / Path(self.copies.get(written, written)).expanduser()
+            path = self.folder / (Path(written).expanduser() if self.copies is None else self.copies[written])
         except RuntimeError as error:  # a home that does not exist
             raise StorageError(Fault(f"there is no such {kind}", got=shortened(written), allowed="a file")) from error
         if found := not_a_file(path):
@@ -58,6 +60,10 @@ class InputFiles:
             require_file(path, kind, limit)
         self.used[written] = path
         return path
+
+    def mesh(self, body: str) -> str | None:
+        """The path in `folder` of a run's copy of the mesh that was generated of a body."""
+        return None if self.copies is None else self.copies.get(stored_mesh(body))
 
     def hashes(self) -> dict[str, str]:
         """SHA-256 of every file asked for, by its path as written."""

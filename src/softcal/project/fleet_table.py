@@ -42,6 +42,7 @@ TABLE, TEMPLATE = "fleet.csv", "project.yaml"
 SPECIMEN, FILE, INFILL = "specimen", "file", "infill"
 _FILES = "files"
 _NUMBER = re.compile(r"([-+−]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?)(.*)", re.DOTALL)
+_TAKEN = re.compile(r"(\.json|\.json\.part|\.failed-[0-9]+)$")  # see `workflows.fleet_folder`
 _NEAR = 0.85  # of a name to that of a key, from which on one may be meant for the other
 
 
@@ -343,6 +344,9 @@ class _RowReader:
             self.faults.append(Fault("a specimen has no name", where))
         elif fault := name_fault(name):
             self.faults.append(replace(fault, where=where))
+        elif match := _TAKEN.search(folded(name)):
+            what = f"a specimen's name cannot end in '{match[0]}', as files of the fleet do"
+            self.faults.append(Fault(what, where, f"'{name}'", attempt=f"'{name[: match.start()]}'"))
         elif folded(name) in seen:
             other, first = seen[folded(name)]
             what = "two rows have the same name" if first == name else "two names differ only in capitals"

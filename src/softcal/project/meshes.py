@@ -12,7 +12,7 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitive import Filled, Primitive
 from softcal.geometry.read import read_mesh
 from softcal.limits import LIMITS
-from softcal.project.files import InputFiles, sha256, stored_mesh
+from softcal.project.files import InputFiles, sha256
 from softcal.project.mesh_schema import TO_FILL, MeshFile
 from softcal.project.robot_schema import BodySection
 
@@ -23,7 +23,7 @@ def mesh_maker(files: InputFiles) -> Callable[[str, BodySection], TetMesh]:
     """A function that makes the mesh [m] of a body by its name and section."""
 
     def make(name: str, body: BodySection) -> TetMesh:
-        copy = files.copies.get(stored_mesh(name))
+        copy = files.mesh(name)
         if copy is not None:
             return read_mesh(files.folder / copy, unit="m")
         if isinstance(body.mesh, MeshFile):

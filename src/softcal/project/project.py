@@ -131,7 +131,7 @@ def load(
         Parameters to fix, by dotted name: text with a unit (`{"neck.youngs_modulus": "2.3 MPa"}`) or numbers in SI.
         They replace the file's values, and are no longer free.
     copies
-        Copies of the files that the project names: path as written -> path relative to the project file. For runs.
+        For runs: copies of all files that the project names, path as written -> path relative to the project file.
     changes
         Entries in the place of those of the file, by dotted key: `{"experiments.pull.files[0].path": "p07.csv"}`; a
         `softcal.project.document.Entry` says where it was written.
@@ -149,7 +149,7 @@ def load(
     document = read_document(path)
     given = {key: one if isinstance(one, Entry) else Entry(one) for key, one in (changes or {}).items()}
     document = document.changed(given)
-    files = InputFiles(path.parent, dict(copies or {}))
+    files = InputFiles(path.parent, copies)
     known = set(LAWS)
     try:
         sections = read_sections(document, files)

@@ -20,7 +20,7 @@ from softcal.project.bench_schema import ExperimentSection
 from softcal.project.calibration_schema import CalibrationSection, ParameterSection, UncertainSection
 from softcal.project.candidate_schema import CandidateSection
 from softcal.project.document import Document, Findings
-from softcal.project.files import InputFiles, stored_mesh
+from softcal.project.files import InputFiles
 from softcal.project.law_schema import OwnLawSection, register_laws
 from softcal.project.mesh_schema import MeshFile
 from softcal.project.names import RESERVED_OF_TESTS, check_names
@@ -152,7 +152,7 @@ def _find_meshes(document: Document, files: InputFiles, findings: Findings) -> N
     for name, given in bodies.items() if isinstance(bodies, dict) else ():
         # The faults of a body are among the findings already.
         body = validated(BodySection, given, (), Findings(document))
-        if body is not None and isinstance(body.mesh, MeshFile) and stored_mesh(name) not in files.copies:
+        if body is not None and isinstance(body.mesh, MeshFile) and files.mesh(name) is None:
             with findings.at(("robot", "bodies", name, "mesh")):
                 files.find(body.mesh.file, "mesh file", LIMITS["bytes of a mesh file"])
 

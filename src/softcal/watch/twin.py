@@ -135,8 +135,11 @@ class TwinKeeper:
 def simulated_twin(folder: Path, search: WatchedSearch, patience: float = PATIENCE) -> tuple[dict[str, Any], bytes]:
     """What the process of `twin_worker` answers, and the GLB file, empty where there is none."""
     best = search.best
+    run_folder = (folder / run_of(search)).resolve()
+    if not run_folder.is_relative_to(folder.resolve()):
+        return {"trouble": "The run lies outside the folder that is shown; there is no picture of it."}, b""
     request = {
-        "folder": str(folder / run_of(search)),
+        "folder": str(run_folder),
         "label": search.place.rpartition("/")[2],
         "theta": None if best is None else numbers(best.theta),
     }

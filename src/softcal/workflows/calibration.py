@@ -163,7 +163,7 @@ def plan(project: Project, engine: str = SOFTCAL, **changes: object) -> tuple[Ca
         As `calibrate`.
     """
     given = {key: value for key, value in changes.items() if value is not None}
-    fields = {name for name in CalibrationSection.model_fields if name != "options"}
+    fields = _fields()
 
     def where(name: str) -> str:
         return f"--{name.replace('_', '-')}" if name in fields else f"--option {name}={given[name]}"
@@ -175,6 +175,33 @@ def plan(project: Project, engine: str = SOFTCAL, **changes: object) -> tuple[Ca
     settings = changed(settings, {"hold_out": experiments_named(settings.hold_out, project.experiments)}, where)
     problem = replace(make_problem(project, settings), simulate=engine_for(engine, project.robot, project.engines))
     return settings, _problems(problem, settings.fit, settings.hold_out)
+
+
+def require_options(given: Mapping[str, object]) -> None:
+    """Check that every name is a setting of a calibration, or an option of some method or loss.
+
+    Raises
+    ------
+    ParameterError
+        With every name that is none.
+    """
+    known = {*_fields(), *options_of()}
+    faults = [
+        Fault(
+            "neither a method nor a loss has this option",
+            f"--option {name}={value}",
+            allowed=", ".join(sorted(known)),
+            attempt=nearest(name, known),
+        )
+        for name, value in given.items()
+        if name not in known
+    ]
+    if faults:
+        raise ParameterError(faults)
+
+
+def _fields() -> set[str]:
+    return {name for name in CalibrationSection.model_fields if name != "options"}
 
 
 def _require_used(

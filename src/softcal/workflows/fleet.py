@@ -7,7 +7,8 @@ on a cluster all workers must see the folder.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from softcal.analysis.specimen import Specimen, State
 from softcal.calibration.interrupts import stoppable
 from softcal.calibration.live import told_live
 from softcal.calibration.search import Progress
-from softcal.errors import Fault, InputError, ProjectFileError, SoftcalError
+from softcal.errors import Fault, InputError, ProjectFileError, SoftcalError, StorageError
 from softcal.executors.chosen import executor_of
 from softcal.executors.each import Lost, each, results
 from softcal.executors.executor import Executor
@@ -29,6 +30,7 @@ from softcal.workflows.fleet_folder import (
     finish_fleet,
     read_specimen,
     reopen_fleet,
+    set_aside,
     specimen_folder,
     write_specimen,
 )
@@ -99,7 +101,7 @@ def fleet(
     out
         Folder of the fleet, new or empty.
     resume
-        Go on with the fleet in `out`: specimens that are done are kept, those that failed are tried again.
+        Go on with the fleet in `out`: specimens that are done are kept, those that failed begin anew.
     workers
         Processes, or an executor; a specimen is calibrated by one process.
     by
@@ -121,6 +123,8 @@ def fleet(
     with executor_of(workers) as executor, stoppable() as stop:
         if resume:
             reopen_fleet(table, order.settings, folder)
+            if faults:  # the table is the same: of the factors to compare by
+                raise ProjectFileError(merged(faults))
         else:
             require_free_folder(folder)
             _check(table, order, faults, executor, progress or _unseen)
@@ -146,7 +150,7 @@ def _calibrate(table: FleetTable, order: _Order, executor: Executor, show: Obser
     left = [row for row in table.rows if (one := kept[row.name]) is None or one.state == "FAILED"]
     n, failed = len(table.rows), 0
     done = n - len(left)
-    with told_live(order.folder, executor) as live:
+    with told_live(order.folder, executor) as live, _stored():
         calls = each(executor, calibrated_specimen, order, [(row,) for row in left])
         for row in (None, *left):
             if row is not None:
@@ -158,10 +162,39 @@ def _calibrate(table: FleetTable, order: _Order, executor: Executor, show: Obser
             show("specimens", n, done, failed)
 
 
+@contextmanager
+def _stored() -> Generator[None]:
+    """Turn what a specimen could not keep in this process, which has no other worker, into an error of the input."""
+    try:
+        yield
+    except OSError as error:
+        raise StorageError(str(error)) from error
+
+
 def calibrated_specimen(order: _Order, row: FleetRow) -> State:
-    """Calibrate one specimen in its folder, and keep what was found; a failure is a state."""
+    """Calibrate one specimen in its folder, and keep what was found; a failure is a state.
+
+    Raises
+    ------
+    OSError
+        Where this machine cannot keep it, such as for a full disk: another may, and the specimen is none that failed.
+    """
+    try:
+        one = _calibrated(order, row)
+        write_specimen(one, order.folder)
+    except StorageError as error:
+        if isinstance(error.__cause__, OSError):
+            raise OSError(str(error)) from error
+        raise
+    return one.state
+
+
+def _calibrated(order: _Order, row: FleetRow) -> Specimen:
     began = time.perf_counter()
     run = specimen_folder(order.folder, row.name)
+    before = read_specimen(order.folder, row.name)
+    if before is not None and before.state == "FAILED":
+        set_aside(row.name, order.folder)
     try:
         project = row_project(order.template, row)
         found = calibrate(project, out=run, resume=run.is_dir(), **order.settings)
@@ -169,11 +202,12 @@ def calibrated_specimen(order: _Order, row: FleetRow) -> State:
             raise found.stopped_by
         best = found.headline
         warnings = tuple(note.text for note in best.notes if note.level == "warning")
-        one = Specimen(row.name, "DONE", row.factors, best.parameters, best.loss, "", warnings)
+        one = Specimen(row.name, "DONE", row.factors, best.parameters, best.loss, "", warnings, hashes=project.hashes)
     except SoftcalError as error:
+        if isinstance(error.__cause__, OSError):
+            raise
         one = Specimen(row.name, "FAILED", row.factors, reason=str(error))
-    write_specimen(replace(one, seconds=time.perf_counter() - began), order.folder)
-    return one.state
+    return replace(one, seconds=time.perf_counter() - began)
 
 
 def checked_row(order: _Order, row: FleetRow) -> tuple[Fault, ...]:

@@ -4,13 +4,14 @@ fleet.json                     what was asked, with the names of all specimens; 
 table.csv                      the table as it was
 specimens/<name>/              the specimen's run folder, from its beginning on (see `run_folder`)
 specimens/<name>.json          from its end on: {"format", "specimen", "state": "DONE" or "FAILED", "reason", "seconds",
-                               "loss", "factors", "parameters", "warnings"}
+                               "loss", "factors", "parameters", "warnings", "hashes" of the files where DONE}
+specimens/<name>.failed-<n>/   with its .json: a run that FAILED and was tried again in a new one (n from 1 on)
 fleet.csv                      at the end: a row for each specimen and parameter
 live.json                      how many are finished, and the workers (see `calibration.live`)
 report.html, figures, tables   at the end
 
 A specimen with a .json file is finished; one with a folder and without the file is in work, or was when the fleet was
-stopped; any other waits. A resumed fleet writes the .json of a specimen that failed anew.
+stopped; any other waits. A resumed fleet begins a specimen that failed anew, and keeps what there was of it.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +35,13 @@ from softcal.calibration.store import write_text
 from softcal.calibration.stored import Amount, Record, read_record
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, StorageError
+from softcal.project.files import sha256
 from softcal.project.fleet_table import FleetTable
 from softcal.workflows.output import new_folder, require_writable, unwritable
 
 FORMAT = 1
 FLEET, SPECIMENS, TABLE_COPY, CSV = "fleet.json", "specimens", "table.csv", "fleet.csv"
+_RESTORE = "restore it, or use another --out without --resume"
 
 
 class _FleetRecord(Record):
@@ -56,6 +60,7 @@ class _SpecimenRecord(Record):
     factors: dict[str, str | float | None]
     parameters: dict[str, Estimate] = Field(default_factory=dict[str, Estimate])
     warnings: tuple[str, ...]
+    hashes: dict[str, str]
 
 
 def specimen_folder(folder: Path, name: str) -> Path:
@@ -86,20 +91,74 @@ def reopen_fleet(table: FleetTable, settings: Mapping[str, Any], folder: Path) -
     Raises
     ------
     StorageError
-        If the folder holds no fleet, or one of another table, template or settings, or cannot be written.
+        If the folder holds no fleet, or one of another table, template or settings, files of finished specimens have
+        changed, or the folder cannot be written.
     """
     record = _record(folder)
-    attempt = "restore it, or use another --out without --resume"
     faults = [
-        Fault("the file was changed after the fleet began", name, attempt=attempt)
+        Fault("the file was changed after the fleet began", name, attempt=_RESTORE)
         for name, digest in table.hashes.items()
         if record.hashes.get(name) != digest
     ]
     if record.settings != json.loads(json.dumps(dict(settings))):
         faults.append(Fault("the fleet has other settings", str(folder), str(dict(settings)), str(record.settings)))
+    if not faults:
+        faults = _changed_files(table, folder)
     if faults:
         raise StorageError(faults)
     require_writable(folder)
+
+
+def _changed_files(table: FleetTable, folder: Path) -> list[Fault]:
+    """A fault for each file that was changed after specimens were calibrated with it, with all their names."""
+    of: dict[str, list[str]] = {}
+    now: dict[str, str] = {}
+    for row in table.rows:
+        one = read_specimen(folder, row.name)
+        for written, digest in {} if one is None or one.state != "DONE" else one.hashes.items():
+            if written not in now:
+                path = table.template.parent / Path(written).expanduser()
+                try:
+                    now[written] = sha256(path)
+                except OSError:
+                    now[written] = ""
+            if now[written] != digest:
+                of.setdefault(written, []).append(row.name)
+    return [
+        Fault(
+            "the file was changed after specimens were calibrated with it"
+            if now[written]
+            else "the file cannot be read",
+            written,
+            "results of " + ", ".join(f"'{name}'" for name in names),
+            attempt=_RESTORE,
+        )
+        for written, names in of.items()
+    ]
+
+
+def set_aside(name: str, folder: Path) -> None:
+    """Move the run of a specimen that failed, and its record, to a free NAME.failed-N, so that it can begin anew.
+
+    Raises
+    ------
+    StorageError
+        Where they cannot be moved.
+    """
+    run, record = specimen_folder(folder, name), folder / SPECIMENS / f"{name}.json"
+    aside = next(
+        place
+        for n in count(1)
+        if not (place := run.with_name(f"{name}.failed-{n}")).exists()
+        and not place.with_name(f"{place.name}.json").exists()
+    )
+    try:
+        # The record last: stopped in between, the specimen still counts as one that failed.
+        if run.is_dir():
+            run.rename(aside)
+        record.rename(aside.with_name(f"{aside.name}.json"))
+    except OSError as error:
+        raise unwritable(folder, error) from error
 
 
 def write_specimen(one: Specimen, folder: Path) -> None:
@@ -120,6 +179,7 @@ def write_specimen(one: Specimen, folder: Path) -> None:
         "factors": dict(one.factors),
         "parameters": {label: asdict(estimate) for label, estimate in one.parameters.items()},
         "warnings": list(one.warnings),
+        "hashes": dict(one.hashes),
     }
     write_text(folder / SPECIMENS / f"{one.name}.json", _text(held))
 
@@ -137,7 +197,15 @@ def read_specimen(folder: Path, name: str) -> Specimen | None:
         return None
     held = read_record(_SpecimenRecord, path, "the record of the specimen", FORMAT)
     return Specimen(
-        name, held.state, held.factors, held.parameters, held.loss, held.reason, held.warnings, held.seconds
+        name,
+        held.state,
+        held.factors,
+        held.parameters,
+        held.loss,
+        held.reason,
+        held.warnings,
+        held.seconds,
+        held.hashes,
     )
 
 

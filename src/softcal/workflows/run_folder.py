@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path, PurePath
@@ -229,7 +229,7 @@ def project_of_run(folder: str | Path) -> tuple[Project, CalibrationSection]:
     Raises
     ------
     StorageError
-        If there is no run, or an input of it is missing or has changed.
+        If there is no run, or an input of it is missing, has changed or lies outside the folder.
     ProjectFileError
         Where the project in it cannot be loaded.
     """
@@ -259,11 +259,15 @@ def _record(folder: Path) -> _RunRecord:
         raise StorageError(
             Fault("there is no run here", str(folder), f"no {RECORD}", "a folder that softcal calibrate wrote")
         )
+    _require_inside(folder, [RECORD, PROJECT])
     return read_record(_RunRecord, path, "the record of the run", FORMAT)
 
 
 def _require_unchanged(folder: Path, record: _RunRecord) -> None:
-    """Check that the run's inputs are unchanged, so that a report shows the data of its results."""
+    """Check that the run's inputs are unchanged and its own, so that a report shows the data of its results, and no
+    file from elsewhere.
+    """
+    _require_inside(folder, record.copies.values())
     faults: list[Fault] = []
     for number, (written, before) in enumerate(record.hashes.items()):
         # First comes the project's file, which is called otherwise here than it may have been.
@@ -284,6 +288,21 @@ def _require_unchanged(folder: Path, record: _RunRecord) -> None:
         for written, place in record.copies.items()
         if written not in record.hashes
     ]
+    if faults:
+        raise StorageError(faults)
+
+
+def _require_inside(folder: Path, places: Iterable[str]) -> None:
+    """Check that no link leads out of the run's folder."""
+    faults: list[Fault] = []
+    for place in places:
+        try:
+            inside = (folder / place).resolve().is_relative_to(folder.resolve())
+        except (OSError, RuntimeError):  # a loop of links
+            inside = False
+        if not inside:
+            what = "the file lies outside the run's folder"
+            faults.append(Fault(what, str(folder / place), allowed="a file of the folder, and no link out of it"))
     if faults:
         raise StorageError(faults)
 

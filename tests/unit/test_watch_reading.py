@@ -15,11 +15,11 @@ from watch_case import NOW, RESULT, add_trials, live_record, write_json, write_r
 
 from softcal.calibration.result import Trial
 from softcal.watch.charts import MOST_POINTS, fleet_chart, loss_chart, parameter_chart
-from softcal.watch.live import live_sign, process_exists
+from softcal.watch.live import live_sign, process_exists, process_start
 from softcal.watch.reading import Unreadable, clean, read_record
 from softcal.watch.run_reader import RunReader
 from softcal.watch.twin import ParameterFacts, run_of
-from softcal.watch.watched import WatchedSearch
+from softcal.watch.watched import WatchedResult, WatchedSearch
 from softcal.watch.words import (
     best_rows,
     failed_rows,
@@ -170,12 +170,43 @@ def test_a_process_that_works_is_running_and_one_that_is_gone_is_said_to_be():
     here = live_sign(live_record(os.getpid(), HOST, age=2))
     assert watched(live=here).course(NOW) == "running"
     assert state_sentence(watched(live=here), NOW) == ""
-    late = live_sign(live_record(os.getpid(), HOST, age=600, stage="importances (fANOVA)"))
-    assert state_sentence(watched(live=late), NOW) == "importances (fANOVA); last sign of life 10 min 0 s ago"
+    now, stage = datetime.now(UTC), "importances (fANOVA)"
+    late = live_sign(live_record(os.getpid(), HOST, now=now, began=now.isoformat(), stage=stage))
+    later = now + timedelta(seconds=600)
+    assert watched(live=late).course(later) == "running"
+    assert state_sentence(watched(live=late), later) == "importances (fANOVA); last sign of life 10 min 0 s ago"
     left = watched(live=live_sign(live_record(gone(), HOST, age=600)))
     assert left.course(NOW) == "left"
     expected = "No process works on this run. Its last sign of life was 10 min 0 s ago."
     assert state_sentence(left, NOW) == f"{expected} The same command with --resume goes on with it."
+
+
+def test_another_process_that_has_the_number_by_now_is_not_taken_for_the_search(tmp_path: Path):
+    # This process began months after the search; of one that tells no beginning nothing is known.
+    for changes in ({}, {"began": None}):
+        other = live_sign(live_record(os.getpid(), HOST, age=600, **changes))
+        assert watched(live=other).course(NOW) == "silent"
+        said = "It gave no sign of life for 10 min 0 s; whether a process works on it is not known."
+        assert state_sentence(watched(live=other), NOW) == said
+        assert watched(live=other, result=WatchedResult((), None, "", ()), ended=NOW).course(NOW) == "ended"
+    write_fleet(tmp_path, a="DONE", b=None)
+    place = tmp_path / "specimens" / "b" / "calibrations" / "joint"
+    write_run(tmp_path / "specimens" / "b")
+    write_json(place / "live.json", live_record(os.getpid(), HOST, age=600))
+    told = "No specimen gave a sign of life lately; whether a process works on this fleet is not known."
+    later = datetime.now(UTC) + timedelta(seconds=90)
+    assert run_state(RunReader(tmp_path).read(), later) == ("silent", told)
+
+
+def test_a_process_began_when_it_did():
+    before = datetime.now(UTC)
+    with subprocess.Popen(["sleep", "60"]) as process:
+        began = process_start(process.pid)
+        process.kill()
+    assert began is not None
+    assert abs((began - before).total_seconds()) < 60
+    assert process_start(process.pid) is None
+    assert process_start(2**40) is None
 
 
 def test_a_search_that_ended_without_a_result_is_not_running_in_a_process_that_goes_on():

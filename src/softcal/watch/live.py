@@ -7,7 +7,7 @@ import os
 import socket
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from softcal.calibration.live import LIVE
 from softcal.watch.reading import clean, count, read_record
 
 LONG = 60.0  # [s] without a sign of life
+_ROUNDING = timedelta(seconds=3)  # of the times at which a process, and the search in it, began
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,18 @@ class LiveSign:
         """Whether the process runs on this machine, so that one can see whether it is there."""
         return self.pid is not None and self.host in ("", socket.gethostname())
 
+    def is_at_work(self, now: datetime) -> bool:
+        """Whether its process works: by its last sign, or as the process of that number that was there as it began."""
+        if self.ended or (self.is_here and not self.has_process):
+            return False
+        return self.age(now) <= LONG or (self.is_here and self._is_the_one)
+
+    @property
+    def _is_the_one(self) -> bool:
+        """Whether the process of that number is not one that was started after the search began."""
+        started = None if self.pid is None else process_start(self.pid)
+        return started is not None and self.began is not None and started <= self.began + _ROUNDING
+
     @property
     def has_process(self) -> bool:
         """Whether a process of that number is there, on this machine."""
@@ -88,6 +101,17 @@ def process_exists(pid: int) -> bool:
     with contextlib.suppress(OSError, IndexError):  # a process that ended and that nobody has waited for
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     return True
+
+
+def process_start(pid: int) -> datetime | None:
+    """When a process of this machine was started, to a second; None where the system does not tell."""
+    try:
+        ticks = int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19])
+        lines = Path("/proc/stat").read_text().splitlines()
+        booted = int(next(line.split()[1] for line in lines if line.startswith("btime ")))
+        return datetime.fromtimestamp(booted + ticks / os.sysconf("SC_CLK_TCK"), UTC)
+    except (OSError, ValueError, IndexError, StopIteration):
+        return None
 
 
 def read_live(folder: Path, place: str = LIVE) -> LiveSign | None:

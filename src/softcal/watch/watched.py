@@ -11,7 +11,7 @@ from softcal.calibration.result import Trial
 from softcal.watch.live import LONG, LiveSign
 
 Course = Literal["waiting", "running", "silent", "left", "ended", "failed"]
-"""Of a search: not begun, at work, its process unknown, its process gone, with a result, failed as a whole."""
+"""Of a search: not begun, at work, without a sign of life, its process gone, with a result, failed as a whole."""
 
 
 @dataclass(frozen=True)
@@ -100,14 +100,13 @@ class WatchedSearch:
         if self.failure:
             return "failed"
         live = self.live
-        seen = live is not None and (live.has_process if live.is_here else live.age(now) <= LONG)
-        at_work = seen and live is not None and not live.ended
+        at_work = live is not None and live.is_at_work(now)
         if self.result is not None and not (at_work and self.is_resumed):
             return "ended"
         if at_work:
             return "running"
         if live is not None:
-            return "left" if live.is_here or live.ended else "silent"
+            return "left" if live.ended or (live.is_here and not live.has_process) else "silent"
         if self.written is None:
             return "waiting"
         return "running" if (now - self.written).total_seconds() <= LONG else "silent"

@@ -40,6 +40,8 @@ def state_sentence(search: WatchedSearch, now: datetime) -> str:
             return f"The search ended without a result.{last}"
         if course == "left":
             return f"No process works on this run.{last} The same command with --resume goes on with it."
+        if live.is_here:
+            return f"It gave no sign of life for {span(live.age(now))}; whether a process works on it is not known."
         return f"It runs on {live.host}, and gave no sign of life for {span(live.age(now))}."
     written = "" if search.written is None else f" for {span((now - search.written).total_seconds())}"
     return f"Nothing was written{written}; whether a process works on this run is not known."
@@ -135,6 +137,8 @@ def run_state(run: WatchedRun, now: datetime) -> tuple[Course, str]:
     fresh = any((now - sign).total_seconds() <= LONG for sign in signs)
     if "running" in courses or fresh:
         return "running", "Choose a specimen for its trials."
+    if "silent" in courses:
+        return "silent", "No specimen gave a sign of life lately; whether a process works on this fleet is not known."
     return (
         ("left", "No process works on this fleet. The same command with --resume goes on with it.")
         if signs

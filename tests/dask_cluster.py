@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import gc
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
-import warnings
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -76,21 +74,14 @@ def dask_cluster(folder: Path, workers: int = 2, allowed_failures: int = 3) -> G
     with DaskProcesses(folder, allowed_failures) as cluster:
         for _ in range(workers):
             cluster.add_worker()
-        wait_for_workers(cluster, workers)
+        wait_for_workers(cluster.address, workers)
         yield cluster
 
 
-def close_what_dask_left() -> None:
-    """Collect sockets that Dask's connections left to the collector, which would warn of them in another test."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ResourceWarning)
-        gc.collect()
-
-
-def wait_for_workers(cluster: DaskProcesses, count: int) -> None:
+def wait_for_workers(address: str, count: int) -> None:
     from distributed import Client
 
-    with Client(cluster.address, set_as_default=False) as client:
+    with Client(address, set_as_default=False) as client:
         client.wait_for_workers(count, timeout=120)
 
 

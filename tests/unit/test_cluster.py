@@ -19,7 +19,7 @@ from typing import Any
 
 import called
 import pytest
-from dask_cluster import DaskProcesses, close_what_dask_left, dask_cluster, kill_group, wait_for_workers
+from dask_cluster import DaskProcesses, dask_cluster, kill_group, wait_for_workers
 from fake_twin import soft_necks_fail
 from project_case import write_project
 from test_calibration_run import problem_of, same
@@ -54,12 +54,6 @@ def slow_twin(
 ) -> Response:
     time.sleep(0.05)
     return soft_necks_fail(robot, protocol, theta, sensitivities=sensitivities)
-
-
-@pytest.fixture(autouse=True)
-def _collected() -> Generator[None]:
-    yield
-    close_what_dask_left()
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +140,7 @@ def test_workers_with_another_softcal_are_refused(tmp_path: Path) -> None:
     other = copied_softcal(tmp_path / "other")
     with DaskProcesses(tmp_path) as cluster:
         cluster.add_worker(path=[other])
-        wait_for_workers(cluster, 1)
+        wait_for_workers(cluster.address, 1)
         with pytest.raises(InputError) as told, executor_on(f"dask:{cluster.address}"):
             pass
         text = str(told.value)
@@ -159,11 +153,11 @@ def test_workers_with_another_softcal_that_come_later_take_no_part(tmp_path: Pat
     other = copied_softcal(tmp_path / "other")
     with DaskProcesses(tmp_path) as cluster:
         cluster.add_worker()
-        wait_for_workers(cluster, 1)
+        wait_for_workers(cluster.address, 1)
         with executor_on(f"dask:{cluster.address}") as executor:
             for _ in range(3):
                 cluster.add_worker(path=[other])
-            wait_for_workers(cluster, 4)
+            wait_for_workers(cluster.address, 4)
             there = calibrate(problem_of(soft_necks_fail), method="grid", trials=16, workers=executor)
             time.sleep(1.1)  # so long the executor believes what it knows of the workers
             assert sorted(worker.done for worker in executor.workers) == [0, 0, 0, 16]

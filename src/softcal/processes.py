@@ -83,7 +83,7 @@ def beside(command: Sequence[str], *, patience: float = 5.0) -> Generator[subpro
         If it cannot be started.
     """
     pipes: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-    with _guarded(command, text=True, **pipes) as process:
+    with _guarded(command, text=True, errors="replace", **pipes) as process:
         try:
             yield process
         finally:

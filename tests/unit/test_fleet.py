@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from project_case import MODULUS
 from softcal.calibration import problem
 from softcal.cli import main
 from softcal.errors import InputError, ProjectFileError, SimulationError, StorageError
+from softcal.executors.kinds.local import LocalExecutor
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
@@ -179,6 +181,31 @@ def test_a_wrong_factor_is_refused_when_resumed_too(folder: Path, found: Fleet) 
         fleet(folder, out=found.folder, resume=True, by=["filamnt"])
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("file", ["s 4.json", "s 4/result.json"])
+def test_a_file_that_cannot_be_written_is_an_error_of_the_machine(
+    folder: Path, found: Fleet, tmp_path: Path, file: str, workers: int
+) -> None:
+    """As where the disk is full: such a specimen is handed to other workers, and begun anew by --resume."""
+    out = tmp_path / "out"
+    shutil.copytree(found.folder, out)
+    (out / "specimens" / "s 4.json").unlink()
+    (out / "specimens" / "s 4" / "result.json").unlink()
+    blocked = out / "specimens" / f"{file}.part"
+    blocked.mkdir()
+    if file == "s 4.json":
+        with pytest.raises(StorageError, match=r"s 4.json: the run cannot be kept"):
+            fleet(folder, out=out, resume=True, workers=workers)
+        assert not (out / "specimens" / "s 4.json").exists()
+    else:  # no other worker could either
+        reason = fleet(folder, out=out, resume=True, workers=workers).specimens[3].reason
+        assert "could not do it" in reason
+        assert "result.json: the run cannot be kept" in reason
+    blocked.rmdir()
+    again = fleet(folder, out=out, resume=True)
+    assert [one.parameters for one in again.specimens] == [one.parameters for one in found.specimens]
+
+
 def test_nothing_is_begun_where_a_specimen_has_a_fault(folder: Path, tmp_path: Path) -> None:
     table = folder / "bad.csv"
     table.write_text(TABLE.replace("p2.csv", "no.csv").replace("p5.csv", "none.csv"), encoding="utf-8")
@@ -231,3 +258,17 @@ def test_what_is_no_option_is_refused_by_its_name(
     assert f"--option {option}: neither a method nor a loss has this option; allowed: alpha, beta, " in said
     assert ("Try: 'starts'" in said) == (option == "strats=5")
     assert not (tmp_path / "out").exists()
+
+
+def test_it_says_where_other_machines_do_the_work(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["fleet", str(folder), "--out", str(folder), "--workers", "2"]
+    said: list[str] = []
+    for here in (True, False):
+        monkeypatch.setattr(LocalExecutor, "here", property(lambda _, here=here: here))
+        with pytest.raises(SystemExit):  # the folder is not empty
+            main(command)
+        said.append(capsys.readouterr().out)
+    assert said[0] == ""
+    assert re.fullmatch(r"On 2 processes of this machine: \d workers? at present.*\.\n", said[1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -222,6 +223,24 @@ def test_two_infills_do_not_tell_an_exponent() -> None:
     specimens = infilled(np.random.default_rng(20), 12, (0.2, 0.8))
     assert not stated(specimens, ["infill"]).laws
     assert "the specimens have 2 different infills, and it takes three" in text(specimens, ["infill"])
+
+
+def test_a_modulus_without_a_law_does_not_hide_that_of_another() -> None:
+    """Of the second one there are too few specimens, or too few infills."""
+    specimens = infilled(np.random.default_rng(20), 12, (0.2, 0.4, 0.8))
+    for order in (("a", "b"), ("b", "a")):
+        for kept, why in (
+            (("s0", "s1", "s2", "s3"), "there are 4 specimens, and it takes five"),
+            (("s0", "s1", "s3", "s4", "s6", "s7"), "the specimens have 2 different infills, and it takes three"),
+        ):
+            two = [
+                replace(s, parameters={k: s.parameters["x"] for k in order if k == "a" or s.name in kept})
+                for s in specimens
+            ]
+            assert [law.label for law in stated(two, ["infill"]).laws] == ["a"]
+            said = text(two, ["infill"])
+            assert f"b against the infill cannot be told: {why}." in said
+            assert "a against the infill cannot be told" not in said
 
 
 def test_filaments_are_compared_at_equal_infill() -> None:

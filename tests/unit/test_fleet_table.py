@@ -95,6 +95,11 @@ def test_numbers_and_dates_of_factors(tmp_path: Path) -> None:
     }
 
 
+def test_a_serial_number_is_text(tmp_path: Path) -> None:
+    table = read(tmp_path, f"specimen,{FILE},serial\none,p1.csv,007\ntwo,p2.csv,7\nthree,p2.csv,0.7\nfour,p2.csv,0\n")
+    assert [row.factors["serial"] for row in table.rows] == ["007", 7.0, 0.7, 0.0]
+
+
 def test_only_the_named_factors_are_compared(tmp_path: Path) -> None:
     assert list(read(tmp_path, GOOD, by=("filament",)).factors) == ["filament"]
     with pytest.raises(InputError, match=r"the table has no such factor.*'filament'"):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
+import time
 import urllib.request
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,8 @@ from watch_case import write_run
 
 import softcal
 from softcal.cli.app import app
+from softcal.processes import beside
+from softcal.workflows import watching
 from softcal.workflows.calibration import Calibrations
 from softcal.workflows.run import CalibrationRun
 from softcal.workflows.sweep import Swept
@@ -61,6 +65,26 @@ def test_a_page_in_a_notebook_is_there_until_it_is_closed(tmp_path: Path):
             assert answer.status == 200
     with pytest.raises(OSError, match="refused"):
         urllib.request.urlopen(page.address, timeout=60)
+
+
+def test_a_page_that_says_much_is_not_stopped_by_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    done = tmp_path / "done"
+    talker = f"""
+import sys, time
+from pathlib import Path
+print("Page: http://127.0.0.1:1/ (Ctrl-C ends it)", flush=True)
+sys.stdout.buffer.write(b"a warning of a library \\xff\\n" * 50_000)
+sys.stdout.flush()
+Path({str(done)!r}).touch()
+time.sleep(60)
+"""
+    monkeypatch.setattr(watching, "beside", lambda command: beside([sys.executable, "-c", talker]))
+    with watch_run(tmp_path) as page:
+        assert page.address == "http://127.0.0.1:1/"
+        until = time.monotonic() + 60.0
+        while not done.exists():
+            assert time.monotonic() < until
+            time.sleep(0.02)
 
 
 @needs_nicegui

@@ -32,7 +32,7 @@ class FleetStatement:
     laws
         Moduli against the infill.
     no_law
-        Why there is none, "" where there is one, or no infill.
+        Modulus -> why there is none of it; "E" where there is no such modulus. Empty without an infill.
     """
 
     done: int
@@ -43,7 +43,7 @@ class FleetStatement:
     not_compared: Mapping[str, str]
     not_apart: tuple[tuple[str, str], ...]
     laws: tuple[InfillLaw, ...]
-    no_law: str
+    no_law: Mapping[str, str]
 
 
 def fleet_statement(specimens: Sequence[Specimen], factors: Sequence[str]) -> FleetStatement:

@@ -54,8 +54,10 @@ def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tup
         text = f"{other.capitalize()} determines {one} in this table: a difference by one can be one by the other."
         texts.append(FleetSentence(text, "note"))
     texts += [_law(one) for one in found.laws]
-    if found.no_law:
-        texts.append(FleetSentence(f"E against the infill cannot be told: {found.no_law}.", "note"))
+    texts += [
+        FleetSentence(f"{label} against the infill cannot be told: {why}.", "note")
+        for label, why in found.no_law.items()
+    ]
     return tuple(texts)
 
 

@@ -63,22 +63,28 @@ def log_infill(specimens: Sequence[Specimen]) -> dict[str, float]:
     return {name: math.log(phi) for name, phi in held.items() if isinstance(phi, float)}
 
 
-def infill_laws(compared: Sequence[Comparable], specimens: Sequence[Specimen]) -> tuple[tuple[InfillLaw, ...], str]:
-    """The law of every modulus [Pa] that is searched by its logarithm; or why it cannot be told, in words."""
+def infill_laws(
+    compared: Sequence[Comparable], specimens: Sequence[Specimen]
+) -> tuple[tuple[InfillLaw, ...], dict[str, str]]:
+    """The law of every modulus [Pa] that is searched by its logarithm; and why it cannot be told, in words, by modulus
+    (by "E" where there is none).
+    """
     phi = log_infill(specimens)
     if not phi:
-        return (), ""
+        return (), {}
     moduli = [one for one in compared if one.unit == "Pa" and one.scale == "log"]
     found: list[InfillLaw] = []
+    why: dict[str, str] = {} if moduli else {"E": "no modulus is searched by its logarithm"}
     for one in moduli:
         own = one.only(np.array([name in phi for name in one.names], dtype=bool))
         levels = len({phi[name] for name in own.names})
         if levels < FEWEST_LEVELS:
-            return (), f"the specimens have {levels} different infill{'s' * (levels != 1)}, and it takes three"
-        if len(own.names) < FEWEST_SPECIMENS:
-            return (), f"there are {len(own.names)} specimens, and it takes five"
-        found.append(_law(own, phi))
-    return tuple(found), "" if moduli else "no modulus is searched by its logarithm"
+            why[one.label] = f"the specimens have {levels} different infill{'s' * (levels != 1)}, and it takes three"
+        elif len(own.names) < FEWEST_SPECIMENS:
+            why[one.label] = f"there are {len(own.names)} specimens, and it takes five"
+        else:
+            found.append(_law(own, phi))
+    return tuple(found), why
 
 
 def _law(one: Comparable, phi: Mapping[str, float]) -> InfillLaw:

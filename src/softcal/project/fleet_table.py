@@ -42,6 +42,7 @@ TABLE, TEMPLATE = "fleet.csv", "project.yaml"
 SPECIMEN, FILE, INFILL = "specimen", "file", "infill"
 _FILES = "files"
 _NUMBER = re.compile(r"([-+−]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?)(.*)", re.DOTALL)
+_SERIAL = re.compile(r"0\d")  # begins what is a name and no number, such as 007
 _TAKEN = re.compile(r"(\.json|\.json\.part|\.failed-[0-9]+)$")  # see `workflows.fleet_folder`
 _NEAR = 0.85  # of a name to that of a key, from which on one may be meant for the other
 
@@ -373,6 +374,8 @@ class _RowReader:
         if not cell:
             return None
         if column.name != INFILL:
+            if _SERIAL.match(cell):
+                return cell
             written = self._written(cell, column.unit)
             return (
                 float(written) if isinstance(written, (int, float)) and not isinstance(written, bool) else str(written)

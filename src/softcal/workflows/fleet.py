@@ -7,8 +7,7 @@ on a cluster all workers must see the folder.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -113,9 +112,10 @@ def fleet(
 
     Raises
     ------
+    ProjectFileError
+        With every fault of the table and of every specimen's project, before any is calibrated.
     InputError
-        With every fault of the table and of every specimen's project, before any is calibrated; for a folder that
-        cannot be used.
+        For a folder that cannot be used, or where the data of a finished specimen have changed.
     """
     (table, faults), folder = parse_fleet(source, template, by), Path(out).absolute()
     given = {key: value for key, value in changes.items() if value is not None}
@@ -150,7 +150,7 @@ def _calibrate(table: FleetTable, order: _Order, executor: Executor, show: Obser
     left = [row for row in table.rows if (one := kept[row.name]) is None or one.state == "FAILED"]
     n, failed = len(table.rows), 0
     done = n - len(left)
-    with told_live(order.folder, executor) as live, _stored():
+    with told_live(order.folder, executor) as live:
         calls = each(executor, calibrated_specimen, order, [(row,) for row in left])
         for row in (None, *left):
             if row is not None:
@@ -160,15 +160,6 @@ def _calibrate(table: FleetTable, order: _Order, executor: Executor, show: Obser
                 done, failed = done + 1, failed + (state != "DONE")
             live.progress = Progress(done, n, failed, None, None, "specimens")
             show("specimens", n, done, failed)
-
-
-@contextmanager
-def _stored() -> Generator[None]:
-    """Turn what a specimen could not keep in this process, which has no other worker, into an error of the input."""
-    try:
-        yield
-    except OSError as error:
-        raise StorageError(str(error)) from error
 
 
 def calibrated_specimen(order: _Order, row: FleetRow) -> State:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import html
 import sys
-from contextlib import ExitStack
+import threading
+from collections.abc import Iterable
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from softcal.errors import Fault, InputError
@@ -58,8 +60,17 @@ def watch_run(folder: str | Path, *, port: int | None = None) -> WatchedPage:
             process = stack.enter_context(beside(command))
         except OSError as error:
             raise InputError(Fault("the page cannot be served", str(folder), error.strerror or str(error))) from error
-        said = process.stdout.readline() if process.stdout is not None else ""
+        assert process.stdout is not None  # noqa: S101
+        said = process.stdout.readline()
         if not said.startswith(_SAID):
-            rest = process.stdout.read() if process.stdout is not None else ""
+            rest = process.stdout.read()
             raise InputError((said + rest).strip().removeprefix("Error: ") or "the page ended before it was served")
+        # What it says from now on, such as warnings of its libraries, would fill the pipe and stop it.
+        threading.Thread(target=_drain, args=(process.stdout,), name="softcal-page", daemon=True).start()
         return WatchedPage(said.removeprefix(_SAID).split(" ")[0].strip(), stack.pop_all())
+
+
+def _drain(lines: Iterable[str]) -> None:
+    with suppress(ValueError, OSError):  # it was closed
+        for _ in lines:
+            pass

@@ -418,20 +418,23 @@ def test_signs_of_life_come_by_themselves(journal: str, monkeypatch: pytest.Monk
             pass
 
 
-DAMAGES: dict[str, Callable[[bytes], bytes]] = {
-    "none": lambda held: bytes(range(256)),
-    "of other things": lambda held: b'{"a": 1}\n[]\n',
-    "zeros inside": lambda held: held[:700] + bytes(40) + held[740:],
+DAMAGES: dict[str, tuple[Callable[[bytes], bytes], str]] = {
+    "none": (lambda held: bytes(range(256)), "no journal of a study"),
+    "of other things": (lambda held: b'{"a": 1}\n[]\n', "no journal of a study"),
+    "one line of another program": (lambda held: b'{"x": 1}', "no journal of a study"),
+    "zeros inside": (lambda held: held[:700] + bytes(40) + held[740:], "the shared study cannot be reached"),
 }
 
 
 @pytest.mark.parametrize("case", DAMAGES)
-def test_a_damaged_journal_is_refused(case: str, journal: str) -> None:
+def test_a_damaged_journal_is_refused_and_left_as_it_is(case: str, journal: str) -> None:
     shared(None, journal, 3)
-    path = Path(journal.removeprefix("journal:"))
-    path.write_bytes(DAMAGES[case](path.read_bytes()))
-    with pytest.raises(StorageError, match="the shared study cannot be reached"):
+    path, (damage, told) = Path(journal.removeprefix("journal:")), DAMAGES[case]
+    path.write_bytes(damage(path.read_bytes()))
+    damaged = path.read_bytes()
+    with pytest.raises(StorageError, match=told):
         shared(None, journal, 4)
+    assert path.read_bytes() == damaged
 
 
 def test_a_journal_that_was_cut_goes_on(journal: str, tmp_path: Path) -> None:

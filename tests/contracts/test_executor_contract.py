@@ -14,7 +14,7 @@ from dask_cluster import dask_cluster, wait_for_workers
 
 from softcal.errors import CalibrationError, ParameterError
 from softcal.executors.chosen import executor_on
-from softcal.executors.each import Lost, each, results
+from softcal.executors.each import LostCall, each, results
 from softcal.executors.executor import EXECUTORS, Executor, WorkerLost, patience, register_executor
 from softcal.executors.kinds.cluster import DaskExecutor
 from softcal.executors.kinds.local import LocalExecutor
@@ -70,6 +70,13 @@ def test_what_is_shared_is_opened_once_in_each_worker(executor: Executor, tmp_pa
     assert len(opened) == len(set(opened))
 
 
+def test_what_is_shared_again_is_not_packed_again(executor: Executor) -> None:
+    whole = called.Packed()
+    for _ in range(3):
+        assert list(each(executor, called.who, whole, [(0,)]))
+    assert whole.times == 1
+
+
 def test_what_a_call_raises_is_raised(executor: Executor) -> None:
     with pytest.raises(KeyError, match="0"):
         list(each(executor, called.raises, None, NUMBERS))
@@ -81,7 +88,7 @@ def test_a_worker_that_ends_costs_no_call(executor: Executor, tmp_path: Path) ->
 
 def test_a_call_that_ends_every_worker_is_lost_alone(executor: Executor) -> None:
     found = list(each(executor, called.ends_the_worker, None, NUMBERS))
-    assert isinstance(found[2], Lost)
+    assert isinstance(found[2], LostCall)
     assert "its worker process ended unexpectedly, perhaps for lack of memory" in found[2].why
     assert found[:2] + found[3:] == [0, 1, 3, 4, 5]
     with pytest.raises(WorkerLost, match="ended unexpectedly"):
@@ -95,7 +102,7 @@ def test_a_call_that_hangs_is_made_again(impatient: Executor, tmp_path: Path) ->
 
 def test_a_call_that_no_machine_can_do_says_why(executor: Executor) -> None:
     found = list(each(executor, called.has_no_disk, None, NUMBERS))
-    assert isinstance(found[2], Lost)
+    assert isinstance(found[2], LostCall)
     assert "No space left on device" in found[2].why
     assert found[:2] + found[3:] == [0, 1, 3, 4, 5]
 
@@ -156,7 +163,7 @@ def test_what_is_no_executor_is_not_registered(kind: Callable[..., object]) -> N
 def test_a_full_disk_is_told_alike_by_any_number_of_processes(workers: int) -> None:
     with executor_on("local", workers) as executor:
         found = list(each(executor, called.has_no_disk, None, NUMBERS))
-    assert isinstance(found[2], Lost)
+    assert isinstance(found[2], LostCall)
     assert "machine could not do it ([Errno 28] No space left on device)" in found[2].why
     assert found[:2] + found[3:] == [0, 1, 3, 4, 5]
 

@@ -32,7 +32,7 @@ from softcal.calibration.sweep import sweep
 from softcal.cli import main
 from softcal.errors import CalibrationError, InputError
 from softcal.executors.chosen import executor_on
-from softcal.executors.each import Lost, each
+from softcal.executors.each import LostCall, each
 from softcal.executors.kinds import slurm
 from softcal.executors.kinds.slurm import SlurmExecutor
 from softcal.executors.shared import call
@@ -257,7 +257,7 @@ def test_calls_that_wait_to_be_made_alone_are_told_of_the_schedulers_death(tmp_p
 def test_one_worker_that_cannot_do_a_call_is_asked_three_times(tmp_path: Path) -> None:
     with dask_cluster(tmp_path, workers=1) as cluster, executor_on(f"dask:{cluster.address}") as executor:
         found = list(each(executor, called.has_no_disk, None, [(k,) for k in range(4)]))
-    assert isinstance(found[2], Lost)
+    assert isinstance(found[2], LostCall)
     assert "It was tried 3 times, and no worker could do it: tcp://" in found[2].why
     assert found[:2] + found[3:] == [0, 1, 3]
 

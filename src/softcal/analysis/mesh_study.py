@@ -34,7 +34,7 @@ from softcal.calibration.sensitivity import local_statistics
 from softcal.checks import Floats
 from softcal.errors import MeshError, SimulationError
 from softcal.executors.chosen import executor_of
-from softcal.executors.each import Lost, each
+from softcal.executors.each import LostCall, each
 from softcal.executors.executor import Executor
 from softcal.mechanics.elements import DEFAULT, ELEMENTS
 from softcal.twin.finer import Size, elevated, halved, has_lower, size
@@ -268,7 +268,7 @@ def _each_simulated(executor: Executor, plans: _Plans, observer: Observer) -> li
     found: list[tuple[Finer, Evaluation | None]] = []
     for k, one in enumerate(each(executor, _simulated_there, plans, [(k,) for k in range(len(names))])):
         name, what, *_ = plans.plans[k]
-        found.append((Finer(name, what, None, failure=one.why), None) if isinstance(one, Lost) else one)
+        found.append((Finer(name, what, None, failure=one.why), None) if isinstance(one, LostCall) else one)
         observer(name, 1, 1)
     return found
 

@@ -11,7 +11,7 @@ from softcal.calibration.optimiser import Proposal
 from softcal.calibration.problem import Contribution, Evaluation, Problem
 from softcal.errors import CalibrationError
 from softcal.executors.chosen import executor_of
-from softcal.executors.each import Lost, each, here
+from softcal.executors.each import LostCall, each, here
 from softcal.executors.executor import Executor
 
 _WORTH = 2.0  # [s]: an evaluation by itself that takes less is not worth the start of processes
@@ -66,7 +66,7 @@ class Evaluator:
         if self._executor.alone or (self._executor.here and short):
             for proposal in proposals:
                 evaluation = here(_evaluate, self._problem, dict(proposal.theta), self._jacobian)
-                if isinstance(evaluation, Lost):
+                if isinstance(evaluation, LostCall):
                     evaluation = self._problem.failed(proposal.theta, evaluation.why)
                 self._seconds = evaluation.seconds
                 yield proposal, evaluation
@@ -77,27 +77,27 @@ class Evaluator:
         # Where there are fewer points than workers, these share the trajectories of each.
         found = self._shared if len(proposals) < self._executor.count else self._whole
         for proposal, evaluation in zip(proposals, found([dict(p.theta) for p in proposals]), strict=True):
-            if isinstance(evaluation, Lost):
+            if isinstance(evaluation, LostCall):
                 yield proposal, self._failed(proposal, evaluation)
             else:
                 self._succeeded = True
                 yield proposal, evaluation
 
-    def _whole(self, thetas: Sequence[dict[str, float]]) -> Iterator[Evaluation | Lost]:
+    def _whole(self, thetas: Sequence[dict[str, float]]) -> Iterator[Evaluation | LostCall]:
         return each(self._executor, _evaluate, self._problem, [(theta, self._jacobian) for theta in thetas])
 
-    def _shared(self, thetas: Sequence[dict[str, float]]) -> Generator[Evaluation | Lost]:
+    def _shared(self, thetas: Sequence[dict[str, float]]) -> Generator[Evaluation | LostCall]:
         began = time.perf_counter()
         counts = [len(self._problem.trajectories(theta)) for theta in thetas]
         calls = [(t, k, self._jacobian) for t, n in zip(thetas, counts, strict=True) for k in range(n)]
         parts = each(self._executor, _part, self._problem, calls)
         for theta, count in zip(thetas, counts, strict=True):
-            done: list[Contribution | Lost] = list(islice(parts, count))
-            lost = [part for part in done if isinstance(part, Lost)]
+            done: list[Contribution | LostCall] = list(islice(parts, count))
+            lost = [part for part in done if isinstance(part, LostCall)]
             told = [part for part in done if isinstance(part, Contribution)]
             yield lost[0] if lost else self._problem.joined(theta, told, time.perf_counter() - began)
 
-    def _failed(self, proposal: Proposal, lost: Lost) -> Evaluation:
+    def _failed(self, proposal: Proposal, lost: LostCall) -> Evaluation:
         self._lost += 1
         if self._lost >= _HOPELESS and not self._succeeded:
             raise CalibrationError(

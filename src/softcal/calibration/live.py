@@ -18,7 +18,7 @@ import socket
 import threading
 from collections.abc import Generator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,33 +28,36 @@ from softcal.errors import StorageError
 from softcal.executors.executor import Executor
 
 if TYPE_CHECKING:
-    from softcal.calibration.search import Progress
+    from softcal.calibration.search import Observer, Progress
 
 LIVE = "live.json"
 _FORMAT = 1
 _EVERY = 1.0  # [s]
 
 
-@dataclass
-class LiveProgress:
-    """The last progress that was told."""
-
-    progress: Progress | None = None
-
-
 @contextmanager
-def told_live(folder: Path | None, executor: Executor) -> Generator[LiveProgress]:
-    """Write the progress that is set in the block about once a second; a folder of None: nowhere."""
-    told = LiveProgress()
+def told_live(folder: Path | None, executor: Executor, observer: Observer | None = None) -> Generator[Observer]:
+    """An observer that passes progress on to another, and what it was told last into a folder about once a second.
+
+    folder: None writes nowhere.
+    """
+    last: Progress | None = None
+
+    def tell(progress: Progress) -> None:
+        nonlocal last
+        last = progress
+        if observer is not None:
+            observer(progress)
+
     if folder is None:
-        yield told
+        yield tell
         return
     began, over = _now(), threading.Event()
 
     def write(ended: bool) -> None:
         # A full disk is told by what the search itself stores, a lost cluster by its calls.
         with contextlib.suppress(StorageError, RuntimeError, OSError):
-            write_text(folder / LIVE, json.dumps(_record(told.progress, executor, began, ended)))
+            write_text(folder / LIVE, json.dumps(_record(last, executor, began, ended)))
 
     def go_on() -> None:
         while not over.wait(_EVERY):
@@ -64,7 +67,7 @@ def told_live(folder: Path | None, executor: Executor) -> Generator[LiveProgress
     thread = threading.Thread(target=go_on, name="softcal-live", daemon=True)
     thread.start()
     try:
-        yield told
+        yield tell
     finally:
         over.set()
         thread.join()

@@ -137,21 +137,12 @@ def searched(
         optimiser = search.begin(settings["batch"])
         tally = _Tally(search.problem, run, began)
         evaluator = Evaluator(search.problem, workers=executor, jacobian=optimiser.needs_jacobian)
-        live = stack.enter_context(told_live(None if run is None else run.folder, executor))
-
-        def tell(state: Progress) -> None:
-            live.progress = state
-            if progress is not None:
-                progress(state)
-
+        tell = stack.enter_context(told_live(None if run is None else run.folder, executor, progress))
         stopped = _course(optimiser, stack.enter_context(evaluator), tally, tell)
         if tally.best is None:
             raise CalibrationError(no_result(tally.trials, stopped))
 
-        def announce(stage: str) -> None:
-            with contextlib.suppress(KeyboardInterrupt):  # there is no search any more to be stopped
-                tell(_progress(tally, optimiser, stage))
-
+        announce = announcing(tell, lambda stage: _progress(tally, optimiser, stage))
         if search.derives and not optimiser.needs_jacobian:
             announce("derivatives at the best trial")
             with contextlib.suppress(KeyboardInterrupt):
@@ -170,6 +161,16 @@ def searched(
         if optimiser.statistics == "fanova":
             announce("importances (fANOVA)")
         yield Found(tally.best, tuple(tally.trials), account, None if run is None else run.folder, announce)
+
+
+def announcing(tell: Observer, progress: Callable[[str], Progress]) -> Callable[[str], None]:
+    """What tells an observer of each long computation after a search, given the progress at a stage."""
+
+    def announce(stage: str) -> None:
+        with contextlib.suppress(KeyboardInterrupt):  # there is no search any more to be stopped
+            tell(progress(stage))
+
+    return announce
 
 
 @dataclass

@@ -21,7 +21,17 @@ from softcal.calibration.optimisers.tpe import TpeOptimiser, tpe_sampler
 from softcal.calibration.outcome import Account
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import Trial
-from softcal.calibration.search import Found, Observer, Progress, Search, derived, no_result, open_run, trial_of
+from softcal.calibration.search import (
+    Found,
+    Observer,
+    Progress,
+    Search,
+    announcing,
+    derived,
+    no_result,
+    open_run,
+    trial_of,
+)
 from softcal.calibration.shared_study import SharedStudy, StudyIdentity, require_joinable
 from softcal.calibration.storage_url import storage_url
 from softcal.calibration.store import RunStore
@@ -100,22 +110,13 @@ def searched_together(
                 stack.enter_context(run)
         tally = _SharedTally(search.problem, study, run, int(search.settings["trials"]), began)
         evaluator = stack.enter_context(Evaluator(search.problem, workers=executor, jacobian=False))
-        live = stack.enter_context(told_live(None if run is None else run.folder, executor))
-
-        def tell(state: Progress) -> None:
-            live.progress = state
-            if progress is not None:
-                progress(state)
-
+        tell = stack.enter_context(told_live(None if run is None else run.folder, executor, progress))
         stopped = _course(tally, evaluator, executor, tell)
         trials = tally.trials
         if (number := tally.best) is None:
             raise CalibrationError(no_result(list(trials.values()), stopped))
 
-        def announce(stage: str) -> None:
-            with contextlib.suppress(KeyboardInterrupt):  # there is no search any more to be stopped
-                tell(tally.progress(stage))
-
+        announce = announcing(tell, tally.progress)
         announce("derivatives at the best trial")
         best, other = _evaluated(search.problem, trials[number])
         account = Account(

@@ -16,7 +16,7 @@ _AHEAD = 4  # calls handed over for each worker
 
 
 @dataclass(frozen=True)
-class Lost:
+class LostCall:
     """In the place of a result: why the call has none, as a sentence."""
 
     why: str
@@ -74,18 +74,18 @@ def each(
 
 
 def here(function: Callable[..., Any], *args: Any) -> Any:
-    """function(*args) in this process; a machine that cannot do it is `Lost`, as with workers."""
+    """function(*args) in this process; a machine that cannot do it is `LostCall`, as with workers."""
     try:
         return function(*args)
     except (OSError, MemoryError) as error:
-        return Lost(f"The machine could not do it ({str(error) or type(error).__name__}).")
+        return LostCall(f"The machine could not do it ({str(error) or type(error).__name__}).")
 
 
 def _found(future: concurrent.futures.Future[Any]) -> Any:
     try:
         return future.result()
     except WorkerLost as error:
-        return Lost(str(error))
+        return LostCall(str(error))
 
 
 def results(
@@ -99,6 +99,6 @@ def results(
         Where one has none.
     """
     for found in each(executor, function, shared, calls):
-        if isinstance(found, Lost):
+        if isinstance(found, LostCall):
             raise WorkerLost(found.why)
         yield found

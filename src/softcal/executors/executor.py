@@ -50,6 +50,7 @@ class Executor(concurrent.futures.Executor, ABC):
 
     name: ClassVar[str]
     summary: ClassVar[str]
+    _shared: tuple[object, object] | None = None  # the last shared object, and what stands for it
 
     @classmethod
     @abstractmethod
@@ -87,9 +88,23 @@ class Executor(concurrent.futures.Executor, ABC):
         """Whether it is one process of this machine, so that calls may as well be made in this one."""
         return self.here and self.count == 1
 
-    @abstractmethod
     def share(self, what: object) -> object:
         """What stands for a large object among the arguments of `call`: it is sent to each worker once.
+
+        An object that is shared again, as by every generation of a search, is not packed again.
+
+        Raises
+        ------
+        CalibrationError
+            Where it cannot be pickled.
+        """
+        if self._shared is None or self._shared[0] is not what:
+            self._shared = (what, self.sent(what))
+        return self._shared[1]
+
+    @abstractmethod
+    def sent(self, what: object) -> object:
+        """What `share` gives for an object that was not shared just before.
 
         Raises
         ------

@@ -19,7 +19,7 @@ from softcal.calibration.live import told_live
 from softcal.calibration.search import Progress
 from softcal.errors import Fault, InputError, ProjectFileError, SoftcalError, StorageError
 from softcal.executors.chosen import executor_of
-from softcal.executors.each import Lost, each, results
+from softcal.executors.each import LostCall, each, results
 from softcal.executors.executor import Executor
 from softcal.project.alike_faults import merged
 from softcal.project.fleet_table import FleetRow, FleetTable, parse_fleet, row_project
@@ -150,15 +150,15 @@ def _calibrate(table: FleetTable, order: _Order, executor: Executor, show: Obser
     left = [row for row in table.rows if (one := kept[row.name]) is None or one.state == "FAILED"]
     n, failed = len(table.rows), 0
     done = n - len(left)
-    with told_live(order.folder, executor) as live:
+    with told_live(order.folder, executor) as tell_live:
         calls = each(executor, calibrated_specimen, order, [(row,) for row in left])
         for row in (None, *left):
             if row is not None:
                 state = next(calls)
-                if isinstance(state, Lost):
+                if isinstance(state, LostCall):
                     write_specimen(Specimen(row.name, "FAILED", row.factors, reason=state.why), order.folder)
                 done, failed = done + 1, failed + (state != "DONE")
-            live.progress = Progress(done, n, failed, None, None, "specimens")
+            tell_live(Progress(done, n, failed, None, None, "specimens"))
             show("specimens", n, done, failed)
 
 

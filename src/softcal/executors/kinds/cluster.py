@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import concurrent.futures
 import contextlib
+import faulthandler
 import logging
+import os
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -140,7 +142,7 @@ class DaskExecutor(Executor):
         ]
         return (*states, *(WorkerState(name, "lost", n) for name, n in list(self._done.items()) if name not in there))
 
-    def share(self, what: object) -> distributed.Future[Any]:
+    def sent(self, what: object) -> distributed.Future[Any]:
         parcel = packed(what)
         if parcel.digest not in self._kept:
             import dask.config
@@ -280,7 +282,7 @@ def _itself(parcel: Parcel) -> Parcel:
     return parcel
 
 
-def _at_worker(code: str, limit: float | None, function: Callable[..., Any], *args: Any) -> tuple[str, float, Any]:
+def _at_worker(code: str, limit: float, function: Callable[..., Any], *args: Any) -> tuple[str, float, Any]:
     """A call at a worker: the worker's address, the seconds that it took, and its result.
 
     Raises
@@ -303,14 +305,8 @@ def _at_worker(code: str, limit: float | None, function: Callable[..., Any], *ar
 
 
 @contextlib.contextmanager
-def _ended_after(limit: float | None) -> Any:
+def _ended_after(limit: float) -> Generator[None]:
     """End this process where the block takes longer than a limit [s], even in code that never returns to Python."""
-    import faulthandler
-    import os
-
-    if limit is None:
-        yield
-        return
     with open(os.devnull, "w") as nowhere:
         faulthandler.dump_traceback_later(limit, exit=True, file=nowhere)
         try:

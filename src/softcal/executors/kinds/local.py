@@ -105,7 +105,7 @@ class LocalExecutor(Executor):
     def here(self) -> bool:
         return True
 
-    def share(self, what: object) -> ParcelFile:
+    def sent(self, what: object) -> ParcelFile:
         parcel = packed(what)
         if self._folder is None:
             self._folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="softcal-")))

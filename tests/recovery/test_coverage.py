@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from dask_cluster import dask_cluster
 
 from benchmarks import coverage
 from benchmarks.neck_case import PITCH, TENSION, pull
 from benchmarks.table_twins import NU, E, NeckTable
 from softcal.calibration.run import calibrate
+from softcal.executors.chosen import executor_on
 from softcal.twin.parameters import with_parameters
 from softcal.twin.simulate import simulate
 
@@ -32,6 +35,17 @@ def test_intervals_hold_the_truth(name: str) -> None:
     assert 0.92 <= np.mean(list(shares.values())) <= 0.98, shares
     # They hold because they are right, not because they are long.
     assert all(one.ratio < 1.3 for one in found), {one.parameter: one.ratio for one in found}
+
+
+@pytest.mark.slow
+def test_studies_on_a_cluster_are_those_of_one_process(tmp_path: Path) -> None:
+    """Of markers: each worker makes the table of the twin once."""
+    pytest.importorskip("distributed")
+    case = CASES["distance"]
+    with dask_cluster(tmp_path) as cluster, executor_on(f"dask:{cluster.address}") as executor:
+        there = coverage.coverage(case, 6, executor)
+        assert sum(worker.done for worker in executor.workers) == 6
+    assert there == coverage.coverage(case, 6)
 
 
 @pytest.mark.slow

@@ -84,24 +84,6 @@ def run_cli(*arguments: object) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_the_commands_give_on_a_cluster_what_they_give_here(cluster: DaskProcesses, tmp_path: Path) -> None:
-    project = write_project(tmp_path)
-    on = ("--on", f"dask:{cluster.address}")
-    for command in (
-        ("calibrate", project, "--no-report", "--method", "tpe", "--trials", 6, "--out"),
-        ("validate", project, "--out"),
-    ):
-        here, there = tmp_path / f"{command[0]}-here.csv", tmp_path / f"{command[0]}-there.csv"
-        alone, far = run_cli(*command, here), run_cli(*command, there, *on)
-        assert alone.returncode == far.returncode, far.stderr
-        if alone.returncode == 0:
-            assert f"On the Dask cluster at {cluster.address}: 2 workers at present." in far.stdout
-    first, second = (
-        load_result(tmp_path / f"calibrate-{at}.csv" / "calibrations" / "pull") for at in ("here", "there")
-    )
-    same(first, second)
-
-
 def test_an_address_that_does_not_answer_starts_nothing(tmp_path: Path) -> None:
     project, out = write_project(tmp_path), tmp_path / "run"
     with socket.socket() as silent:  # takes connections, and says nothing

@@ -84,6 +84,20 @@ def run_cli(*arguments: object) -> subprocess.CompletedProcess[str]:
     )
 
 
+def test_a_tunnel_to_the_scheduler_is_enough(cluster: DaskProcesses) -> None:
+    """This process asks no worker directly, so it need not reach their machines."""
+    psutil = pytest.importorskip("psutil")
+    with executor_on(f"dask:{cluster.address}") as executor:
+        before = sum(worker.done for worker in executor.workers)
+        calibrate(problem_of(soft_necks_fail), method="grid", trials=9, workers=executor)
+        asked = {one.raddr.port for one in psutil.Process().net_connections("tcp") if one.raddr}
+        at_work = {int(worker.name.rpartition(":")[2]) for worker in executor.workers}
+        assert sum(worker.done for worker in executor.workers) == before + 9
+    assert int(cluster.address.rpartition(":")[2]) in asked
+    assert len(at_work) == 2
+    assert not asked & at_work
+
+
 def test_an_address_that_does_not_answer_starts_nothing(tmp_path: Path) -> None:
     project, out = write_project(tmp_path), tmp_path / "run"
     with socket.socket() as silent:  # takes connections, and says nothing

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from io import BytesIO
 from pathlib import Path
-from urllib.parse import urlsplit
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import pytest
@@ -60,18 +60,28 @@ def test_the_page_follows_a_run_and_shows_names_as_text(tmp_path: Path, serve: S
     seen = look(serve(run, "--port", "0").address)
     seen.wait_for(lambda: seen.fact("trials") == "3 of at most 20", "three trials")
     assert (seen.fact("best"), seen.fact("failed")) == ("2", "1")
+    assert seen.fact("time-note") == ""  # what its stage takes is not known
     assert seen.page.locator(".sc-state").inner_text() == "Running"
     assert seen.page.locator(".sc-name").inner_text() == SCRIPT
     seen.wait_for(lambda: seen.page.locator("td", has_text=SCRIPT).count() >= 3, "reason, parameter, worker as text")
     add_trials(place, [1.5], name=SCRIPT)
+    write_json(place / "live.json", {**live, "stage": ""})
     seen.wait_for(lambda: (seen.fact("trials"), seen.fact("best")) == ("4 of at most 20", "1.5"), "the fourth trial")
+    seen.wait_for(lambda: seen.fact("time-note") == "at most 32 s more at this rate", "the time that is left")
     write_json(place / "result.json", RESULT)
+    write_figure(run, "trajectory-<i>")
     (run / "report.html").write_text(f"<html><body><h1>The report</h1>{SCRIPT}</body></html>")
     (place / "live.json").unlink()
     seen.page.locator("tr", has_text="joint").click()
     seen.wait_for(lambda: seen.page.locator(".sc-state").inner_text() == "Done", "the end")
     assert seen.page.locator("td", has_text="1.2 to 1.4 MPa").count() == 1
     assert seen.page.get_by_text("The slack is at a bound.").is_visible()
+    drawn = seen.page.locator(".sc-figures img")
+    seen.wait_for(lambda: drawn.count() == 1 and drawn.evaluate("one => one.naturalWidth") == 40, "the figure is shown")
+    assert seen.page.locator("figcaption").inner_text() == "Trajectory <i>"
+    with seen.page.context.expect_page() as opened:
+        drawn.click()
+    assert unquote(opened.value.url).partition("?")[0].endswith("/figures/trajectory-<i>.png")
     with seen.page.context.expect_page() as opened:
         seen.page.get_by_text("Open the report").click()
     assert opened.value.locator("h1").inner_text() == "The report"
@@ -82,6 +92,14 @@ def test_the_page_follows_a_run_and_shows_names_as_text(tmp_path: Path, serve: S
     assert elsewhere(seen) == []
 
 
+def write_figure(run: Path, stem: str) -> None:
+    from PIL import Image
+
+    (run / "figures").mkdir()
+    Image.new("RGB", (40, 30), "red").save(run / "figures" / f"{stem}.png")
+    (run / "figures" / f"{stem}.svg").write_text("<svg/>")
+
+
 def test_a_page_for_other_machines_needs_its_token(tmp_path: Path, serve: Serve, look: Look):
     run = write_run(tmp_path / "run")
     (run / "report.html").write_text("<h1>The report</h1>")
@@ -89,7 +107,14 @@ def test_a_page_for_other_machines_needs_its_token(tmp_path: Path, serve: Serve,
     token = urlsplit(server.address).query.removeprefix("token=")
     assert len(token) >= 43
     base = f"http://127.0.0.1:{server.port}"
-    for path in ("/", "/report", "/twin/a.glb", "/favicon.ico", "/_nicegui_ws/socket.io/?EIO=4&transport=polling"):
+    for path in (
+        "/",
+        "/report",
+        "/twin/a.glb",
+        "/figures/overview.png",
+        "/favicon.ico",
+        "/_nicegui_ws/socket.io/?EIO=4&transport=polling",
+    ):
         assert status(base + path) == 403
         assert status(f"{base}{path}{'&' if '?' in path else '?'}token={token[:-1]}") == 403
         assert status(base + path, Cookie=f"softcal-{server.port}={token[:-1]}") == 403
@@ -103,7 +128,24 @@ def test_files_of_a_run_beside_its_report_are_not_served(tmp_path: Path, serve: 
     run = write_run(tmp_path / "run")
     (tmp_path / "secret.txt").write_text("secret")
     base = serve(run, "--port", "0").address
-    climbing = ("../secret.txt", "%2e%2e/secret.txt", "twin/../run.json", "twin/%2e%2e%2frun.json.glb")
+    write_figure(run, "overview")
+    (run / "figures" / "link.png").symlink_to(run / "run.json")
+    assert status(base + "figures/overview.png") == 200
+    figures = (
+        "figures/../run.json",
+        "figures/%2e%2e/run.json",
+        "figures/..%2frun.json",
+        "figures/link.png",
+        "figures/",
+    )
+    climbing = (
+        *figures,
+        "figures/overview.svg",
+        "../secret.txt",
+        "%2e%2e/secret.txt",
+        "twin/../run.json",
+        "twin/%2e%2e%2frun.json.glb",
+    )
     for path in ("run.json", "report", "docs", "openapi.json", *climbing, "_nicegui/3/static/../../../../etc/passwd"):
         assert status(base + path) == 404, path
 

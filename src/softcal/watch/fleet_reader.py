@@ -7,8 +7,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from softcal.watch.live import moment
+from softcal.watch.live import moment, read_live
 from softcal.watch.reading import Unreadable, clean, finite, inside, read_record
+from softcal.watch.report_figures import DrawnFigure, report_figures
 from softcal.watch.result_records import watched_result
 from softcal.watch.watched import WatchedRun, WatchedSearch
 from softcal.workflows.fleet_folder import FLEET, SPECIMENS
@@ -40,9 +41,17 @@ class FleetReader:
                 found.append(self._finished(specimen) or in_work(clean(specimen, 200), f"{SPECIMENS}/{specimen}"))
             except Unreadable as error:
                 faults.append(str(error))
-        report = REPORT if "statement" in record and inside(self._folder, REPORT) is not None else ""
+        report, figures, live = "", tuple[DrawnFigure, ...](), None
+        try:
+            live = read_live(self._folder)
+            if "statement" in record and inside(self._folder, REPORT) is not None:
+                report, figures = REPORT, report_figures(self._folder)
+        except Unreadable as error:
+            faults.append(str(error))
         created = moment(record.get("created"))
-        return WatchedRun(name, "fleet", tuple(found), created, report, unreadable=tuple(faults))
+        return WatchedRun(
+            name, "fleet", tuple(found), created, report, figures=figures, live=live, unreadable=tuple(faults)
+        )
 
     def _finished(self, specimen: str) -> WatchedSearch | None:
         place = f"{SPECIMENS}/{specimen}.json"

@@ -8,6 +8,8 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from softcal.watch.charts import fleet_chart, loss_chart, parameter_chart
+from softcal.watch.figure_panel import FigurePanel
+from softcal.watch.time_left import fleet_time_left, search_time_left
 from softcal.watch.twin_panel import TwinPanel
 from softcal.watch.watched import Course, WatchedRun, WatchedSearch
 from softcal.watch.words import (
@@ -74,7 +76,9 @@ class RunPage:
         self._faults.set_text("\n".join([*run.unreadable, *(() if search is None else search.unreadable)]))
         _show(self._faults, bool(self._faults.text))
         several = len(run.searches) > 1
-        self._searches.show(search_rows(run, now) if several else [], fleet_text(run, now) if several else "")
+        told = ", ".join(part for part in (fleet_text(run, now), fleet_time_left(run, now)) if part)
+        self._searches.show(search_rows(run, now) if several else [], told if several else "")
+        self._figures.show(run.figures)
         _show(self._fleet, run.kind == "fleet" and any(search.result for search in run.searches))
         if run.kind == "fleet" and run.searches != self._specimens:
             self._specimens = run.searches
@@ -111,6 +115,7 @@ class RunPage:
         self._best_note.set_text("" if best is None else f"trial {best.number}")
         self._failed.set_text(str(len(search.failed)))
         self._time.set_text(time_text(search, now))
+        self._time_left.set_text(search_time_left(search, now))
         self._method.set_text(
             ", ".join(part for part in (search.method, search.live.executor if search.live else "") if part)
         )
@@ -162,7 +167,7 @@ class RunPage:
                 self._trials, self._method = _fact("Trials", "trials")
                 self._best, self._best_note = _fact("Best loss", "best")
                 self._failed, _ = _fact("Failed", "failed")
-                self._time, _ = _fact("Time", "time")
+                self._time, self._time_left = _fact("Time", "time")
             with _card("sc-7") as losses:
                 ui.label("Loss against trials").classes("sc-title")
                 self._losses = ui.echart({"series": []}).classes("sc-chart")
@@ -171,16 +176,19 @@ class RunPage:
             with _card("sc-7") as parameters:
                 ui.label("Parameters of the trials").classes("sc-title")
                 self._parameters = ui.echart({"series": []}).classes("sc-chart")
-            self._values = _table("Values", {"name": "parameter", "value": "value", "range": "range"}, width="sc-5")
-            with self._values.card:
-                self._notes = ui.label().classes(f"sc-note {_HIDDEN}")
-            self._workers = _table("Workers", {"name": "worker", "state": "state", "done": "trials done"}, width="sc-6")
+            with ui.element("div").classes("sc-5 sc-stack"):
+                self._values = _table("Values", {"name": "parameter", "value": "value", "range": "range"})
+                with self._values.card:
+                    self._notes = ui.label().classes(f"sc-note {_HIDDEN}")
+                self._workers = _table("Workers", {"name": "worker", "state": "state", "done": "trials done"})
             self._failures = _table("Failed trials", {"trial": "trial", "reason": "reason", "at": "parameters"})
             self._scores = _table(
                 "Scores",
                 {name: name for name in ("case", "method", "split", "of", "rms", "mean", "largest")},
                 key="key",
             )
+            with _card(f"sc-12 {_HIDDEN}") as figures:
+                self._figures = FigurePanel(figures)
         self._of_search = (facts, losses, twin, parameters)
         ui.timer(EVERY, self.refresh)
 
@@ -201,12 +209,12 @@ def _fact(title: str, mark: str) -> tuple[Any, Any]:
         return value, ui.label().classes("sc-note").props(f'data-fact="{mark}-note"')
 
 
-def _table(title: str, columns: Mapping[str, str], *, key: str = "", width: str = "sc-12") -> _Table:
+def _table(title: str, columns: Mapping[str, str], *, key: str = "") -> _Table:
     """A table with columns (key of the row -> title)."""
     from nicegui import ui
 
     heads = [{"name": name, "label": label, "field": name, "align": "left"} for name, label in columns.items()]
-    with _card(f"{width} {_HIDDEN}") as card:
+    with _card(f"sc-12 {_HIDDEN}") as card:
         head = ui.label(title).classes("sc-title")
         table = ui.table(columns=heads, rows=[], row_key=key or next(iter(columns)), pagination=PAGE).props(
             "flat dense hide-bottom"

@@ -14,6 +14,7 @@ from softcal.calibration.trial_journal import JOURNAL
 from softcal.watch.fleet_reader import FLEET, SPECIMENS, FleetReader
 from softcal.watch.live import moment, read_live
 from softcal.watch.reading import Unreadable, clean, count, inside, numbers, read_record
+from softcal.watch.report_figures import report_figures
 from softcal.watch.result_records import watched_result, watched_score
 from softcal.watch.trials import TrialReader
 from softcal.watch.watched import WatchedRun, WatchedScore, WatchedSearch
@@ -72,12 +73,14 @@ class RunReader:
                 faults.append(f"{RECORD} names a calibration that cannot be one: {clean(label, 60)!r}.")
                 continue
             searches.append(self._search(label, f"{CALIBRATIONS}/{label}"))
+        report = REPORT if _told(faults, lambda: inside(self.folder, REPORT)) is not None else ""
         return WatchedRun(
             clean(record.get("project"), 200) or name,
             "sweep" if labels == ["sweep"] else "calibration",
             tuple(searches),
             moment(record.get("created")),
-            REPORT if _told(faults, lambda: inside(self.folder, REPORT)) is not None else "",
+            report,
+            _told(faults, lambda: report_figures(self.folder)) or () if report else (),
             unreadable=tuple(faults),
             values=numbers(record.get("values")),
         )

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from softcal.errors import Fault, InputError
 from softcal.watch.gate import Gate, is_loopback, new_token
 from softcal.watch.reading import Unreadable, inside
+from softcal.watch.report_figures import figure_bytes
 from softcal.watch.run_reader import REPORT
 
 if TYPE_CHECKING:
@@ -118,8 +119,13 @@ def _application(folder: Path) -> tuple[Any, Watch]:
         glb = next((one.glb for one in watch.twins.shapes() if shape_name(one) == name), b"")
         return Response(glb, media_type="model/gltf-binary") if glb else PlainTextResponse("", status_code=404)
 
+    def figure(name: str) -> Response:
+        png = figure_bytes(folder, name)
+        return Response(png, media_type="image/png") if png else PlainTextResponse("", status_code=404)
+
     app.get("/report")(report)
     app.get("/twin/{name}.glb")(twin)
+    app.get("/figures/{name}")(figure)
 
     def page() -> None:
         ui.add_css(style)

@@ -9,6 +9,7 @@ from typing import Literal
 
 from softcal.calibration.result import Trial
 from softcal.watch.live import LONG, LiveSign
+from softcal.watch.report_figures import DrawnFigure
 
 Course = Literal["waiting", "running", "silent", "left", "ended", "failed"]
 """Of a search: not begun, at work, without a sign of life, its process gone, with a result, failed as a whole."""
@@ -143,6 +144,10 @@ class WatchedRun:
         When it began, or None.
     report
         Place of its report in the folder, or "".
+    figures
+        Those of its report.
+    live
+        The last sign of life of a fleet as a whole, or None.
     scores
         Of benchmarks.
     unreadable
@@ -156,6 +161,8 @@ class WatchedRun:
     searches: tuple[WatchedSearch, ...] = ()
     created: datetime | None = None
     report: str = ""
+    figures: tuple[DrawnFigure, ...] = ()
+    live: LiveSign | None = None
     scores: tuple[WatchedScore, ...] = ()
     unreadable: tuple[str, ...] = ()
     values: Mapping[str, float] = field(default_factory=dict[str, float])

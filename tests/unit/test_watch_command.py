@@ -96,14 +96,14 @@ def test_a_page_that_cannot_be_served_is_an_error_of_the_input(tmp_path: Path):
 
 def test_every_run_has_a_page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     asked: list[Any] = []
-    for module in ("calibration", "run", "sweep"):
+    for module in ("outcome", "run"):
         monkeypatch.setattr(f"softcal.workflows.{module}.watch_run", asked.append)
-    Calibrations({}, tmp_path / "a").watch()
+    Calibrations({}, folder=tmp_path / "a").watch()
     CalibrationRun(tmp_path / "b", *[None] * 5, {}).watch()  # type: ignore[arg-type]
-    Swept(None, None, (), tmp_path / "c").watch()  # type: ignore[arg-type]
+    Swept(None, None, (), folder=tmp_path / "c").watch()  # type: ignore[arg-type]
     assert [path.name for path in asked] == ["a", "b", "c"]
     with pytest.raises(softcal.StorageError, match="there is no folder to show"):
-        Calibrations({}, None).watch()
+        Calibrations({}, folder=None).watch()
 
 
 def test_the_page_beside_a_command_ends_with_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):

@@ -19,7 +19,7 @@ from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.calibration.run import require_joinable
 from softcal.calibration.search import Progress
 from softcal.calibration.shared_search import Sharing
-from softcal.errors import CalibrationError, Fault, InputError, ParameterError, StorageError, nearest
+from softcal.errors import CalibrationError, Fault, InputError, ParameterError, nearest
 from softcal.executors.executor import Executor
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration_schema import CalibrationSection
@@ -28,42 +28,18 @@ from softcal.project.project import Project
 from softcal.project.section import changed
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.workflows.engines import SOFTCAL, engine_for, engine_identity
+from softcal.workflows.outcome import Outcome
 from softcal.workflows.run_folder import begin_run, calibration_folder, finish_run, reopen_run
-from softcal.workflows.watching import WatchedPage, watch_run
 
 # Told after every trial, and of every stage after them: the label of the calibration, and how far it is.
 Observer = Callable[[str, Progress], None]
 
 
 @dataclass(frozen=True)
-class Calibrations:
-    """What was found: result by label (an experiment's name, or "joint"), and where it is kept.
-
-    stopped_by: what stopped the search before its end, Ctrl-C or another signal; `results` has what was found by then.
-    """
+class Calibrations(Outcome):
+    """What was found: result by label (an experiment's name, or "joint"), and where it is kept."""
 
     results: Mapping[str, CalibrationResult]
-    folder: Path | None
-    stopped_by: KeyboardInterrupt | None = None
-
-    def watch(self) -> WatchedPage:
-        """Its page, without waiting; see `watch_run`.
-
-        Raises
-        ------
-        StorageError
-            Where it is kept in no folder.
-        InputError
-            As `watch_run`.
-        """
-        if self.folder is None:
-            raise StorageError(Fault("there is no folder to show", "watch", attempt="out, a folder of the run"))
-        return watch_run(self.folder)
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether the search was stopped before its end."""
-        return self.stopped_by is not None
 
     @property
     def headline(self) -> CalibrationResult:
@@ -151,7 +127,7 @@ def calibrate(
                 break
     if folder is not None and results:
         finish_run(project, results, folder)
-    return Calibrations(results, folder, stop.by)
+    return Calibrations(results, folder=folder, stopped_by=stop.by)
 
 
 def plan(project: Project, engine: str = SOFTCAL, **changes: object) -> tuple[CalibrationSection, dict[str, Problem]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ from softcal.workflows.fleet_folder import (
     specimen_folder,
     write_specimen,
 )
+from softcal.workflows.outcome import Outcome
 from softcal.workflows.output import require_free_folder
 
 Observer = Callable[[str, int, int, int], None]
@@ -40,7 +41,7 @@ Observer = Callable[[str, int, int, int], None]
 
 
 @dataclass(frozen=True)
-class Fleet:
+class Fleet(Outcome):
     """The specimens of a fleet, and what they say together.
 
     Attributes
@@ -51,22 +52,13 @@ class Fleet:
         Those that were calibrated, or failed, in the table's order.
     statement
         What they say together.
-    folder
-        Where all is kept.
-    stopped_by
-        What stopped it before its end; the specimens that were finished by then are there.
     """
 
     table: FleetTable
     specimens: tuple[Specimen, ...]
     statement: FleetStatement
+    _: KW_ONLY
     folder: Path
-    stopped_by: KeyboardInterrupt | None = None
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether the fleet was stopped before its end."""
-        return self.stopped_by is not None
 
 
 @dataclass(frozen=True)
@@ -137,7 +129,7 @@ def fleet(
     specimens = tuple(one for row in table.rows if (one := read_specimen(folder, row.name)) is not None)
     statement = fleet_statement(specimens, list(table.factors))
     finish_fleet(table, order.settings, specimens, statement, folder)
-    return Fleet(table, specimens, statement, folder, stop.by)
+    return Fleet(table, specimens, statement, folder=folder, stopped_by=stop.by)
 
 
 def _unseen(what: str, of: int, done: int, failed: int) -> None:

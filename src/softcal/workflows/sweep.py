@@ -19,21 +19,21 @@ from softcal.calibration.store import write_text
 from softcal.calibration.sweep import sweep as sweep_problem
 from softcal.calibration.trial_journal import stored_trials
 from softcal.csv_text import csv_text
-from softcal.errors import CalibrationError, Fault, InputError, ParameterError, StorageError
+from softcal.errors import CalibrationError, Fault, InputError, ParameterError
 from softcal.executors.executor import Executor
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis, shown_configurations
 from softcal.project.bench_names import experiments_named
 from softcal.project.project import Project
 from softcal.workflows.calibration import make_loss
+from softcal.workflows.outcome import Outcome
 from softcal.workflows.run import SWEEP
 from softcal.workflows.run_folder import begin_run, calibration_folder, finish_sweep, reopen_run
-from softcal.workflows.watching import WatchedPage, watch_run
 
 FORMULA = "nominal error / error of the best cell - 1; 100 % where the error was halved"
 
 
 @dataclass(frozen=True)
-class Swept:
+class Swept(Outcome):
     """What a sweep of a project found.
 
     Attributes
@@ -44,36 +44,11 @@ class Swept:
         The errors at the nominal values.
     best
         The best cell of all sections together and of each.
-    folder
-        Where it is kept, or None.
-    stopped_by
-        What stopped it before its end, Ctrl-C or another signal; the cells simulated by then are there.
     """
 
     result: SweepResult
     nominal: Nominal
     best: tuple[BestCell, ...]
-    folder: Path | None
-    stopped_by: KeyboardInterrupt | None = None
-
-    def watch(self) -> WatchedPage:
-        """Its page, without waiting; see `watch_run`.
-
-        Raises
-        ------
-        StorageError
-            Where it is kept in no folder.
-        InputError
-            As `watch_run`.
-        """
-        if self.folder is None:
-            raise StorageError(Fault("there is no folder to show", "watch", attempt="out, a folder of the run"))
-        return watch_run(self.folder)
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether the sweep was stopped before its end."""
-        return self.stopped_by is not None
 
 
 def sweep(
@@ -160,7 +135,7 @@ def sweep(
             if not failed or folder is None:
                 raise
             raise CalibrationError(f"{error} Every cell and its reason: {folder / 'sweep.csv'}.") from None
-    found = Swept(result, known, best_cells(result, known), folder, stop.by)
+    found = Swept(result, known, best_cells(result, known), folder=folder, stopped_by=stop.by)
     if folder is not None:
         write_text(folder / "sweep.csv", sweep_csv(result))
         finish_sweep(project, result, folder, sweep_json(found))

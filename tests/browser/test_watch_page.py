@@ -146,7 +146,15 @@ def test_files_of_a_run_beside_its_report_are_not_served(tmp_path: Path, serve: 
         "twin/../run.json",
         "twin/%2e%2e%2frun.json.glb",
     )
-    for path in ("run.json", "report", "docs", "openapi.json", *climbing, "_nicegui/3/static/../../../../etc/passwd"):
+    for path in (
+        "run.json",
+        "report",
+        "docs",
+        "openapi.json",
+        "fit/a.png",
+        *climbing,
+        "_nicegui/3/static/../../../../etc/passwd",
+    ):
         assert status(base + path) == 404, path
 
 
@@ -213,6 +221,12 @@ def test_a_calibration_from_its_begin_to_its_report(tmp_path: Path, serve: Serve
     best = one.fact("best-note")
     one.wait_for(lambda: one.fact("twin").startswith(f"T{best[1:]}: front: "), "the twin at the best trial")
     assert re.fullmatch(r"[\d.]+ mm", one.fact("displacement"))
+    fit = one.page.locator("section", has_text="Measured and simulated at the best trial").locator("img")
+    one.wait_for(
+        lambda: fit.count() == 1 and fit.evaluate("one => one.naturalWidth") > 500, "the fit at the best trial"
+    )
+    of_report = one.page.locator("section", has_text="Figures of the report").locator("figcaption")
+    assert {"Overview", "Trajectory pull", "Twin"} <= set(of_report.all_inner_texts())
     one.wait_for(lambda: coloured(one) > 2000, "the twin is drawn")
     before = picture(one)
     box = one.page.locator("canvas[data-engine^=three]").bounding_box()

@@ -67,7 +67,7 @@ def test_the_rate_is_that_of_the_folder_as_it_is_written(tmp_path: Path):
 def fleet(ages: list[float], host: str = HOST, **changes: Any) -> WatchedRun:
     """A fleet of 10 that began 100 s ago, whose finished specimens ended so many seconds ago."""
     began = (NOW - timedelta(seconds=100)).isoformat()
-    given = {"total": 10, "done": len(ages), "stage": "specimens", "began": began, **changes}
+    given: dict[str, Any] = {"total": 10, "done": len(ages), "stage": "specimens", "began": began, **changes}
     live = live_sign(live_record(os.getpid(), host, **given))
     done = [WatchedSearch(f"{k}", f"{k}", ended=NOW - timedelta(seconds=age)) for k, age in enumerate(ages)]
     return WatchedRun("fleet", "fleet", (*done, WatchedSearch("x", "x")), live=live)

@@ -121,6 +121,9 @@ def test_the_twin_at_the_best_trial(tmp_path: Path):
     assert answer["bounds"]["front.slack[pull]"] == [0.0, 0.005]
     assert answer["title"].startswith("front: ")
     assert 0.01 < answer["largest"] < 0.05
+    (fit,) = answer["fits"]
+    assert fit.caption == "pull: measured and simulated; the residual is simulated minus measured."
+    assert fit.png.startswith(b"\x89PNG")
     about, _ = document(glb)
     assert len(about["meshes"][0]["primitives"]) >= 4
     assert sorted(run.rglob("*")) == before

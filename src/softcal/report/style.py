@@ -81,25 +81,28 @@ def new_figure(width: float = 5.2, height: float = 3.6) -> Figure:
 
 def encode(figure: Figure) -> tuple[bytes, bytes]:
     """The figure as bytes of a PNG and an SVG file, reproducible for the same figure."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    png, svg = as_png(figure), io.BytesIO()
+    with house_style():
+        FigureCanvasSVG(figure).print_svg(svg, metadata={"Date": None})
+    return png, svg.getvalue()
+
+
+def as_png(figure: Figure, dpi: float = DPI) -> bytes:
+    """The figure as bytes of a PNG file, reproducible for the same figure; its layout is final then."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    found: list[bytes] = []
+    buffer = io.BytesIO()
     with house_style():
         if isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine):
             figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # the layout is final; computing it is most of the drawing time
-        figure.set_dpi(DPI)
-        # By the canvases, since `savefig` draws everything twice.
-        for write, metadata in (
-            (FigureCanvasAgg(figure).print_png, {"Software": None}),
-            (FigureCanvasSVG(figure).print_svg, {"Date": None}),
-        ):
-            buffer = io.BytesIO()
-            write(buffer, metadata=metadata)
-            found.append(buffer.getvalue())
-    return found[0], found[1]
+        figure.set_layout_engine("none")  # computing it is most of the drawing time
+        figure.set_dpi(dpi)
+        # By the canvas, since `savefig` draws everything twice.
+        FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})
+    return buffer.getvalue()
 
 
 def lay_out(axes: Axes) -> None:

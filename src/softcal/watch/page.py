@@ -8,9 +8,9 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from softcal.watch.charts import fleet_chart, loss_chart, parameter_chart
-from softcal.watch.figure_panel import FigurePanel
+from softcal.watch.figure_panel import FigurePanel, of_fits, of_report
 from softcal.watch.time_left import fleet_time_left, search_time_left
-from softcal.watch.twin_panel import TwinPanel
+from softcal.watch.twin_panel import TwinPanel, fit_text
 from softcal.watch.watched import Course, WatchedRun, WatchedSearch
 from softcal.watch.words import (
     STATES,
@@ -78,7 +78,7 @@ class RunPage:
         several = len(run.searches) > 1
         told = ", ".join(part for part in (fleet_text(run, now), fleet_time_left(run, now)) if part)
         self._searches.show(search_rows(run, now) if several else [], told if several else "")
-        self._figures.show(run.figures)
+        self._figures.show(of_report(run.figures))
         _show(self._fleet, run.kind == "fleet" and any(search.result for search in run.searches))
         if run.kind == "fleet" and run.searches != self._specimens:
             self._specimens = run.searches
@@ -90,6 +90,7 @@ class RunPage:
         if search is not None:
             self._show_search(search, now)
             return
+        self._fits.show([])
         for table in (self._values, self._failures, self._workers):
             table.show([])
         course, sentence = run_state(run, now)
@@ -122,7 +123,9 @@ class RunPage:
         keeper = self._watch.twins
         keeper.want(search, ended=course == "ended")
         facts = keeper.facts(search)
-        self._twin.show(search, keeper.shape(search), busy=keeper.is_busy)
+        shape = keeper.shape(search)
+        self._twin.show(search, shape, busy=keeper.is_busy)
+        self._fits.show(of_fits(shape.fits) if shape else [], fit_text(shape) if shape else "")
         drawn = (search.place, search.trials[-1:], len(search.trials), search.result, facts)
         if drawn == self._drawn:
             self._workers.show(worker_rows(search))
@@ -173,6 +176,8 @@ class RunPage:
                 self._losses = ui.echart({"series": []}).classes("sc-chart")
             with _card("sc-5") as twin:
                 self._twin = TwinPanel()
+            with _card(f"sc-12 {_HIDDEN}") as fits:
+                self._fits = FigurePanel(fits, "Measured and simulated at the best trial")
             with _card("sc-7") as parameters:
                 ui.label("Parameters of the trials").classes("sc-title")
                 self._parameters = ui.echart({"series": []}).classes("sc-chart")
@@ -188,7 +193,7 @@ class RunPage:
                 key="key",
             )
             with _card(f"sc-12 {_HIDDEN}") as figures:
-                self._figures = FigurePanel(figures)
+                self._figures = FigurePanel(figures, "Figures of the report")
         self._of_search = (facts, losses, twin, parameters)
         ui.timer(EVERY, self.refresh)
 

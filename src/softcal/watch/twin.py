@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -25,6 +26,14 @@ MOST_SHAPES = 8  # that are kept
 
 
 @dataclass(frozen=True)
+class FitPicture:
+    """A figure of what was measured beside what the twin does, as a PNG, with its caption."""
+
+    caption: str
+    png: bytes
+
+
+@dataclass(frozen=True)
 class TwinShape:
     """The twin at a trial.
 
@@ -40,6 +49,10 @@ class TwinShape:
         The shape as a GLB file; empty where there is none.
     trouble
         A sentence on why there is none, or "".
+    fits
+        Figures of the fit at this trial.
+    missing
+        Sentences on experiments that are not drawn, or "".
     """
 
     trial: int | None
@@ -47,6 +60,8 @@ class TwinShape:
     largest: float
     glb: bytes
     trouble: str
+    fits: tuple[FitPicture, ...] = ()
+    missing: str = ""
 
 
 @dataclass(frozen=True)
@@ -121,6 +136,8 @@ class TwinKeeper:
                     finite(answer.get("largest")) or 0.0,
                     glb,
                     clean(answer.get("trouble")),
+                    answer.get("fits", ()),
+                    clean(answer.get("missing")),
                 )
                 while len(self._shapes) >= MOST_SHAPES and search.place not in self._shapes:
                     self._shapes.pop(next(iter(self._shapes)))
@@ -133,7 +150,7 @@ class TwinKeeper:
 
 
 def simulated_twin(folder: Path, search: WatchedSearch, patience: float = PATIENCE) -> tuple[dict[str, Any], bytes]:
-    """What the process of `twin_worker` answers, and the GLB file, empty where there is none."""
+    """What the process of `twin_worker` answers with its `fits`, and the GLB file, empty where there is none."""
     best = search.best
     run_folder = (folder / run_of(search)).resolve()
     if not run_folder.is_relative_to(folder.resolve()):
@@ -162,6 +179,10 @@ def simulated_twin(folder: Path, search: WatchedSearch, patience: float = PATIEN
             return {
                 "trouble": f"The simulation for the picture ended: {clean(lines[-1] if lines else 'no reason', 300)}."
             }, b""
+        captions = answer.get("captions") or []
+        answer["fits"] = tuple(
+            FitPicture(clean(one), path.with_name(f"fit-{k}.png").read_bytes()) for k, one in enumerate(captions)
+        )
         return answer, path.read_bytes() if path.is_file() else b""
 
 
@@ -169,3 +190,8 @@ def run_of(search: WatchedSearch) -> str:
     """Folder of the run that a search belongs to, relative to the folder that is watched."""
     before, found, _ = f"/{search.place}".rpartition(f"/{CALIBRATIONS}/")
     return (before if found else f"/{search.place}").removeprefix("/") or "."
+
+
+def picture_name(data: bytes) -> str:
+    """The name by which the page asks for a shape or a figure."""
+    return hashlib.sha256(data).hexdigest()[:32]

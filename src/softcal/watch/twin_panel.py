@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 from typing import Any
 
 from softcal.units import format_quantity
-from softcal.watch.twin import TwinShape
+from softcal.watch.twin import TwinShape, picture_name
 from softcal.watch.watched import WatchedSearch
 
 AWAY = (3.8, -10.6, 3.8)  # of the camera from the twin, which is 10 long
@@ -46,7 +45,7 @@ class TwinPanel:
             return
         self._largest.set_text(format_quantity(shape.largest, "m", digits=3))
         self._legend.classes(remove="sc-hidden")
-        name = shape_name(shape)
+        name = picture_name(shape.glb)
         if name != self._shown:
             self._shown = name
             self._scene.clear()
@@ -72,6 +71,7 @@ def caption(search: WatchedSearch, shape: TwinShape) -> str:
     return f"Trial {shape.trial}: {(shape.trouble or shape.title).removesuffix('.')}.{later}"
 
 
-def shape_name(shape: TwinShape) -> str:
-    """The name by which the page asks for a shape."""
-    return hashlib.sha256(shape.glb).hexdigest()[:32]
+def fit_text(shape: TwinShape) -> str:
+    """Which trial the figures of the fit are of, and which experiments they lack."""
+    of = f"Trial {shape.trial}." if shape.fits and shape.trial is not None else ""
+    return f"{of} {shape.missing}".strip()

@@ -1,9 +1,11 @@
-"""Simulates the twin of a run once, in a process of its own, and writes the shape at the end of its load path.
+"""Simulates the twin of a run once, in a process of its own, and draws it: its shape at the end of its load path, and
+what it measures beside what was measured.
 
 Run as `python -m softcal.watch.twin_worker SHAPE`: standard input is a JSON object {folder, label, theta}, where theta
-[SI by label] is missing or null before the first trial; SHAPE is the GLB file to write. Standard output is a JSON
-object: `units` by parameter, `bounds` by parameter, and of the shape `title`, `largest` displacement [m] and `trouble`,
-a sentence where there is no shape; `cpu`, the processor time that it took [s].
+[SI by label] is missing or null before the first trial; SHAPE is the GLB file to write, and fit-0.png and so on are
+written beside it. Standard output is a JSON object: `units` by parameter, `bounds` by parameter, of the shape `title`,
+`largest` displacement [m] and `trouble`, a sentence where there is no shape; of the figures their `captions`, and
+`missing`, sentences on experiments that are not drawn; `cpu`, the processor time that it took [s].
 """
 
 from __future__ import annotations
@@ -26,12 +28,15 @@ from softcal.report.scene_twin import bending_axes
 if TYPE_CHECKING:
     from softcal.project.project import Project
     from softcal.report.twin_view import TwinView
+    from softcal.twin.response import Response
 
 NICE = 10  # below the run itself, which shares the machine
+FINE = 120.0  # [dots per inch] of the figures
 
 
 def main(shape: Path) -> None:
     """Answer one request."""
+    from softcal.workflows.calibration import project_at
     from softcal.workflows.run_folder import project_of_run
 
     request = json.load(sys.stdin)
@@ -39,11 +44,16 @@ def main(shape: Path) -> None:
     try:
         project, settings = project_of_run(request["folder"])
         answer |= _parameters(project)
-        if request.get("theta"):
+        if theta := request.get("theta"):
             label = request["label"]
             names = [label] if label in project.experiments else list(project.experiments)
             names = [name for name in names if name not in settings.hold_out] or list(project.experiments)
-            answer |= _shape(project, request["theta"], names, shape)
+            free = () if project.space is None else project.space.parameters
+            tied = {**project.tied, **{p.label: p.targets for p in free}}
+            at_values = project_at(project, theta, tied, names)
+            known = _furthest(at_values, names)
+            answer |= _shape(at_values, names, known, shape)
+            answer |= _fits(at_values, label, names, known, shape.parent)
     except SoftcalError as error:
         answer["trouble"] = str(error)
     json.dump({**answer, "cpu": time.process_time()}, sys.stdout)
@@ -59,13 +69,39 @@ def _parameters(project: Project) -> dict[str, Any]:
     return {"units": units, "bounds": {p.label: [p.lower, p.upper] for p in free}}
 
 
-def _shape(project: Project, theta: Mapping[str, float], names: Sequence[str], path: Path) -> dict[str, Any]:
-    """Simulate the twin at theta in the experiment with the largest drive, and write its shape."""
+def _furthest(at_values: Project, names: Sequence[str]) -> dict[str, Response]:
+    """Response, with shapes, in the experiment with the largest drive; nothing where none drives the twin."""
+    from softcal.workflows.furthest import furthest_experiment
+    from softcal.workflows.simulation import simulate
+
+    name = furthest_experiment(at_values, names)
+    if not at_values.experiments[name].drives:
+        return {}
+    return {name: simulate(at_values, experiment=name, snapshots=True)}
+
+
+def _fits(
+    at_values: Project, label: str, names: Sequence[str], known: Mapping[str, Response], folder: Path
+) -> dict[str, Any]:
+    """Write what the experiments measured, and what the twin does, as the report draws it."""
+    from softcal.report.style import as_png
+    from softcal.watch.fit_drawing import fit_drawings, fits_at
+
+    fits, missing = fits_at(at_values, names, known)
+    captions: list[str] = []
+    for drawing in fit_drawings(at_values, label, fits):
+        (folder / f"fit-{len(captions)}.png").write_bytes(as_png(drawing.figure, FINE))
+        captions.append(drawing.caption)
+    return {"captions": captions, "missing": missing}
+
+
+def _shape(at_values: Project, names: Sequence[str], known: Mapping[str, Response], path: Path) -> dict[str, Any]:
+    """Write the twin's shape in the experiment with the largest drive, from its response."""
     from softcal.report.scene import Surface
     from softcal.report.scene_glb import scene_glb
     from softcal.report.scene_twin import displacements, twin_scenes
 
-    found = _view(project, theta, names)
+    found = _view(at_values, names, known)
     if isinstance(found, str):
         return {"trouble": found}
     scenes = twin_scenes(found)
@@ -87,23 +123,16 @@ def _axes(view: TwinView) -> tuple[Floats, Floats]:
     return up, np.linalg.eigh(flat.T @ flat)[1][:, -1]
 
 
-def _view(project: Project, theta: Mapping[str, float], names: Sequence[str]) -> TwinView | str:
+def _view(at_values: Project, names: Sequence[str], known: Mapping[str, Response]) -> TwinView | str:
     """The twin at rest and at the end of its load path, or why it cannot be shown."""
     from softcal.workflows.calibrated_shapes import equilibrium_shapes, from_undeformed
-    from softcal.workflows.calibration import project_at
-    from softcal.workflows.furthest import furthest_experiment
-    from softcal.workflows.simulation import simulate, twin_view
+    from softcal.workflows.simulation import twin_view
 
-    free = () if project.space is None else project.space.parameters
-    tied = {**project.tied, **{p.label: p.targets for p in free}}
-    at_values = project_at(project, theta, tied, names)
-    experiment = furthest_experiment(at_values, names)
-    if not at_values.experiments[experiment].drives:
-        return from_undeformed(equilibrium_shapes(at_values, [experiment])) or f"{experiment}: the twin has no shape."
-    response = simulate(at_values, experiment=experiment, snapshots=True)
-    if not response.succeeded:
-        return f"{experiment}: {response.status}"
-    return twin_view(at_values.robot, response) or f"{experiment}: the twin has one shape only."
+    for name, response in known.items():
+        if not response.succeeded:
+            return f"{name}: {response.status}"
+        return twin_view(at_values.robot, response) or f"{name}: the twin has one shape only."
+    return from_undeformed(equilibrium_shapes(at_values, names[:1])) or f"{names[0]}: the twin has no shape."
 
 
 if __name__ == "__main__":

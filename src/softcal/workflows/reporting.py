@@ -96,7 +96,7 @@ def _calibration_content(run: CalibrationRun, solved: Mapping[str, Response]) ->
     return ReportContent(
         results=run.results,
         headline=headline,
-        experiments={name: _experiment(project, name) for name in project.experiments},
+        experiments={name: experiment_content(project, name) for name in project.experiments},
         landscapes=_landscapes(project, run.results, run.settings),
         records={label: compare_records(project, result) for label, result in run.results.items()},
         compared=compared_calibration(project, run.settings, run.results[headline]),
@@ -112,7 +112,7 @@ def _sweep_content(run: SweepRun) -> ReportContent:
     result = run.result
     return ReportContent(
         results={SWEEP: result},
-        experiments={name: _experiment(run.project, name) for name in result.experiments},
+        experiments={name: experiment_content(run.project, name) for name in result.experiments},
         compared=compared_sweep(run.project, run.settings, result),
         **_shared(run, result),
     )
@@ -159,7 +159,8 @@ def _whose(run: CalibrationRun, calibration: str) -> str:
     return f"Of the calibration '{calibration}'." if len(run.results) > 1 else ""
 
 
-def _experiment(project: Project, name: str) -> ExperimentContent:
+def experiment_content(project: Project, name: str) -> ExperimentContent:
+    """What a report shows of an experiment's data."""
     experiment = project.experiments[name]
     return ExperimentContent(
         name=name,

@@ -1,0 +1,65 @@
+"""The report's figures of the fit, measured and simulated, of a twin at values that a search has found so far."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from softcal.calibration.fit import experiment_fit
+from softcal.calibration.observation import observe
+from softcal.calibration.result import CalibrationResult, ExperimentFit
+from softcal.errors import SoftcalError
+from softcal.project.project import Project
+from softcal.report.content import ReportContent
+from softcal.report.figure import Drawing, named_figures
+from softcal.twin.response import Response
+from softcal.workflows.reporting import experiment_content
+from softcal.workflows.simulation import simulate
+
+FIGURES = ("loops", "trajectory", "distances")
+MOST = 6  # experiments
+
+
+def fits_at(
+    at_values: Project, names: Sequence[str], known: Mapping[str, Response]
+) -> tuple[dict[str, ExperimentFit], str]:
+    """The fits of the first of these experiments at the project's values, and sentences on those that have none.
+
+    known: experiment -> response that need not be solved again.
+    """
+    fits: dict[str, ExperimentFit] = {}
+    told: list[str] = []
+    for name in names[:MOST]:
+        found = _fit(at_values, name, known.get(name))
+        if isinstance(found, str):
+            told.append(f"{name}: {found}")
+        else:
+            fits[name] = found
+    if len(names) > MOST:
+        told.append(f"The first {MOST} of {len(names)} experiments are drawn.")
+    return fits, " ".join(told)
+
+
+def _fit(at_values: Project, name: str, known: Response | None) -> ExperimentFit | str:
+    """The fit of one experiment, or why there is none."""
+    experiment = at_values.experiments[name]
+    try:
+        response = known or simulate(at_values, experiment=name)
+        if not response.succeeded:
+            return response.status
+        return experiment_fit(experiment, observe(experiment, experiment.rig_values(), response, slice(None)))
+    except SoftcalError as error:
+        return str(error)
+
+
+def fit_drawings(project: Project, label: str, fits: Mapping[str, ExperimentFit]) -> Iterator[Drawing]:
+    """The figures of fits of the calibration of this label."""
+    if not fits:
+        return
+    # The figures of a fit read the fits alone.
+    result = CalibrationResult(
+        parameters={}, loss=0.0, loss_name="", method="", seed=0, n_solves=0, n_factorisations=0, wall_s=0.0,
+        status="", experiments=fits, importance={}, trials=(), n_failed_trials=0,
+    )  # fmt: skip
+    content = ReportContent(project.name, {label: result}, {name: experiment_content(project, name) for name in fits})
+    for figure in named_figures(FIGURES):
+        yield from figure.function(content)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 import socket
 from collections.abc import Generator
 from pathlib import Path
 
 import pytest
-from postgres_server import PASSWORD, postgres
+from database_folder import PASSWORD
+from mariadb_server import mariadb
+from postgres_server import postgres
 from project_case import write_project
 
 from softcal.calibration import storage_url
@@ -20,6 +23,12 @@ from softcal.errors import StorageError
 @pytest.fixture(scope="module")
 def server() -> Generator[str]:
     with postgres() as url:
+        yield url
+
+
+@pytest.fixture(scope="module")
+def mysql() -> Generator[str]:
+    with mariadb() as url:
         yield url
 
 
@@ -50,13 +59,15 @@ def test_a_storage_that_is_none_is_refused_without_its_secrets(url: str, told: s
     [
         ("postgresql://u:s3cret@h/d", "pg8000"),
         ("postgresql+psycopg2://u:s3cret@h/d", "psycopg2-binary"),
-        ("mysql://u:s3cret@h/d", "pymysql"),
+        ("mysql://u:s3cret@h/d", "pymysql[rsa]"),
         ("mysql+mysqlconnector://u:s3cret@h/d", "mysql-connector-python"),
     ],
 )
 def test_a_driver_that_is_not_installed_is_named(url: str, package: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(storage_url.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(StorageError, match=rf"is not installed; got .* Try: pip install '{package}'") as refused:
+    with pytest.raises(
+        StorageError, match=rf"is not installed; got .* Try: pip install '{re.escape(package)}'"
+    ) as refused:
         storage_url.storage_url(url)
     assert "s3cret" not in str(refused.value)
 
@@ -104,6 +115,30 @@ def test_a_wrong_password_or_database_is_told_and_never_shown(
     assert "s3cret" not in err
 
 
+def test_a_wrong_password_or_database_of_mysql_is_told_and_never_shown(
+    mysql: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    err = refused_by_calibrate(capsys, tmp_path, mysql.replace("s3cret", "0ther"))
+    assert "got Access denied for user 'softcal'@" in err
+    assert "0ther" not in err
+    err = refused_by_calibrate(capsys, tmp_path, re.sub("/softcal$", "/nowhere", mysql))
+    assert "got Access denied for user 'softcal'@" in err
+    assert "to database 'nowhere'" in err
+    assert "s3cret" not in err
+
+
+def test_a_journal_is_not_made_where_the_run_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path, out = write_project(tmp_path / "p"), tmp_path / "out"
+    out.mkdir()
+    (out / "notes.txt").write_text("mine")
+    journal = tmp_path / "shared.journal"
+    with pytest.raises(SystemExit) as left:
+        main(["calibrate", str(path), "--method", "tpe", "--out", str(out), "--storage", f"journal:{journal}"])
+    assert left.value.code == 2
+    assert "the folder is not empty" in capsys.readouterr().err
+    assert not journal.exists()
+
+
 def test_calibrate_shares_a_projects_search_by_a_database(
     server: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -136,3 +171,38 @@ def test_a_database_of_another_version_of_optuna_is_refused(tmp_path: Path) -> N
     engine.dispose()
     with pytest.raises(StorageError, match=r"a database: the shared study cannot be reached; got .*(version|schema)"):
         place.opened().__enter__()
+
+
+def test_a_process_that_opens_an_empty_database_as_another_does_finds_the_tables_of_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import sqlalchemy
+
+    place = StorageUrl("a database", url=f"sqlite:///{tmp_path / 'optuna.db'}")
+    make, late = sqlalchemy.MetaData.create_all, [True]
+
+    def made(self: sqlalchemy.MetaData, bind: sqlalchemy.Engine, checkfirst: bool = True) -> None:
+        if first := bool(late) and late.pop():
+            with place.opened():  # as by another process, after this one has seen that there are no tables
+                pass
+        make(self, bind, checkfirst=checkfirst and not first)
+
+    monkeypatch.setattr(sqlalchemy.MetaData, "create_all", made)
+    with place.opened() as storage:
+        assert storage.get_all_studies() == []
+
+
+def test_what_a_database_refuses_in_the_middle_is_told(tmp_path: Path) -> None:
+    import optuna
+    import sqlalchemy
+
+    place = StorageUrl("a database", url=f"sqlite:///{tmp_path / 'optuna.db'}")
+    with place.opened() as storage:
+        engine = sqlalchemy.create_engine(place.url)
+        with engine.begin() as connection:
+            connection.execute(sqlalchemy.text("DROP TABLE trials"))
+        engine.dispose()
+        study = optuna.create_study(storage=storage)
+        with pytest.raises(StorageError, match=r"a database: .* cannot be reached; got no such table: trials"):
+            with place.answering():
+                study.get_trials()

@@ -103,11 +103,11 @@ def searched_together(
     require_shareable(search, sharing)
     shared = replace(search, settings={**search.settings, "study": sharing.study})
     with executor_of(workers) as executor, contextlib.ExitStack() as stack:
-        study = stack.enter_context(_study(search, sharing))
         with interrupts_held():
             run = open_run(shared, store, resume, files)
             if run is not None:
                 stack.enter_context(run)
+        study = stack.enter_context(_study(search, sharing))
         tally = _SharedTally(search.problem, study, run, int(search.settings["trials"]), began)
         evaluator = stack.enter_context(Evaluator(search.problem, workers=executor, jacobian=False))
         tell = stack.enter_context(told_live(None if run is None else run.folder, executor, progress))

@@ -23,6 +23,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from softcal.calibration.identity import differences, identity_faults
+from softcal.calibration.long_attribute import attribute, set_attribute
 from softcal.calibration.optimiser import Proposal
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.storage_url import StorageUrl
@@ -77,9 +78,11 @@ def require_joinable(place: StorageUrl, about: StudyIdentity) -> None:
     """
     import optuna
 
+    if place.is_new():
+        return
     with place.opened() as storage, place.answering(), contextlib.suppress(KeyError):
         study = optuna.load_study(storage=storage, study_name=about.name)
-        if (held := study.user_attrs.get(OUTCOME)) is not None:
+        if (held := attribute(study.user_attrs, OUTCOME)) is not None:
             _require_same(place, about, held)
 
 
@@ -176,7 +179,8 @@ class SharedStudy:
         trial, number = stored.trial, stored.trial.number
         told = False
         with self._answering(), _unless_ended():
-            self._mine[number].set_user_attr(OUTCOME, {**attributes(stored), _FAILED: trial.loss is None})
+            gave = {**attributes(stored), _FAILED: trial.loss is None}
+            set_attribute(self._mine[number].set_user_attr, OUTCOME, gave)
             if trial.loss is None:
                 self._study.tell(number, state=_state("FAIL"))
             else:
@@ -205,19 +209,19 @@ class SharedStudy:
         about = {"format": FORMAT, "identity": dict(self._about.identity), "settings": dict(self._about.settings)}
         try:
             study = optuna.create_study(storage=storage, study_name=self._about.name, direction="minimize")
-            study.set_user_attr(OUTCOME, about)
+            set_attribute(study.set_user_attr, OUTCOME, about)
         except optuna.exceptions.DuplicatedStudyError:
             study = optuna.load_study(storage=storage, study_name=self._about.name)
             began = time.monotonic()
-            while (held := study.user_attrs.get(OUTCOME)) is None and time.monotonic() - began < _BEGINNING:
+            while (held := attribute(study.user_attrs, OUTCOME)) is None and time.monotonic() - began < _BEGINNING:
                 time.sleep(0.1)
             if held is None and study.get_trials(deepcopy=False):
                 raise StorageError(
                     Fault("the study was not made by softcal", self._place.shown, self._about.name)
                 ) from None
             if held is None:  # its first process ended before it could say what it is
-                study.set_user_attr(OUTCOME, about)
-        _require_same(self._place, self._about, study.user_attrs.get(OUTCOME))
+                set_attribute(study.set_user_attr, OUTCOME, about)
+        _require_same(self._place, self._about, attribute(study.user_attrs, OUTCOME))
         return study
 
     def _trials(self) -> list[optuna.trial.FrozenTrial]:
@@ -226,7 +230,7 @@ class SharedStudy:
     def _read(self, trials: Collection[optuna.trial.FrozenTrial]) -> Mapping[int, StoredTrial]:
         for frozen in trials:
             if frozen.number not in self._outcomes and _is_outcome(frozen):
-                held = frozen.user_attrs.get(OUTCOME)
+                held = attribute(frozen.user_attrs, OUTCOME)
                 if not isinstance(held, dict):
                     raise self._other_trial(frozen.number, "it has no outcome of softcal's")
                 try:
@@ -319,7 +323,7 @@ def _is_outcome(trial: optuna.trial.FrozenTrial) -> bool:
     """Whether a trial has ended with an outcome: a loss, or the reason why the twin could not be simulated."""
     if trial.state.name != "FAIL":
         return trial.state.name == "COMPLETE"
-    held = trial.user_attrs.get(OUTCOME)
+    held = attribute(trial.user_attrs, OUTCOME)
     return isinstance(held, dict) and held.get(_FAILED) is True
 
 

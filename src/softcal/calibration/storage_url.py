@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import os
 import re
 import threading
+import time
+import traceback
 from collections.abc import Generator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +26,8 @@ if TYPE_CHECKING:
     from optuna.storages.journal import JournalFileOpenLock
 
 _JOURNAL = "journal"
-_LONGEST = 10.0  # [s] that a server may take to answer
+_LONGEST, _TABLES = 10.0, 60.0  # [s] that a server may take to answer, and after that, to make or read its tables
+_TRIES, _PAUSE = 5, 0.2  # of tables that another process is making; [s] between two
 # Database -> its drivers in Python -> the module, and what pip installs.
 _DRIVERS: dict[str, dict[str, tuple[str, str]]] = {
     "postgresql": {
@@ -33,7 +37,7 @@ _DRIVERS: dict[str, dict[str, tuple[str, str]]] = {
     },
     "mysql": {
         "mysqldb": ("MySQLdb", "mysqlclient"),
-        "pymysql": ("pymysql", "pymysql"),
+        "pymysql": ("pymysql", "pymysql[rsa]"),  # with what the passwords of MySQL 8 need
         "mysqlconnector": ("mysql", "mysql-connector-python"),
     },
 }
@@ -63,6 +67,21 @@ class StorageUrl:
     file: Path | None = None
     url: str = field(default="", repr=False)
 
+    def is_new(self) -> bool:
+        """Whether it is a journal that is still to be made.
+
+        Raises
+        ------
+        StorageError
+            Where it cannot be made.
+        """
+        if self.file is None or self.file.exists():
+            return False
+        folder = self.file.absolute().parent
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise StorageError(Fault("no file can be made in this folder", str(folder)))
+        return True
+
     @contextlib.contextmanager
     def opened(self) -> Generator[optuna.storages.BaseStorage]:
         """Optuna's storage there, closed at the end; what it needs is made, such as the tables of an empty database.
@@ -70,7 +89,8 @@ class StorageUrl:
         Raises
         ------
         StorageError
-            Where it does not answer within ten seconds, refuses, or is of another version of Optuna.
+            Where it does not answer within ten seconds, refuses, or is of another version of Optuna; where its tables
+            are not there a minute later.
         """
         storage = self._open()
         try:
@@ -84,21 +104,26 @@ class StorageUrl:
                 return _journal(self.file)
         opened: list[optuna.storages.BaseStorage] = []
         failed: list[BaseException] = []
+        answered = threading.Event()
 
         def connect() -> None:
             try:
+                _reach(self.url)
+                answered.set()
                 opened.append(_database(self.url))
             except BaseException as error:  # noqa: BLE001 (raised again below)
                 failed.append(error)
+            finally:
+                answered.set()
 
         # No driver has a limit for every way in which a server can be silent.
         thread = threading.Thread(target=connect, daemon=True)
         thread.start()
-        thread.join(_LONGEST)
+        if not answered.wait(_LONGEST):
+            raise self._silent(f"it does not answer within {_LONGEST:.0f} s")
+        thread.join(_TABLES)
         if not opened and not failed:
-            attempt = "the address, its port, and whether the server runs"
-            silent = f"it does not answer within {_LONGEST:.0f} s"
-            raise StorageError(Fault("the shared study cannot be reached", self.shown, silent, attempt=attempt))
+            raise self._silent(f"its tables are not there after {_TABLES:.0f} s")
         with self.answering():
             if failed:
                 raise failed[0]
@@ -113,13 +138,20 @@ class StorageUrl:
         StorageError
             In the place of errors of the operating system, the database and Optuna.
         """
+        import optuna
         import sqlalchemy.exc
 
         try:
             yield
-        except (OSError, sqlalchemy.exc.SQLAlchemyError, *BROKEN) as error:
+        except (OSError, sqlalchemy.exc.SQLAlchemyError, optuna.exceptions.OptunaError, *BROKEN) as error:
+            if isinstance(error, BROKEN) and _raised_here(error):
+                raise
             got = self._without_secret(_reason(error))
             raise StorageError(Fault("the shared study cannot be reached", self.shown, got)) from None
+
+    def _silent(self, got: str) -> StorageError:
+        attempt = "the address, its port, and whether the server runs"
+        return StorageError(Fault("the shared study cannot be reached", self.shown, got, attempt=attempt))
 
     def _without_secret(self, text: str) -> str:
         import sqlalchemy
@@ -222,15 +254,38 @@ def _held(path: Path) -> JournalFileOpenLock:
     return HeldFile(str(path))
 
 
+def _reach(url: str) -> None:
+    """Connect to a server, and leave it."""
+    import sqlalchemy
+
+    engine = sqlalchemy.create_engine(url, poolclass=sqlalchemy.NullPool)
+    engine.connect().close()
+
+
 def _database(url: str) -> optuna.storages.BaseStorage:
     from optuna.storages import RDBStorage
 
     # Optuna fills in a template, for which a brace would be a field. A connection is tried before it is used: servers
     # and the networks between close those that were not used for a while.
     escaped = url.replace("{", "{{").replace("}", "}}")
-    storage = RDBStorage(escaped, engine_kwargs={"pool_pre_ping": True})
-    storage.remove_session()
-    return storage
+    for left in reversed(range(_TRIES)):
+        try:
+            storage = RDBStorage(escaped, engine_kwargs={"pool_pre_ping": True})
+            storage.remove_session()
+            return storage
+        except Exception as error:
+            if left == 0 or not _refused(error):
+                raise
+            time.sleep(_PAUSE)
+    raise AssertionError
+
+
+def _refused(error: BaseException) -> bool:
+    """Whether a server was reached and refused a statement, such as to make a table that another process just made."""
+    import sqlalchemy.exc
+
+    told = (error, error.__cause__)  # Optuna's own error, or SQLAlchemy's
+    return any(isinstance(one, sqlalchemy.exc.DBAPIError) and one.statement is not None for one in told)
 
 
 def _close(storage: optuna.storages.BaseStorage) -> None:
@@ -241,12 +296,16 @@ def _close(storage: optuna.storages.BaseStorage) -> None:
         storage.engine.dispose()
 
 
+def _raised_here(error: BaseException) -> bool:
+    """Whether softcal raised an error itself, in which case it is a mistake of its own."""
+    *_, (frame, _) = traceback.walk_tb(error.__traceback__)
+    return str(frame.f_globals.get("__name__", "")).startswith("softcal.")
+
+
 def _reason(error: BaseException) -> str:
     """What a driver says, without the statement and the pages that SQLAlchemy adds."""
     origin = error.__cause__ if error.__cause__ is not None else error
     origin = getattr(origin, "orig", None) or origin
-    first = origin.args[0] if getattr(origin, "args", ()) else ""
-    if isinstance(first, dict):  # pg8000: the fields of the server's message
-        first = first.get("M", "")
-    text = str(first if isinstance(first, str) and first else origin).strip()
+    said = [a.get("M", "") if isinstance(a, dict) else a for a in getattr(origin, "args", ())]  # pg8000: by field
+    text = next((a for a in said if isinstance(a, str) and a), str(origin)).strip()  # pymysql: after its number
     return text.splitlines()[0].rstrip(".") if text else type(error).__name__

@@ -1,0 +1,114 @@
+"""A search that several processes share: every trial is there once, whoever is killed, in files and on servers."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Generator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from mariadb_server import mariadb
+from postgres_server import postgres
+from shared_processes import at_end, joined, outcome, processes, require_whole, shared, until
+
+from softcal.calibration import shared_study, storage_url
+from softcal.calibration.trial_journal import stored_trials
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shared_study, "BEAT", 0.2)
+    monkeypatch.setattr(shared_study, "GRACE", 2.0)
+
+
+@pytest.fixture(scope="module")
+def postgresql() -> Generator[str]:
+    with postgres() as url:
+        yield url
+
+
+@pytest.fixture(scope="module")
+def mysql() -> Generator[str]:
+    with mariadb() as url:
+        yield url
+
+
+@pytest.fixture(params=["journal", "postgresql", "mysql"])
+def place(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """A storage without a study."""
+    if request.param == "journal":
+        return f"journal:{tmp_path / 'shared.journal'}"
+    url = request.getfixturevalue(request.param)
+    with storage_url.storage_url(url).opened() as storage:
+        for study in storage.get_all_studies():
+            storage.delete_study(study._study_id)
+    return url
+
+
+def test_the_trials_of_a_process_that_is_killed_are_tried_again(place: str, tmp_path: Path) -> None:
+    folders = [tmp_path / "a", tmp_path / "b"]
+    with processes(folders, place, 24, pause=0.1) as (first, second):
+        until(first, 4)
+        first.kill()
+        assert at_end(second) == 0
+    require_whole(place, 24, folders[1:])
+
+
+def test_an_outcome_of_any_length_is_there_whole(place: str) -> None:
+    """Of a thousand experiments it is longer than a column of MySQL's."""
+    with joined(place) as one, joined(place) as other:
+        (proposal,) = one.ask(1, 1)
+        losses = {f"specimen {i} pulled to the front": i / 3 for i in range(1000)}
+        told = outcome(proposal.number, proposal.theta)
+        told = replace(
+            told, trial=replace(told.trial, experiment_losses=losses, errors={e: {"a": 1 / 3} for e in losses})
+        )
+        assert one.tell(told)
+        assert other.outcomes() == {0: told} == one.outcomes()
+
+
+def test_a_shared_search_goes_on_after_all_its_processes_were_killed(tmp_path: Path, quick: None) -> None:
+    place, folders = f"journal:{tmp_path / 'shared.journal'}", [tmp_path / "a", tmp_path / "b"]
+    with processes(folders, place, 24, pause=0.1) as begun:
+        until(begun[0], 4)
+        for process in begun:
+            process.send_signal(signal.SIGKILL)
+    held = stored_trials(folders[0])
+    assert 4 <= len(held) < 24
+    result = shared(tmp_path / "a", place, 24, resume=True)
+    require_whole(place, 24, folders[:1])
+    assert {number: stored.trial for number, stored in held.items()}.items() <= {
+        t.number: t for t in result.trials
+    }.items()
+
+
+@pytest.mark.slow
+def test_a_thousand_trials_by_eight_processes_two_of_them_killed(place: str, tmp_path: Path) -> None:
+    folders = [tmp_path / str(i) for i in range(8)]
+    with processes(folders, place, 1000) as begun:
+        until(begun[0], 100)
+        begun[0].kill()
+        until(begun[1], 500)
+        begun[1].kill()
+        with ThreadPoolExecutor(6) as pool:
+            assert list(pool.map(at_end, begun[2:])) == [0] * 6
+    require_whole(place, 1000, folders[2:])
+
+
+@pytest.mark.slow
+def test_processes_that_are_killed_at_random_and_begun_again_lose_and_double_nothing(
+    place: str, tmp_path: Path
+) -> None:
+    folders = [tmp_path / str(i) for i in range(3)]
+    done = 0
+    while done < 60:
+        resume = all((folder / "run.json").is_file() for folder in folders)
+        done += 10
+        with processes(folders, place, 80, pause=0.05, resume=resume) as begun:
+            until(begun[done % 3], min(done, 60))
+    with processes(folders, place, 80, resume=True) as begun:
+        with ThreadPoolExecutor(3) as pool:
+            assert list(pool.map(at_end, begun)) == [0, 0, 0]
+    require_whole(place, 80, folders)

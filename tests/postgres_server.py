@@ -27,8 +27,8 @@ def _programs() -> Path:
 @contextlib.contextmanager
 def postgres() -> Generator[str]:
     """A server whose user "softcal" has a password; yields the URL of its database "postgres"."""
-    with postgres_folder() as folder, postgres_served(folder):
-        yield URL.format(port=folder.port)
+    with postgres_folder() as folder, postgres_served(folder) as url:
+        yield url
 
 
 @contextlib.contextmanager
@@ -43,9 +43,9 @@ def postgres_folder() -> Generator[DatabaseFolder]:
 
 
 @contextlib.contextmanager
-def postgres_served(folder: DatabaseFolder) -> Generator[None]:
-    """Run the server of a folder."""
+def postgres_served(folder: DatabaseFolder) -> Generator[str]:
+    """Run the server of a folder; yields the URL of its database."""
     places = ["-c", "listen_addresses=127.0.0.1", "-c", "unix_socket_directories="]
     command = [_programs() / "postgres", "-D", folder.path / "data", "-p", str(folder.port), *places]
     with folder.served(*command, ready="ready to accept connections", stop=signal.SIGINT):
-        yield
+        yield URL.format(port=folder.port)

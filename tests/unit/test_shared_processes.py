@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
 from collections.abc import Generator
 from concurrent.futures import ThreadPoolExecutor
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from mariadb_server import mariadb
-from postgres_server import postgres
+from postgres_server import postgres, postgres_folder, postgres_served
 from shared_processes import at_end, joined, outcome, processes, require_whole, shared, until
 
 from softcal.calibration import shared_study, storage_url
@@ -82,6 +83,18 @@ def test_a_shared_search_goes_on_after_all_its_processes_were_killed(tmp_path: P
     assert {number: stored.trial for number, stored in held.items()}.items() <= {
         t.number: t for t in result.trials
     }.items()
+
+
+@pytest.mark.slow
+def test_a_database_that_is_started_again_ends_no_process_and_loses_no_trial(tmp_path: Path) -> None:
+    folders = [tmp_path / "a", tmp_path / "b"]
+    with postgres_folder() as folder, contextlib.ExitStack() as stack:
+        with postgres_served(folder) as url:
+            begun = stack.enter_context(processes(folders, url, 40, pause=0.1))
+            until(begun[0], 4)
+        with postgres_served(folder):
+            assert [at_end(process) for process in begun] == [0, 0]
+            require_whole(url, 40, folders)
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import signal
 from collections.abc import Callable
@@ -13,10 +14,12 @@ from fake_twin import E, all_necks_fail, soft_necks_fail
 from shared_processes import require_whole, shared, study_at
 from test_calibration_run import problem_of
 
-from softcal.calibration import shared_study
+from softcal.calibration import shared_search, shared_study
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate
 from softcal.calibration.shared_search import Sharing
+from softcal.calibration.shared_study import SharedStudy
+from softcal.calibration.storage_url import UnansweredError
 from softcal.calibration.trial_journal import stored_trials
 from softcal.errors import CalibrationError, ParameterError, StorageError
 
@@ -128,6 +131,34 @@ def test_another_method_is_refused(journal: str, tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match=r"only the method tpe can be shared.*got method grid"):
         calibrate(problem_of(), method="grid", store=tmp_path / "a", sharing=Sharing(journal))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_database_that_does_not_answer_is_asked_again_for_a_while(
+    journal: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("outcomes", "ask", "tell"):
+        monkeypatch.setattr(SharedStudy, name, unanswered_every_third_time(getattr(SharedStudy, name)))
+    monkeypatch.setattr(shared_search, "_PAUSE", 0.0)
+    stages: list[str] = []
+    result = shared(tmp_path / "a", journal, 6, progress=lambda told: stages.append(told.stage))
+    assert len(result.trials) == 6
+    assert result.status == "All 6 trials were run, 6 of them by this process."
+    assert "an answer of the database" in stages
+    require_whole(journal, 6, [tmp_path / "a"])
+    monkeypatch.setattr(shared_search, "OUTAGE", 0.0)
+    with pytest.raises(StorageError, match="gone"):
+        shared(tmp_path / "b", journal, 12)
+
+
+def unanswered_every_third_time(method: Any) -> Any:
+    calls = itertools.count(1)
+
+    def called(*args: Any) -> Any:
+        if next(calls) % 3 == 0:
+            raise UnansweredError("gone")
+        return method(*args)
+
+    return called
 
 
 def test_a_folder_that_is_in_use_is_refused_and_nothing_is_made_in_the_storage(journal: str, tmp_path: Path) -> None:

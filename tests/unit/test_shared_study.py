@@ -10,6 +10,9 @@ import pytest
 from shared_processes import joined, outcome, study_at
 
 from softcal.calibration import shared_study
+from softcal.calibration.optimiser import Proposal
+from softcal.calibration.shared_study import SharedStudy
+from softcal.calibration.storage_url import UnansweredError
 
 
 @pytest.fixture
@@ -17,21 +20,48 @@ def journal(tmp_path: Path) -> str:
     return f"journal:{tmp_path / 'shared.journal'}"
 
 
-def test_no_more_trials_begin_than_are_wanted_and_those_of_a_race_are_pruned(
-    journal: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def asked(study: SharedStudy, total: int, count: int = 1) -> tuple[Proposal, ...]:
+    study.outcomes()
+    return study.ask(total, count)
+
+
+def test_no_more_trials_begin_than_are_wanted_and_those_of_a_race_are_pruned(journal: str) -> None:
     with joined(journal) as one, joined(journal) as other:
-        assert [proposal.number for proposal in one.ask(2, 5)] == [0, 1]
-        assert other.ask(2, 5) == ()
-        blind, real = [True], other._counted
-
-        def counted(trials: Any) -> set[int]:
-            return set() if blind and blind.pop() else real(trials)
-
-        monkeypatch.setattr(other, "_counted", counted)
-        assert other.ask(2, 5) == ()
+        other.outcomes()
+        assert [proposal.number for proposal in asked(one, 2, 5)] == [0, 1]
+        assert other.ask(2, 5) == ()  # which did not see them begin
+        assert asked(other, 2, 5) == ()
         with study_at(journal) as study:
             assert [trial.state.name for trial in study.trials] == ["RUNNING", "RUNNING", "PRUNED"]
+
+
+def test_a_trial_that_waits_is_asked_for_once_though_it_was_seen_waiting_by_two(journal: str) -> None:
+    with joined(journal) as one, joined(journal) as other:
+        (left,) = one.ask(1, 1)
+        one.give_back()
+        one.outcomes(), other.outcomes()
+        again, _ = one.ask(2, 5)
+        assert dict(again.theta) == dict(left.theta)
+        with study_at(journal) as study:
+            assert [trial.state.name for trial in study.trials] == ["FAIL", "RUNNING", "RUNNING"]
+        assert other.ask(2, 5) == ()
+
+
+def test_the_trials_are_read_once_for_each(journal: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    from optuna.storages import JournalStorage
+
+    reads, read = [0], JournalStorage.get_all_trials
+
+    def counted(*args: Any, **options: Any) -> Any:
+        reads[0] += 1
+        return read(*args, **options)
+
+    with joined(journal) as one:
+        monkeypatch.setattr(JournalStorage, "get_all_trials", counted)
+        for _ in range(12):  # more than begin at random
+            (proposal,) = asked(one, 20)
+            one.tell(outcome(proposal.number, proposal.theta))
+        assert reads == [12]
 
 
 def test_a_trial_without_a_sign_of_life_is_given_up_and_its_point_tried_again_once(
@@ -41,40 +71,86 @@ def test_a_trial_without_a_sign_of_life_is_given_up_and_its_point_tried_again_on
     monkeypatch.setattr(shared_study, "time", SimpleNamespace(monotonic=lambda: clock[0], sleep=lambda _: None))
     with joined(journal) as silent, joined(journal) as one, joined(journal) as other:
         (lost,) = silent.ask(1, 1)
-        assert one.ask(1, 1) == () == other.ask(1, 1)
+        assert asked(one, 1, 1) == () == asked(other, 1, 1)
         clock[0] = shared_study.GRACE - 1
-        silent._mine[0].set_user_attr("beat", 1)
-        assert one.ask(1, 1) == () == other.ask(1, 1)
+        silent._storage.say(0, "beat", 1)
+        assert asked(one, 1, 1) == () == asked(other, 1, 1)
         clock[0] = 2 * shared_study.GRACE - 2
-        assert one.ask(1, 1) == () == other.ask(1, 1)
+        assert asked(one, 1, 1) == () == asked(other, 1, 1)
         clock[0] = 2 * shared_study.GRACE
-        (again,) = one.ask(1, 1)
+        (again,) = asked(one, 1, 1)
         assert dict(again.theta) == dict(lost.theta)
-        assert other.ask(1, 1) == ()
+        assert asked(other, 1, 1) == ()
         assert not silent.tell(outcome(lost.number, lost.theta))
         assert one.tell(outcome(again.number, again.theta))
         assert list(other.outcomes()) == [again.number]
 
 
+def test_no_trial_is_given_up_for_a_time_when_the_database_did_not_answer(
+    journal: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [0.0]
+    monkeypatch.setattr(shared_study, "time", SimpleNamespace(monotonic=lambda: clock[0], sleep=lambda _: None))
+    with joined(journal) as silent, joined(journal) as one:
+        silent.ask(1, 1)
+        assert asked(one, 1) == ()
+        with monkeypatch.context() as patch:
+            patch.setattr(one._storage, "read", unanswered)
+            with pytest.raises(UnansweredError):
+                one.outcomes()
+        clock[0] = 2 * shared_study.GRACE
+        assert asked(one, 1) == ()
+        clock[0] = 4 * shared_study.GRACE
+        assert len(asked(one, 1)) == 1
+
+
+def test_what_was_begun_as_the_database_stopped_to_answer_is_given_up_and_not_kept_alive(
+    journal: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [0.0]
+    monkeypatch.setattr(shared_study, "time", SimpleNamespace(monotonic=lambda: clock[0], sleep=lambda _: None))
+    with joined(journal) as one:
+        with monkeypatch.context() as patch:
+            patch.setattr(one, "_sampler", unanswered)
+            with pytest.raises(UnansweredError):
+                one.ask(1, 1)
+        assert asked(one, 1) == ()
+        clock[0] = 2 * shared_study.GRACE
+        assert [proposal.number for proposal in asked(one, 1)] == [1]
+
+
+def test_an_outcome_whose_receipt_was_lost_is_told_once(journal: str) -> None:
+    with joined(journal) as one:
+        (proposal,) = one.ask(1, 1)
+        assert one.tell(outcome(0, proposal.theta))
+        assert one.tell(outcome(0, proposal.theta))
+        assert list(one.outcomes()) == [0]
+
+
+def unanswered(*args: object) -> None:
+    raise UnansweredError("gone")
+
+
 def test_a_failure_that_was_told_just_before_its_trial_was_given_up_counts_once(journal: str) -> None:
     with joined(journal) as one, joined(journal) as other:
-        (proposal,) = one.ask(1, 1)
-        held = one._mine[proposal.number]
-        held.set_user_attr("softcal", {**shared_study.attributes(outcome(0, proposal.theta, None)), "failed": True})
+        (proposal,) = asked(one, 1, 1)
+        told = {**shared_study.attributes(outcome(0, proposal.theta, None)), "failed": True}
+        one._storage.say(proposal.number, "softcal", told)
         other._give_up(proposal.number)
-        assert not one.tell(outcome(0, proposal.theta, None))
-        assert other.ask(1, 1) == ()
+        assert one.tell(outcome(0, proposal.theta, None))
+        assert asked(other, 1, 1) == ()
         assert list(other.outcomes()) == [0]
 
 
 def test_signs_of_life_come_by_themselves(journal: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shared_study, "BEAT", 0.01)
     with joined(journal) as one, study_at(journal) as study:
-        one.ask(1, 1)
+        asked(one, 1, 1)
         while study.trials[0].user_attrs.get("beat", 0) < 2:
             pass
 
 
 def test_a_mistake_of_softcals_own_is_not_told_as_the_storages(journal: str) -> None:
-    with joined(journal) as one, pytest.raises(KeyError):
-        one.tell(outcome(7, {}))
+    many: Any = "many"
+    with joined(journal) as one, pytest.raises(TypeError):
+        one.ask(many, 1)

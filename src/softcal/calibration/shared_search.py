@@ -9,13 +9,14 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from softcal.calibration.evaluator import Evaluator
-from softcal.calibration.interrupts import interrupts_held, stoppable
+from softcal.calibration.interrupts import Stop, interrupts_held, stoppable
 from softcal.calibration.live import told_live
 from softcal.calibration.optimisers.tpe import TpeOptimiser, tpe_sampler
 from softcal.calibration.outcome import Account
@@ -33,7 +34,7 @@ from softcal.calibration.search import (
     trial_of,
 )
 from softcal.calibration.shared_study import SharedStudy, StudyIdentity, require_joinable
-from softcal.calibration.storage_url import storage_url
+from softcal.calibration.storage_url import UnansweredError, storage_url
 from softcal.calibration.store import RunStore
 from softcal.calibration.stored import contradiction
 from softcal.calibration.trial_journal import JOURNAL, STUDY, StoredTrial
@@ -42,6 +43,8 @@ from softcal.executors.chosen import executor_of
 from softcal.executors.executor import Executor
 
 _PAUSE = 0.5  # [s] between two looks at the trials of others
+OUTAGE = 300.0  # [s] for which a database that does not answer is asked again
+_T = TypeVar("_T")
 _SAME = 1e-6  # relative; of a loss that is computed again on another machine
 
 
@@ -196,6 +199,43 @@ class _SharedTally:
         )
 
 
+@dataclass(frozen=True)
+class _AskedAgain:
+    """How a database is asked until it answers, unless the user wants to stop.
+
+    Attributes
+    ----------
+    stop
+        The request to stop.
+    waits
+        Called where it did not answer.
+    """
+
+    stop: Stop
+    waits: Callable[[], None]
+
+    def answer(self, ask: Callable[[], _T]) -> _T:
+        """What `ask` gives, asked again for five minutes.
+
+        Raises
+        ------
+        StorageError
+            Where it gives nothing.
+        """
+        began: float | None = None
+        while True:
+            self.stop.heed()
+            try:
+                with interrupts_held():
+                    return ask()
+            except UnansweredError:
+                began = time.monotonic() if began is None else began
+                if time.monotonic() - began >= OUTAGE:
+                    raise
+            self.waits()
+            time.sleep(_PAUSE)
+
+
 def _study(search: Search, sharing: Sharing) -> SharedStudy:
     return SharedStudy(
         storage_url(sharing.storage),
@@ -215,23 +255,18 @@ def _course(tally: _SharedTally, evaluator: Evaluator, executor: Executor, tell:
     """Take part until all trials are done; returns what interrupted it, "" where nothing did."""
     try:
         with stoppable() as stop:
+            answered = _AskedAgain(stop, lambda: tell(tally.progress("an answer of the database"))).answer
             while True:
-                stop.heed()
-                with interrupts_held():
-                    news = tally.look()
-                if news:
+                if answered(tally.look):
                     tell(tally.progress())
                 if len(tally.told) >= tally.total:
                     break
-                with interrupts_held():
-                    proposals = tally.study.ask(tally.total, executor.count)
+                proposals = answered(partial(tally.study.ask, tally.total, executor.count))
                 if not proposals:
                     tell(tally.progress("trials of other processes"))
                     time.sleep(_PAUSE)
                 for proposal, evaluation in evaluator.evaluate(proposals):
-                    stop.heed()
-                    with interrupts_held():
-                        tally.tell(proposal.number, evaluation)
+                    answered(partial(tally.tell, proposal.number, evaluation))
     except KeyboardInterrupt as asked:
         with interrupts_held(), contextlib.suppress(StorageError):
             tally.study.give_back()

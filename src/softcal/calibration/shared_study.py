@@ -14,8 +14,9 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Callable, Collection, Generator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,8 +27,9 @@ from softcal.calibration.identity import differences, identity_faults
 from softcal.calibration.long_attribute import attribute, set_attribute
 from softcal.calibration.optimiser import Proposal
 from softcal.calibration.parameters import SearchSpace
-from softcal.calibration.storage_url import StorageUrl
+from softcal.calibration.storage_url import StorageUrl, UnansweredError
 from softcal.calibration.stored import Count, Record
+from softcal.calibration.study_storage import StudyStorage
 from softcal.calibration.trial_journal import StoredTrial, as_stored, attributes
 from softcal.errors import Fault, StorageError
 
@@ -109,13 +111,15 @@ class SharedStudy:
     ) -> None:
         self._place, self._about, self._space = place, about, space
         self._seed, self._sampler = seed, sampler
-        self._mine: dict[int, optuna.trial.Trial] = {}
+        self._mine: set[int] = set()
         self._seen: dict[int, tuple[object, float]] = {}  # number -> the last sign of life, and when it was first seen
         self._outcomes: dict[int, StoredTrial] = {}
         with contextlib.ExitStack() as stack:
             storage = stack.enter_context(place.opened())
             with self._answering():
-                self._study = self._joined(storage)
+                self._storage = StudyStorage(storage)
+                self._study = self._joined(self._storage.as_optunas)
+                self._storage.choose(about.name)
             self._open = stack.pop_all()
         self._over = threading.Event()
         self._beats = threading.Thread(target=self._beat, daemon=True)
@@ -138,11 +142,16 @@ class SharedStudy:
         StorageError
             Where the study cannot be reached, or holds a trial that is none of softcal's.
         """
-        with self._answering():
-            return self._read(self._trials())
+        try:
+            with self._answering():
+                return self._read(self._storage.read())
+        except UnansweredError:
+            self._seen.clear()  # no sign of life could be seen meanwhile
+            raise
 
     def ask(self, total: int, count: int) -> tuple[Proposal, ...]:
-        """Points for this process to evaluate, at most `count`; none where all of `total` have begun.
+        """Points for this process to evaluate, at most `count`; none where all of `total` had begun when `outcomes`
+        last looked.
 
         Raises
         ------
@@ -150,23 +159,36 @@ class SharedStudy:
             Where the study cannot be reached, or holds a trial that is none of softcal's.
         """
         asked: list[Proposal] = []
-        with self._answering():
-            self._give_up_stale()
-            while len(asked) < count:
-                trials = self._trials()
-                if not any(_waits(trial) for trial in trials) and len(self._counted(trials)) >= total:
-                    break
-                trial = self._study.ask()
-                self._mine[trial.number] = trial
-                if sum(number < trial.number for number in self._counted(self._trials())) >= total:
-                    self._end(trial.number, "PRUNED")  # another process was faster
-                    continue
-                seed = np.random.SeedSequence((self._seed, trial.number)).generate_state(1)[0]
-                self._study.sampler = self._sampler(int(seed))
-                for p in self._space.parameters:
-                    trial.suggest_float(p.label, p.lower, p.upper, log=p.scale == "log")
-                asked.append(Proposal(trial.number, dict(trial.params)))
+        before = set(self._mine)
+        try:
+            with self._answering():
+                self._give_up_stale()
+                while len(asked) < count and self._wanted(total):
+                    trial = self._study.ask()
+                    self._mine.add(trial.number)
+                    if trial.number >= total and not self._first(trial.number, total):
+                        self._end(trial.number, "PRUNED")  # another process was faster
+                        self._mine.remove(trial.number)
+                        continue
+                    seed = np.random.SeedSequence((self._seed, trial.number)).generate_state(1)[0]
+                    self._study.sampler = self._sampler(int(seed))
+                    for p in self._space.parameters:
+                        trial.suggest_float(p.label, p.lower, p.upper, log=p.scale == "log")
+                    asked.append(Proposal(trial.number, dict(trial.params)))
+        except StorageError:
+            self._mine = before  # those begun here get no signs of life, and are given up in a minute
+            raise
         return tuple(asked)
+
+    def _wanted(self, total: int) -> bool:
+        """Whether a trial waits to be tried again, or fewer than `total` have begun."""
+        trials = self._storage.trials
+        waiting = any(t.state.name == "WAITING" and t.number not in self._mine for t in trials)
+        return waiting or len(_counted(trials) | self._mine) < total
+
+    def _first(self, number: int, total: int) -> bool:
+        """Whether fewer than `total` trials with lower numbers count, now that this one has begun."""
+        return sum(one < number for one in _counted(self._storage.read())) < total
 
     def tell(self, stored: StoredTrial) -> bool:
         """Record the outcome of a trial that was asked for; False where others have given it up meanwhile.
@@ -176,17 +198,20 @@ class SharedStudy:
         StorageError
             Where the study cannot be reached.
         """
+        import optuna
+
         trial, number = stored.trial, stored.trial.number
-        told = False
-        with self._answering(), _unless_ended():
-            gave = {**attributes(stored), _FAILED: trial.loss is None}
-            set_attribute(self._mine[number].set_user_attr, OUTCOME, gave)
-            if trial.loss is None:
-                self._study.tell(number, state=_state("FAIL"))
-            else:
-                self._study.tell(number, trial.loss)
-            told = True
-        self._mine.pop(number, None)
+        values = None if trial.loss is None else [trial.loss]
+        told = True
+        with self._answering():
+            try:
+                set_attribute(
+                    partial(self._storage.say, number), OUTCOME, {**attributes(stored), _FAILED: values is None}
+                )
+                self._storage.end(number, "FAIL" if values is None else "COMPLETE", values)
+            except optuna.exceptions.UpdateFinishedTrialError:
+                told = _is_outcome(self._storage.trial(number))  # as where the answer to telling it was lost
+        self._mine.discard(number)
         return told
 
     def give_back(self) -> None:
@@ -200,7 +225,7 @@ class SharedStudy:
         with self._answering():
             for number in list(self._mine):
                 self._give_up(number)
-                del self._mine[number]
+                self._mine.discard(number)
 
     def _joined(self, storage: optuna.storages.BaseStorage) -> optuna.Study:
         import optuna
@@ -224,9 +249,6 @@ class SharedStudy:
         _require_same(self._place, self._about, attribute(study.user_attrs, OUTCOME))
         return study
 
-    def _trials(self) -> list[optuna.trial.FrozenTrial]:
-        return self._study.get_trials(deepcopy=False)
-
     def _read(self, trials: Collection[optuna.trial.FrozenTrial]) -> Mapping[int, StoredTrial]:
         for frozen in trials:
             if frozen.number not in self._outcomes and _is_outcome(frozen):
@@ -244,47 +266,45 @@ class SharedStudy:
         what = f"trial {number} of the study {self._about.name} cannot be read: {why}"
         return StorageError(Fault(what, self._place.shown, attempt="another storage"))
 
-    def _counted(self, trials: Collection[optuna.trial.FrozenTrial]) -> set[int]:
-        """The numbers of the trials that have an outcome, or may still have one."""
-        return {trial.number for trial in trials if not trial.state.is_finished() or _is_outcome(trial)}
-
     def _give_up_stale(self) -> None:
         """Give up every trial of another process that has shown no sign of life for a minute."""
         now = time.monotonic()
-        running = {t.number: t.user_attrs.get(_BEAT) for t in self._trials() if t.state.name == "RUNNING"}
+        running = {t.number: t.user_attrs.get(_BEAT) for t in self._storage.trials if t.state.name == "RUNNING"}
         self._seen = {
             number: self._seen[number] if number in self._seen and self._seen[number][0] == beat else (beat, now)
             for number, beat in running.items()
             if number not in self._mine
         }
-        for number, (_, since) in self._seen.items():
-            if now - since > GRACE:
+        if stale := [number for number, (_, since) in self._seen.items() if now - since > GRACE]:
+            for number in stale:
                 self._give_up(number)
+            self._storage.read()
 
     def _give_up(self, number: int) -> None:
         """End a trial without an outcome, and have its point tried again, unless it ended before."""
         if not self._end(number, "FAIL"):
             return
-        ended = next(trial for trial in self._trials() if trial.number == number)
+        ended = self._storage.trial(number)
         if not _is_outcome(ended) and ended.params:
             self._study.enqueue_trial(ended.params, user_attrs={_RETRIED: number})
 
     def _end(self, number: int, state: str) -> bool:
         """End a trial; False where it has ended already."""
-        with _unless_ended():
-            self._study.tell(number, state=_state(state))
-            if state == "PRUNED":
-                self._mine.pop(number, None)
-            return True
-        return False
+        import optuna
+
+        try:
+            self._storage.end(number, state)
+        except optuna.exceptions.UpdateFinishedTrialError:
+            return False
+        return True
 
     def _beat(self) -> None:
         beat = 0
         while not self._over.wait(BEAT):
             beat += 1
-            for trial in list(self._mine.values()):
+            for number in list(self._mine):
                 with contextlib.suppress(StorageError), self._answering():
-                    trial.set_user_attr(_BEAT, beat)
+                    self._storage.say(number, _BEAT, beat)
 
     def _answering(self) -> contextlib.AbstractContextManager[None]:
         return self._place.answering()
@@ -309,14 +329,9 @@ def _require_same(place: StorageUrl, wanted: StudyIdentity, held: Any) -> None:
         raise StorageError(faults)
 
 
-def _state(name: str) -> optuna.trial.TrialState:
-    import optuna
-
-    return optuna.trial.TrialState[name]
-
-
-def _waits(trial: optuna.trial.FrozenTrial) -> bool:
-    return trial.state.name == "WAITING"
+def _counted(trials: Collection[optuna.trial.FrozenTrial]) -> set[int]:
+    """The numbers of the trials that have an outcome, or may still have one."""
+    return {trial.number for trial in trials if not trial.state.is_finished() or _is_outcome(trial)}
 
 
 def _is_outcome(trial: optuna.trial.FrozenTrial) -> bool:
@@ -325,17 +340,3 @@ def _is_outcome(trial: optuna.trial.FrozenTrial) -> bool:
         return trial.state.name == "COMPLETE"
     held = attribute(trial.user_attrs, OUTCOME)
     return isinstance(held, dict) and held.get(_FAILED) is True
-
-
-@contextlib.contextmanager
-def _unless_ended() -> Generator[None]:
-    """Leave the block where the trial that is changed has already ended, such as by another process."""
-    import optuna
-
-    try:
-        yield
-    except optuna.exceptions.UpdateFinishedTrialError:
-        pass
-    except ValueError as error:
-        if "Cannot tell a" not in str(error):
-            raise

@@ -49,6 +49,10 @@ _ALLOWED = (
 )
 
 
+class UnansweredError(StorageError):
+    """A database that did not do what it was asked, such as while it is started again; it may, later."""
+
+
 @dataclass(frozen=True)
 class StorageUrl:
     """The place of a shared study.
@@ -147,7 +151,8 @@ class StorageUrl:
             if isinstance(error, BROKEN) and _raised_here(error):
                 raise
             got = self._without_secret(_reason(error))
-            raise StorageError(Fault("the shared study cannot be reached", self.shown, got)) from None
+            kind = UnansweredError if self.url and not isinstance(error, BROKEN) else StorageError
+            raise kind(Fault("the shared study cannot be reached", self.shown, got)) from None
 
     def _silent(self, got: str) -> StorageError:
         attempt = "the address, its port, and whether the server runs"

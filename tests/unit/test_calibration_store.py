@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -398,3 +399,27 @@ def test_trials_are_read_while_another_process_writes_them(tmp_path: Path) -> No
     held = stored_trials(folder)
     assert [stored.trial for stored in held.values()] == list(load_result(folder).trials)
     assert any(stored.arrays is not None and stored.arrays.is_file() for stored in held.values())
+
+
+def test_a_process_that_is_killed_as_a_run_begins_leaves_nothing_that_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, space = tmp_path / "run", problem_of().space
+    about: dict[str, Any] = {"identity": {}, "settings": {}, "versions": {}, "files": {"about.txt": "a"}}
+    written: list[str] = []
+
+    def killed(path: Path, text: str) -> None:
+        path.write_text(text)
+        written.append(path.name)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        # What was written so far stays, and nothing is tidied up.
+        patched.setattr("softcal.calibration.store.write_text", killed)
+        patched.setattr("softcal.calibration.store.shutil.rmtree", lambda *_, **__: None)
+        with pytest.raises(KeyboardInterrupt):
+            RunStore.create(folder, space, **about)
+    assert written == ["about.txt"]
+    assert not folder.exists()
+    with RunStore.create(folder, space, **about):
+        assert {path.name for path in folder.iterdir()} >= {"about.txt", "run.json"}

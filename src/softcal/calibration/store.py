@@ -13,6 +13,8 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
+import tempfile
 from collections.abc import Generator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO
@@ -101,11 +103,20 @@ class RunStore:
                         attempt="another folder, or --resume to go on with the run in it",
                     )
                 )
-            folder.mkdir(parents=True, exist_ok=True)
-        for name, text in (files or {}).items():
-            write_text(folder / name, text)
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            # Whole or not at all: a process that is killed here leaves nothing that a resumed run would refuse.
+            part = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
         about = {"format": _FORMAT, "identity": dict(identity), "settings": dict(settings), "versions": dict(versions)}
-        write_text(folder / RECORD, json.dumps(about, indent=2))
+        try:
+            for name, text in {**(files or {}), RECORD: json.dumps(about, indent=2)}.items():
+                write_text(part / name, text)
+            with storing(folder):
+                part.chmod(0o755)
+                if folder.is_dir():
+                    folder.rmdir()
+                part.rename(folder)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
         return cls(folder, space, settings.get("batch", 1))
 
     @classmethod

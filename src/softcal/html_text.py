@@ -1,7 +1,8 @@
-"""Small tables as HTML, for notebooks; every text is escaped."""
+"""Small tables and pictures as HTML, for notebooks; every text is escaped."""
 
 from __future__ import annotations
 
+import base64
 import html
 import math
 from collections.abc import Iterable, Sequence
@@ -54,6 +55,12 @@ def curve(values: Iterable[float]) -> Markup:
     )
     line = f'<polyline points="{points}" fill="none" stroke="#0072b2" stroke-width="1.5"/>'
     return Markup(f'<svg width="{_WIDTH}" height="{_HEIGHT}" role="img">{line}</svg>')
+
+
+def picture(png: bytes, what: str) -> Markup:
+    """A picture in line; what: what it shows, for those who do not see it."""
+    data = base64.b64encode(png).decode("ascii")
+    return Markup(f'<img src="data:image/png;base64,{data}" alt="{html.escape(what, quote=True)}"/>')
 
 
 def _escaped(value: object) -> str:

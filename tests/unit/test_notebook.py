@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import base64
 import math
 from dataclasses import replace
 from html.parser import HTMLParser
+from io import BytesIO
 
+import numpy as np
 import pytest
+from PIL import Image
 from project_case import write_project
 
 import softcal
 from softcal.calibration.result import CalibrationResult, Note
-from softcal.html_text import MOST_ROWS, curve, heading, html_table, paragraph
+from softcal.html_text import MOST_ROWS, curve, heading, html_table, paragraph, picture
+from softcal.pictures import pictures_of
 from softcal.project.project import Project
+from softcal.report import notebook
+from softcal.report.scene import Projection, Surface
+from softcal.report.sketch import draw_sketch
+from softcal.report.style import as_png
 
 SCRIPT = "<script>alert(1)</script>"
 
@@ -23,17 +32,22 @@ class Cells(HTMLParser):
     def __init__(self, text: str) -> None:
         super().__init__()
         self.texts: list[str] = []
+        self.pictures: list[bytes] = []
         self._open: list[str] = []
         self.feed(text)
         assert self._open == []
 
-    def handle_starttag(self, tag: str, attrs: object) -> None:
-        assert tag in ("table", "thead", "tbody", "tr", "th", "td", "div", "b", "svg", "polyline")
-        if tag != "polyline":
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        assert tag in ("table", "thead", "tbody", "tr", "th", "td", "div", "b", "svg", "polyline", "img")
+        if tag == "img":
+            kind, _, data = str(dict(attrs)["src"]).partition(",")
+            assert kind == "data:image/png;base64"
+            self.pictures.append(base64.b64decode(data))
+        elif tag != "polyline":
             self._open.append(tag)
 
     def handle_endtag(self, tag: str) -> None:
-        if tag != "polyline":
+        if tag not in ("polyline", "img"):
             assert self._open.pop() == tag
 
     def handle_data(self, data: str) -> None:
@@ -110,3 +124,78 @@ def test_a_curve_of_any_values():
     assert 'points="0.0,23.0 60.0,23.0 120.0,23.0"' in curve([5.0] * 3)
     assert "nan" not in curve([1.0, math.nan, math.inf, 3.0])
     assert len(curve(range(100000))) < 3000
+
+
+def pixels(png: bytes) -> np.ndarray:
+    """RGB (height, width, 3) of a picture."""
+    return np.asarray(Image.open(BytesIO(png)).convert("RGB"), dtype=np.int64)
+
+
+def coloured(png: bytes) -> float:
+    """The share of a picture's pixels that are neither white nor grey."""
+    return float((np.ptp(pixels(png), axis=2) > 25).mean())
+
+
+def blue(png: bytes) -> float:
+    """The share of a picture's pixels that are blue, as the largest displacements are."""
+    shown = pixels(png)
+    return float((shown[:, :, 2] - shown[:, :, 0] > 60).mean())
+
+
+def test_a_project_is_shown_with_its_robot(project: Project):
+    (robot,) = Cells(project._repr_html_()).pictures
+    assert (pixels(robot) < 250).any(axis=2).mean() > 0.05
+    assert coloured(robot) > 0.002  # its cable
+
+
+def test_a_response_is_shown_where_it_has_shapes(project: Project):
+    assert Cells(softcal.simulate(project)._repr_html_()).pictures == []
+    response = softcal.simulate(project, snapshots=True)
+    (shape,) = Cells(response._repr_html_()).pictures
+    assert coloured(shape) > 0.02
+    assert ((pixels(shape) < 240).all(axis=2) & (np.ptp(pixels(shape), axis=2) < 20)).mean() > 0.01  # at rest, grey
+    assert blue(shape) > 0.02
+    still = replace(response, snapshots=(response.snapshots[0],) * 2)
+    (unmoved,) = Cells(still._repr_html_()).pictures
+    assert blue(unmoved) == 0.0  # nothing has moved
+
+
+def test_a_result_is_shown_with_its_losses_and_its_fit(result: CalibrationResult):
+    assert len(Cells(result._repr_html_()).pictures) == 2
+    assert len(Cells(replace(result, trials=())._repr_html_()).pictures) == 1
+    assert len(Cells(replace(result, experiments={})._repr_html_()).pictures) == 1
+    many = {f"pull {k}": result.experiments["pull"] for k in range(notebook.MOST + 2)}
+    assert len(Cells(replace(result, experiments=many)._repr_html_()).pictures) == 1 + notebook.MOST
+
+
+def test_what_cannot_be_drawn_is_no_picture_and_the_tables_are_there(
+    project: Project, result: CalibrationResult, monkeypatch: pytest.MonkeyPatch
+):
+    def broken(*_: object) -> None:
+        raise RuntimeError("no canvas")
+
+    monkeypatch.setattr(notebook, "as_png", broken)
+    response = softcal.simulate(project, snapshots=True)
+    for thing in (project, result, response):
+        cells = Cells(thing._repr_html_())
+        assert (cells.pictures, len(cells.texts) > 5) == ([], True)
+    assert pictures_of(object()) == ()
+
+
+def test_a_sketch_shows_what_is_nearer_over_what_is_further():
+    x, y, z = np.eye(3)
+    camera = Projection(x, y, z, (0.0, 1.0, 0.0, 1.0))
+    square, cells = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0]], dtype=float), np.array([[0, 1, 2]])
+    near, far = Surface(square + z, cells, colour="red"), Surface(square, cells, colour="blue")
+
+    def middle(*layers: list[Surface]) -> tuple[int, ...]:
+        shown = pixels(as_png(draw_sketch(layers[0], camera, *layers[1:]), 40.0))
+        return tuple(shown[shown.shape[0] // 2, shown.shape[1] // 2].tolist())
+
+    red, blue = (255, 0, 0), (0, 0, 255)
+    assert middle([near, far]) == middle([far, near]) == red
+    assert middle([far], [near]) == blue  # what is behind is covered by the others
+
+
+def test_what_a_picture_shows_is_escaped():
+    assert picture(b"png", '"><script>') == ('<img src="data:image/png;base64,cG5n" alt="&quot;&gt;&lt;script&gt;"/>')

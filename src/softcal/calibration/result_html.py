@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from softcal.calibration.result import Estimate, SearchResult
-from softcal.html_text import heading, html_table, paragraph
+from softcal.html_text import heading, html_table, paragraph, picture
+from softcal.pictures import pictures_of
 from softcal.units import digits_that_tell, format_quantity, format_range
 
 
@@ -14,6 +15,7 @@ def result_html(result: SearchResult) -> str:
     failed = f", {result.n_failed_trials} of them failed" if result.n_failed_trials else ""
     parts = [heading(told + failed), html_table(["parameter", "value", "95 % interval", "bounds"], rows)]
     parts += [paragraph(result.status), *(paragraph(f"{note.level.capitalize()}: {note}") for note in result.notes)]
+    parts += [picture(png, "loss and fit") for png in pictures_of(result)]
     return "".join(parts)
 
 

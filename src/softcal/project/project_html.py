@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from softcal.html_text import heading, html_table, paragraph
+from softcal.html_text import heading, html_table, paragraph, picture
+from softcal.pictures import pictures_of
 from softcal.project.project import Project
 from softcal.units import format_quantity, format_range
 
@@ -29,4 +30,5 @@ def project_html(project: Project) -> str:
     found += [html_table(["experiment", "samples", "driven", "compared"], experiments)] if experiments else []
     found += [html_table(["free parameter", "bounds", "scale"], rows)] if rows else []
     found += [html_table(["fixed parameter", "value"], held)] if held else []
-    return "".join([*found, *(paragraph(f"Warning: {warning}") for warning in project.warnings)])
+    found += [paragraph(f"Warning: {warning}") for warning in project.warnings]
+    return "".join([*found, *(picture(png, "robot") for png in pictures_of(project.robot))])

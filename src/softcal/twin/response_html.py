@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from softcal.html_text import curve, heading, html_table, paragraph
+from softcal.html_text import curve, heading, html_table, paragraph, picture
+from softcal.pictures import pictures_of
 from softcal.twin.response import Response
 from softcal.units import format_quantity
 
@@ -27,5 +28,6 @@ def response_html(response: Response) -> str:
             heading(f"{'' if response.succeeded else 'Failed: '}{response.status}"),
             html_table(["channel", "least", "largest", "last", f"over {samples} samples"], rows),
             *(paragraph(f"Warning: {warning}") for warning in response.warnings),
+            *(picture(png, "shape") for png in pictures_of(response)),
         ]
     )

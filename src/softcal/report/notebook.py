@@ -1,0 +1,96 @@
+"""What a notebook shows of robots, responses and results beside their tables; see `softcal.pictures`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+
+import numpy as np
+
+from softcal.calibration.result import CalibrationResult, ExperimentFit
+from softcal.experiments.dataset import Channel, Dataset
+from softcal.geometry.surface import boundary_triangles
+from softcal.pictures import drawn
+from softcal.report.content import ExperimentContent, ReportContent
+from softcal.report.scene import Part, Surface, Tube, bending_camera, length_scale
+from softcal.report.sketch import draw_sketch
+from softcal.report.style import DISPLACEMENT, FAINT, ORANGE, as_png
+from softcal.twin.response import Response, Snapshot
+from softcal.twin.robot import Robot
+
+FINE = 90.0  # [dots per inch]
+MOST = 3  # experiments whose fit is shown
+JOINT = "joint"
+_ROD, _CABLE = 0.015, 0.007  # radii over the size of the robot
+
+
+@drawn.register
+def robot_picture(robot: Robot) -> Iterator[bytes]:
+    """The robot at rest, with its regions, cables and loads."""
+    from softcal.report.check_figures import robot_scenes
+
+    scenes, cameras = robot_scenes(robot)
+    yield as_png(draw_sketch(scenes[0].parts, cameras[0]), FINE)
+
+
+@drawn.register
+def response_picture(response: Response) -> Iterator[bytes]:
+    """The shape that is furthest from the first one, coloured by displacement, over the first one in grey."""
+    if len(response.snapshots) < 2:
+        return
+    rest = response.snapshots[0]
+    bent = max(response.snapshots[1:], key=lambda shape: max(float(d.max()) for d in _moved(rest, shape).values()))
+    moved = _moved(rest, bent)
+    start, end = (np.concatenate([*shape.points.values(), *shape.rods.values()]) for shape in (rest, bent))
+    size, away = length_scale(start), np.linalg.norm(end - start, axis=1)
+    # A response knows no direction of gravity: its longest axis is upright, with the end that moves on top.
+    middle = start - start.mean(axis=0)
+    up = np.linalg.eigh(middle.T @ middle)[1][:, -1]
+    up = up if away @ (middle @ up) >= 0.0 else -up
+    parts, behind = _parts(response, bent, moved, size), _parts(response, rest, None, size)
+    cables = [path for shape in (rest, bent) for path in shape.cables.values()]
+    camera = bending_camera(np.concatenate([start, end, *cables]), up, (end - start).mean(axis=0))
+    yield as_png(draw_sketch(parts, camera, behind), FINE)
+
+
+@drawn.register
+def result_pictures(result: CalibrationResult) -> Iterator[bytes]:
+    """The loss against the trials, and the first experiments, measured and simulated."""
+    from softcal.report.figures.distances import distances
+    from softcal.report.figures.history import history
+    from softcal.report.figures.trajectory import trajectory
+
+    experiments = {name: _experiment(name, fit) for name, fit in result.experiments.items()}
+    label = next(iter(experiments)) if len(experiments) == 1 else JOINT
+    content = ReportContent("", {label: result}, experiments)
+    for figure, most in ((history, 1), (trajectory, MOST), (distances, 1)):
+        for drawing in islice(figure(content), most):
+            yield as_png(drawing.figure, FINE)
+
+
+def _moved(rest: Snapshot, shape: Snapshot) -> dict[str, np.ndarray]:
+    """Displacement of every node of each body and rod [m]."""
+    moved = {name: np.linalg.norm(x - rest.points[name], axis=1) for name, x in shape.points.items()}
+    return moved | {name: np.linalg.norm(x - rest.rods[name], axis=1) for name, x in shape.rods.items()}
+
+
+def _parts(response: Response, shape: Snapshot, moved: dict[str, np.ndarray] | None, size: float) -> list[Part]:
+    """Bodies, rods and cables of a shape; moved [m]: displacements that colour it, grey and without cables if None."""
+    from matplotlib import colormaps
+
+    largest = max((float(d.max()) for d in (moved or {}).values()), default=0.0) or 1.0
+    shades = {name: colormaps[DISPLACEMENT](d / largest)[:, :3] for name, d in (moved or {}).items()}
+    parts: list[Part] = [
+        Surface(shape.points[name], boundary_triangles(tets), colour=shades.get(name, FAINT))
+        for name, tets in response.tets.items()
+    ]
+    parts += [Tube(nodes, _ROD * size, colour=shades.get(name, FAINT)) for name, nodes in shape.rods.items()]
+    cables = {} if moved is None else shape.cables
+    return parts + [Tube(path, _CABLE * size, colour=ORANGE) for path in cables.values()]
+
+
+def _experiment(name: str, fit: ExperimentFit) -> ExperimentContent:
+    """The samples that a fit holds, over the channel that drove the twin."""
+    data = Dataset(name, {one: Channel(values, fit.units[one]) for one, values in fit.measured.items()})
+    drive = next((one for one in fit.measured if one not in fit.simulated and one != "time"), "")
+    return ExperimentContent(name, data, data, drive=drive)

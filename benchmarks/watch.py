@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -27,6 +26,7 @@ import psutil
 
 from benchmarks.machine import load as machine_load
 from benchmarks.section import table
+from softcal.processes import beside
 from softcal.watch.trials import TrialReader
 
 HERE = Path(__file__).resolve().parent
@@ -106,21 +106,18 @@ def difference(before: Spent, after: Spent) -> Spent:
 def served(run: Path, *, browser: bool) -> Generator[Shown]:
     """The page of a run, and a browser that looks at it; both have settled."""
     command = [sys.executable, "-m", "softcal", "watch", str(run), "--no-browser", "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as page:
+    with beside(command) as page:
         assert page.stdout is not None
         address = page.stdout.readline().removeprefix("Page: ").split(" ")[0].strip()
         process = psutil.Process(page.pid)
-        try:
-            if not browser:
-                time.sleep(SETTLED)
-                yield Shown(process, None)
-                return
-            with looking(address) as looker:
-                wait_for(lambda: any(one.status == "ESTABLISHED" for one in process.net_connections("tcp")))
-                time.sleep(SETTLED)
-                yield Shown(process, looker)
-        finally:
-            page.send_signal(signal.SIGINT)
+        if not browser:
+            time.sleep(SETTLED)
+            yield Shown(process, None)
+            return
+        with looking(address) as looker:
+            wait_for(lambda: any(one.status == "ESTABLISHED" for one in process.net_connections("tcp")))
+            time.sleep(SETTLED)
+            yield Shown(process, looker)
 
 
 @contextmanager
@@ -130,12 +127,8 @@ def looking(address: str) -> Generator[psutil.Process]:
     if found is None:
         raise SystemExit("There is no Chromium on this machine.")
     with tempfile.TemporaryDirectory(prefix="chromium-", ignore_cleanup_errors=True) as profile:
-        command = [found, *CHROMIUM, f"--user-data-dir={profile}", address]
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-            try:
-                yield psutil.Process(process.pid)
-            finally:
-                process.terminate()
+        with beside([found, *CHROMIUM, f"--user-data-dir={profile}", address]) as process:
+            yield psutil.Process(process.pid)
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
@@ -150,14 +143,11 @@ def wait_for(condition: Callable[[], bool]) -> None:
 @contextmanager
 def searching(run: Path) -> Generator[TrialReader]:
     """A calibration that goes on; its trials."""
-    with subprocess.Popen(calibrate(run, ENDLESS), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        place = run / "calibrations" / "joint"
-        trials = TrialReader(place)
-        try:
-            wait_for(lambda: place.is_dir() and len(trials.read()) >= 20)
-            yield trials
-        finally:
-            process.kill()
+    place = run / "calibrations" / "joint"
+    trials = TrialReader(place)
+    with beside(calibrate(run, ENDLESS)):
+        wait_for(lambda: place.is_dir() and len(trials.read()) >= 20)
+        yield trials
 
 
 def calibrate(run: Path, trials: int) -> list[str]:
@@ -255,8 +245,8 @@ def main() -> None:
                 finished.append(window(kind, arguments.seconds, shown, None))
                 drawing = spent(shown).twin
             print(finished[-1])
-        beside = beside_a_search(Path(place, "searching"), arguments.seconds, arguments.rounds)
-    arguments.out.write_text(page(finished, drawing, beside, load), encoding="utf-8")
+        windows = beside_a_search(Path(place, "searching"), arguments.seconds, arguments.rounds)
+    arguments.out.write_text(page(finished, drawing, windows, load), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -68,3 +68,21 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("no ../shared/data beside the repository")
     return folder
+
+
+@pytest.fixture(scope="module")
+def postgresql() -> Generator[str]:
+    """The URL of a PostgreSQL server of the test's own."""
+    from postgres_server import postgres
+
+    with postgres() as url:
+        yield url
+
+
+@pytest.fixture(scope="module")
+def mysql() -> Generator[str]:
+    """The URL of a MariaDB server of the test's own."""
+    from mariadb_server import mariadb
+
+    with mariadb() as url:
+        yield url

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from functools import singledispatch
 from importlib import import_module
 
-_HOME = "softcal.report.notebook"  # by its name: it stands above the layers that it draws
+_HOME = "softcal.report.notebook"  # imported when it is needed: it is in a layer above those that ask for pictures
 
 
 @singledispatch

@@ -416,7 +416,7 @@ def test_a_process_that_is_killed_as_a_run_begins_leaves_nothing_that_is_refused
     with monkeypatch.context() as patched:
         # What was written so far stays, and nothing is tidied up.
         patched.setattr("softcal.calibration.store.write_text", killed)
-        patched.setattr("softcal.calibration.store.shutil.rmtree", lambda *_, **__: None)
+        patched.setattr("shutil.rmtree", lambda *_, **__: None)
         with pytest.raises(KeyboardInterrupt):
             RunStore.create(folder, space, **about)
     assert written == ["about.txt"]

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import signal
-from collections.abc import Generator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from mariadb_server import mariadb
-from postgres_server import postgres, postgres_folder, postgres_served
+from postgres_server import postgres_folder, postgres_served
 from shared_processes import at_end, joined, outcome, processes, require_whole, shared, until
 
 from softcal.calibration import shared_study, storage_url
@@ -22,18 +20,6 @@ from softcal.calibration.trial_journal import stored_trials
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shared_study, "BEAT", 0.2)
     monkeypatch.setattr(shared_study, "GRACE", 2.0)
-
-
-@pytest.fixture(scope="module")
-def postgresql() -> Generator[str]:
-    with postgres() as url:
-        yield url
-
-
-@pytest.fixture(scope="module")
-def mysql() -> Generator[str]:
-    with mariadb() as url:
-        yield url
 
 
 @pytest.fixture(params=["journal", "postgresql", "mysql"])

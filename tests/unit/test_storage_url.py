@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import re
 import socket
-from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 from database_folder import PASSWORD
-from mariadb_server import mariadb
-from postgres_server import postgres
 from project_case import write_project
 
 from softcal.calibration import storage_url
@@ -18,18 +15,6 @@ from softcal.calibration.result_reading import load_result
 from softcal.calibration.storage_url import StorageUrl
 from softcal.cli import main
 from softcal.errors import StorageError
-
-
-@pytest.fixture(scope="module")
-def server() -> Generator[str]:
-    with postgres() as url:
-        yield url
-
-
-@pytest.fixture(scope="module")
-def mysql() -> Generator[str]:
-    with mariadb() as url:
-        yield url
 
 
 @pytest.mark.parametrize(
@@ -103,13 +88,13 @@ def test_a_server_that_is_not_there_or_is_silent_is_told(
 
 
 def test_a_wrong_password_or_database_is_told_and_never_shown(
-    server: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    postgresql: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    wrong = server.replace("s3cret", "0ther")
+    wrong = postgresql.replace("s3cret", "0ther")
     err = refused_by_calibrate(capsys, tmp_path, wrong)
     assert "password authentication failed" in err
     assert "0ther" not in err
-    err = refused_by_calibrate(capsys, tmp_path, server.replace("/postgres", "/nowhere"))
+    err = refused_by_calibrate(capsys, tmp_path, postgresql.replace("/postgres", "/nowhere"))
     assert 'database "nowhere" does not exist' in err
     assert PASSWORD not in err
     assert "s3cret" not in err
@@ -140,11 +125,11 @@ def test_a_journal_is_not_made_where_the_run_is_refused(capsys: pytest.CaptureFi
 
 
 def test_calibrate_shares_a_projects_search_by_a_database(
-    server: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    postgresql: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     """Its words, and what is typed to go on, do not show the password."""
     path = write_project(tmp_path / "p")
-    command = ["calibrate", str(path), "--method", "tpe", "--trials", "4", "--no-report", "--storage", server]
+    command = ["calibrate", str(path), "--method", "tpe", "--trials", "4", "--no-report", "--storage", postgresql]
     for name in ("a", "b"):
         with pytest.raises(SystemExit) as left:
             main([*command, "--out", str(tmp_path / name)])
@@ -155,7 +140,7 @@ def test_calibrate_shares_a_projects_search_by_a_database(
     held = "".join(f.read_text(errors="replace") for f in tmp_path.rglob("*") if f.is_file())
     said = capsys.readouterr()
     assert "s3cret" not in held + said.out + said.err
-    err = refused_by_calibrate(capsys, tmp_path / "again", server, "--seed", "7")
+    err = refused_by_calibrate(capsys, tmp_path / "again", postgresql, "--seed", "7")
     assert "the shared study began with other settings: seed; got 7; allowed: 1" in err
 
 

@@ -199,41 +199,28 @@ class _SharedTally:
         )
 
 
-@dataclass(frozen=True)
-class _AskedAgain:
-    """How a database is asked until it answers, unless the user wants to stop.
+def _answer(stop: Stop, waits: Callable[[], None], ask: Callable[[], _T]) -> _T:
+    """What `ask` gives, asked again for five minutes where the database does not answer, unless the user stops.
 
-    Attributes
-    ----------
-    stop
-        The request to stop.
-    waits
-        Called where it did not answer.
+    waits: called each time that it did not answer.
+
+    Raises
+    ------
+    StorageError
+        Where it gives nothing.
     """
-
-    stop: Stop
-    waits: Callable[[], None]
-
-    def answer(self, ask: Callable[[], _T]) -> _T:
-        """What `ask` gives, asked again for five minutes.
-
-        Raises
-        ------
-        StorageError
-            Where it gives nothing.
-        """
-        began: float | None = None
-        while True:
-            self.stop.heed()
-            try:
-                with interrupts_held():
-                    return ask()
-            except UnansweredError:
-                began = time.monotonic() if began is None else began
-                if time.monotonic() - began >= OUTAGE:
-                    raise
-            self.waits()
-            time.sleep(_PAUSE)
+    began: float | None = None
+    while True:
+        stop.heed()
+        try:
+            with interrupts_held():
+                return ask()
+        except UnansweredError:
+            began = time.monotonic() if began is None else began
+            if time.monotonic() - began >= OUTAGE:
+                raise
+        waits()
+        time.sleep(_PAUSE)
 
 
 def _study(search: Search, sharing: Sharing) -> SharedStudy:
@@ -255,7 +242,10 @@ def _course(tally: _SharedTally, evaluator: Evaluator, executor: Executor, tell:
     """Take part until all trials are done; returns what interrupted it, "" where nothing did."""
     try:
         with stoppable() as stop:
-            answered = _AskedAgain(stop, lambda: tell(tally.progress("an answer of the database"))).answer
+
+            def answered(ask: Callable[[], _T]) -> _T:
+                return _answer(stop, lambda: tell(tally.progress("an answer of the database")), ask)
+
             while True:
                 if answered(tally.look):
                     tell(tally.progress())

@@ -13,8 +13,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import shutil
-import tempfile
 from collections.abc import Generator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO
@@ -28,6 +26,7 @@ from softcal.calibration.result import Trial
 from softcal.calibration.stored import Record, read_record
 from softcal.calibration.trial_journal import ARRAYS, JOURNAL, StoredTrial, TrialJournal, arrays_file, mend
 from softcal.errors import Fault, StorageError
+from softcal.whole_folder import whole_folder
 
 RECORD, RESULT = "run.json", "result.json"
 _FORMAT = 2
@@ -104,19 +103,11 @@ class RunStore:
                     )
                 )
             folder.parent.mkdir(parents=True, exist_ok=True)
-            # Whole or not at all: a process that is killed here leaves nothing that a resumed run would refuse.
-            part = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
         about = {"format": _FORMAT, "identity": dict(identity), "settings": dict(settings), "versions": dict(versions)}
-        try:
+        # A process that is killed here leaves nothing that a resumed run would refuse.
+        with storing(folder), whole_folder(folder) as part:
             for name, text in {**(files or {}), RECORD: json.dumps(about, indent=2)}.items():
                 write_text(part / name, text)
-            with storing(folder):
-                part.chmod(0o755)
-                if folder.is_dir():
-                    folder.rmdir()
-                part.rename(folder)
-        finally:
-            shutil.rmtree(part, ignore_errors=True)
         return cls(folder, space, settings.get("batch", 1))
 
     @classmethod

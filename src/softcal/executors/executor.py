@@ -50,7 +50,7 @@ class Executor(concurrent.futures.Executor, ABC):
 
     name: ClassVar[str]
     summary: ClassVar[str]
-    _shared: tuple[object, object] | None = None  # the last shared object, and what stands for it
+    _shared: tuple[object, object] | None = None  # the object that was shared last, and what `sent` gave for it
 
     @classmethod
     @abstractmethod

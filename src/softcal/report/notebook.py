@@ -12,7 +12,9 @@ from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.surface import boundary_triangles
 from softcal.pictures import drawn
 from softcal.report.content import ExperimentContent, ReportContent
+from softcal.report.judged import JOINT
 from softcal.report.scene import Part, Surface, Tube, bending_camera, length_scale
+from softcal.report.scene_twin import displacements
 from softcal.report.sketch import draw_sketch
 from softcal.report.style import DISPLACEMENT, FAINT, ORANGE, as_png
 from softcal.twin.response import Response, Snapshot
@@ -20,7 +22,6 @@ from softcal.twin.robot import Robot
 
 FINE = 90.0  # [dots per inch]
 MOST = 3  # experiments whose fit is shown
-JOINT = "joint"
 _ROD, _CABLE = 0.015, 0.007  # radii over the size of the robot
 
 
@@ -39,8 +40,10 @@ def response_picture(response: Response) -> Iterator[bytes]:
     if len(response.snapshots) < 2:
         return
     rest = response.snapshots[0]
-    bent = max(response.snapshots[1:], key=lambda shape: max(float(d.max()) for d in _moved(rest, shape).values()))
-    moved = _moved(rest, bent)
+    bent = max(
+        response.snapshots[1:], key=lambda shape: max(float(d.max()) for d in displacements(rest, shape).values())
+    )
+    moved = displacements(rest, bent)
     start, end = (np.concatenate([*shape.points.values(), *shape.rods.values()]) for shape in (rest, bent))
     size, away = length_scale(start), np.linalg.norm(end - start, axis=1)
     # A response knows no direction of gravity: its longest axis is upright, with the end that moves on top.
@@ -66,12 +69,6 @@ def result_pictures(result: CalibrationResult) -> Iterator[bytes]:
     for figure, most in ((history, 1), (trajectory, MOST), (distances, 1)):
         for drawing in islice(figure(content), most):
             yield as_png(drawing.figure, FINE)
-
-
-def _moved(rest: Snapshot, shape: Snapshot) -> dict[str, np.ndarray]:
-    """Displacement of every node of each body and rod [m]."""
-    moved = {name: np.linalg.norm(x - rest.points[name], axis=1) for name, x in shape.points.items()}
-    return moved | {name: np.linalg.norm(x - rest.rods[name], axis=1) for name, x in shape.rods.items()}
 
 
 def _parts(response: Response, shape: Snapshot, moved: dict[str, np.ndarray] | None, size: float) -> list[Part]:

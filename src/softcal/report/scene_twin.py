@@ -46,7 +46,7 @@ def twin_scenes(view: TwinView) -> TwinScenes:
 
     Slack cables are grey if any cable is taut.
     """
-    moved = displacements(view)
+    moved = displacements(view.rest, view.bent)
     largest = max(float(values.max()) for values in moved.values())
     scenes = [
         Scene(snapshot.label, *twin_parts(view, snapshot, {name: shift * d for name, d in moved.items()}, largest))
@@ -57,10 +57,10 @@ def twin_scenes(view: TwinView) -> TwinScenes:
     return TwinScenes(pair, bending_camera(extent_points(pair), up, towards), largest)
 
 
-def displacements(view: TwinView) -> dict[str, Floats]:
-    """Displacement magnitude of every node of each body and rod from rest [m]."""
-    moved = {body: np.linalg.norm(view.bent.points[body] - view.rest.points[body], axis=1) for body in view.tets}
-    return moved | {rod: np.linalg.norm(nodes - view.rest.rods[rod], axis=1) for rod, nodes in view.bent.rods.items()}
+def displacements(rest: Snapshot, bent: Snapshot) -> dict[str, Floats]:
+    """Displacement magnitude of every node of each body and rod between two shapes [m]."""
+    moved = {body: np.linalg.norm(points - rest.points[body], axis=1) for body, points in bent.points.items()}
+    return moved | {rod: np.linalg.norm(nodes - rest.rods[rod], axis=1) for rod, nodes in bent.rods.items()}
 
 
 def cable_radius(robot: Robot, size: float) -> float:

@@ -29,7 +29,7 @@ def start_scenes(
 ) -> StartScenes | None:
     """The undeformed shape and the most displaced ones, coloured by displacement; None if nothing moved."""
     views = {name: TwinView(robot, undeformed, shape, tets) for name, shape in shapes.items()}
-    moved = {name: displacements(view) for name, view in views.items()}
+    moved = {name: displacements(view.rest, view.bent) for name, view in views.items()}
     furthest = {name: max(float(d.max()) for d in parts.values()) for name, parts in moved.items()}
     largest = max(furthest.values(), default=0.0)
     if largest <= 0.0:

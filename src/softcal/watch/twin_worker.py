@@ -108,7 +108,7 @@ def _shape(at_values: Project, names: Sequence[str], known: Mapping[str, Respons
     rest, bent = scenes.scenes
     outlines = [part for part in rest.parts if isinstance(part, Surface)]
     path.write_bytes(scene_glb(bent.parts, outlines, *_axes(found)))
-    largest = max((float(values.max()) for values in displacements(found).values()), default=0.0)
+    largest = max((float(values.max()) for values in displacements(found.rest, found.bent).values()), default=0.0)
     return {"title": found.bent.label, "largest": largest}
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from softcal.errors import Fault, StorageError
+from softcal.whole_folder import whole_folder
 
 ANOTHER = "another --out"
 
@@ -56,19 +56,11 @@ def new_folder(folder: Path, attempt: str = ANOTHER) -> Generator[Path]:
     absent = [parent for parent in folder.absolute().parents if not parent.exists()]
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    try:
-        yield part
-        part.chmod(0o755)
-        if folder.is_dir():
-            folder.rmdir()
-        part.rename(folder)
+        with whole_folder(folder) as part:
+            yield part
     except OSError as error:
         raise unwritable(folder, error) from error
     finally:
-        shutil.rmtree(part, ignore_errors=True)
         for parent in absent:
             with suppress(OSError):  # it holds the folder, or something else by now
                 parent.rmdir()

@@ -51,7 +51,9 @@ def draw_configurations(compared: Compared, estimates: Mapping[str, Estimate]) -
     from softcal.report.style import RED, SKY
 
     views = compared.configurations
-    largest = max(float(values.max()) for view in views for values in displacements(view.twin).values())
+    largest = max(
+        float(values.max()) for view in views for values in displacements(view.twin.rest, view.twin.bent).values()
+    )
     titles = [_title(view, compared, estimates) for view in views]
     scenes = tuple(_scene(view, title, largest) for view, title in zip(views, titles, strict=True))
     moved = [_mean_place(view.twin, bent=True) - _mean_place(view.twin, bent=False) for view in views]
@@ -65,7 +67,7 @@ def draw_configurations(compared: Compared, estimates: Mapping[str, Estimate]) -
 def _scene(view: Configuration, title: str, largest: float) -> Scene:
     from softcal.report.style import RED
 
-    moved = displacements(view.twin)
+    moved = displacements(view.twin.rest, view.twin.bent)
     parts, labels = twin_parts(view.twin, view.twin.bent, moved, largest)
     size = length_scale(robot_points(view.twin.robot))
     extra: list[Part] = [Ball(at, 0.013 * size, colour=RED) for at in view.measured.values()]

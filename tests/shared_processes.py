@@ -20,6 +20,7 @@ from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate
 from softcal.calibration.shared_search import Sharing
 from softcal.calibration.shared_study import SharedStudy, StudyIdentity
+from softcal.calibration.storage_url import StorageUrl
 from softcal.calibration.trial_journal import StoredTrial, stored_trials
 
 _PROCESS = """
@@ -117,10 +118,11 @@ def shared(folder: Path | None, place: str, trials: int, simulate: Any = soft_ne
     return calibrate(problem_of(simulate), **given, store=folder, sharing=Sharing(place))
 
 
-def joined(journal: str, total: int = 0) -> SharedStudy:
+def joined(place: str | StorageUrl) -> SharedStudy:
     about = StudyIdentity("softcal", {"robot": "a"}, {"seed": 1})
     space = problem_of().space
-    return SharedStudy(storage_url.storage_url(journal), about, space, seed=1, sampler=tpe_sampler)
+    place = storage_url.storage_url(place) if isinstance(place, str) else place
+    return SharedStudy(place, about, space, seed=1, sampler=tpe_sampler)
 
 
 def outcome(number: int, theta: Any, loss: float | None = 1.0) -> StoredTrial:

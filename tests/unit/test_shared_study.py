@@ -12,7 +12,7 @@ from shared_processes import joined, outcome, study_at
 from softcal.calibration import shared_study
 from softcal.calibration.optimiser import Proposal
 from softcal.calibration.shared_study import SharedStudy
-from softcal.calibration.storage_url import UnansweredError
+from softcal.calibration.storage_url import StorageUrl, UnansweredError
 
 
 @pytest.fixture
@@ -35,16 +35,17 @@ def test_no_more_trials_begin_than_are_wanted_and_those_of_a_race_are_pruned(jou
             assert [trial.state.name for trial in study.trials] == ["RUNNING", "RUNNING", "PRUNED"]
 
 
-def test_a_trial_that_waits_is_asked_for_once_though_it_was_seen_waiting_by_two(journal: str) -> None:
-    with joined(journal) as one, joined(journal) as other:
-        (left,) = one.ask(1, 1)
+def test_a_trial_that_waited_is_asked_for_once_and_none_begins_in_excess(tmp_path: Path) -> None:
+    database = StorageUrl("a database", url=f"sqlite:///{tmp_path / 'optuna.db'}")
+    with joined(database) as one, joined(database) as other:
+        (left,) = one.ask(2, 1)
+        other.outcomes()
         one.give_back()
-        one.outcomes(), other.outcomes()
-        again, _ = one.ask(2, 5)
-        assert dict(again.theta) == dict(left.theta)
-        with study_at(journal) as study:
-            assert [trial.state.name for trial in study.trials] == ["FAIL", "RUNNING", "RUNNING"]
-        assert other.ask(2, 5) == ()
+        assert [proposal.number for proposal in other.ask(2, 1)] == [2]  # it did not see that 1 waits
+        (again,) = asked(one, 2, 5)
+        assert (again.number, dict(again.theta)) == (1, dict(left.theta))
+        assert [trial.state.name for trial in one._storage.read()] == ["FAIL", "RUNNING", "RUNNING"]
+        assert asked(other, 2, 5) == ()
 
 
 def test_the_trials_are_read_once_for_each(journal: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -176,6 +176,25 @@ def test_results_of_changed_data_are_not_kept(folder: Path, found: Fleet, tmp_pa
         fleet(own, out=out, resume=True)
 
 
+def test_a_specimen_in_work_whose_data_were_changed_begins_anew_at_once_and_the_old_run_is_kept(
+    folder: Path, found: Fleet, tmp_path: Path
+) -> None:
+    own, out = tmp_path / "own", tmp_path / "out"
+    shutil.copytree(folder, own, ignore=shutil.ignore_patterns("out", "two"))
+    shutil.copytree(found.folder, out)
+    place = out / "specimens" / "s 4"
+    place.with_name("s 4.json").unlink()
+    (place / "result.json").unlink()
+    shutil.copyfile(own / "p2.csv", own / "p4.csv")
+    before = {path.relative_to(place): path.read_bytes() for path in place.rglob("*") if path.is_file()}
+    again = fleet(own, out=out, resume=True)
+    assert again.specimens[3].state == "DONE"
+    assert again.specimens[3].parameters[E].value == pytest.approx(found.specimens[1].parameters[E].value)
+    old = place.with_name("s 4.changed-1")
+    assert {path.relative_to(old): path.read_bytes() for path in old.rglob("*") if path.is_file()} == before
+    assert not place.with_name("s 4.changed-1.json").exists()
+
+
 def test_a_wrong_factor_is_refused_when_resumed_too(folder: Path, found: Fleet) -> None:
     with pytest.raises(ProjectFileError, match=r"the table has no such factor; got 'filamnt'"):
         fleet(folder, out=found.folder, resume=True, by=["filamnt"])

@@ -43,7 +43,7 @@ SPECIMEN, FILE, INFILL = "specimen", "file", "infill"
 _FILES = "files"
 _NUMBER = re.compile(r"([-+−]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?)(.*)", re.DOTALL)
 _SERIAL = re.compile(r"0\d")  # begins what is a name and no number, such as 007
-_TAKEN = re.compile(r"(\.json|\.json\.part|\.failed-[0-9]+)$")  # see `workflows.fleet_folder`
+_TAKEN = re.compile(r"(\.json|\.json\.part|\.(failed|changed)-[0-9]+)$")  # see `workflows.fleet_folder`
 _NEAR = 0.85  # of a name to that of a key, from which on one may be meant for the other
 
 

@@ -35,6 +35,7 @@ from softcal.workflows.fleet_folder import (
 )
 from softcal.workflows.outcome import Outcome
 from softcal.workflows.output import require_free_folder
+from softcal.workflows.run_folder import inputs_changed
 
 Observer = Callable[[str, int, int, int], None]
 """Told what is done, of how many specimens, how many are finished, and how many of those failed."""
@@ -92,7 +93,8 @@ def fleet(
     out
         Folder of the fleet, new or empty.
     resume
-        Go on with the fleet in `out`: specimens that are done are kept, those that failed begin anew.
+        Go on with the fleet in `out`: specimens that are done are kept; those that failed, or whose files have changed
+        since they were begun, begin anew.
     workers
         Processes, or an executor; a specimen is calibrated by one process.
     by
@@ -177,9 +179,11 @@ def _calibrated(order: _Order, row: FleetRow) -> Specimen:
     run = specimen_folder(order.folder, row.name)
     before = read_specimen(order.folder, row.name)
     if before is not None and before.state == "FAILED":
-        set_aside(row.name, order.folder)
+        set_aside(row.name, order.folder, "failed")
     try:
         project = row_project(order.template, row)
+        if run.is_dir() and inputs_changed(project, run):
+            set_aside(row.name, order.folder, "changed")
         found = calibrate(project, out=run, resume=run.is_dir(), **order.settings)
         if found.stopped_by is not None:
             raise found.stopped_by

@@ -6,12 +6,14 @@ specimens/<name>/              the specimen's run folder, from its beginning on 
 specimens/<name>.json          from its end on: {"format", "specimen", "state": "DONE" or "FAILED", "reason", "seconds",
                                "loss", "factors", "parameters", "warnings", "hashes" of the files where DONE}
 specimens/<name>.failed-<n>/   with its .json: a run that FAILED and was tried again in a new one (n from 1 on)
+specimens/<name>.changed-<n>/  a run that was in work when the specimen's files were changed, so that it began anew
 fleet.csv                      at the end: a row for each specimen and parameter
 live.json                      how many are finished, and the workers (see `calibration.live`)
 report.html, figures, tables   at the end
 
 A specimen with a .json file is finished; one with a folder and without the file is in work, or was when the fleet was
-stopped; any other waits. A resumed fleet begins a specimen that failed anew, and keeps what there was of it.
+stopped; any other waits. A resumed fleet begins a specimen that failed, or whose files have changed, anew, and keeps
+what there was of it.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -137,8 +139,8 @@ def _changed_files(table: FleetTable, folder: Path) -> list[Fault]:
     ]
 
 
-def set_aside(name: str, folder: Path) -> None:
-    """Move the run of a specimen that failed, and its record, to a free NAME.failed-N, so that it can begin anew.
+def set_aside(name: str, folder: Path, why: Literal["failed", "changed"]) -> None:
+    """Move the run of a specimen, and its record, to a free NAME.failed-N or NAME.changed-N, so that it can begin anew.
 
     Raises
     ------
@@ -149,14 +151,15 @@ def set_aside(name: str, folder: Path) -> None:
     aside = next(
         place
         for n in count(1)
-        if not (place := run.with_name(f"{name}.failed-{n}")).exists()
+        if not (place := run.with_name(f"{name}.{why}-{n}")).exists()
         and not place.with_name(f"{place.name}.json").exists()
     )
     try:
         # The record last: stopped in between, the specimen still counts as one that failed.
         if run.is_dir():
             run.rename(aside)
-        record.rename(aside.with_name(f"{aside.name}.json"))
+        if record.is_file():
+            record.rename(aside.with_name(f"{aside.name}.json"))
     except OSError as error:
         raise unwritable(folder, error) from error
 

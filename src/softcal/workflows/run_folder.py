@@ -112,17 +112,9 @@ def reopen_run(project: Project, folder: Path) -> None:
     """
     record = _record(folder)
     _require_unchanged(folder, record)
-    faults = [
-        Fault(
-            "the file was changed after the run began",
-            str(project.inputs[written]),
-            attempt="restore it, or use another --out without --resume",
-        )
-        for written, digest in project.hashes.items()
-        if written in project.inputs and record.hashes.get(written, digest) != digest
-    ]
-    if faults:
-        raise StorageError(faults)
+    what, attempt = "the file was changed after the run began", "restore it, or use another --out without --resume"
+    if changed := _changed_inputs(project, record):
+        raise StorageError([Fault(what, str(project.inputs[written]), attempt=attempt) for written in changed])
     if record.values != dict(project.held):
         raise StorageError(
             Fault("the run has other fixed parameters", str(folder), str(dict(project.held)), str(record.values))
@@ -132,6 +124,26 @@ def reopen_run(project: Project, folder: Path) -> None:
             Fault("the run has other entries", str(folder), str(dict(project.changes)), str(record.changes))
         )
     require_writable(folder)
+
+
+def inputs_changed(project: Project, folder: Path) -> bool:
+    """Whether files of a project have changed since its run in a folder began.
+
+    Raises
+    ------
+    StorageError
+        If the folder holds no run.
+    """
+    return bool(_changed_inputs(project, _record(folder)))
+
+
+def _changed_inputs(project: Project, record: _RunRecord) -> list[str]:
+    """The project's files that are others than the run's, as they are written."""
+    return [
+        written
+        for written, digest in project.hashes.items()
+        if written in project.inputs and record.hashes.get(written, digest) != digest
+    ]
 
 
 def finish_run(project: Project, results: Mapping[str, CalibrationResult], folder: Path) -> None:

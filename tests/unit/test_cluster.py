@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import logging
 import os
 import random
 import shutil
@@ -331,6 +332,31 @@ def test_jobs_of_a_queue_give_the_same_and_are_cancelled(queue: Path) -> None:
     assert "#SBATCH -p long" in script.read_text()
     jobs, cancelled = ((queue / name).read_text().split() for name in ("jobs", "cancelled"))
     assert set(jobs) <= set(cancelled)
+
+
+def test_dasks_own_words_are_heard_again_when_the_last_executor_is_closed(cluster: DaskProcesses) -> None:
+    logs = [logging.getLogger(f"distributed.{name}") for name in ("client", "core", "comm", "scheduler")]
+    before = [log.level for log in logs]
+    logs[1].setLevel(logging.ERROR)
+    try:
+        first, second = (executor_on(f"dask:{cluster.address}") for _ in range(2))
+        first.__enter__(), second.__enter__()
+        first.__exit__(None, None, None)
+        assert {log.level for log in logs} == {logging.CRITICAL}
+        second.__exit__(None, None, None)
+        with pytest.raises(InputError), executor_on("dask:tcp://127.0.0.1:1"):
+            pass
+        assert [log.level for log in logs] == [before[0], logging.ERROR, *before[2:]]
+    finally:
+        logs[1].setLevel(before[1])
+
+
+def test_without_dask_jobqueue_a_queue_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    skip_without("distributed")
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", None)
+    told = r"--on: this needs dask_jobqueue, which is not installed; got 'slurm'. Try: pip install 'softcal\[cluster\]'"
+    with pytest.raises(InputError, match=told), executor_on("slurm"):
+        pass
 
 
 def test_without_a_queue_on_this_machine_that_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,7 +33,7 @@ def test_without_the_extra_one_sentence_says_how_to_install_it(monkeypatch: pyte
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name in lacks else find(name, *more))
     done = CliRunner().invoke(app, ["watch", str(write_run(tmp_path))])
     assert done.exit_code == 2
-    expected = "softcal watch: the page needs NiceGUI, which is not installed. Try: pip install 'softcal[watch]'."
+    expected = "softcal watch: this needs nicegui, which is not installed. Try: pip install 'softcal[watch]'."
     assert done.stderr == f"Error: {expected}\n"
 
 

@@ -33,9 +33,10 @@ def watch(
 ) -> None:
     """Show a run on a local page while it works: progress, losses, parameters, failures, the twin, the report."""
     from softcal.errors import Fault, InputError
-    from softcal.watch.server import require_nicegui, serve
+    from softcal.extras import require_extra
+    from softcal.watch.server import serve
 
-    require_nicegui()
+    require_extra("watch", "nicegui", where="softcal watch")
     if not run.is_dir() and not (wait and not run.exists()):
         allowed = "a folder that calibrate, sweep, fleet or bench run writes"
         raise InputError(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import concurrent.futures
 import contextlib
-import logging
 import threading
 from collections.abc import Callable
 from importlib.metadata import version
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from softcal.errors import Fault, InputError
 from softcal.executors.code import code_hash
+from softcal.extras import require_extra
 
 if TYPE_CHECKING:
     import distributed
@@ -36,14 +36,9 @@ def dask_client(scheduler: str | Cluster, address: str) -> distributed.Client:
     InputError
         Where Dask is not installed, or no scheduler answers.
     """
-    try:
-        import distributed
-    except ModuleNotFoundError as error:
-        what = f"this needs {error.name}, which is not installed"
-        raise InputError(Fault(what, "--on", attempt="pip install 'softcal[cluster]'")) from error
-    # What Dask logs of a lost connection is said by softcal in a sentence.
-    for name in ("distributed.client", "distributed.core", "distributed.comm", "distributed.scheduler"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+    require_extra("cluster", "distributed", where="--on")
+    import distributed
+
     try:
         if isinstance(scheduler, str):
             # A client of Dask's waits for ever for one that takes the connection and says nothing.

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from softcal.errors import Fault, InputError
+from softcal.extras import require_extra
 from softcal.watch.gate import Gate, is_loopback, new_token
 from softcal.watch.reading import Unreadable, inside
 from softcal.watch.report_figures import figure_bytes
@@ -21,21 +22,6 @@ if TYPE_CHECKING:
 
 LOOPBACK, PORT, FURTHER = "127.0.0.1", 8085, 50
 _REPORT_POLICY = "sandbox; default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; font-src data:"
-
-
-def require_nicegui() -> None:
-    """Check that the extra is installed.
-
-    Raises
-    ------
-    InputError
-        With the command that installs it.
-    """
-    from importlib.util import find_spec
-
-    if find_spec("nicegui") is None:
-        what = "the page needs NiceGUI, which is not installed"
-        raise InputError(Fault(what, "softcal watch", attempt="pip install 'softcal[watch]'"))
 
 
 def serve(folder: Path, *, host: str = LOOPBACK, port: int | None = None, ready: Callable[[str], None]) -> None:
@@ -50,7 +36,7 @@ def serve(folder: Path, *, host: str = LOOPBACK, port: int | None = None, ready:
     KeyboardInterrupt
         When it is ended.
     """
-    require_nicegui()
+    require_extra("watch", "nicegui", where="softcal watch")
     with ExitStack() as stack:
         listening = stack.enter_context(_listening(host, port))
         number: int = listening.getsockname()[1]

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 from softcal.errors import Fault, ParameterError
 from softcal.executors.code import code_hash
 from softcal.executors.dask_client import Cluster, dask_client, require_same_code
+from softcal.executors.dask_logs import dask_silenced
 from softcal.executors.executor import (
     TRIES,
     Executor,
@@ -89,7 +90,16 @@ class DaskExecutor(Executor):
 
     def __init__(self, address: str, *, limit: float | None = None, cluster: Cluster | None = None) -> None:
         self._cluster, self._limit, self._longest = cluster, limit, 0.0
-        self._address, self._client = address, dask_client(address if cluster is None else cluster, address)
+        self._address = address
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(dask_silenced())
+            self._client = dask_client(address if cluster is None else cluster, address)
+            try:
+                require_same_code(self._client, address)
+            except BaseException:
+                self._client.close()
+                raise
+            self._silenced = stack.pop_all()
         self._kept: dict[str, distributed.Future[Any]] = {}
         self._awaited: set[distributed.Future[Any]] = set()
         self._suspects: deque[_Call] = deque()
@@ -98,11 +108,6 @@ class DaskExecutor(Executor):
         self._seen: tuple[float, dict[str, dict[str, Any]]] = (-_FRESH, {})
         self._lock = threading.Lock()
         self._done: Counter[str] = Counter()
-        try:
-            require_same_code(self._client, address)
-        except BaseException:
-            self._client.close()
-            raise
 
     @classmethod
     def at(cls, address: str, workers: int | None) -> DaskExecutor:
@@ -161,9 +166,10 @@ class DaskExecutor(Executor):
         self._closing = True
         with contextlib.suppress(Exception):  # a scheduler that is gone has nothing left to cancel
             self._client.cancel([*self._awaited, *self._kept.values()])
-        self._client.close()
-        if self._cluster is not None:
-            self._cluster.close()
+        with self._silenced:
+            self._client.close()
+            if self._cluster is not None:
+                self._cluster.close()
 
     def _try(self, one: _Call) -> bool:
         """Have a call made, by a worker that has not refused it; False where none can be asked any more."""

@@ -13,6 +13,7 @@ from typing import Any
 from softcal.errors import Fault, InputError
 from softcal.executors.executor import register_executor
 from softcal.executors.kinds.cluster import DaskExecutor
+from softcal.extras import require_extra
 
 _JOBS = 4
 # Where Dask's configuration says nothing else. The certificates of a run lie in the home, which the machines share.
@@ -39,14 +40,11 @@ class SlurmExecutor(DaskExecutor):
         InputError
             Where dask-jobqueue or SLURM is not installed, or a job cannot be queued.
         """
-        try:
-            import dask.config
+        require_extra("cluster", "distributed", "dask_jobqueue", where="--on", got="'slurm'")
+        import dask.config
 
-            with _ctrl_c_kept():
-                from dask_jobqueue.slurm import SLURMCluster
-        except ModuleNotFoundError as error:
-            what = f"this needs {error.name}, which is not installed"
-            raise InputError(Fault(what, "--on", "'slurm'", attempt="pip install 'softcal[cluster]'")) from error
+        with _ctrl_c_kept():
+            from dask_jobqueue.slurm import SLURMCluster
         if shutil.which("sbatch") is None:
             attempt = "this command on a machine of the cluster that submits jobs"
             raise InputError(Fault("SLURM's sbatch is not on this machine", "--on", "'slurm'", "", attempt))

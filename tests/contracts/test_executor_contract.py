@@ -15,7 +15,7 @@ from dask_cluster import dask_cluster, wait_for_workers
 from softcal.errors import CalibrationError, ParameterError
 from softcal.executors.chosen import executor_on
 from softcal.executors.each import LostCall, each, results
-from softcal.executors.executor import EXECUTORS, Executor, WorkerLost, patience, register_executor
+from softcal.executors.executor import EXECUTORS, Executor, Patience, WorkerLost, register_executor
 from softcal.executors.kinds.cluster import DaskExecutor
 from softcal.executors.kinds.local import LocalExecutor
 
@@ -169,4 +169,5 @@ def test_a_full_disk_is_told_alike_by_any_number_of_processes(workers: int) -> N
 
 
 def test_how_long_is_long() -> None:
-    assert (patience(0.0), patience(1.0), patience(100.0)) == (6 * 3600.0, 600.0, 2000.0)
+    assert [Patience().after(longest) for longest in (0.0, 1.0, 100.0)] == [6 * 3600.0, 600.0, 2000.0]
+    assert Patience(3.0).after(0.0) == Patience(3.0).after(100.0) == 3.0

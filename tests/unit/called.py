@@ -68,10 +68,12 @@ def hangs(shared: Path, number: int) -> int:
     return number
 
 
-def hangs_at(shared: tuple[Path, int], number: int) -> int:
-    folder, which = shared
-    if number == which:
-        hangs(folder, 2)
+def hangs_second(shared: Path, number: int) -> int:
+    """In whichever call is made second: Dask keeps no order among those that come at once."""
+    try:
+        (shared / "first").touch(exist_ok=False)
+    except FileExistsError:
+        hangs(shared, 2)
     return number
 
 

@@ -34,6 +34,7 @@ from softcal.cli import main
 from softcal.errors import CalibrationError, InputError
 from softcal.executors.chosen import executor_on
 from softcal.executors.each import LostCall, each
+from softcal.executors.executor import Patience
 from softcal.executors.kinds import slurm
 from softcal.executors.kinds.slurm import SlurmExecutor
 from softcal.executors.shared import call
@@ -269,18 +270,18 @@ def test_a_stopped_worker_does_not_hold_up_the_start(tmp_path: Path) -> None:
             assert time.monotonic() - began < 40  # three questions, and a busy machine
 
 
+@pytest.mark.parametrize("on", ["dask", "local"])
 def test_how_long_a_call_may_take_is_learned_from_others(
-    cluster: DaskProcesses, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    on: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("softcal.executors.executor._SHORTEST", 2.0)
-    for name, executor in (("dask", executor_on(f"dask:{cluster.address}")), ("local", executor_on("local", 2))):
-        (tmp_path / name).mkdir()
-        with executor as made:
-            # The first calls of a cluster are handed over before any has ended.
-            number = 30 if name == "dask" else 2
-            found = list(each(made, called.hangs_at, (tmp_path / name, number), [(k,) for k in range(36)]))
-        assert found == list(range(36))
-        assert (tmp_path / name / "been").exists()
+    with contextlib.ExitStack() as stack:
+        # Four calls are handed over to a worker of a cluster before any has ended, so the second goes by its own.
+        if on == "dask":
+            on = f"dask:{stack.enter_context(dask_cluster(tmp_path, workers=1)).address}"
+        executor = stack.enter_context(executor_on(on, 2 if on == "local" else None))
+        monkeypatch.setattr(executor, "_patience", Patience(shortest=2.0))
+        assert list(each(executor, called.hangs_second, tmp_path, [(k,) for k in range(12)])) == list(range(12))
+    assert (tmp_path / "been").exists()
 
 
 SBATCH = """#!/bin/sh

@@ -13,7 +13,7 @@ from softcal.errors import CalibrationError, Fault
 
 TRIES = 3
 """How often a call is made whose worker ends, hangs or cannot do it."""
-_SHORTEST, _LONGER, _UNKNOWN = 600.0, 20.0, 6 * 3600.0  # [s], times the longest, [s]
+_LONGER, _UNKNOWN = 20.0, 6 * 3600.0  # times the longest, [s]
 
 
 class WorkerLost(CalibrationError):
@@ -116,9 +116,26 @@ class Executor(concurrent.futures.Executor, ABC):
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> concurrent.futures.Future[Any]: ...
 
 
-def patience(longest: float) -> float:
-    """Seconds after which a call counts as hanging, given the longest so far [s], 0 before the first has ended."""
-    return max(_SHORTEST, _LONGER * longest) if longest else _UNKNOWN
+@dataclass(frozen=True)
+class Patience:
+    """How long a call may take before it counts as hanging.
+
+    Attributes
+    ----------
+    fixed
+        Seconds, whatever others take; None: by the longest so far.
+    shortest
+        Seconds that every call may take where it goes by the longest.
+    """
+
+    fixed: float | None = None
+    shortest: float = 600.0
+
+    def after(self, longest: float) -> float:
+        """Seconds that a call may take, given the longest so far [s], 0 before the first has ended."""
+        if self.fixed is not None:
+            return self.fixed
+        return max(self.shortest, _LONGER * longest) if longest else _UNKNOWN
 
 
 def _faults(kind: type[Executor], known: Mapping[str, type[Executor]]) -> list[Fault]:

@@ -8,7 +8,7 @@ from typing import Any
 from urllib.parse import quote
 
 from softcal.watch.report_figures import DrawnFigure
-from softcal.watch.twin import FitPicture, picture_name
+from softcal.watch.twin import FitPicture
 
 
 @dataclass(frozen=True)
@@ -61,4 +61,4 @@ def of_report(figures: Sequence[DrawnFigure]) -> list[ShownFigure]:
 
 def of_fits(pictures: Sequence[FitPicture]) -> list[ShownFigure]:
     """The figures of the fit at the best trial."""
-    return [ShownFigure(f"fit/{picture_name(one.png)}.png", one.caption) for one in pictures]
+    return [ShownFigure(f"fit/{one.name}.png", one.caption) for one in pictures]

@@ -84,7 +84,6 @@ def _application(folder: Path) -> tuple[Any, Watch]:
     from nicegui import ui
 
     from softcal.watch.page import RunPage
-    from softcal.watch.twin import picture_name
     from softcal.watch.watch import Watch
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
@@ -102,7 +101,7 @@ def _application(folder: Path) -> tuple[Any, Watch]:
         return HTMLResponse(text, headers={"content-security-policy": _REPORT_POLICY})
 
     def twin(name: str) -> Response:
-        glb = next((one.glb for one in watch.twins.shapes() if picture_name(one.glb) == name), b"")
+        glb = next((one.glb for one in watch.twins.shapes() if one.name == name), b"")
         return Response(glb, media_type="model/gltf-binary") if glb else PlainTextResponse("", status_code=404)
 
     def figure(name: str) -> Response:
@@ -110,8 +109,8 @@ def _application(folder: Path) -> tuple[Any, Watch]:
         return Response(png, media_type="image/png") if png else PlainTextResponse("", status_code=404)
 
     def fit(name: str) -> Response:
-        shown = (one.png for shape in watch.twins.shapes() for one in shape.fits)
-        png = next((png for png in shown if picture_name(png) == name), b"")
+        shown = (one for shape in watch.twins.shapes() for one in shape.fits)
+        png = next((one.png for one in shown if one.name == name), b"")
         return Response(png, media_type="image/png") if png else PlainTextResponse("", status_code=404)
 
     app.get("/report")(report)

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,11 @@ class FitPicture:
 
     caption: str
     png: bytes
+
+    @cached_property
+    def name(self) -> str:
+        """By which the page asks for it."""
+        return _name(self.png)
 
 
 @dataclass(frozen=True)
@@ -62,6 +68,11 @@ class TwinShape:
     trouble: str
     fits: tuple[FitPicture, ...] = ()
     missing: str = ""
+
+    @cached_property
+    def name(self) -> str:
+        """By which the page asks for the shape."""
+        return _name(self.glb)
 
 
 @dataclass(frozen=True)
@@ -192,6 +203,5 @@ def run_of(search: WatchedSearch) -> str:
     return (before if found else f"/{search.place}").removeprefix("/") or "."
 
 
-def picture_name(data: bytes) -> str:
-    """The name by which the page asks for a shape or a figure."""
+def _name(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:32]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from softcal.units import format_quantity
-from softcal.watch.twin import TwinShape, picture_name
+from softcal.watch.twin import TwinShape
 from softcal.watch.watched import WatchedSearch
 
 AWAY = (3.8, -10.6, 3.8)  # of the camera from the twin, which is 10 long
@@ -45,14 +45,13 @@ class TwinPanel:
             return
         self._largest.set_text(format_quantity(shape.largest, "m", digits=3))
         self._legend.classes(remove="sc-hidden")
-        name = picture_name(shape.glb)
-        if name != self._shown:
-            self._shown = name
+        if shape.name != self._shown:
+            self._shown = shape.name
             self._scene.clear()
             # The view was measured when it came, which may have been before there was anything to show.
             self._scene.run_method("resize")
             with self._scene:
-                self._scene.gltf(f"/twin/{name}.glb")
+                self._scene.gltf(f"/twin/{shape.name}.glb")
 
     def _clear(self) -> None:
         self._legend.classes(add="sc-hidden")

@@ -23,9 +23,9 @@ from softcal.executors.executor import (
     TRIES,
     Executor,
     ExecutorLost,
+    Patience,
     WorkerLost,
     WorkerState,
-    patience,
     register_executor,
 )
 from softcal.executors.shared import Parcel, UnableError, one_at_a_time, packed
@@ -75,7 +75,7 @@ class DaskExecutor(Executor):
         Of the scheduler, such as "tcp://host:8786".
     limit
         Seconds after which a call counts as hanging; None: twenty times the longest so far, ten minutes at least, and
-        six hours before the first has ended.
+        six hours for the first call of a worker where none had ended when it was handed over.
     cluster
         What is closed with it.
 
@@ -89,7 +89,7 @@ class DaskExecutor(Executor):
     summary = "the workers of a Dask cluster: dask:ADDRESS of its scheduler"
 
     def __init__(self, address: str, *, limit: float | None = None, cluster: Cluster | None = None) -> None:
-        self._cluster, self._limit, self._longest = cluster, limit, 0.0
+        self._cluster, self._patience, self._longest = cluster, Patience(limit), 0.0
         self._address = address
         with contextlib.ExitStack() as stack:
             stack.enter_context(dask_silenced())
@@ -176,11 +176,11 @@ class DaskExecutor(Executor):
         avoided = {worker for worker, _ in one.refused} | self._foreign
         others = [name for name in self._there() if name not in avoided] if avoided else []
         options: dict[str, Any] = {"workers": others, "allow_other_workers": True} if others else {}
-        limit = self._limit or patience(self._longest)
         if self._client.status != "running":  # it would take the call, and never tell of it
             self._tell(one, error=self._meaning(None))
             return False
-        future = self._client.submit(_at_worker, code_hash(), limit, one.function, *one.args, pure=False, **options)
+        asked = _Asked(code_hash(), self._client.id, self._patience, self._longest)
+        future = self._client.submit(_at_worker, asked, one.function, *one.args, pure=False, **options)
         with self._lock:
             self._awaited.add(future)
         one.outcome.add_done_callback(lambda told: future.cancel() if told.cancelled() else None)
@@ -288,7 +288,23 @@ def _itself(parcel: Parcel) -> Parcel:
     return parcel
 
 
-def _at_worker(code: str, limit: float, function: Callable[..., Any], *args: Any) -> tuple[str, float, Any]:
+@dataclass(frozen=True)
+class _Asked:
+    """What a worker is told with a call: softcal's code and the client, and how long it may take.
+
+    longest: of the client's calls that had ended when it was handed over [s], 0 where none had.
+    """
+
+    code: str
+    client: str
+    patience: Patience
+    longest: float
+
+
+_own_longest: dict[str, float] = {}  # in a worker: client -> its longest call here [s]
+
+
+def _at_worker(asked: _Asked, function: Callable[..., Any], *args: Any) -> tuple[str, float, Any]:
     """A call at a worker: the worker's address, the seconds that it took, and its result.
 
     Raises
@@ -299,15 +315,20 @@ def _at_worker(code: str, limit: float, function: Callable[..., Any], *args: Any
     from distributed import get_worker
 
     worker, began = get_worker().address, time.perf_counter()
-    if code != code_hash():
-        why = f"its softcal has other code than that of the run, {code_hash()} and not {code}"
+    if asked.code != code_hash():
+        why = f"its softcal has other code than that of the run, {code_hash()} and not {asked.code}"
         raise RefusedError(worker, why, foreign=True)
     try:
-        with one_at_a_time, _ended_after(limit):
-            result = function(*args)
+        with one_at_a_time:
+            # Others of the calls that were handed over with this one may have ended here meanwhile.
+            longest = max(asked.longest, _own_longest.get(asked.client, 0.0))
+            with _ended_after(asked.patience.after(longest)):
+                result = function(*args)
+            seconds = time.perf_counter() - began
+            _own_longest[asked.client] = max(longest, seconds)
     except UnableError as error:
         raise RefusedError(worker, str(error)) from error
-    return worker, time.perf_counter() - began, result
+    return worker, seconds, result
 
 
 @contextlib.contextmanager

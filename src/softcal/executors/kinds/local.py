@@ -22,9 +22,9 @@ from softcal.executors.executor import (
     TRIES,
     Executor,
     ExecutorLost,
+    Patience,
     WorkerLost,
     WorkerState,
-    patience,
     register_executor,
 )
 from softcal.executors.shared import ParcelFile, UnableError, packed
@@ -70,7 +70,7 @@ class LocalExecutor(Executor):
         self._idle: queue.SimpleQueue[_Process] = queue.SimpleQueue()
         for process in self._processes:
             self._idle.put(process)
-        self._limit, self._longest = limit, 0.0
+        self._patience, self._longest = Patience(limit), 0.0
         self._threads: concurrent.futures.ThreadPoolExecutor | None = None
         self._stack = contextlib.ExitStack()
         self._folder: Path | None = None
@@ -138,23 +138,23 @@ class LocalExecutor(Executor):
         # Nobody waits any more for what is still being computed.
         self.shutdown(wait=False, cancel_futures=True)
 
-    def _patience(self) -> float:
-        return self._limit or patience(self._longest)
+    def _limit(self) -> float:
+        return self._patience.after(self._longest)
 
     def _made(self, function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
         process, why = self._idle.get(), ""
         try:
             for _ in range(TRIES):
-                process.start(self._patience())
+                process.start(self._limit())
                 if self._closed:  # nobody waits for it
                     break
                 began = time.perf_counter()
                 try:
-                    result = process.call(function, args, kwargs, self._patience)
+                    result = process.call(function, args, kwargs, self._limit)
                 except BrokenProcessPool:
                     why = "its worker process ended unexpectedly, perhaps for lack of memory"
                 except TimeoutError:
-                    why = f"it had not ended after {self._patience():.0f} s"
+                    why = f"it had not ended after {self._limit():.0f} s"
                     process.kill()
                 except UnableError as error:
                     why = f"the machine could not do it ({error})"

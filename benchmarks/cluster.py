@@ -23,6 +23,7 @@ import numpy as np
 from benchmarks.machine import load as machine_load
 from benchmarks.neck_case import neck_robot, pull
 from benchmarks.section import table
+from benchmarks.written_page import written_page
 from softcal.executors.each import results
 from softcal.executors.executor import Executor
 from softcal.executors.kinds.cluster import DaskExecutor
@@ -153,17 +154,18 @@ def page(calls: int) -> str:
     ]
     header = ["simulation", "takes", *(f"{n} workers" for n in WORKERS)]
     verdict = "below" if costs.worker < GOAL else "above"
-    return TEXT.read_text(encoding="utf-8").format(
-        overhead=f"{1e3 * costs.worker:.1f}",
-        verdict=f"{verdict} the goal of {1e3 * GOAL:.0f} ms",
-        serial=f"{1e3 * costs.scheduler:.1f}",
-        per_second=f"{1 / costs.scheduler:.0f}",
-        first=f"{costs.first:.1f}",
-        each=CALLS_EACH,
-        sofa=f"{SOFA_TRIAL:.0f}",
-        table="\n".join(table(header, rows)),
-        load=machine_load(),
-    )
+    numbers = {
+        "overhead": f"{1e3 * costs.worker:.1f}",
+        "verdict": f"{verdict} the goal of {1e3 * GOAL:.0f} ms",
+        "serial": f"{1e3 * costs.scheduler:.1f}",
+        "per_second": f"{1 / costs.scheduler:.0f}",
+        "first": f"{costs.first:.1f}",
+        "each": str(CALLS_EACH),
+        "sofa": f"{SOFA_TRIAL:.0f}",
+        "table": "\n".join(table(header, rows)),
+        "load": machine_load(),
+    }
+    return written_page(TEXT, numbers)
 
 
 def main() -> None:

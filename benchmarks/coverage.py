@@ -20,6 +20,7 @@ import numpy as np
 import softcal
 from benchmarks.section import table
 from benchmarks.table_twins import NU, ComplianceTable, E, NeckTable, compliance_table, neck_table
+from benchmarks.written_page import written_page
 from softcal.calibration.experiment import PULLEY_FRICTION, Experiment
 from softcal.calibration.frame import FRAME
 from softcal.calibration.loss import Loss
@@ -326,11 +327,12 @@ def page(found: Sequence[Coverage]) -> str:
         for one in found
     ]
     studies = max(one.studies for one in found)
-    text = TEXT.read_text(encoding="utf-8").replace("{{table}}", "\n".join(table(head, rows)))
-    sampling = f"{100 * np.sqrt(0.95 * 0.05 / studies):.1f}"
-    for one in found:
-        text = text.replace(f"{{{{differ {one.case.name}}}}}", f"{one.differ} of {one.studies}")
-    return text.replace("{{studies}}", str(studies)).replace("{{sampling}}", sampling)
+    told = {"table": "\n".join(table(head, rows)), "studies": str(studies)}
+    told["sampling"] = f"{100 * np.sqrt(0.95 * 0.05 / studies):.1f}"
+    compared = [case.name for case in CASES if case.reaches == FOUR]
+    differ = {one.case.name: f"{one.differ} of {one.studies}" for one in found}
+    told |= {f"differ {name}": differ.get(name, "(not run)") for name in compared}
+    return written_page(TEXT, told)
 
 
 def _unit(parameter: str) -> str:

@@ -29,6 +29,7 @@ from benchmarks.machine import load as machine_load
 from benchmarks.neck_case import neck_robot, pull
 from benchmarks.section import table
 from benchmarks.table_twins import NU, E, NeckTable, neck_table
+from benchmarks.written_page import written_page
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.neck import Neck
 from softcal.geometry.write import write_mesh
@@ -241,10 +242,7 @@ def main() -> None:
     finally:
         if arguments.keep is None:
             shutil.rmtree(work, ignore_errors=True)
-    text = TEXT.read_text(encoding="utf-8")
-    for name, number in numbers.items():
-        text = text.replace(f"{{{{{name}}}}}", number)
-    arguments.out.write_text(text, encoding="utf-8")
+    arguments.out.write_text(written_page(TEXT, numbers), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ import numpy as np
 from benchmarks.mesh_table import DOCS
 from benchmarks.neck_cycles_twin import CURVES_AT, SLACK, SPEEDS, TARGETS, Compared, curve, predict, way
 from benchmarks.section import table
+from benchmarks.written_page import written_page
 from softcal.checks import Floats
 from softcal.units import format_quantity
 
@@ -67,10 +68,7 @@ def page(values: Mapping[str, float], found: list[Compared]) -> str:
     """docs/neck-cycles.md."""
     told = {"constants": _constants(values), "curves": _curves(found), "loops": _loops(found), "peaks": _peaks(found)}
     told["n"] = [str(sum(len(one.at) for one in found))]
-    text = TEXT.read_text(encoding="utf-8")
-    for name, part in told.items():
-        text = text.replace(f"{{{{{name}}}}}", "\n".join(part))
-    return text
+    return written_page(TEXT, {name: "\n".join(part) for name, part in told.items()})
 
 
 def _constants(values: Mapping[str, float]) -> list[str]:

@@ -23,6 +23,7 @@ from benchmarks.coverage import LIKELIHOOD, NECK, NOISE, PAPERS, REACH, SLACK, S
 from benchmarks.neck_case import PITCH, TENSION, pull
 from benchmarks.section import table
 from benchmarks.table_twins import NU, E, NeckTable, neck_table
+from benchmarks.written_page import written_page
 from softcal.analysis.candidate import Candidate
 from softcal.analysis.next_test import next_tests
 from softcal.calibration.experiment import Experiment
@@ -221,7 +222,6 @@ def page(found: Sequence[Shrinkage], studies: int, costs: Sequence[Cost]) -> str
         ]
         for one in found
     ]
-    text = TEXT.read_text(encoding="utf-8").replace("{{table}}", "\n".join(table(head, rows)))
     seconds = [
         [
             f"`examples/{one.example}`",
@@ -232,8 +232,15 @@ def page(found: Sequence[Shrinkage], studies: int, costs: Sequence[Cost]) -> str
         ]
         for one in costs
     ]
-    head = ["Example", "One calibration", "Ten candidates", "Ratio", "Trajectories of the ranking"]
-    return text.replace("{{studies}}", str(studies)).replace("{{cost}}", "\n".join(table(head, seconds)))
+    of_costs = ["Example", "One calibration", "Ten candidates", "Ratio", "Trajectories of the ranking"]
+    return written_page(
+        TEXT,
+        {
+            "table": "\n".join(table(head, rows)),
+            "studies": str(studies),
+            "cost": "\n".join(table(of_costs, seconds)),
+        },
+    )
 
 
 def main() -> None:

@@ -30,6 +30,7 @@ from benchmarks.table_one_fits import (
     write_curve,
 )
 from benchmarks.table_twins import NU, E
+from benchmarks.written_page import written_page
 from softcal.calibration.digits import interval_text
 from softcal.calibration.result import CalibrationResult, Estimate
 from softcal.cli.calibration_table import value_text
@@ -53,10 +54,7 @@ def page(found: Fits) -> str:
         "sentences": _sentences(found),
         **_figures(found),
     }
-    text = TEXT.read_text(encoding="utf-8")
-    for name, told in values.items():
-        text = text.replace(f"{{{{{name}}}}}", told)
-    return text
+    return written_page(TEXT, values)
 
 
 def _tests(found: Fits) -> str:

@@ -21,11 +21,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import psutil
 
 from benchmarks.machine import load as machine_load
 from benchmarks.section import table
+from benchmarks.written_page import written_page
 from softcal.processes import beside
 from softcal.watch.trials import TrialReader
 
@@ -184,17 +184,10 @@ def beside_a_search(run: Path, seconds: float, rounds: int) -> list[Window]:
     return found
 
 
-def change(windows: Sequence[Window], kind: str) -> tuple[float, float]:
-    """By what share of those by themselves the trials in a second are more in windows of a kind, and its standard
-    error, from the spread of the rounds.
-    """
-
-    def rates(of: str) -> np.ndarray:
-        return np.array([one.trials / one.seconds for one in windows if one.kind == of])
-
-    ratio = rates(kind).reshape(-1, 2).mean(axis=1) / rates(ALONE).reshape(-1, 2).mean(axis=1)
-    error = float(ratio.std(ddof=1) / np.sqrt(len(ratio))) if len(ratio) > 1 else float("nan")
-    return float(ratio.mean()) - 1.0, error
+def rates(windows: Sequence[Window]) -> str:
+    """The trials in a second, of the slowest window to the fastest."""
+    found = [one.trials / one.seconds for one in windows]
+    return f"{min(found):.2f} to {max(found):.2f}"
 
 
 def row(name: str, windows: Sequence[Window]) -> list[str]:
@@ -215,17 +208,12 @@ def page(finished: Sequence[Window], drawing: float, beside: Sequence[Window], l
     rows = [row(f"finished run, {one.kind}", [one]) for one in finished]
     rows += [row(f"beside a calibration, {kind}", by_kind[kind]) for kind in (SERVED, LOOKED_AT)]
     head = ["", "memory of the page's process", "page's process", "twin's process", "browser"]
-    alone = sum(one.trials for one in by_kind[ALONE]) / sum(one.seconds for one in by_kind[ALONE])
-    numbers = {"table": "\n".join(table(head, rows)), "alone": f"{alone:.2f}", "load": load}
-    numbers["drawing"] = f"{drawing:.1f}"
+    numbers = {"table": "\n".join(table(head, rows)), "load": load, "drawing": f"{drawing:.1f}"}
     numbers |= {"seconds": f"{beside[0].seconds:.0f}", "windows": str(len(by_kind[ALONE])), "workers": str(WORKERS)}
-    for name, kind in (("served", SERVED), ("looked", LOOKED_AT)):
-        share, error = change(beside, kind)
-        numbers[name] = f"{100 * share:+.1f} % (standard error {100 * error:.1f} %)"
-    text = TEXT.read_text(encoding="utf-8")
-    for name, number in numbers.items():
-        text = text.replace(f"{{{{{name}}}}}", number)
-    return text
+    numbers |= {
+        name: rates(by_kind[kind]) for name, kind in (("alone", ALONE), ("served", SERVED), ("looked", LOOKED_AT))
+    }
+    return written_page(TEXT, numbers)
 
 
 def main() -> None:

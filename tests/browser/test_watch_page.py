@@ -22,6 +22,8 @@ from browser.conftest import Seen, Server
 from project_case import write_project
 from watch_case import RESULT, add_trials, live_record, write_json, write_run
 
+from softcal.watch.twin_panel import STILL, TURNED
+
 SCRIPT = "<script>document.title='owned'</script><img src=x onerror=document.title='owned'>"
 GL_NOISE = ("GPU stall due to ReadPixels", "GroupMarkerNotSet", "swiftshader", "SwiftShader")
 
@@ -231,11 +233,16 @@ def test_a_calibration_from_its_begin_to_its_report(tmp_path: Path, serve: Serve
     before = picture(one)
     box = one.page.locator("canvas[data-engine^=three]").bounding_box()
     middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    drawn = "getElement(+document.querySelector('.sc-scene').id.slice(1)).fps"
+    assert one.page.evaluate(drawn) == STILL
     one.page.mouse.move(*middle)
+    one.wait_for(lambda: one.page.evaluate(drawn) == TURNED, "more pictures in a second where the mouse is")
     one.page.mouse.down()
     one.page.mouse.move(middle[0] + 120, middle[1], steps=6)
     one.page.mouse.up()
     one.wait_for(lambda: (np.abs(picture(one) - before).max(axis=2) > 40).sum() > 1000, "the twin turns")
+    one.page.mouse.move(0, 0)
+    one.wait_for(lambda: one.page.evaluate(drawn) == STILL, "fewer where it is not")
     assert one.page.get_by_text("Open the report").is_visible()
     for seen in (one, two):
         assert complaints(seen) == []

@@ -20,12 +20,6 @@ def numbers(text: str) -> list[float]:
     return [float(number.replace(",", "")) for number in re.findall(r"\d[\d,]*\.?\d*", text)]
 
 
-def test_the_page_is_the_text_with_its_places_filled() -> None:
-    text = table_one.TEXT.read_text(encoding="utf-8")
-    pattern = ".+?".join(map(re.escape, re.split(r"\{\{.*?\}\}", text)))
-    assert re.fullmatch(pattern, PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
-
-
 def test_a_bench_is_the_same_again_and_its_tests_differ_in_their_zeros_alone() -> None:
     curve = table_one_fits.read_curve()
     drawn, again, other = (table_one_fits.bench(curve, seed) for seed in (1, 1, 2))

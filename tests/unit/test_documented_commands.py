@@ -33,6 +33,7 @@ TOO_LONG = {
     "softcal validate project.yaml": "minutes; tests/unit/test_cli.py",
     "softcal calibrate project.yaml --out runs/least-squares": "a minute; tests/recovery/test_neck_bench.py",
     "softcal calibrate project.yaml --out runs/tpe": "4000 trials",
+    "softcal calibrate cycles.yaml --out runs/cycles": "two minutes; tests/recovery/test_neck_cycles.py",
     "softcal calibrate project.yaml --out runs/beam": "seconds; tests/validation/test_real_beam.py",
     "python vary.py": "a minute; tests/validation/test_real_beam.py",
 }

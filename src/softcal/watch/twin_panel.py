@@ -9,6 +9,7 @@ from softcal.watch.twin import TwinShape
 from softcal.watch.watched import WatchedSearch
 
 AWAY = (3.8, -10.6, 3.8)  # of the camera from the twin, which is 10 long
+STILL, TURNED = 2, 20  # pictures in a second; without a graphics card each takes the browser a twentieth of one
 
 
 class TwinPanel:
@@ -20,8 +21,10 @@ class TwinPanel:
         ui.label("The twin at the best trial").classes("sc-title")
         camera = ui.scene.perspective_camera(fov=45, near=0.1, far=200)
         self._scene: Any = ui.scene(
-            width=460, height=380, grid=False, camera=camera, background_color="#ffffff", click_events=[], fps=10
+            width=460, height=380, grid=False, camera=camera, background_color="#ffffff", click_events=[], fps=STILL
         ).classes("sc-scene")
+        self._scene.on("pointerenter", lambda: self._draw(TURNED), args=[])
+        self._scene.on("pointerleave", lambda: self._draw(STILL), args=[])
         self._scene.move_camera(*AWAY, 0, 0, 0, 0, 0, 1, duration=0)
         with ui.element("div").classes("sc-legend sc-hidden") as self._legend:
             ui.label("Displacement from rest: 0")
@@ -30,6 +33,10 @@ class TwinPanel:
             ui.label("Lines: at rest. Turn with the mouse.")
         self._note = ui.label().classes("sc-note").props('data-fact="twin"')
         self._shown = ""
+
+    def _draw(self, rate: int) -> None:
+        """So many pictures in a second from now on: as often as a hand needs where the mouse is over the twin."""
+        self._scene.props["fps"] = rate
 
     def show(self, search: WatchedSearch, shape: TwinShape | None, *, busy: bool) -> None:
         """Show a shape, or say why there is none."""

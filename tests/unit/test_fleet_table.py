@@ -100,6 +100,19 @@ def test_a_serial_number_is_text(tmp_path: Path) -> None:
     assert [row.factors["serial"] for row in table.rows] == ["007", 7.0, 0.7, 0.0]
 
 
+def test_what_is_no_finite_number_is_text(tmp_path: Path) -> None:
+    cells = ["1e999", "-2E999", "9" * 401, "9" * 5000, "1e308", "9" * 30]
+    rows = "".join(f"s{k},p1.csv,{cell}\n" for k, cell in enumerate(cells))
+    table = read(tmp_path, f"specimen,{FILE},serial\n{rows}")
+    assert [row.factors["serial"] for row in table.rows] == [*cells[:4], 1e308, float("9" * 30)]
+    assert "line 2: the number is not finite" in faults(tmp_path, f"specimen,{FILE},infill\none,p1.csv,1e999\n")
+    slack = ("    noise:", "    slack: 1 mm\n    noise:")
+    found = faults(tmp_path, f"specimen,{FILE},experiments.pull.slack [mm]\none,p1.csv,1e999\n", slack)
+    assert "line 2: the number is not finite" in found
+    found = faults(tmp_path, f"specimen,{FILE},bar.poissons_ratio\none,p1.csv,{'9' * 401}\n")
+    assert "line 2: the number is not finite" in found
+
+
 def test_only_the_named_factors_are_compared(tmp_path: Path) -> None:
     assert list(read(tmp_path, GOOD, by=("filament",)).factors) == ["filament"]
     with pytest.raises(InputError, match=r"the table has no such factor.*'filament'"):

@@ -24,13 +24,14 @@ from pathlib import Path
 from typing import Any
 
 from softcal.errors import Fault, InputError, ProjectFileError, StorageError, nearest
-from softcal.experiments.table import Table, is_unit, load_table, split_header, uses_decimal_comma
+from softcal.experiments.table import Table, load_table, split_header
 from softcal.experiments.table_format import TableFormat
 from softcal.experiments.text_file import open_text
 from softcal.limits import LIMITS
 from softcal.project.alike_faults import merged
 from softcal.project.document import Document, Entry, dotted, key_path
 from softcal.project.files import not_a_file, sha256
+from softcal.project.fleet_cell import CellReader
 from softcal.project.names import folded, name_fault
 from softcal.project.project import Project, load
 from softcal.project.sections import SECTIONS
@@ -41,8 +42,6 @@ from softcal.units import parse_quantity
 TABLE, TEMPLATE = "fleet.csv", "project.yaml"
 SPECIMEN, FILE, INFILL = "specimen", "file", "infill"
 _FILES = "files"
-_NUMBER = re.compile(r"([-+−]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?)(.*)", re.DOTALL)
-_SERIAL = re.compile(r"0\d")  # begins what is a name and no number, such as 007
 _TAKEN = re.compile(r"(\.json|\.json\.part|\.(failed|changed)-[0-9]+)$")  # see `workflows.fleet_folder`
 _NEAR = 0.85  # of a name to that of a key, from which on one may be meant for the other
 
@@ -61,6 +60,8 @@ class FleetRow:
         Parameter -> the value at which it is fixed, as written.
     factors
         Factor -> its value: text, a number [SI], or None where the table has none.
+    line
+        Of the table.
     places
         Parameter of `values` -> where it is written.
     """
@@ -69,6 +70,7 @@ class FleetRow:
     changes: Mapping[str, Entry]
     values: Mapping[str, str]
     factors: Mapping[str, str | float | None]
+    line: int = 0
     places: Mapping[str, str] = field(default_factory=dict[str, str])
 
 
@@ -206,9 +208,7 @@ class _RowReader:
         ]
         self._require_names()
         self._require_factors()
-        self.comma = uses_decimal_comma(
-            [match[1] for _, cells in lines for c in cells if (match := _NUMBER.fullmatch(c))]
-        )
+        self.cells = CellReader.of(cell for _, cells in lines for cell in cells)
         seen: dict[str, tuple[int, str]] = {}
         return tuple(self._row(line, cells, seen) for line, cells in lines)
 
@@ -334,11 +334,11 @@ class _RowReader:
             if column.factor:
                 factors[column.name] = self._factor(column, cell, where)
             if cell and column.kind == "key":
-                changes |= {key: Entry(self._written(cell, column.unit), where) for key in column.keys}
+                changes |= {key: Entry(self.cells.written(cell, column.unit), where) for key in column.keys}
             elif cell and column.kind == "parameter":
-                values[column.name] = str(self._written(cell, column.unit))
+                values[column.name] = str(self.cells.written(cell, column.unit))
                 places[column.name] = where
-        return FleetRow(name, changes, values, factors, places)
+        return FleetRow(name, changes, values, factors, line, places)
 
     def _check_name(self, name: str, line: int, where: str, seen: dict[str, tuple[int, str]]) -> None:
         if not name:
@@ -357,31 +357,13 @@ class _RowReader:
         else:
             seen[folded(name)] = (line, name)
 
-    def _written(self, cell: str, unit: str) -> object:
-        """A cell as a project file would have it: a number, with its unit, or text."""
-        match = _NUMBER.fullmatch(cell)
-        if match is None or (match[2].strip() and not is_unit(match[2].strip())):
-            return {"true": True, "false": False}.get(cell, cell)
-        number = match[1].replace("−", "-").replace(",", "." if self.comma else ",")
-        if unit := match[2].strip() or unit:
-            return f"{number} {unit}" if unit != "1" else number
-        try:
-            return int(number) if re.fullmatch(r"[-+]?\d+", number) else float(number)
-        except ValueError:
-            return cell
-
     def _factor(self, column: _TableColumn, cell: str, where: str) -> str | float | None:
         if not cell:
             return None
         if column.name != INFILL:
-            if _SERIAL.match(cell):
-                return cell
-            written = self._written(cell, column.unit)
-            return (
-                float(written) if isinstance(written, (int, float)) and not isinstance(written, bool) else str(written)
-            )
+            return self.cells.factor(cell, column.unit)
         try:
-            value = parse_quantity(self._written(cell, column.unit), "1", where=where)
+            value = parse_quantity(self.cells.written(cell, column.unit), "1", where=where)
             return QUANTITIES[INFILL].checked(value, where=where)
         except InputError as error:
             self.faults.extend(replace(one, where=where) for one in error.faults)

@@ -7,26 +7,27 @@ on a cluster all workers must see the folder.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from softcal.analysis.fleet_statement import FleetStatement, fleet_statement
 from softcal.analysis.specimen import Specimen, State
 from softcal.calibration.interrupts import stoppable
 from softcal.calibration.live import told_live
 from softcal.calibration.search import Progress
-from softcal.errors import Fault, InputError, ProjectFileError, SoftcalError, StorageError
+from softcal.errors import ProjectFileError, SoftcalError, StorageError
 from softcal.executors.chosen import executor_of
-from softcal.executors.each import LostCall, each, results
+from softcal.executors.each import LostCall, each
 from softcal.executors.executor import Executor
 from softcal.project.alike_faults import merged
 from softcal.project.fleet_table import FleetRow, FleetTable, parse_fleet, row_project
-from softcal.workflows.calibration import calibrate, plan
+from softcal.workflows.calibration import calibrate
+from softcal.workflows.fleet_check import FleetOrder, check_fleet
 from softcal.workflows.fleet_folder import (
     begin_fleet,
     finish_fleet,
+    held_fleet,
     read_specimen,
     reopen_fleet,
     set_aside,
@@ -60,15 +61,6 @@ class Fleet(Outcome):
     statement: FleetStatement
     _: KW_ONLY
     folder: Path
-
-
-@dataclass(frozen=True)
-class _Order:
-    """What all calls of a worker share."""
-
-    template: Path
-    folder: Path
-    settings: Mapping[str, Any]
 
 
 def fleet(
@@ -113,7 +105,7 @@ def fleet(
     """
     (table, faults), folder = parse_fleet(source, template, by), Path(out).absolute()
     given = {key: value for key, value in changes.items() if value is not None}
-    order = _Order(table.template.absolute(), folder, {"mesh_error": False, **given})
+    order = FleetOrder(table.template.absolute(), folder, {"mesh_error": False, **given})
     with executor_of(workers) as executor, stoppable() as stop:
         if resume:
             reopen_fleet(table, order.settings, folder)
@@ -121,16 +113,17 @@ def fleet(
                 raise ProjectFileError(merged(faults))
         else:
             require_free_folder(folder)
-            _check(table, order, faults, executor, progress or _unseen)
+            check_fleet(table, order, faults, executor, progress or _unseen)
             begin_fleet(table, order.settings, folder)
-        try:
-            _calibrate(table, order, executor, progress or _unseen)
-        except KeyboardInterrupt:
-            if stop.by is None:
-                raise
-    specimens = tuple(one for row in table.rows if (one := read_specimen(folder, row.name)) is not None)
-    statement = fleet_statement(specimens, list(table.factors))
-    finish_fleet(table, order.settings, specimens, statement, folder)
+        with held_fleet(folder):
+            try:
+                _calibrate(table, order, executor, progress or _unseen)
+            except KeyboardInterrupt:
+                if stop.by is None:
+                    raise
+            specimens = tuple(one for row in table.rows if (one := read_specimen(folder, row.name)) is not None)
+            statement = fleet_statement(specimens, list(table.factors))
+            finish_fleet(table, order.settings, specimens, statement, folder)
     return Fleet(table, specimens, statement, folder=folder, stopped_by=stop.by)
 
 
@@ -138,7 +131,7 @@ def _unseen(what: str, of: int, done: int, failed: int) -> None:
     """Progress that nobody looks at."""
 
 
-def _calibrate(table: FleetTable, order: _Order, executor: Executor, show: Observer) -> None:
+def _calibrate(table: FleetTable, order: FleetOrder, executor: Executor, show: Observer) -> None:
     """Calibrate the specimens that are not done; each keeps its own record."""
     kept = {row.name: read_specimen(order.folder, row.name) for row in table.rows}
     left = [row for row in table.rows if (one := kept[row.name]) is None or one.state == "FAILED"]
@@ -156,7 +149,7 @@ def _calibrate(table: FleetTable, order: _Order, executor: Executor, show: Obser
             show("specimens", n, done, failed)
 
 
-def calibrated_specimen(order: _Order, row: FleetRow) -> State:
+def calibrated_specimen(order: FleetOrder, row: FleetRow) -> State:
     """Calibrate one specimen in its folder, and keep what was found; a failure is a state.
 
     Raises
@@ -174,7 +167,7 @@ def calibrated_specimen(order: _Order, row: FleetRow) -> State:
     return one.state
 
 
-def _calibrated(order: _Order, row: FleetRow) -> Specimen:
+def _calibrated(order: FleetOrder, row: FleetRow) -> Specimen:
     began = time.perf_counter()
     run = specimen_folder(order.folder, row.name)
     before = read_specimen(order.folder, row.name)
@@ -195,23 +188,3 @@ def _calibrated(order: _Order, row: FleetRow) -> Specimen:
             raise
         one = Specimen(row.name, "FAILED", row.factors, reason=str(error))
     return replace(one, seconds=time.perf_counter() - began)
-
-
-def checked_row(order: _Order, row: FleetRow) -> tuple[Fault, ...]:
-    """Every fault of a specimen's project, or of the settings for it."""
-    try:
-        plan(row_project(order.template, row), **order.settings)
-    except InputError as error:
-        return error.faults
-    return ()
-
-
-def _check(table: FleetTable, order: _Order, known: Sequence[Fault], executor: Executor, show: Observer) -> None:
-    """Raise with the faults of the table and of all specimens' projects."""
-    faults = list(known)
-    calls = results(executor, checked_row, order, [(row,) for row in table.rows])
-    for k, found in enumerate(calls, 1):
-        faults += found
-        show("checked", len(table.rows), k, 0)
-    if faults:
-        raise ProjectFileError(merged(faults))

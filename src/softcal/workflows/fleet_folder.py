@@ -10,6 +10,7 @@ specimens/<name>.changed-<n>/  a run that was in work when the specimen's files 
 fleet.csv                      at the end: a row for each specimen and parameter
 live.json                      how many are finished, and the workers (see `calibration.live`)
 report.html, figures, tables   at the end
+fleet.lock                     held by the process that calibrates; empty
 
 A specimen with a .json file is finished; one with a folder and without the file is in work, or was when the fleet was
 stopped; any other waits. A resumed fleet begins a specimen that failed, or whose files have changed, anew, and keeps
@@ -20,7 +21,8 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
 from itertools import count
@@ -31,6 +33,7 @@ from pydantic import Field
 
 from softcal.analysis.fleet_statement import FleetStatement
 from softcal.analysis.specimen import Specimen, State
+from softcal.calibration.file_lock import hold
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result import Estimate
 from softcal.calibration.store import write_text
@@ -42,7 +45,7 @@ from softcal.project.fleet_table import FleetTable
 from softcal.workflows.output import new_folder, require_writable, unwritable
 
 FORMAT = 1
-FLEET, SPECIMENS, TABLE_COPY, CSV = "fleet.json", "specimens", "table.csv", "fleet.csv"
+FLEET, SPECIMENS, TABLE_COPY, CSV, LOCK = "fleet.json", "specimens", "table.csv", "fleet.csv", "fleet.lock"
 _RESTORE = "restore it, or use another --out without --resume"
 
 
@@ -85,6 +88,27 @@ def begin_fleet(table: FleetTable, settings: Mapping[str, Any], folder: Path) ->
         except OSError as error:
             raise unwritable(folder, error) from error
         write_text(part / FLEET, _text(_plan(table, settings, datetime.now(UTC).isoformat(timespec="seconds"))))
+
+
+@contextmanager
+def held_fleet(folder: Path) -> Generator[None]:
+    """Hold a fleet's folder within this block, so that no other process calibrates in it.
+
+    Raises
+    ------
+    StorageError
+        Where another process holds it, or it cannot be written.
+    """
+    try:
+        lock = hold(folder / LOCK)
+    except BlockingIOError as error:
+        attempt = "wait for the other softcal fleet in this folder"
+        locked = Fault("the fleet cannot be kept", str(folder), "a folder locked by another process", attempt=attempt)
+        raise StorageError(locked) from error
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    with lock:
+        yield
 
 
 def reopen_fleet(table: FleetTable, settings: Mapping[str, Any], folder: Path) -> None:

@@ -15,7 +15,7 @@ from softcal.report.format import file_stem
 from softcal.report.style import encode
 from softcal.report.write import write_files
 from softcal.workflows.fleet import Fleet
-from softcal.workflows.fleet_folder import FLEET
+from softcal.workflows.fleet_folder import FLEET, held_fleet
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,7 +30,7 @@ def write_fleet_report(found: Fleet) -> Path:
     Raises
     ------
     StorageError
-        Where a file cannot be written.
+        Where a file cannot be written, or another process goes on with the fleet.
     """
     pictures = fleet_pictures(found)
     files: dict[Path, bytes] = {}
@@ -44,7 +44,8 @@ def write_fleet_report(found: Fleet) -> Path:
     page = FleetPage(str(read_document(found.table.template).data["name"]), record["created"])
     path = found.folder / PAGE
     files[path] = render_fleet_page(page, found.specimens, found.statement, pictures).encode()
-    write_files(files)
+    with held_fleet(found.folder):
+        write_files(files)
     return path
 
 

@@ -40,6 +40,7 @@ def found(problem: Problem, name: str, start: Sequence[float], true: float) -> N
     assert "Converged" in result.status, where
 
 
+@pytest.mark.slow  # ten seconds each
 @pytest.mark.parametrize("loss", [LikelihoodLoss(), DistanceLoss(LENGTH)], ids=lambda loss: loss.name)
 def test_a_tentacle_400_mm_before_a_camera(loss: Loss) -> None:
     problem = tentacle_problem(loss)

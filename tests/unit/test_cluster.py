@@ -352,6 +352,17 @@ def test_dasks_own_words_are_heard_again_when_the_last_executor_is_closed(cluste
         logs[1].setLevel(before[1])
 
 
+def test_dask_is_silenced_although_its_import_sets_its_loggers() -> None:
+    """In a process of its own: here others have imported it."""
+    told = "import logging; from softcal.executors.dask_logs import dask_silenced\n"
+    told += "with dask_silenced():\n import distributed; print(logging.getLogger('distributed.client').level)\n"
+    told += "print(logging.getLogger('distributed.client').level)"
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
+    inside, after = map(int, done.stdout.split())
+    assert inside == logging.CRITICAL
+    assert after < logging.CRITICAL
+
+
 def test_without_dask_jobqueue_a_queue_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     skip_without("distributed")
     monkeypatch.setitem(sys.modules, "dask_jobqueue", None)

@@ -15,7 +15,8 @@ from sweep_case import write_sweep
 from softcal.calibration.result import CalibrationResult
 from softcal.cli import main
 from softcal.cli.calibration_table import print_results
-from softcal.cli.printing import print_table
+from softcal.cli.printing import print_report_table, print_table
+from softcal.report.tables import Column, ReportTable
 
 Printed = Callable[[], list[str]]
 
@@ -91,6 +92,13 @@ def test_a_cell_that_is_wider_than_the_terminal_is_folded_not_cut(printed: Print
     table.add_row("name " * 4, "x" * 200)
     print_table(table)
     assert sum(line.count("x") for line in printed()) == 200
+
+
+def test_names_are_printed_as_they_are(printed: Printed) -> None:
+    """A filament may be called so; Rich would leave its marks out, and ends at one that closes nothing."""
+    names = ("TPU [shore 82A]", "A [/82]", ":red_circle: x", r"\[a]")
+    print_report_table(ReportTable("", "", (Column("front.slack[pull]"),), tuple((name,) for name in names)))
+    assert {"front.slack[pull]", *names} <= cells(printed())
 
 
 def run(*arguments: object) -> None:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fleet_case import estimates
 
+from softcal.analysis.fleet_statement import fleet_statement
 from softcal.calibration.result import Distance, ExperimentFit
 from softcal.report.comparison import NominalComparison
 from softcal.report.figures.distances import draw_distances
 from softcal.report.figures.nominal_and_tuned import draw_comparison
+from softcal.report.fleet_figures import draw_specimens
 from softcal.report.positions import Place
-from softcal.report.style import overlapping
+from softcal.report.style import encode, house_style, new_figure, overlapping, plain_log_ticks
 
 NAMES = [f"cable{i}_pulled_by_2_kgf_on_monday" for i in range(1, 7)]
 
@@ -52,3 +55,30 @@ def test_numbers_and_names_of_a_comparison_are_apart(names, n_states: int) -> No
     for axes in figure.axes:
         assert not overlapping([text for text in axes.texts if text.get_visible()])
         assert not overlapping(axes.get_xticklabels())
+
+
+@pytest.mark.parametrize(("low", "high"), [(2.0, 3.0), (1.0, 20.0), (0.1, 4e5)])
+def test_logarithmic_ticks_are_plain_numbers(low: float, high: float) -> None:
+    with house_style():
+        figure = new_figure()
+        axes = figure.subplots()
+        axes.set_yscale("log")
+        axes.set_ylim(low, high)
+        plain_log_ticks(axes.yaxis, low, high)
+        figure.draw_without_rendering()
+    shown = [float(label.get_text()) for label in axes.get_yticklabels()]
+    assert sum(low <= value <= high for value in shown) >= 2
+
+
+@pytest.mark.parametrize("name", ["$ x_{ $ A", "5$ a_ $2"])
+def test_dollars_in_names_are_dollars(name: str) -> None:
+    """Matplotlib would read what is between two as mathematics."""
+    factors = [{"price": name if k % 2 else "B"} for k in range(12)]
+    values = [10.0 + 3.0 * (k % 2) + 0.1 * k for k in range(12)]
+    specimens = estimates(values, [0.05] * 12, factors=factors)
+    found = fleet_statement(specimens, ["price"])
+    figure = draw_specimens(found.populations[0], specimens, found)
+    (legend,) = figure.legends
+    assert f"price {name}" in [text.get_text() for text in legend.get_texts()]
+    assert not any(text.get_parse_math() for text in legend.get_texts())
+    assert encode(figure)[0]

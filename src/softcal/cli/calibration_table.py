@@ -78,9 +78,7 @@ def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
     parameters = dict.fromkeys(name for result in results.values() for name in result.parameters)
     for name in parameters:
         found = [result.parameters.get(name) for result in results.values()]
-        table.add_row(
-            name.replace("[", r"\["), *("" if estimate is None else value_text(estimate) for estimate in found)
-        )
+        table.add_row(name, *("" if estimate is None else value_text(estimate) for estimate in found))
         if "[" not in name and any(estimate is not None and estimate.interval for estimate in found):
             table.add_row(
                 "  95 % interval", *("" if estimate is None else interval_text(estimate) for estimate in found)

@@ -87,7 +87,7 @@ def _print_study(found: ImportanceStudy) -> None:
         table = Table(name, "alone", "with others", *["fANOVA"] * bool(fanova))
         for label, first in output.first.items():
             cells = [index_text(first), index_text(output.total[label])]
-            table.add_row(label.replace("[", r"\["), *cells, *([f"{fanova[label]:.3f}"] if label in fanova else []))
+            table.add_row(label, *cells, *([f"{fanova[label]:.3f}"] if label in fanova else []))
         print_table(table)
     errors = ", ".join(f"{name} {100 * one.surrogate_error:.1g} %" for name, one in found.outputs.items())
     counted = ", ".join(f"{plain(value, 6)} {name}" for name, value in found.facts.items())

@@ -99,7 +99,7 @@ def _print_study(found: IntervalStudy) -> None:
             f"{side} bound" for side, is_at in zip(("lower", "upper"), one.at_bounds, strict=True) if is_at
         )
         table.add_row(
-            label.replace("[", r"\["),
+            label,
             format_quantity(one.value, one.unit),
             interval_text(one, one.quick),
             interval_text(one, one.found) + (f" ({bounds})" if bounds else ""),

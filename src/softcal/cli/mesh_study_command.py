@@ -177,9 +177,9 @@ def _parameters(found: MeshStudy, finer: Sequence[Finer]) -> Table:
 
     table = Table("parameter", "on", "value", "shift")
     for label, estimate in found.parameters.items():
-        name = label.replace("[", r"\[")
+        name = label
         if label in found.of_robot:
-            table.add_row(name, "original", value_text(estimate), "")
+            table.add_row(label, "original", value_text(estimate), "")
             name = ""
         for one in finer:
             if label in found.of_robot or one.name == found.reference:

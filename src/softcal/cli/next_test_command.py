@@ -71,7 +71,7 @@ def _table(found: NextTests) -> Table:
 
     from softcal.analysis.next_test_verdict import interval_text
 
-    table = Table("candidate", f"{found.parameter}, 95 %".replace("[", r"\["), "length", "all parameters")
+    table = Table("candidate", f"{found.parameter}, 95 %", "length", "all parameters")
     table.add_row("(at present)", interval_text(found.interval, found.unit) if found.interval else "none", "1", "1")
     table.add_section()
     for one in found.outlooks:

@@ -19,16 +19,17 @@ LOG_WIDTH = 160  # a log does not wrap
 
 
 def print_table(table: Table) -> None:
-    """Print a table of texts in the width of the terminal, or of a log.
+    """Print a table of texts as they are, in the width of the terminal, or of a log.
 
     A wider table is printed in parts below each other, each with some of the columns and the first one, which names the
     rows, so that no number is cut off or wrapped if one column besides the names fits.
     """
     from rich.console import Console
 
-    console = Console()
+    # Names may hold brackets and colons, which are no marks of Rich's.
+    console = Console(markup=False, emoji=False)
     if not console.is_terminal:
-        console = Console(width=LOG_WIDTH)
+        console = Console(markup=False, emoji=False, width=LOG_WIDTH)
     for part in _parts(table, console.width):
         console.print(part)
 
@@ -98,6 +99,6 @@ def _frame(n_columns: int) -> int:
 
 
 def _width(text: str) -> int:
-    from rich.text import Text
+    from rich.cells import cell_len
 
-    return max((line.cell_len for line in Text.from_markup(text).split("\n")), default=0)
+    return max(map(cell_len, text.split("\n")))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from importlib import import_module
 
 _NAMES = ("distributed.client", "distributed.core", "distributed.comm", "distributed.scheduler")
 _lock = threading.Lock()
@@ -15,6 +16,8 @@ _before: list[dict[str, int]] = []  # the levels that each use of a cluster foun
 @contextmanager
 def dask_silenced() -> Generator[None]:
     """Silence Dask within this block; the levels of its loggers are restored when the last such block ends."""
+    with suppress(ModuleNotFoundError):
+        import_module("distributed")  # which sets the levels itself
     with _lock:
         _before.append({name: logging.getLogger(name).level for name in _NAMES})
         for name in _NAMES:

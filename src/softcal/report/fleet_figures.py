@@ -60,7 +60,7 @@ def draw_infill(law: InfillLaw, specimens: Sequence[Specimen], found: FleetState
         figure = new_figure(5.6, 4.0)
         axes = figure.subplots()
         phi, middle, low, high = (np.array(row) for row in law.line)
-        gamma = f"$E = E_\\mathrm{{bulk}}\\,\\varphi^\\gamma$, γ = {law.exponent:.3g}"
+        gamma = f"E = E_bulk φ^γ, γ = {law.exponent:.3g}"
         axes.fill_between(
             100 * phi,
             low / scale.factor,

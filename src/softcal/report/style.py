@@ -56,6 +56,7 @@ _STYLE: Any = {
     "svg.fonttype": "path",
     "svg.hashsalt": "softcal",
     "path.simplify": True,
+    "text.parse_math": False,  # names of the user's may contain dollars
 }
 
 
@@ -143,13 +144,11 @@ def plain_log_axis(axes: Axes, low: float, high: float) -> None:
 
 def plain_log_ticks(axis: Axis, low: float, high: float) -> None:
     """Ticks of a logarithmic axis from low to high that read 0.1, 0.3, 1, and never crowd."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
     ratio = high / low
-    if ratio < 1.8:
-        return
     subs = (1.0, 2.0, 3.0, 5.0) if ratio < 30 else (1.0, 3.0) if ratio < 3000 else (1.0,)
-    axis.set_major_locator(LogLocator(subs=subs, numticks=12))
+    axis.set_major_locator(MaxNLocator(5) if ratio < 1.8 else LogLocator(subs=subs, numticks=12))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_locator(NullLocator())
     axis.set_minor_formatter(NullFormatter())

@@ -119,11 +119,10 @@ def _draw_cells(figure: Figure, axes: Axes, surface: ErrorSurface, x_scale: Scal
         )  # fmt: skip
     at = (surface.best[0] / x_scale.factor, surface.best[1] / y_scale.factor)
     axes.plot(*at, "*", markersize=13, color=ORANGE, markeredgecolor=INK, linestyle="", zorder=6, label="best cell")
-    for values, set_scale in ((x, axes.set_xscale), (y, axes.set_yscale)):
+    for values, axis, set_scale in ((x, axes.xaxis, axes.set_xscale), (y, axes.yaxis, axes.set_yscale)):
         if is_uneven(values):
             set_scale("log")
-    if is_uneven(x):
-        plain_log_ticks(axes.xaxis, float(x[0]), float(x[-1]))
+            plain_log_ticks(axis, float(values[0]), float(values[-1]))
     axes.grid(False)
 
 

@@ -59,7 +59,7 @@ def draw_plausible_modulus(infill: PrintInfill, results: Mapping[str, SearchResu
         axes.set_xlabel("E [MPa]")
         gamma = f"{infill.exponent[0]:.3g}–{infill.exponent[1]:.3g}"
         figure.suptitle(
-            f"$E_\\mathrm{{eff}} = E_\\mathrm{{bulk}}\\,\\phi^\\gamma$,  φ = {infill.infill:.3g}, γ = {gamma}",
+            f"E_eff = E_bulk φ^γ, φ = {infill.infill:.3g}, γ = {gamma}",
             fontsize=10,
         )
         return figure

@@ -262,6 +262,19 @@ def test_the_command_prints_the_statement(folder: Path, tmp_path: Path, capsys: 
     assert "the template cannot be read" in capsys.readouterr().err
 
 
+def test_the_command_and_the_page_name_what_was_counted_twice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_fleet(tmp_path, FACTORS[:2], f"specimen,{FILE}\ns1,p1.csv\ns2,p2.csv\ns3,copy.csv\n")
+    shutil.copyfile(folder / "p1.csv", folder / "copy.csv")
+    with pytest.raises(SystemExit) as end:
+        main(["fleet", str(folder)])
+    assert end.value.code in (0, None)
+    said = "The same measured files stand for several specimens, and each counts as one of its own: s1, s3."
+    assert said in capsys.readouterr().out
+    assert said in (folder / "fleet" / "report.html").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("command", ["fleet", "calibrate"])
 @pytest.mark.parametrize("option", ["workers=2", "out=x", "project=2", "engine=sofa", "source=x", "strats=5"])
 def test_what_is_no_option_is_refused_by_its_name(

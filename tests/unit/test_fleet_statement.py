@@ -243,6 +243,69 @@ def test_a_modulus_without_a_law_does_not_hide_that_of_another() -> None:
             assert "a against the infill cannot be told" not in said
 
 
+def test_of_a_modulus_that_specimens_do_not_determine_it_is_not_said_that_there_is_none() -> None:
+    specimens = infilled(np.random.default_rng(20), 12, (0.2, 0.4, 0.8))
+    at_bound = [
+        replace(s, parameters={"x": replace(s.parameters["x"], at_bound=True)}) if k < 3 else s
+        for k, s in enumerate(specimens)
+    ]
+    said = text(at_bound, ["infill"])
+    assert "x: nothing is said of the specimens together: 3 of 12 specimens do not determine it (at a bound)." in said
+    assert "against the infill cannot be told" not in said
+    linear = [replace(s, parameters={"x": replace(s.parameters["x"], scale="linear")}) for s in specimens]
+    none = "E against the infill cannot be told: no modulus is searched by its logarithm."
+    assert none in text(linear, ["infill"])
+    assert none in text([replace(s, parameters={"x": replace(s.parameters["x"], unit="1")}) for s in specimens])
+    assert "cannot be told" not in text(specimens, ["infill"])
+
+
+RESIDUALS = "The residuals of {} are {} times the noise of the records: the model is incomplete. Errors are increased."
+
+
+def test_the_most_frequent_warning_is_told_once() -> None:
+    chance = np.random.default_rng(22)
+    specimens = estimates(*drawn(chance, 6, 0.1))
+    assert "have warnings" not in text(specimens)
+    bound = "front.slack is at its upper bound of 12 mm: the value is determined by the bound, not by the data."
+    of = {
+        "s1": (bound,),
+        "s2": (RESIDUALS.format("tension", 8.4),),
+        "s3": (bound, RESIDUALS.format("tension", "160")),
+        "s5": (RESIDUALS.format("pitch", 3), RESIDUALS.format("tension", 33)),
+    }
+    warned = [replace(one, warnings=of.get(one.name, ())) for one in specimens]
+    failed = Specimen("no", "FAILED", reason="It buckles.", warnings=(bound,))
+    (said,) = (one for one in fleet_sentences([*warned, failed], stated([*warned, failed])) if "warnings" in one.text)
+    assert said.tone == "warning"
+    assert said.text == (
+        "4 of 6 calibrated specimens have warnings: The residuals of tension are 8.4 times the noise of the records "
+        "(s2), and the like of 2 more. specimens/NAME.json has all."
+    )
+    one = [replace(s, warnings=of["s1"]) if s.name == "s1" else s for s in specimens]
+    said = "1 of 6 calibrated specimens has warnings: front.slack is at its upper bound of 12 mm (s1). specimens/"
+    assert said in text(one)
+    assert "1 of 1 calibrated specimens has warnings" in text(one[1:2])
+
+
+def test_specimens_with_the_same_measured_files_are_named() -> None:
+    content = ["a", "b", "a", "c", "b", "d"]
+    specimens = [
+        replace(one, hashes={"bar.msh": "mesh", f"p{k}.csv": content[k], "both.csv": "both"})
+        for k, one in enumerate(estimates([1.0] * 6, [0.1] * 6))
+    ]
+    measured = {f"s{k}": (f"p{k}.csv", "both.csv") for k in range(6)}
+    found = fleet_statement(specimens, [], measured)
+    assert found.same_data == (("s0", "s2"), ("s1", "s4"))
+    said = [one for one in fleet_sentences(specimens, found) if "same measured files" in one.text]
+    assert [one.tone for one in said] == ["warning"]
+    assert said[0].text.endswith("each counts as one of its own: s0, s2; s1, s4.")
+    assert not fleet_statement([specimens[k] for k in (0, 1, 3, 5)], [], measured).same_data
+    failed = [replace(one, state="FAILED") if one.name in ("s2", "s4") else one for one in specimens]
+    assert not fleet_statement(failed, [], measured).same_data
+    assert not fleet_statement([replace(one, hashes={}) for one in specimens], [], measured).same_data  # an older fleet
+    assert "same measured files" not in text(specimens)
+
+
 def test_filaments_are_compared_at_equal_infill() -> None:
     """Their difference of 10 % is far below that of the infills."""
     chance = np.random.default_rng(21)

@@ -54,6 +54,12 @@ def test_a_column_file_is_the_file_of_all_experiments_that_share_one(tmp_path: P
     }
 
 
+def test_the_measured_files_of_a_row_are_those_of_all_experiments(tmp_path: Path) -> None:
+    table = read(tmp_path, f"specimen,{FILE},a\none,p1.csv,A\ntwo,p2.csv,\n")
+    assert [row.measured for row in table.rows] == [("p1.csv",), ("p2.csv",)]
+    assert read(tmp_path / "b", "specimen,a\none,A\n").rows[0].measured == ("data/pull.csv",)
+
+
 def test_columns_set_keys_and_parameters_with_units(tmp_path: Path) -> None:
     text = f"specimen,{FILE},experiments.pull.slack [mm],bar.poissons_ratio,robot.bodies.bar.youngs_modulus\n"
     table = read(tmp_path, f"{text}one,p1.csv,1.5,0.40,2.5 MPa\ntwo,p2.csv,,,\n")
@@ -147,6 +153,11 @@ def test_only_the_named_factors_are_compared(tmp_path: Path) -> None:
         (f"specimen,{FILE},infill\none,p1.csv,0\n", "line 2: the infill is out of range"),
         (f"specimen,{FILE},infill\none,p1.csv,30\n", "line 2: the infill is out of range"),
         (f"specimen,{FILE},infill [mm]\none,p1.csv,30\n", "line 2: the unit does not fit"),
+        (
+            f"specimen,{FILE},a\none,p1.csv,A\ntwo,,B\n",
+            f"column '{FILE}', line 3: the specimen has no measured file here",
+        ),
+        ("specimen,file,a\none,,A\ntwo,,B\n", "column 'file', lines 2, 3: the specimen has no measured file here"),
         (f"specimen,{FILE}\n", "no data below the column names"),
         (f"specimen,{FILE},\none,p1.csv,x\n", "fields than there are column names"),
     ],

@@ -33,6 +33,8 @@ class FleetStatement:
         Moduli against the infill.
     no_law
         Modulus -> why there is none of it; "E" where there is no such modulus. Empty without an infill.
+    same_data
+        Specimens that were calibrated with exactly the same measured files.
     """
 
     done: int
@@ -44,10 +46,15 @@ class FleetStatement:
     not_apart: tuple[tuple[str, str], ...]
     laws: tuple[InfillLaw, ...]
     no_law: Mapping[str, str]
+    same_data: tuple[tuple[str, ...], ...] = ()
 
 
-def fleet_statement(specimens: Sequence[Specimen], factors: Sequence[str]) -> FleetStatement:
-    """The statement of a fleet; factors: those by which the specimens are compared."""
+def fleet_statement(
+    specimens: Sequence[Specimen], factors: Sequence[str], measured: Mapping[str, Sequence[str]] | None = None
+) -> FleetStatement:
+    """The statement of a fleet; factors: those by which the specimens are compared; measured: specimen -> its measured
+    files, by their paths as the template has them.
+    """
     done = [one for one in specimens if one.state == "DONE"]
     found, unknown = comparisons(done)
     laws, no_law = infill_laws(found, done)
@@ -64,4 +71,15 @@ def fleet_statement(specimens: Sequence[Specimen], factors: Sequence[str]) -> Fl
         tuple(not_apart(done, by)),
         laws,
         no_law,
+        _same_data(done, measured or {}),
     )
+
+
+def _same_data(specimens: Sequence[Specimen], measured: Mapping[str, Sequence[str]]) -> tuple[tuple[str, ...], ...]:
+    """Specimens whose measured files have the same content, in groups."""
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for one in specimens:
+        files = measured.get(one.name, ())
+        if files and all(path in one.hashes for path in files):
+            groups.setdefault(tuple(one.hashes[path] for path in files), []).append(one.name)
+    return tuple(tuple(names) for names in groups.values() if len(names) > 1)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from softcal.analysis.fleet_factors import FactorEffect
@@ -17,6 +18,8 @@ from softcal.units import format_quantity, plain, readable_unit, rounded, unit_f
 
 _AS_RATIO = 0.2
 _NAMED = 5
+_DIGITS = re.compile(r"[\d.]+")
+_FIRST = re.compile(r": |\. ")  # where the first statement of a warning ends
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,11 @@ def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tup
         texts.append(
             FleetSentence(f"{len(failed)} of {n} specimens failed, and do not count: {named}{more}", "warning")
         )
+    texts += _warnings([one for one in specimens if one.state == "DONE"])
+    if found.same_data:
+        groups = "; ".join(map(_names, found.same_data[:_NAMED])) + ("; …" if len(found.same_data) > _NAMED else "")
+        text = f"The same measured files stand for several specimens, and each counts as one of its own: {groups}."
+        texts.append(FleetSentence(text, "warning"))
     if found.done < 2:
         what = "There is one specimen" if found.done else "No specimen was calibrated"
         texts.append(FleetSentence(f"{what}: how specimens differ cannot be told.", "note"))
@@ -59,6 +67,28 @@ def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tup
         for label, why in found.no_law.items()
     ]
     return tuple(texts)
+
+
+def _warnings(specimens: Sequence[Specimen]) -> list[FleetSentence]:
+    """How many calibrations have warnings, and the most frequent of these, which may differ in their numbers."""
+    warned = [one for one in specimens if one.warnings]
+    if not warned:
+        return []
+    kinds: dict[str, list[tuple[str, str]]] = {}
+    for one in warned:
+        for text in one.warnings:
+            kinds.setdefault(_DIGITS.sub("", text), []).append((one.name, text))
+    often = max(kinds.values(), key=len)
+    name, text = often[0]
+    said = f"{len(warned)} of {len(specimens)} calibrated specimens {'has' if len(warned) == 1 else 'have'} warnings"
+    first = _FIRST.split(text)[0].rstrip(".")
+    n = len(dict.fromkeys(name for name, _ in often))
+    also = f", and the like of {n - 1} more" if n > 1 else ""
+    return [FleetSentence(f"{said}: {first} ({name}){also}. specimens/NAME.json has all.", "warning")]
+
+
+def _names(names: Collection[str]) -> str:
+    return ", ".join(list(names)[:_NAMED]) + (", …" if len(names) > _NAMED else "")
 
 
 def spread_text(spread: float, scale: Scale, unit: str, value: float, *, as_ratio: bool = False) -> str:
@@ -129,7 +159,7 @@ def _population(one: Population) -> list[FleetSentence]:
         text += f" A further specimen is expected at {ends_text(one.further, one.unit, one.mean)}."
     found = [FleetSentence(text, "good" if one.differs or one.n > 2 else "note")]
     if one.left_out:
-        named = ", ".join(list(one.left_out)[:_NAMED]) + (", …" if len(one.left_out) > _NAMED else "")
+        named = _names(one.left_out)
         reasons = "; ".join(dict.fromkeys(one.left_out.values()))
         found.append(FleetSentence(f"{one.label}: {named} left out ({reasons}).", "warning"))
     if one.without is not None:

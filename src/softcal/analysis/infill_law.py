@@ -12,6 +12,7 @@ from softcal.analysis.population import Comparable, Interval
 from softcal.analysis.specimen import Specimen
 from softcal.calibration.mixed_effects import MixedEffects, mixed_effects
 from softcal.calibration.random_effects import DIFFERS
+from softcal.calibration.result import Estimate
 from softcal.checks import Floats
 
 INFILL = "infill"
@@ -67,14 +68,15 @@ def infill_laws(
     compared: Sequence[Comparable], specimens: Sequence[Specimen]
 ) -> tuple[tuple[InfillLaw, ...], dict[str, str]]:
     """The law of every modulus [Pa] that is searched by its logarithm; and why it cannot be told, in words, by modulus
-    (by "E" where there is none).
+    (by "E" where there is none). Of those that cannot be compared nothing is said here.
     """
     phi = log_infill(specimens)
     if not phi:
         return (), {}
-    moduli = [one for one in compared if one.unit == "Pa" and one.scale == "log"]
+    moduli = [one for one in compared if _is_modulus(one)]
     found: list[InfillLaw] = []
-    why: dict[str, str] = {} if moduli else {"E": "no modulus is searched by its logarithm"}
+    searched = any(_is_modulus(e) for one in specimens for e in one.parameters.values())
+    why: dict[str, str] = {} if searched else {"E": "no modulus is searched by its logarithm"}
     for one in moduli:
         own = one.only(np.array([name in phi for name in one.names], dtype=bool))
         levels = len({phi[name] for name in own.names})
@@ -85,6 +87,10 @@ def infill_laws(
         else:
             found.append(_law(own, phi))
     return tuple(found), why
+
+
+def _is_modulus(one: Comparable | Estimate) -> bool:
+    return one.unit == "Pa" and one.scale == "log"
 
 
 def _law(one: Comparable, phi: Mapping[str, float]) -> InfillLaw:

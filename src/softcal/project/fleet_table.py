@@ -11,7 +11,8 @@ a parameter, as by `--set`, such as `neck.youngs_modulus`: it is fixed at the sp
 any name without a dot      a factor, such as filament or printer: specimens are compared by it
 
 A unit stands in the header (`robot.bodies.neck.mesh.outer_diameter [mm]`) or in the cell. An empty cell leaves what the
-template says; of a factor it says that nothing is known. Paths are relative to the template, as those in it.
+template says; of a factor it says that nothing is known, and as a measured file it is refused. Paths are relative to
+the template, as those in it.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ TABLE, TEMPLATE = "fleet.csv", "project.yaml"
 SPECIMEN, FILE, INFILL = "specimen", "file", "infill"
 _FILES = "files"
 _TAKEN = re.compile(r"(\.json|\.json\.part|\.(failed|changed)-[0-9]+)$")  # see `workflows.fleet_folder`
+_MEASURED = re.compile(r"experiments\..+\.files\[\d+\]\.path")
 _NEAR = 0.85  # of a name to that of a key, from which on one may be meant for the other
 
 
@@ -64,6 +66,8 @@ class FleetRow:
         Of the table.
     places
         Parameter of `values` -> where it is written.
+    measured
+        The measured files of all experiments, by their paths as the template has them.
     """
 
     name: str
@@ -72,6 +76,7 @@ class FleetRow:
     factors: Mapping[str, str | float | None]
     line: int = 0
     places: Mapping[str, str] = field(default_factory=dict[str, str])
+    measured: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -193,6 +198,7 @@ class _RowReader:
         self.table, self.document, self.by = table, document, by
         self.faults: list[Fault] = []
         self.keys = {dotted(path) for path in document.lines if path}
+        self.measured = sorted(key for key in self.keys if _MEASURED.fullmatch(key))
         self.columns: list[_TableColumn] = []
 
     def rows(self) -> tuple[FleetRow, ...]:
@@ -333,12 +339,16 @@ class _RowReader:
                 self._check_name(name, line, where, seen)
             if column.factor:
                 factors[column.name] = self._factor(column, cell, where)
+            if not cell and not set(column.keys).isdisjoint(self.measured):
+                what = "the specimen has no measured file here: that of the template is another one's"
+                self.faults.append(Fault(what, where, attempt="a file, or no row for this specimen"))
             if cell and column.kind == "key":
                 changes |= {key: Entry(self.cells.written(cell, column.unit), where) for key in column.keys}
             elif cell and column.kind == "parameter":
                 values[column.name] = str(self.cells.written(cell, column.unit))
                 places[column.name] = where
-        return FleetRow(name, changes, values, factors, line, places)
+        measured = tuple(str(changes[key].value if key in changes else self._value(key)) for key in self.measured)
+        return FleetRow(name, changes, values, factors, line, places, measured)
 
     def _check_name(self, name: str, line: int, where: str, seen: dict[str, tuple[int, str]]) -> None:
         if not name:

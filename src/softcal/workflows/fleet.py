@@ -122,7 +122,7 @@ def fleet(
                 if stop.by is None:
                     raise
             specimens = tuple(one for row in table.rows if (one := read_specimen(folder, row.name)) is not None)
-            statement = fleet_statement(specimens, list(table.factors))
+            statement = fleet_statement(specimens, list(table.factors), {row.name: row.measured for row in table.rows})
             finish_fleet(table, order.settings, specimens, statement, folder)
     return Fleet(table, specimens, statement, folder=folder, stopped_by=stop.by)
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import optuna
 import pytest
 from fake_twin import E, all_necks_fail, soft_necks_fail
 from shared_processes import require_whole, shared, study_at
@@ -19,7 +20,7 @@ from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate
 from softcal.calibration.shared_search import Sharing
 from softcal.calibration.shared_study import SharedStudy
-from softcal.calibration.storage_url import UnansweredError
+from softcal.calibration.storage_url import UnansweredError, storage_url
 from softcal.calibration.trial_journal import stored_trials
 from softcal.errors import CalibrationError, ParameterError, StorageError
 
@@ -41,6 +42,9 @@ def test_one_process_alone_does_all_trials_and_later_ones_find_them(journal: str
     assert more.trials[:12] == one.trials
     assert len(more.trials) == 15
     require_whole(journal, 15, [tmp_path / "c"])
+    fewer = shared(tmp_path / "d", journal, 6)
+    assert fewer.status == "All 15 trials were run, 0 of them by this process."
+    assert fewer.trials == more.trials
 
 
 def test_the_random_numbers_of_a_trial_follow_from_its_number_and_the_seed(tmp_path: Path) -> None:
@@ -125,6 +129,13 @@ def test_a_folder_of_another_study_is_not_resumed(journal: str, tmp_path: Path) 
         calibrate(problem_of(soft_necks_fail), method="tpe", trials=3, store=tmp_path / "a", resume=True)
     with pytest.raises(StorageError, match="they are of another study: trial 0 is not in the study"):
         shared(tmp_path / "a", f"{journal}.other", 3, resume=True)
+    assert not (tmp_path / "shared.journal.other").exists()
+    with storage_url(f"{journal}.other").opened() as storage:
+        optuna.create_study(study_name="another", storage=storage)
+        before = (tmp_path / "shared.journal.other").read_bytes()
+    with pytest.raises(StorageError, match="they are of another study: trial 0 is not in the study"):
+        shared(tmp_path / "a", f"{journal}.other", 3, resume=True)
+    assert (tmp_path / "shared.journal.other").read_bytes() == before
 
 
 def test_another_method_is_refused(journal: str, tmp_path: Path) -> None:
@@ -177,7 +188,8 @@ def test_a_study_that_is_none_of_softcals_or_of_another_format_is_refused(tmp_pa
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(shared_study, "_BEGINNING", 0.0)
         with pytest.raises(StorageError, match="not made by softcal"):
-            shared(None, url, 3)
+            shared(tmp_path / "a", url, 3)
+    assert not (tmp_path / "a").exists()
     url = f"journal:{tmp_path / 'later'}"
     with study_at(url, new=True) as study:
         study.set_user_attr("softcal", {"format": 2})
@@ -210,7 +222,7 @@ DAMAGES: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "none": (lambda held: bytes(range(256)), "no journal of a study"),
     "of other things": (lambda held: b'{"a": 1}\n[]\n', "no journal of a study"),
     "one line of another program": (lambda held: b'{"x": 1}', "no journal of a study"),
-    "zeros inside": (lambda held: held[:700] + bytes(40) + held[740:], "the shared study cannot be reached"),
+    "zeros inside": (lambda held: held[:700] + bytes(40) + held[740:], "no journal of a study, or it is damaged"),
 }
 
 

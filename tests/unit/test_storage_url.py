@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 import socket
+import sys
 from pathlib import Path
 
 import pytest
 from database_folder import PASSWORD
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from project_case import write_project
+from sqlalchemy import make_url
 
-from softcal.calibration import storage_url
+from softcal.calibration import file_lock, shared_journal, storage_url
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.storage_url import StorageUrl
 from softcal.cli import main
@@ -25,10 +31,12 @@ from softcal.errors import StorageError
         ("s3cret!", "got another text; allowed"),
         ("postgresql+asyncpg://u:s3cret@h/d", "no storage that processes can share"),
         ("postgresql:u:s3cret@h/d", "no storage that processes can share"),
-        ("postgresql+pg8000://u:s3@cret@h:port/d", r"postgresql\+pg8000://\*\*\*@…"),
+        ("postgresql+pg8000://u:s3@cret@h:port/d", r"postgresql\+pg8000://…"),
         ("postgresql+pg8000://u:s3cret", r"postgresql\+pg8000://…"),
         ("journal:", "names no file"),
-        ("journal:.", "names no file"),
+        ("journal:.", r"journal:\. \(a folder\)"),
+        ("journal:/dev/null", r"journal:/dev/null \(a device\)"),
+        (f"journal:{'x' * 300}", "file name too long"),
         ("journal:missing/file", "the folder of the file does not exist"),
     ],
 )
@@ -55,6 +63,46 @@ def test_a_driver_that_is_not_installed_is_named(url: str, package: str, monkeyp
     ) as refused:
         storage_url.storage_url(url)
     assert "s3cret" not in str(refused.value)
+
+
+SPECIAL = st.text("?@/:#%&[]{}+ ;=\\'\"\n\té0", max_size=4)
+
+
+@given(st.lists(SPECIAL, min_size=1, max_size=3), SPECIAL, SPECIAL)
+@settings(max_examples=300, deadline=None)
+def test_a_password_is_in_no_message_whatever_its_characters(between: list[str], before: str, behind: str) -> None:
+    password = before + "".join(f"hunter{one}hunter" for one in between) + behind
+    text = f"postgresql+pg8000://me:{password}@127.0.0.1:1/db"
+    if "@" in password:
+        with pytest.raises(StorageError, match="%-codes for special characters in the password") as refused:
+            storage_url.storage_url(text)
+        assert "hunter" not in str(refused.value)
+        return
+    place = storage_url.storage_url(text)
+    assert "hunter" not in place.shown + repr(place)
+    url = make_url(place.url)
+    assert (url.host, url.port, url.database) == ("127.0.0.1", 1, "db")
+    assert url.password is not None
+    for said in (url.password, repr(url.password)):
+        with pytest.raises(StorageError) as failed, place.answering():
+            raise OSError(f"no user has the password {said}, not even you.")
+        assert "hunter" not in str(failed.value)
+        assert "no user has the password" in str(failed.value)
+
+
+def test_a_password_among_the_options_is_not_shown() -> None:
+    place = storage_url.storage_url("mysql+pymysql://127.0.0.1:1/d?password=s3cret&passwd=s4cret")
+    assert place.shown == "mysql+pymysql://127.0.0.1:1/d"
+    with pytest.raises(StorageError, match=r"got \*\*\* or \*\*\* is wrong\.$"), place.answering():
+        raise OSError("s3cret or s4cret is wrong")
+
+
+def test_a_password_with_a_question_mark_is_not_shown_by_calibrate(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    err = refused_by_calibrate(capsys, tmp_path, "postgresql+pg8000://me:1234?99@127.0.0.1:1/db")
+    assert "Error: postgresql+pg8000://…: the shared study cannot be reached" in err
+    assert "1234" not in err
 
 
 def refused_by_calibrate(capsys: pytest.CaptureFixture[str], tmp_path: Path, url: str, *options: str) -> str:
@@ -110,6 +158,58 @@ def test_a_wrong_password_or_database_of_mysql_is_told_and_never_shown(
     assert "got Access denied for user 'softcal'@" in err
     assert "to database 'nowhere'" in err
     assert "s3cret" not in err
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes")
+def test_a_pipe_is_refused_before_it_is_opened(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    assert "(a pipe); allowed: journal:FILE" in refused_by_calibrate(capsys, tmp_path, f"journal:{tmp_path / 'pipe'}")
+
+
+@pytest.mark.parametrize(
+    "held",
+    [b'{"op_code": broken\n', b'{"op_code": 0', b'{"op_code":0}\n{"op_code" x\n', b'{"op_code" x\n{"op_code":0}\n'],
+)
+def test_a_file_that_begins_like_a_journal_and_is_none_is_left_as_it_is(
+    held: bytes, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "broken.j"
+    path.write_bytes(held)
+    err = refused_by_calibrate(capsys, tmp_path, f"journal:{path}")
+    assert f"{path}: this file is no journal of a study" in err
+    assert "Try: journal:FILE of a new file, or of a study's" in err
+    assert "Expecting" not in err
+    assert path.read_bytes() == held
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a folder in which nobody can make a file")
+def test_a_journal_that_cannot_be_made_is_refused_before_anything_is(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    err = refused_by_calibrate(capsys, tmp_path, "journal:/proc/x.j")
+    assert "/proc: no file can be made and locked in this folder" in err
+
+
+def test_a_file_system_without_locks_is_told_before_anything_is_made(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(file: object, *, wait: bool = False) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    for module in (file_lock, shared_journal):
+        monkeypatch.setattr(module, "lock", refuse)
+    new, there = tmp_path / "new.j", tmp_path / "there.j"
+    there.touch()
+    for path in (new, there):
+        assert "No locks available" in refused_by_calibrate(capsys, tmp_path, f"journal:{path}")
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "p", there]
+    assert there.read_bytes() == b""
+
+
+def test_a_journal_in_which_another_process_writes_at_this_moment_is_waited_for_later(tmp_path: Path) -> None:
+    path = tmp_path / "shared.j"
+    with file_lock.hold(path):
+        assert not storage_url.storage_url(f"journal:{path}").is_new()
 
 
 def test_a_journal_is_not_made_where_the_run_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

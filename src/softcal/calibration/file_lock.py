@@ -23,19 +23,30 @@ def hold(path: Path, *, wait: bool = False) -> BinaryIO:
     """
     file = path.open("ab")
     try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            file.seek(_FAR)
-            try:
-                msvcrt.locking(file.fileno(), msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
-            except PermissionError as error:
-                raise BlockingIOError(str(error)) from error
-        else:
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        lock(file, wait=wait)
     except BaseException:
         file.close()
         raise
     return file
+
+
+def lock(file: BinaryIO, *, wait: bool = False) -> None:
+    """Hold a file that is open to be written, until it is closed.
+
+    Raises
+    ------
+    OSError
+        As `hold`.
+    """
+    if sys.platform == "win32":
+        import msvcrt
+
+        file.seek(_FAR)
+        try:
+            msvcrt.locking(file.fileno(), msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
+        except PermissionError as error:
+            raise BlockingIOError(str(error)) from error
+    else:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))

@@ -33,11 +33,11 @@ from softcal.calibration.search import (
     open_run,
     trial_of,
 )
-from softcal.calibration.shared_study import SharedStudy, StudyIdentity, require_joinable
+from softcal.calibration.shared_study import SharedStudy, StudyIdentity, is_joinable
 from softcal.calibration.storage_url import UnansweredError, storage_url
 from softcal.calibration.store import RunStore
 from softcal.calibration.stored import contradiction
-from softcal.calibration.trial_journal import JOURNAL, STUDY, StoredTrial
+from softcal.calibration.trial_journal import JOURNAL, STUDY, StoredTrial, stored_trials
 from softcal.errors import CalibrationError, Fault, ParameterError, StorageError
 from softcal.executors.chosen import executor_of
 from softcal.executors.executor import Executor
@@ -64,20 +64,24 @@ class Sharing:
     study: str = STUDY
 
 
-def require_shareable(search: Search, sharing: Sharing) -> None:
+def require_shareable(search: Search, sharing: Sharing, folder: Path | None = None) -> None:
     """Raise unless a search can be shared; leaves nothing of it in the storage.
+
+    folder: of a run that is resumed.
 
     Raises
     ------
     ParameterError
         For another method than `tpe`.
     StorageError
-        Where there is no such storage, it does not answer, or its study is of something else.
+        Where there is no such storage, it does not answer, or its study is of something else or not that of the run.
     """
     if search.optimiser is not TpeOptimiser:
         what, got = "only the method tpe can be shared by several processes", f"method {search.optimiser.name}"
         raise ParameterError(Fault(what, "--storage", got, TpeOptimiser.name, "--method tpe"))
-    require_joinable(storage_url(sharing.storage), _about(search, sharing))
+    is_there = is_joinable(storage_url(sharing.storage), _about(search, sharing))
+    if folder is not None and not is_there and (kept := stored_trials(folder)):
+        raise _other_study(folder, next(iter(kept)))
 
 
 @contextlib.contextmanager
@@ -103,7 +107,7 @@ def searched_together(
         Where no trial could be simulated, or there are no workers any more. The trials are stored.
     """
     began = time.perf_counter()
-    require_shareable(search, sharing)
+    require_shareable(search, sharing, store if resume else None)
     shared = replace(search, settings={**search.settings, "study": sharing.study})
     with executor_of(workers) as executor, contextlib.ExitStack() as stack:
         with interrupts_held():
@@ -175,14 +179,14 @@ class _SharedTally:
 
     def _keep(self, run: RunStore, told: Mapping[int, StoredTrial]) -> None:
         if missing := [number for number in self._kept if number not in told]:
-            raise _other_study(run, f"trial {missing[0]} is not in the study")
+            raise _other_study(run.folder, missing[0])
         for number, one in told.items():
             held = self._kept.get(number)
             if held is None:
                 run.append(one.trial, n_solves=one.n_solves, elapsed=self.elapsed())
                 self._kept[number] = one
             elif held is not one and held.trial != one.trial:
-                raise _other_study(run, f"trial {number} is another one in the study")
+                raise _other_study(run.folder, number, "another one")
             else:
                 self._kept[number] = one
 
@@ -295,5 +299,6 @@ def _evaluated(problem: Problem, trial: Trial) -> tuple[Evaluation, str]:
     return replace(again, loss=trial.loss), other
 
 
-def _other_study(run: RunStore, why: str) -> StorageError:
-    return contradiction(run.folder / JOURNAL, "the trials of the run", f"they are of another study: {why}")
+def _other_study(folder: Path, number: int, is_what: str = "not") -> StorageError:
+    why = f"they are of another study: trial {number} is {is_what} in the study"
+    return contradiction(folder / JOURNAL, "the trials of the run", why)

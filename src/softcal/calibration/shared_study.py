@@ -70,22 +70,28 @@ class StudyIdentity:
     settings: Mapping[str, Any]
 
 
-def require_joinable(place: StorageUrl, about: StudyIdentity) -> None:
-    """Raise unless a storage answers and has no study of that name, or the same search; nothing of one is made there.
+def is_joinable(place: StorageUrl, about: StudyIdentity) -> bool:
+    """Whether a storage has the study already, which can be joined; False where it can be made. Nothing of it is made.
 
     Raises
     ------
     StorageError
-        Where it cannot be reached, or is the study of something else.
+        Where the storage cannot be reached or made, or has a study of that name that is of something else.
     """
     import optuna
 
     if place.is_new():
-        return
-    with place.opened() as storage, place.answering(), contextlib.suppress(KeyError):
-        study = optuna.load_study(storage=storage, study_name=about.name)
+        return False
+    with place.opened() as storage, place.answering():
+        try:
+            study = optuna.load_study(storage=storage, study_name=about.name)
+        except KeyError:
+            return False
         if (held := attribute(study.user_attrs, OUTCOME)) is not None:
             _require_same(place, about, held)
+        elif study.get_trials(deepcopy=False) and attribute(study.user_attrs, OUTCOME) is None:
+            raise _not_softcals(place, about)  # softcal says what a study is before its first trial
+        return True
 
 
 class SharedStudy:
@@ -241,9 +247,7 @@ class SharedStudy:
             while (held := attribute(study.user_attrs, OUTCOME)) is None and time.monotonic() - began < _BEGINNING:
                 time.sleep(0.1)
             if held is None and study.get_trials(deepcopy=False):
-                raise StorageError(
-                    Fault("the study was not made by softcal", self._place.shown, self._about.name)
-                ) from None
+                raise _not_softcals(self._place, self._about) from None
             if held is None:  # its first process ended before it could say what it is
                 set_attribute(study.set_user_attr, OUTCOME, about)
         _require_same(self._place, self._about, attribute(study.user_attrs, OUTCOME))
@@ -327,6 +331,10 @@ def _require_same(place: StorageUrl, wanted: StudyIdentity, held: Any) -> None:
     ]
     if faults:
         raise StorageError(faults)
+
+
+def _not_softcals(place: StorageUrl, about: StudyIdentity) -> StorageError:
+    return StorageError(Fault("the study was not made by softcal", place.shown, about.name))
 
 
 def _counted(trials: Collection[optuna.trial.FrozenTrial]) -> set[int]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-import os
 import re
 import threading
 import time
@@ -17,13 +16,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softcal.calibration.file_lock import hold
-from softcal.calibration.trial_journal import BROKEN, cut_to_whole_lines
+from softcal.calibration.shared_journal import ANOTHER, NO_JOURNAL, is_new_journal, open_journal
+from softcal.calibration.trial_journal import BROKEN
 from softcal.errors import Fault, StorageError
+from softcal.regular_file import NOTHING, not_a_file
 
 if TYPE_CHECKING:
     import optuna
-    from optuna.storages.journal import JournalFileOpenLock
 
 _JOURNAL = "journal"
 _LONGEST, _TABLES = 10.0, 60.0  # [s] that a server may take to answer, and after that, to make or read its tables
@@ -42,11 +41,16 @@ _DRIVERS: dict[str, dict[str, tuple[str, str]]] = {
     },
 }
 _WITHOUT = {"postgresql": "pg8000", "mysql": "pymysql"}  # those in pure Python, advised where there is none
-_BEGIN = b'{"op_code"'  # of every journal of Optuna's
+_SECRET = ("password", "passwd")  # options of a URL
 _ALLOWED = (
     "journal:FILE, postgresql://USER:PASSWORD@HOST/DATABASE, mysql://USER:PASSWORD@HOST/DATABASE, each database also "
     "with a driver, as in postgresql+pg8000://…"
 )
+
+
+# Who asks, as SQLAlchemy reads it: a password ends at the first @ behind it, whatever is in it.
+_UP_TO_HOST = re.compile(r"//([^:/]*(:[^@]*)?@)?")
+_CERTAIN = re.compile(r"//(?P<user>[^@/?]*@)?(?P<place>([\w.-]*|\[[0-9a-fA-F:]*\])(:\d+)?(/[\w.-]*)?)(\?[^@]*)?")
 
 
 class UnansweredError(StorageError):
@@ -72,19 +76,17 @@ class StorageUrl:
     url: str = field(default="", repr=False)
 
     def is_new(self) -> bool:
-        """Whether it is a journal that is still to be made.
+        """Whether it is a journal that is still to be made; nothing is made, and nothing of the user's is changed.
 
         Raises
         ------
         StorageError
-            Where it cannot be made.
+            Where it cannot be made, or a file is there that cannot be used.
         """
-        if self.file is None or self.file.exists():
+        if self.file is None:
             return False
-        folder = self.file.absolute().parent
-        if not os.access(folder, os.W_OK | os.X_OK):
-            raise StorageError(Fault("no file can be made in this folder", str(folder)))
-        return True
+        with self.answering():
+            return is_new_journal(self.file)
 
     @contextlib.contextmanager
     def opened(self) -> Generator[optuna.storages.BaseStorage]:
@@ -105,7 +107,7 @@ class StorageUrl:
     def _open(self) -> optuna.storages.BaseStorage:
         if self.file is not None:
             with self.answering():
-                return _journal(self.file)
+                return open_journal(self.file)
         opened: list[optuna.storages.BaseStorage] = []
         failed: list[BaseException] = []
         answered = threading.Event()
@@ -150,7 +152,9 @@ class StorageUrl:
         except (OSError, sqlalchemy.exc.SQLAlchemyError, optuna.exceptions.OptunaError, *BROKEN) as error:
             if isinstance(error, BROKEN) and _raised_here(error):
                 raise
-            got = self._without_secret(_reason(error))
+            if isinstance(error, BROKEN) and self.file is not None:
+                raise StorageError(Fault(f"{NO_JOURNAL}, or it is damaged", str(self.file), attempt=ANOTHER)) from None
+            got = (self._without_secret(_reason(error)).splitlines() or [""])[0].rstrip(".") or type(error).__name__
             kind = UnansweredError if self.url and not isinstance(error, BROKEN) else StorageError
             raise kind(Fault("the shared study cannot be reached", self.shown, got)) from None
 
@@ -161,8 +165,13 @@ class StorageUrl:
     def _without_secret(self, text: str) -> str:
         import sqlalchemy
 
-        secret = sqlalchemy.make_url(self.url).password if self.url else None
-        return text.replace(str(secret), "***") if secret else text
+        if not self.url:
+            return text
+        url = sqlalchemy.make_url(self.url)
+        secrets = {str(secret) for secret in (url.password, *(url.query.get(name) for name in _SECRET)) if secret}
+        for secret in secrets | {repr(secret)[1:-1] for secret in secrets}:
+            text = text.replace(secret, "***")
+        return text
 
 
 def storage_url(text: str) -> StorageUrl:
@@ -177,8 +186,10 @@ def storage_url(text: str) -> StorageUrl:
     scheme, _, rest = text.partition(":")
     if scheme == _JOURNAL:
         file = Path(rest)
-        if not rest.strip() or file.is_dir():
+        if not rest.strip():
             raise StorageError(Fault(what, where, f"{text}, which names no file", _ALLOWED))
+        if (found := not_a_file(file)) and found != NOTHING:
+            raise StorageError(Fault(what, where, f"{text} ({found})", _ALLOWED))
         if not file.absolute().parent.is_dir():
             raise StorageError(Fault("the folder of the file does not exist", where, text, "an existing folder"))
         return StorageUrl(text, file)
@@ -197,6 +208,8 @@ def storage_url(text: str) -> StorageUrl:
     import sqlalchemy.exc
 
     try:
+        if "@" in _UP_TO_HOST.sub("", rest, count=1):
+            raise ValueError("the rest of a password would be taken for the host, the database or an option")
         url = sqlalchemy.make_url(text).set(drivername=f"{database}+{driver or installed[0]}")
     except (ValueError, sqlalchemy.exc.ArgumentError):
         attempt = "%-codes for special characters in the password, such as %40 for @"
@@ -206,57 +219,8 @@ def storage_url(text: str) -> StorageUrl:
 
 def _shown(scheme: str, rest: str) -> str:
     """A URL without user, password and options; only its scheme where it is not certain what is what."""
-    place = rest.removeprefix("//").partition("?")[0]
-    secret = "***@" if "@" in place else ""
-    place = place.rpartition("@")[2]
-    sure = re.fullmatch(r"([\w.-]*|\[[0-9a-fA-F:]*\])(:\d+)?(/[\w.-]*)?", place)
-    return f"{scheme}://{secret}{place if sure else '…'}"
-
-
-def _journal(path: Path) -> optuna.storages.BaseStorage:
-    from optuna.storages import JournalStorage
-    from optuna.storages.journal import JournalFileBackend
-
-    _require_journal(path)
-    return JournalStorage(JournalFileBackend(str(path), lock_obj=_held(path)))
-
-
-def _require_journal(path: Path) -> None:
-    """Raise where a file is there that no journal begins with: it is the user's, and nothing is written into it.
-
-    Raises
-    ------
-    StorageError
-        As said.
-    """
-    try:
-        with path.open("rb") as file:
-            found = file.read(len(_BEGIN))
-    except OSError:  # it is told where the file is opened for good
-        return
-    if found != _BEGIN[: len(found)]:
-        attempt = "journal:FILE of a new file, or of a study's"
-        raise StorageError(Fault("this file is no journal of a study", str(path), "", "", attempt))
-
-
-def _held(path: Path) -> JournalFileOpenLock:
-    """A lock that the operating system holds, on the file itself, so that none is left where a process is killed."""
-    from optuna.storages.journal import JournalFileOpenLock
-
-    class HeldFile(JournalFileOpenLock):
-        def acquire(self) -> bool:
-            self._file = hold(path, wait=True)
-            try:
-                cut_to_whole_lines(path)
-            except BaseException:
-                self._file.close()
-                raise
-            return True
-
-        def release(self) -> None:
-            self._file.close()
-
-    return HeldFile(str(path))
+    read = _CERTAIN.fullmatch(rest)
+    return f"{scheme}://{'…' if read is None else '***@' * bool(read['user']) + read['place']}"
 
 
 def _reach(url: str) -> None:
@@ -312,5 +276,4 @@ def _reason(error: BaseException) -> str:
     origin = error.__cause__ if error.__cause__ is not None else error
     origin = getattr(origin, "orig", None) or origin
     said = [a.get("M", "") if isinstance(a, dict) else a for a in getattr(origin, "args", ())]  # pg8000: by field
-    text = next((a for a in said if isinstance(a, str) and a), str(origin)).strip()  # pymysql: after its number
-    return text.splitlines()[0].rstrip(".") if text else type(error).__name__
+    return next((a for a in said if isinstance(a, str) and a), str(origin)).strip()  # pymysql: after its number

@@ -3,22 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from softcal.errors import Fault, StorageError
 from softcal.limits import Limit
-
-OTHER_KINDS = {
-    stat.S_IFDIR: "a folder",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFSOCK: "a socket",
-}
-"""What else stands at a path, by the type that the system tells."""
+from softcal.regular_file import OTHER_KINDS, not_a_file
 
 
 @dataclass
@@ -73,17 +64,6 @@ class InputFiles:
 def stored_mesh(body: str) -> str:
     """The name under which a run keeps the mesh that was generated of a body."""
     return f"mesh of {body}"
-
-
-def not_a_file(path: Path) -> str:
-    """What is at a path in the place of a file to be read; nothing where it is a file."""
-    try:
-        kind = stat.S_IFMT(path.stat().st_mode)
-    except (FileNotFoundError, NotADirectoryError):
-        return "no such file"
-    except (OSError, ValueError) as error:  # such as a name of more letters than the system allows, or a NUL in it
-        return str(getattr(error, "strerror", None) or error).lower()
-    return "" if stat.S_ISREG(kind) else OTHER_KINDS.get(kind, "no file")
 
 
 def require_file(path: Path, kind: str, limit: Limit) -> None:

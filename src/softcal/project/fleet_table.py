@@ -31,13 +31,14 @@ from softcal.experiments.text_file import open_text
 from softcal.limits import LIMITS
 from softcal.project.alike_faults import merged
 from softcal.project.document import Document, Entry, dotted, key_path
-from softcal.project.files import not_a_file, sha256
+from softcal.project.files import sha256
 from softcal.project.fleet_cell import CellReader
 from softcal.project.names import folded, name_fault
 from softcal.project.project import Project, load
 from softcal.project.sections import SECTIONS
 from softcal.project.yaml_file import read_document
 from softcal.quantities import QUANTITIES
+from softcal.regular_file import not_a_file
 from softcal.units import parse_quantity
 
 TABLE, TEMPLATE = "fleet.csv", "project.yaml"

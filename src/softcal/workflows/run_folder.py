@@ -27,8 +27,9 @@ from softcal.csv_text import csv_text
 from softcal.errors import Fault, StorageError
 from softcal.geometry.write import write_mesh
 from softcal.project.calibration_schema import CalibrationSection
-from softcal.project.files import not_a_file, sha256, stored_mesh
+from softcal.project.files import sha256, stored_mesh
 from softcal.project.project import Project, load
+from softcal.regular_file import not_a_file
 from softcal.workflows.output import new_folder, require_writable, unwritable
 from softcal.workflows.run import SWEEP, CalibrationRun, SweepRun, headline_of
 

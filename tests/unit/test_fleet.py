@@ -6,6 +6,7 @@ import csv
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from softcal.twin.simulate import simulate
 from softcal.workflows import fleet as fleets
 from softcal.workflows.fleet import Fleet, fleet
 from softcal.workflows.fleet_folder import read_specimen
+from softcal.workflows.fleet_report import write_fleet_report
 from softcal.workflows.run_folder import load_run
 
 FACTORS = (1.0, 1.1, 0.9, 1.05, 0.95, 1.02)
@@ -237,16 +239,77 @@ def test_nothing_is_begun_where_a_specimen_has_a_fault(folder: Path, tmp_path: P
 def test_another_table_does_not_go_on_with_a_fleet(folder: Path, found: Fleet, tmp_path: Path) -> None:
     table = folder / "fleet-2.csv"
     table.write_text(TABLE.replace("s 1", "s 7"), encoding="utf-8")
-    with pytest.raises(StorageError, match="the file was changed after the fleet began"):
+    with pytest.raises(
+        StorageError, match=r"fleet-2\.csv: the fleet began with other files; allowed: 'fleet.csv' and 'p"
+    ):
         fleet(table, out=found.folder, resume=True)
-    with pytest.raises(StorageError, match="the fleet has other settings"):
-        fleet(folder, out=found.folder, resume=True, starts=2)
-    with pytest.raises(StorageError, match="there is no fleet here"):
+    table.write_text(TABLE, encoding="utf-8")
+    with pytest.raises(
+        StorageError, match=r"fleet-2\.csv: the fleet began with this file under another name; allowed: 'fleet\.csv'\.$"
+    ):
+        fleet(table, out=found.folder, resume=True)
+    (tmp_path / "fleet.csv").write_text(TABLE.replace("s 1", "s 7"), encoding="utf-8")
+    with pytest.raises(StorageError, match=r"fleet\.csv: the file was changed after the fleet began"):
+        fleet(tmp_path / "fleet.csv", template=folder / "project.yaml", out=found.folder, resume=True)
+    with pytest.raises(
+        StorageError, match=r"with other settings; got --method tpe --option starts=2; allowed: no options"
+    ):
+        fleet(folder, out=found.folder, resume=True, method="tpe", starts=2)
+    with pytest.raises(StorageError, match=r"got --option mesh_error=true --option 'loss=a b'; allowed"):
+        fleet(folder, out=found.folder, resume=True, mesh_error=True, loss="a b")
+    with pytest.raises(StorageError, match=r"there is no fleet here"):
         fleet(folder, out=tmp_path, resume=True)
-    with pytest.raises(StorageError, match="nothing is overwritten"):
+    with pytest.raises(StorageError, match=r"nothing is overwritten.*--resume"):
         fleet(folder, out=found.folder)
-    with pytest.raises(InputError, match="neither the method"):
+    with pytest.raises(StorageError, match=r"not empty, and nothing is overwritten.*Try: another --out\.$"):
+        fleet(folder, out=folder)
+    with pytest.raises(InputError, match=r"neither the method"):
         fleet(folder, out=tmp_path / "new", trails=2)
+
+
+def test_a_report_of_other_specimens_is_kept_aside(
+    folder: Path, found: Fleet, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(found.folder, out)
+    write_fleet_report(replace(found, folder=out))
+    page = (out / "report.html").read_bytes()
+    old = sorted(path.relative_to(out) for name in ("figures", "tables") for path in (out / name).iterdir())
+    fleet(folder, out=out, resume=True)  # nothing is left to do
+    assert (out / "report.html").read_bytes() == page
+    assert not (out / "report.old-1").exists()
+    specimen = out / "specimens" / "s 4.json"
+    held = json.loads(specimen.read_text())
+    specimen.write_text(json.dumps({**held, "state": "FAILED", "reason": "It buckles.", "hashes": {}}))
+
+    def stop(what: str, of: int, done: int, failed: int) -> None:
+        import signal
+
+        signal.raise_signal(signal.SIGINT)
+
+    stopped = fleet(folder, out=out, resume=True, progress=stop)
+    assert stopped.statement.failed == 1
+    assert not any((out / name).exists() for name in ("report.html", "figures", "tables"))
+    assert (out / "report.old-1" / "report.html").read_bytes() == page
+    aside = out / "report.old-1"
+    assert sorted(path.relative_to(aside) for n in ("figures", "tables") for path in (aside / n).iterdir()) == old
+    with pytest.raises(SystemExit):
+        main(["fleet", str(folder), "--out", str(out), "--resume"])
+    assert (out / "report.html").is_file()
+    with pytest.raises(SystemExit):  # the statement is the same
+        main(["fleet", str(folder), "--out", str(out), "--resume", "--by", "filament", "--no-report"])
+    assert not (out / "report.old-2").exists()
+    table = (out / "fleet.csv").read_text()
+    (out / "fleet.csv").write_text(table.replace("DONE", "FAILED"))
+    assert fleet(folder, out=out, resume=True).statement == found.statement
+    assert (out / "fleet.csv").read_text() == table
+    assert (out / "report.old-2" / "report.html").is_file()
+    write_fleet_report(replace(found, folder=out))
+    record = json.loads((out / "fleet.json").read_text())
+    record["statement"]["done"] = 5  # as if compared by other factors
+    (out / "fleet.json").write_text(json.dumps(record))
+    fleet(folder, out=out, resume=True)
+    assert (out / "report.old-3" / "report.html").is_file()
 
 
 def test_the_command_prints_the_statement(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -273,6 +336,15 @@ def test_the_command_and_the_page_name_what_was_counted_twice(
     said = "The same measured files stand for several specimens, and each counts as one of its own: s1, s3."
     assert said in capsys.readouterr().out
     assert said in (folder / "fleet" / "report.html").read_text(encoding="utf-8")
+
+
+def test_two_methods_are_refused(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["fleet", str(folder), "--method", "tpe", "--option", "method=grid", "--out", str(tmp_path / "out")])
+    assert end.value.code == 2
+    said = capsys.readouterr().err
+    assert "given twice; got '--method tpe' and '--option method=grid'" in said
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("command", ["fleet", "calibrate"])

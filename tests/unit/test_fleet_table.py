@@ -145,7 +145,10 @@ def test_only_the_named_factors_are_compared(tmp_path: Path) -> None:
             f"specimen,{FILE},slack [mm]\none,p1.csv,2\n",
             "Try: 'experiments.pull.slack', or --by slack if it is a factor",
         ),
-        (f"specimen,{FILE},{FILE}\none,p1.csv,p2.csv\n", "two columns mean the same"),
+        (f"specimen,{FILE},{FILE}\none,p1.csv,p2.csv\n", f"columns '{FILE}' and '{FILE}': two columns mean the same"),
+        (f"specimen,{FILE},name\none,p1.csv,Red arm\n", "this column sets nothing; got 'name'"),
+        (f"specimen,{FILE},name\none,p1.csv,Red arm\n", "Try: another name, or --by name if it is a factor"),
+        (f"specimen,{FILE},robot\none,p1.csv,Red arm\n", "this column sets nothing; got 'robot'"),
         (f"specimen,{FILE},bar.youngs_modulu [MPa]\none,p1.csv,2\n", "youngs_modulu"),
         (f"specimen,{FILE},bar.poissons_ratio\none,p1.csv,0.7\n", "line 2: Poisson's ratio is out of range"),
         (f"specimen,{FILE},experiments.pull.slack [N]\none,p1.csv,2\n", "line 2: the unit does not fit; got 'N'"),
@@ -169,6 +172,24 @@ def test_a_fault_of_the_table_is_told_with_its_place(tmp_path: Path, table: str,
         else faults(tmp_path, table, ("    noise:", "    slack: 1 mm\n    noise:"))
     )
     assert said in found
+
+
+def test_columns_that_mean_the_same_are_named_once(tmp_path: Path) -> None:
+    found = faults(tmp_path, f"specimen,{FILE},infill,infill [%],a,a,a\none,p1.csv,0.2,20,A,A,A\n")
+    assert [line for line in found.replace(f"{tmp_path}/", "").splitlines() if "same" in line] == [
+        "fleet.csv, columns 'infill' and 'infill [%]': two columns mean the same; allowed: one.",
+        "fleet.csv, columns 'a' and 'a' and 'a': several columns mean the same; allowed: one.",
+    ]
+    found = faults(tmp_path, f"specimen,{FILE},infill,print.infill [%]\none,p1.csv,0.2,20\n")
+    assert found.count("the same") == 1
+    assert "columns 'infill' and 'print.infill [%]': two columns mean the same" in found
+
+
+def test_a_key_without_a_dot_can_be_named_a_factor(tmp_path: Path) -> None:
+    write_fleet(tmp_path, [1.0], f"specimen,{FILE},name\none,p1.csv,Red arm\n")
+    (row,) = read_fleet(tmp_path, by=("name",)).rows
+    assert row.factors == {"name": "Red arm"}
+    assert set(row.changes) == {"experiments.pull.files[0].path"}
 
 
 def test_a_name_that_is_nearly_a_key_is_no_factor(tmp_path: Path) -> None:

@@ -234,13 +234,13 @@ class _RowReader:
                     attempt and f"'{SPECIMEN}' for {attempt}",
                 )
             )
-        set_by: dict[str, str] = {}
+        set_by: dict[str, list[str]] = {}
         for one in self.columns:
             for key in (one.name, *one.keys) if one.factor else one.keys or (one.name,):
-                if (other := set_by.setdefault(key, one.header)) != one.header or named.count(one.name) > 1:
-                    self.faults.append(
-                        Fault("two columns mean the same", where, f"'{other}' and '{one.header}'", "one")
-                    )
+                set_by.setdefault(key, []).append(f"'{one.header}'")
+        for headers in (held for held in set_by.values() if len(held) > 1):
+            what = f"{'two' if len(headers) == 2 else 'several'} columns mean the same"
+            self.faults.append(Fault(what, f"{self.table.path}, columns {' and '.join(headers)}", allowed="one"))
 
     def _require_factors(self) -> None:
         known = [one.name for one in self.columns if one.factor]
@@ -264,7 +264,7 @@ class _RowReader:
         if name in (INFILL, f"print.{INFILL}"):
             own = ("print.infill",) if "." in name else ()
             return _TableColumn(place, header, "key" if own else "factor", INFILL, own, unit or "1", factor=True)
-        if keys:
+        if keys and ("." in name or name == FILE):
             return _TableColumn(place, header, "key", name, keys, unit)
         if "." in name:
             owner = name.partition(".")[0]
@@ -272,7 +272,7 @@ class _RowReader:
                 return _TableColumn(place, header, "parameter", name, (name,), unit)
             self._unknown(header, name)
             return None
-        leaf = self._leaves(name)
+        leaf = [name] if keys else self._leaves(name)
         if (name == FILE or leaf) and name not in self.by:
             self._unknown(header, name, leaf)
             return None
@@ -288,6 +288,7 @@ class _RowReader:
             )
             return
         attempt = f"'{leaf[0]}'" if leaf else nearest(name, self.keys)
+        attempt = "another name" if leaf == [name] else attempt
         allowed = f"a key of {self.document.name}, a parameter, or the name of a factor, which has no dot"
         attempt += f", or --by {name} if it is a factor" if leaf else ""
         self.faults.append(Fault("this column sets nothing", where, f"'{header}'", allowed, attempt))

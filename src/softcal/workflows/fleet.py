@@ -30,12 +30,12 @@ from softcal.workflows.fleet_folder import (
     held_fleet,
     read_specimen,
     reopen_fleet,
+    require_new_fleet,
     set_aside,
     specimen_folder,
     write_specimen,
 )
 from softcal.workflows.outcome import Outcome
-from softcal.workflows.output import require_free_folder
 from softcal.workflows.run_folder import inputs_changed
 
 Observer = Callable[[str, int, int, int], None]
@@ -112,7 +112,7 @@ def fleet(
             if faults:  # the table is the same: of the factors to compare by
                 raise ProjectFileError(merged(faults))
         else:
-            require_free_folder(folder)
+            require_new_fleet(folder)
             check_fleet(table, order, faults, executor, progress or _unseen)
             begin_fleet(table, order.settings, folder)
         with held_fleet(folder):

@@ -10,6 +10,7 @@ specimens/<name>.changed-<n>/  a run that was in work when the specimen's files 
 fleet.csv                      at the end: a row for each specimen and parameter
 live.json                      how many are finished, and the workers (see `calibration.live`)
 report.html, figures, tables   at the end
+report.old-<n>/                an earlier report, moved here where the specimens are other ones now (n from 1 on)
 fleet.lock                     held by the process that calibrates; empty
 
 A specimen with a .json file is finished; one with a folder and without the file is in work, or was when the fleet was
@@ -20,6 +21,7 @@ what there was of it.
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
@@ -42,10 +44,12 @@ from softcal.csv_text import csv_text
 from softcal.errors import Fault, StorageError
 from softcal.project.files import sha256
 from softcal.project.fleet_table import FleetTable
-from softcal.workflows.output import new_folder, require_writable, unwritable
+from softcal.workflows.output import new_folder, require_free_folder, require_writable, unwritable
 
 FORMAT = 1
 FLEET, SPECIMENS, TABLE_COPY, CSV, LOCK = "fleet.json", "specimens", "table.csv", "fleet.csv", "fleet.lock"
+REPORT = ("report.html", "figures", "tables")
+_AGAIN = "another --out, or --resume to go on with the fleet in it"
 _RESTORE = "restore it, or use another --out without --resume"
 
 
@@ -73,6 +77,19 @@ def specimen_folder(folder: Path, name: str) -> Path:
     return folder / SPECIMENS / name
 
 
+def require_new_fleet(folder: Path) -> None:
+    """Check that a folder is new or empty, and that it can be written.
+
+    Raises
+    ------
+    StorageError
+        If it holds a fleet or other files, or cannot be written.
+    """
+    if (folder / FLEET).is_file():
+        raise StorageError(Fault("the folder has a fleet, and nothing is overwritten", str(folder), attempt=_AGAIN))
+    require_free_folder(folder)
+
+
 def begin_fleet(table: FleetTable, settings: Mapping[str, Any], folder: Path) -> None:
     """Write a new folder with what is to be done.
 
@@ -81,7 +98,7 @@ def begin_fleet(table: FleetTable, settings: Mapping[str, Any], folder: Path) ->
     StorageError
         Where the folder holds files, or cannot be written.
     """
-    with new_folder(folder, "another --out, or --resume to go on with the fleet in it") as part:
+    with new_folder(folder, _AGAIN) as part:
         try:
             shutil.copyfile(table.path, part / TABLE_COPY)
             (part / SPECIMENS).mkdir()
@@ -121,18 +138,40 @@ def reopen_fleet(table: FleetTable, settings: Mapping[str, Any], folder: Path) -
         changed, or the folder cannot be written.
     """
     record = _record(folder)
-    faults = [
-        Fault("the file was changed after the fleet began", name, attempt=_RESTORE)
-        for name, digest in table.hashes.items()
-        if record.hashes.get(name) != digest
-    ]
+    faults = _other_files(table, record)
     if record.settings != json.loads(json.dumps(dict(settings))):
-        faults.append(Fault("the fleet has other settings", str(folder), str(dict(settings)), str(record.settings)))
+        got, allowed = _typed(settings), _typed(record.settings)
+        faults.append(Fault("the fleet began with other settings", str(folder), got, allowed))
     if not faults:
         faults = _changed_files(table, folder)
     if faults:
         raise StorageError(faults)
     require_writable(folder)
+
+
+def _other_files(table: FleetTable, record: _FleetRecord) -> list[Fault]:
+    """A fault for a table or a template that is not the fleet's."""
+    faults: list[Fault] = []
+    for name, digest in table.hashes.items():
+        if name in record.hashes:
+            if record.hashes[name] != digest:
+                faults.append(Fault("the file was changed after the fleet began", name, attempt=_RESTORE))
+            continue
+        before = [other for other, held in record.hashes.items() if held == digest]
+        what = "the fleet began with this file under another name" if before else "the fleet began with other files"
+        faults.append(Fault(what, name, allowed=" and ".join(f"'{one}'" for one in before or record.hashes)))
+    return faults
+
+
+def _typed(settings: Mapping[str, Any]) -> str:
+    """Settings as options of the command."""
+    given = {name: json.dumps(value) if isinstance(value, bool) else str(value) for name, value in settings.items()}
+    typed = [
+        f"--method {shlex.quote(value)}" if name == "method" else f"--option {shlex.quote(f'{name}={value}')}"
+        for name, value in given.items()
+        if (name, value) != ("mesh_error", "false")  # without an option
+    ]
+    return " ".join(typed) or "no options"
 
 
 def _changed_files(table: FleetTable, folder: Path) -> list[Fault]:
@@ -250,9 +289,27 @@ def finish_fleet(
     StorageError
         Where a file cannot be written.
     """
-    write_text(folder / CSV, fleet_csv(specimens, list(table.factors)))
-    told = {**_plan(table, settings, _record(folder).created), "statement": asdict(statement)}
-    write_text(folder / FLEET, _text(told))
+    text = fleet_csv(specimens, list(table.factors))
+    told = _text({**_plan(table, settings, _record(folder).created), "statement": asdict(statement)})
+    if (folder / REPORT[0]).is_file():
+        before = json.loads((folder / FLEET).read_text(encoding="utf-8")).get("statement")
+        same = (folder / CSV).is_file() and (folder / CSV).read_text(encoding="utf-8") == text
+        if not same or before != json.loads(told)["statement"]:
+            _set_report_aside(folder)
+    write_text(folder / CSV, text)
+    write_text(folder / FLEET, told)
+
+
+def _set_report_aside(folder: Path) -> None:
+    """Move a report to a free report.old-N: it is one of other specimens, or of another statement."""
+    aside = next(place for n in count(1) if not (place := folder / f"report.old-{n}").exists())
+    try:
+        aside.mkdir()
+        for name in reversed(REPORT):  # the page last: stopped in between, it is moved by the next one
+            if (folder / name).exists():
+                (folder / name).rename(aside / name)
+    except OSError as error:
+        raise unwritable(folder, error) from error
 
 
 def fleet_csv(specimens: Sequence[Specimen], factors: Sequence[str]) -> str:

@@ -15,12 +15,12 @@ from softcal.report.format import file_stem
 from softcal.report.style import encode
 from softcal.report.write import write_files
 from softcal.workflows.fleet import Fleet
-from softcal.workflows.fleet_folder import FLEET, held_fleet
+from softcal.workflows.fleet_folder import FLEET, REPORT, held_fleet
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PAGE = "report.html"
+PAGE, FIGURES, TABLES = REPORT
 _DRAWN = 6  # parameters
 
 
@@ -35,11 +35,11 @@ def write_fleet_report(found: Fleet) -> Path:
     pictures = fleet_pictures(found)
     files: dict[Path, bytes] = {}
     for one in pictures:
-        files[found.folder / "figures" / f"{one.name}.png"] = one.png
-        files[found.folder / "figures" / f"{one.name}.svg"] = one.svg
+        files[found.folder / FIGURES / f"{one.name}.png"] = one.png
+        files[found.folder / FIGURES / f"{one.name}.svg"] = one.svg
     for table in fleet_tables(found.specimens, found.statement, len(found.specimens)):
         if table.rows:
-            files[found.folder / "tables" / f"{table.key}.csv"] = table.as_csv().encode()
+            files[found.folder / TABLES / f"{table.key}.csv"] = table.as_csv().encode()
     record = json.loads((found.folder / FLEET).read_text(encoding="utf-8"))
     page = FleetPage(str(read_document(found.table.template).data["name"]), record["created"])
     path = found.folder / PAGE

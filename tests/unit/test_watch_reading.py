@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import json
 import os
-import socket
 import subprocess
 import sys
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from watch_case import NOW, RESULT, add_trials, live_record, write_json, write_run
+from watch_case import HOST, NOW, RESULT, add_trials, gone, live_record, write_fleet, write_json, write_run
 
 from softcal.calibration.result import Trial
-from softcal.watch.charts import MOST_POINTS, fleet_chart, loss_chart, parameter_chart
+from softcal.watch.charts import MOST_POINTS, loss_chart, parameter_chart
 from softcal.watch.live import live_sign, process_exists, process_start
 from softcal.watch.reading import Unreadable, clean, read_record
 from softcal.watch.run_reader import RunReader
@@ -23,24 +22,13 @@ from softcal.watch.watched import WatchedResult, WatchedSearch
 from softcal.watch.words import (
     best_rows,
     failed_rows,
-    fleet_text,
     run_state,
     search_rows,
     share_done,
-    share_finished,
     state_sentence,
     time_text,
     trials_text,
 )
-
-HOST = socket.gethostname()
-
-
-def gone() -> int:
-    """The number of a process that ended."""
-    process = subprocess.Popen([sys.executable, "-c", ""])
-    process.wait()
-    return process.pid
 
 
 def files(folder: Path) -> dict[str, tuple[int, int]]:
@@ -193,7 +181,7 @@ def test_another_process_that_has_the_number_by_now_is_not_taken_for_the_search(
     place = tmp_path / "specimens" / "b" / "calibrations" / "joint"
     write_run(tmp_path / "specimens" / "b")
     write_json(place / "live.json", live_record(os.getpid(), HOST, age=600))
-    told = "No specimen gave a sign of life lately; whether a process works on this fleet is not known."
+    told = "It gave no sign of life lately; whether a process works on this fleet is not known."
     later = datetime.now(UTC) + timedelta(seconds=90)
     assert run_state(RunReader(tmp_path).read(), later) == ("silent", told)
 
@@ -323,6 +311,17 @@ def test_a_folder_of_runs_and_of_scores_is_shown_as_one(tmp_path: Path):
     assert [run_of(search) for search in run.searches] == ["a", "b", "b"]
 
 
+def test_numbers_that_none_of_softcal_s_are_do_not_stop_the_page(tmp_path: Path):
+    place = write_run(tmp_path) / "calibrations" / "joint"
+    add_trials(place, [1e-308, 1e308])
+    write_json(place / "live.json", live_record(os.getpid(), HOST, total=10**300, done=10**300))
+    (search,) = RunReader(tmp_path).read().searches
+    assert search.live is not None
+    assert (search.live.total, search.live.done) == (None, None)
+    assert [trial.loss for trial in search.trials] == [1e-308, None]
+    json.dumps([loss_chart(search), parameter_chart(search, ParameterFacts())], allow_nan=False)
+
+
 def test_the_search_at_work_is_shown_first(tmp_path: Path):
     write_run(tmp_path, labels=["one", "two", "joint"])
     reader = RunReader(tmp_path)
@@ -339,89 +338,6 @@ def test_the_search_at_work_is_shown_first(tmp_path: Path):
 def test_a_folder_that_is_not_there_is_one_without_a_run(tmp_path: Path):
     run = RunReader(tmp_path / "later").read()
     assert (run.name, run.searches, run.unreadable) == ("later", (), ())
-
-
-def write_fleet(folder: Path, **states: str | None) -> Path:
-    """A fleet's folder with specimens that are DONE, FAILED, in work ("WORK") or waiting (None)."""
-    write_json(folder / "fleet.json", {"format": 1, "specimens": list(states), "created": NOW.isoformat()})
-    for name, state in states.items():
-        if state is not None:
-            place = write_run(folder / "specimens" / name, labels=["joint"]) / "calibrations" / "joint"
-            add_trials(place, [3.0, 2.0])
-        if state in ("DONE", "FAILED"):
-            done = state == "DONE"
-            record = {"specimen": name, "state": state, "reason": "" if done else "all trials failed.", "seconds": 4.0}
-            more = {"loss": 0.5, "parameters": RESULT["parameters"] if done else {}, "warnings": []}
-            write_json(folder / "specimens" / f"{name}.json", {**record, **more})
-    return folder
-
-
-def test_a_fleet_is_its_specimens(tmp_path: Path):
-    write_fleet(tmp_path, a="DONE", b="FAILED", c="WORK", d=None)
-    write_json(tmp_path / "specimens" / "c" / "calibrations" / "joint" / "live.json", live_record(os.getpid(), HOST))
-    reader = RunReader(tmp_path)
-    run = reader.read()
-    rows = [tuple(row[name] for name in ("label", "state", "trials", "best")) for row in search_rows(run, NOW)]
-    assert rows == [
-        ("a", "Done", "–", "0.5"),
-        ("b", "Failed", "–", "–"),
-        ("c", "Running", "2 of at most 20", "2"),
-        ("d", "Not begun", "0", "–"),
-    ]
-    assert fleet_text(run, NOW) == "2 of 4 specimens finished, 1 of them failed, 1 in work"
-    assert state_sentence(run.searches[1], NOW) == "all trials failed."
-    assert [run_of(search) for search in run.searches] == [f"specimens/{name}" for name in "abcd"]
-    # The trials of one that is finished are read when it is chosen.
-    whole = [reader.whole(search) for search in run.searches]
-    assert [len(search.trials) for search in whole] == [2, 2, 2, 0]
-    assert [search.course(NOW) for search in whole] == ["ended", "failed", "running", "waiting"]
-    assert whole[0].result == run.searches[0].result
-    shown = run.now_at(NOW)
-    assert shown is not None
-    assert shown.label == "c"
-    add_trials(tmp_path / "specimens" / "c" / "calibrations" / "joint", [1.0])
-    assert reader.read().searches[2].done == 3
-
-
-def test_what_a_fleet_does_as_a_whole(tmp_path: Path):
-    now = datetime.now(UTC)
-    write_fleet(tmp_path / "new", a=None)
-    assert run_state(RunReader(tmp_path / "new").read(), now) == ("waiting", "No specimen was begun.")
-    write_fleet(tmp_path / "some", a="DONE", b="FAILED", c=None)
-    run = RunReader(tmp_path / "some").read()
-    assert run_state(run, now) == ("running", "Choose a specimen for its trials.")
-    left = "No process works on this fleet. The same command with --resume goes on with it."
-    assert run_state(run, now + timedelta(seconds=90)) == ("left", left)
-    assert share_finished(run, now) == pytest.approx(2 / 3)
-    write_fleet(tmp_path / "all", a="DONE", b="FAILED")
-    later = now + timedelta(days=3)
-    assert run_state(RunReader(tmp_path / "all").read(), later) == ("ended", "Choose a specimen for its trials.")
-    assert run_state(RunReader(tmp_path / "nothing").read(), now)[0] == "waiting"
-
-
-def test_the_chart_of_a_fleet_has_every_finished_specimen(tmp_path: Path):
-    write_fleet(tmp_path, a="DONE", b="FAILED", c="DONE")
-    chart = fleet_chart(RunReader(tmp_path).read())
-    assert chart["xAxis"]["data"] == ["a", "c"]
-    assert chart["yAxis"]["name"] == "bar.youngs_modulus [MPa]"
-    assert chart["series"][0]["data"] == [pytest.approx([1.3, 1.3, 1.2, 1.4])] * 2
-    assert chart["series"][1]["data"] == pytest.approx([1.3, 1.3])
-
-
-@pytest.mark.parametrize("name", ["..", "a/b", "", "\0", "../../outside"])
-def test_a_specimen_outside_the_folder_is_refused(name: str, tmp_path: Path):
-    write_json(tmp_path / "run" / "fleet.json", {"specimens": [name]})
-    run = RunReader(tmp_path / "run").read()
-    assert run.searches == ()
-    assert "names a specimen that cannot be one" in run.unreadable[0]
-
-
-def test_a_damaged_record_of_a_specimen_is_a_sentence(tmp_path: Path):
-    write_fleet(tmp_path, a="DONE", b="DONE")
-    (tmp_path / "specimens" / "a.json").write_text("{")
-    run = RunReader(tmp_path).read()
-    assert [search.label for search in run.searches] == ["b"]
-    assert run.unreadable == ("specimens/a.json cannot be read: it is not whole.",)
 
 
 def test_a_chart_of_many_trials_has_few_points_and_the_best():

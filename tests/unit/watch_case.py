@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import socket
+import subprocess
+import sys
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -12,7 +15,15 @@ import optuna
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 
+HOST = socket.gethostname()
 NOW = datetime(2026, 5, 4, 12, 0, 0, tzinfo=UTC)
+
+
+def gone() -> int:
+    """The number of a process that ended."""
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return process.pid
 
 
 def write_json(path: Path, record: Mapping[str, Any]) -> None:
@@ -85,3 +96,18 @@ RESULT = {
     "status": "All 20 trials were run.",
     "notes": ["The slack is at a bound."],
 }
+
+
+def write_fleet(folder: Path, **states: str | None) -> Path:
+    """A fleet's folder with specimens that are DONE, FAILED, in work ("WORK") or waiting (None)."""
+    write_json(folder / "fleet.json", {"format": 1, "specimens": list(states), "created": NOW.isoformat()})
+    for name, state in states.items():
+        if state is not None:
+            place = write_run(folder / "specimens" / name, labels=["joint"]) / "calibrations" / "joint"
+            add_trials(place, [3.0, 2.0])
+        if state in ("DONE", "FAILED"):
+            done = state == "DONE"
+            record = {"specimen": name, "state": state, "reason": "" if done else "all trials failed.", "seconds": 4.0}
+            more = {"loss": 0.5, "parameters": RESULT["parameters"] if done else {}, "warnings": []}
+            write_json(folder / "specimens" / f"{name}.json", {**record, **more})
+    return folder

@@ -110,7 +110,8 @@ def parameter_chart(search: WatchedSearch, facts: ParameterFacts) -> dict[str, A
 
 def fleet_chart(run: WatchedRun) -> dict[str, Any]:
     """The first parameter of every finished specimen with its 95 % interval."""
-    found = [(search.label, one) for search in run.searches if search.result for one in search.result.estimates[:1]]
+    done = [search for search in run.searches if not search.is_open]
+    found = [(search.label, one) for search in done if search.result for one in search.result.estimates[:1]]
     if not found:
         return {"animation": False, "series": []}
     name, si_unit = found[0][1].name, found[0][1].unit

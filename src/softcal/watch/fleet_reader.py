@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from softcal.watch.live import moment, read_live
-from softcal.watch.reading import Unreadable, clean, finite, inside, read_record
+from softcal.watch.live import LiveSign, moment, read_live
+from softcal.watch.reading import Unreadable, clean, finite, inside, read_record, told
 from softcal.watch.report_figures import DrawnFigure, report_figures
 from softcal.watch.result_records import watched_result
 from softcal.watch.watched import WatchedRun, WatchedSearch
@@ -30,6 +31,7 @@ class FleetReader:
     def read(self, record: Mapping[str, Any], name: str, in_work: ReadSearch) -> WatchedRun:
         """The fleet of a record `fleet.json`, in the folder of that name."""
         faults: list[str] = []
+        live = told(faults, lambda: read_live(self._folder))
         listed = record.get("specimens")
         names = [one for one in (listed if isinstance(listed, list) else []) if isinstance(one, str)][:MOST]
         found: list[WatchedSearch] = []
@@ -38,12 +40,13 @@ class FleetReader:
                 faults.append(f"{FLEET} names a specimen that cannot be one: {clean(specimen, 60)!r}.")
                 continue
             try:
-                found.append(self._finished(specimen) or in_work(clean(specimen, 200), f"{SPECIMENS}/{specimen}"))
+                found.append(
+                    self._finished(specimen) or _open(in_work(clean(specimen, 200), f"{SPECIMENS}/{specimen}"), live)
+                )
             except Unreadable as error:
                 faults.append(str(error))
-        report, figures, live = "", tuple[DrawnFigure, ...](), None
+        report, figures = "", tuple[DrawnFigure, ...]()
         try:
-            live = read_live(self._folder)
             if "statement" in record and inside(self._folder, REPORT) is not None:
                 report, figures = REPORT, report_figures(self._folder)
         except Unreadable as error:
@@ -66,10 +69,23 @@ class FleetReader:
         search = WatchedSearch(
             clean(specimen, 200),
             f"{SPECIMENS}/{specimen}",
-            result=None if failed else watched_result({**record, "notes": record.get("warnings")}),
+            result=None if failed else watched_result({**record, "notes": record.get("warnings")}, place),
             ended=datetime.fromtimestamp(changed / 1e9, UTC),
             seconds=finite(record.get("seconds")) or 0.0,
             failure=(clean(record.get("reason")) or "No reason is recorded.") if failed else "",
         )
         self._known[specimen] = changed, search
         return search
+
+
+def _open(search: WatchedSearch, fleet: LiveSign | None) -> WatchedSearch:
+    """A specimen without a record: from the end of its search to its record, the fleet's process works on it."""
+    live = search.live
+    if live is not None and live.ended and fleet is not None and _is_of(live, fleet):
+        live = replace(live, pid=fleet.pid, host=fleet.host, updated=fleet.updated, ended=fleet.ended)
+    return replace(search, live=live, is_open=True)
+
+
+def _is_of(live: LiveSign, fleet: LiveSign) -> bool:
+    """Whether a sign was given since the fleet began, or was resumed."""
+    return live.updated is not None and fleet.began is not None and live.updated >= fleet.began

@@ -9,12 +9,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from softcal.calibration.live import LIVE
 from softcal.watch.reading import clean, count, read_record
 
 LONG = 60.0  # [s] without a sign of life
+SignCourse = Literal["running", "left", "silent"]
 _ROUNDING = timedelta(seconds=3)  # of the times at which a process, and the search in it, began
 
 
@@ -75,6 +76,12 @@ class LiveSign:
         if self.ended or (self.is_here and not self.has_process):
             return False
         return self.age(now) <= LONG or (self.is_here and self._is_the_one)
+
+    def course(self, now: datetime) -> SignCourse:
+        """What it says of its process: at work, gone, or not known."""
+        if self.is_at_work(now):
+            return "running"
+        return "left" if self.ended or (self.is_here and not self.has_process) else "silent"
 
     @property
     def _is_the_one(self) -> bool:

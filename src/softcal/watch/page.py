@@ -79,7 +79,7 @@ class RunPage:
         told = ", ".join(part for part in (fleet_text(run, now), fleet_time_left(run, now)) if part)
         self._searches.show(search_rows(run, now) if several else [], told if several else "")
         self._figures.show(of_report(run.figures))
-        _show(self._fleet, run.kind == "fleet" and any(search.result for search in run.searches))
+        _show(self._fleet, run.kind == "fleet" and any(s.result and not s.is_open for s in run.searches))
         if run.kind == "fleet" and run.searches != self._specimens:
             self._specimens = run.searches
             _draw(self._fleet_chart, fleet_chart(run))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 import stat
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 MOST_BYTES = 64_000_000  # of one record; a larger one is none of softcal's
+_LARGEST = 1e100  # in any unit: what is computed from such numbers is finite
+T = TypeVar("T")
 
 
 class Unreadable(Exception):
@@ -59,6 +60,15 @@ def read_record(folder: Path, place: str) -> dict[str, Any] | None:
     return {clean(key): value for key, value in record.items()}
 
 
+def told(faults: list[str], read: Callable[[], T]) -> T | None:
+    """What is read, or None and a sentence on why not."""
+    try:
+        return read()
+    except Unreadable as error:
+        faults.append(str(error))
+        return None
+
+
 def clean(value: object, most: int = 2000) -> str:
     """A value as text that can be encoded and shown, of `most` characters; "" for None."""
     text = "" if value is None else str(value)
@@ -68,14 +78,14 @@ def clean(value: object, most: int = 2000) -> str:
 
 
 def finite(value: object) -> float | None:
-    """A value as a number; None where it is none, or not finite."""
+    """A value as a number; None where it is none, not finite, or larger than any of softcal's."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:
         number = float(value)
     except OverflowError:
         return None
-    return number if math.isfinite(number) else None
+    return number if abs(number) <= _LARGEST else None
 
 
 def count(value: object) -> int | None:

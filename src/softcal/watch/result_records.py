@@ -5,30 +5,57 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from softcal.watch.reading import clean, finite, numbers
+from softcal.units import unit_factor
+from softcal.watch.reading import Unreadable, clean, finite, numbers
 from softcal.watch.watched import WatchedEstimate, WatchedResult, WatchedScore
 
 
-def watched_result(record: Mapping[str, Any]) -> WatchedResult:
-    """The result of a search, or of a specimen."""
+def watched_result(record: Mapping[str, Any], place: str) -> WatchedResult:
+    """The result of a search, or of a specimen; place: of its file.
+
+    Raises
+    ------
+    Unreadable
+        Where a parameter has a value, a unit or an interval that is none.
+    """
     parameters, notes = record.get("parameters"), record.get("notes")
     found: list[WatchedEstimate] = []
     for name, one in (parameters if isinstance(parameters, Mapping) else {}).items():
-        value = finite(one.get("value")) if isinstance(one, Mapping) else None
-        if value is None:
-            continue
-        ends = [finite(end) for end in one["interval"]] if isinstance(one.get("interval"), list) else []
-        low, high = ends if len(ends) == 2 else (None, None)
-        interval = None if low is None or high is None else (low, high)
-        found.append(
-            WatchedEstimate(clean(name, 200), value, clean(one.get("unit"), 30), interval, one.get("at_bound") is True)
-        )
+        one = one if isinstance(one, Mapping) else {}
+        value, unit, interval = finite(one.get("value")), clean(one.get("unit"), 30), _interval(one.get("interval"))
+        has_no = [
+            what
+            for what, is_there in (
+                ("value", value is not None),
+                ("unit", _is_unit(unit)),
+                ("interval", interval is not None or one.get("interval") is None),
+            )
+            if not is_there
+        ]
+        if value is None or has_no:
+            raise Unreadable(f"{clean(place)} cannot be read: {clean(name, 200)} has no {has_no[0]} that can be one.")
+        found.append(WatchedEstimate(clean(name, 200), value, unit, interval, one.get("at_bound") is True))
     return WatchedResult(
         tuple(found),
         finite(record.get("loss")),
         clean(record.get("status")),
         tuple(clean(note) for note in (notes if isinstance(notes, list) else [])[:100]),
     )
+
+
+def _is_unit(text: str) -> bool:
+    try:
+        return unit_factor(text, text) == 1.0
+    except ValueError:
+        return False
+
+
+def _interval(value: object) -> tuple[float, float] | None:
+    """Two numbers, the first not above the second; None for anything else."""
+    if not isinstance(value, list) or len(value) != 2:
+        return None
+    low, high = map(finite, value)
+    return None if low is None or high is None or low > high else (low, high)
 
 
 def watched_score(record: Mapping[str, Any]) -> WatchedScore:

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
-from typing import Any, TypeGuard, TypeVar
+from typing import Any, TypeGuard
 
 from softcal.calibration.live import LIVE
 from softcal.calibration.store import RECORD, RESULT
 from softcal.calibration.trial_journal import JOURNAL
 from softcal.watch.fleet_reader import FLEET, SPECIMENS, FleetReader
 from softcal.watch.live import moment, read_live
-from softcal.watch.reading import Unreadable, clean, count, inside, numbers, read_record
+from softcal.watch.reading import clean, count, inside, numbers, read_record, told
 from softcal.watch.report_figures import report_figures
 from softcal.watch.result_records import watched_result, watched_score
 from softcal.watch.trials import TrialReader
-from softcal.watch.watched import WatchedRun, WatchedScore, WatchedSearch
+from softcal.watch.watched import WatchedResult, WatchedRun, WatchedScore, WatchedSearch
 
 SCORE, REPORT = "score.json", "report.html"
 CALIBRATIONS = "calibrations"
 MOST_SEARCHES = 2000  # of a folder
-
-T = TypeVar("T")
 
 
 class RunReader:
@@ -39,10 +37,10 @@ class RunReader:
         """The run as it stands; never raises for what is in the folder."""
         faults: list[str] = []
         name = clean(self.folder.resolve().name, 200)
-        fleet = _told(faults, lambda: read_record(self.folder, FLEET))
+        fleet = told(faults, lambda: read_record(self.folder, FLEET))
         if fleet is not None:
             return self._fleet.read(fleet, name, self._run_of)
-        record = _told(faults, lambda: read_record(self.folder, RECORD)) or {}
+        record = told(faults, lambda: read_record(self.folder, RECORD)) or {}
         labels = record.get("calibrations")
         if isinstance(labels, list):
             return self._project_run(record, name, labels, faults)
@@ -55,11 +53,12 @@ class RunReader:
         if search.trials or "/" not in search.place or search.place.split("/")[-2] != SPECIMENS:
             return search
         found = self._run_of(search.label, search.place)
-        return replace(found, result=search.result or found.result, failure=search.failure)
+        result = search.result or found.result
+        return replace(found, result=result, failure=search.failure, is_open=search.is_open)
 
     def _run_of(self, label: str, place: str) -> WatchedSearch:
         """The search of a run in the folder, its joint one where it has several."""
-        record = _told([], lambda: read_record(self.folder, _joined(place, RECORD))) or {}
+        record = told([], lambda: read_record(self.folder, _joined(place, RECORD))) or {}
         inner = record.get("calibrations")
         labels = [one for one in (inner if isinstance(inner, list) else []) if _is_label(one)]
         if not labels:
@@ -73,14 +72,14 @@ class RunReader:
                 faults.append(f"{RECORD} names a calibration that cannot be one: {clean(label, 60)!r}.")
                 continue
             searches.append(self._search(label, f"{CALIBRATIONS}/{label}"))
-        report = REPORT if _told(faults, lambda: inside(self.folder, REPORT)) is not None else ""
+        report = REPORT if told(faults, lambda: inside(self.folder, REPORT)) is not None else ""
         return WatchedRun(
             clean(record.get("project"), 200) or name,
             "sweep" if labels == ["sweep"] else "calibration",
             tuple(searches),
             moment(record.get("created")),
             report,
-            _told(faults, lambda: report_figures(self.folder)) or () if report else (),
+            told(faults, lambda: report_figures(self.folder)) or () if report else (),
             unreadable=tuple(faults),
             values=numbers(record.get("values")),
         )
@@ -90,13 +89,13 @@ class RunReader:
         searches: list[WatchedSearch] = []
         scores: list[WatchedScore] = []
         for place in ("", *self._folders()):
-            score = _told(faults, lambda place=place: read_record(self.folder, _joined(place, SCORE)))
+            score = told(faults, lambda place=place: read_record(self.folder, _joined(place, SCORE)))
             if score is not None:
                 scores.append(watched_score(score))
             record = (
                 None
                 if not place
-                else _told(faults, lambda place=place: read_record(self.folder, _joined(place, RECORD)))
+                else told(faults, lambda place=place: read_record(self.folder, _joined(place, RECORD)))
             )
             if record is None:
                 continue
@@ -120,21 +119,25 @@ class RunReader:
         except OSError:
             return []
 
+    def _result(self, place: str) -> WatchedResult | None:
+        record = read_record(self.folder, place)
+        return None if record is None else watched_result(record, place)
+
     def _search(self, label: str, place: str) -> WatchedSearch:
         """One search; nothing is read again of one whose files are the same."""
         faults: list[str] = []
-        result_path = _told(faults, lambda: inside(self.folder, _joined(place, RESULT)))
-        live = _told(faults, lambda: read_live(self.folder, _joined(place, LIVE)))
-        journal = _told(faults, lambda: inside(self.folder, _joined(place, JOURNAL)))
+        result_path = told(faults, lambda: inside(self.folder, _joined(place, RESULT)))
+        live = told(faults, lambda: read_live(self.folder, _joined(place, LIVE)))
+        journal = told(faults, lambda: inside(self.folder, _joined(place, JOURNAL)))
         stamp = (_stamp(result_path), _stamp(journal), live)
         if place in self._known and self._known[place][0] == stamp and not faults:
             return self._known[place][1]
-        record = _told(faults, lambda: read_record(self.folder, _joined(place, RECORD))) or {}
+        record = told(faults, lambda: read_record(self.folder, _joined(place, RECORD))) or {}
         settings = record.get("settings")
         settings = settings if isinstance(settings, Mapping) else {}
         reader = self._trials.setdefault(place, TrialReader(self.folder, _joined(place, JOURNAL)))
-        trials = _told(faults, reader.read) or ()
-        result = _told(faults, lambda: read_record(self.folder, _joined(place, RESULT))) if result_path else None
+        trials = told(faults, reader.read) or ()
+        result = told(faults, lambda: self._result(_joined(place, RESULT)))
         total = live.total if live is not None and live.total else count(settings.get("trials"))
         search = WatchedSearch(
             clean(label, 200),
@@ -143,7 +146,7 @@ class RunReader:
             trials,
             total,
             live,
-            None if result is None else watched_result(result),
+            result,
             _when(journal),
             _when(result_path),
             reader.seconds,
@@ -161,15 +164,6 @@ def _is_label(label: object) -> TypeGuard[str]:
         and label not in ("..", "/")
         and "\0" not in label
     )
-
-
-def _told(faults: list[str], read: Callable[[], T]) -> T | None:
-    """What is read, or None and a sentence on why not."""
-    try:
-        return read()
-    except Unreadable as error:
-        faults.append(str(error))
-        return None
 
 
 def _stamp(path: Path | None) -> tuple[int, int]:

@@ -32,7 +32,8 @@ def fleet_time_left(run: WatchedRun, now: datetime) -> str:
     live = run.live
     if live is None or live.began is None or not live.is_at_work(now) or not live.total or live.done is None:
         return ""
-    ends = [search.ended for search in run.searches if search.ended is not None and search.ended > live.began]
+    done = [search for search in run.searches if not search.is_open]
+    ends = [search.ended for search in done if search.ended is not None and search.ended > live.began]
     if not ends or live.total <= live.done:
         return ""
     seconds = (max(ends) - live.began).total_seconds()

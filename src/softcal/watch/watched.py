@@ -62,6 +62,8 @@ class WatchedSearch:
         Why a specimen of a fleet FAILED, a sentence; "" otherwise.
     unreadable
         What of it cannot be read, a sentence each.
+    is_open
+        Whether it is a specimen of a fleet without a record of its own yet, so that a result is not its end.
     """
 
     label: str
@@ -76,6 +78,7 @@ class WatchedSearch:
     seconds: float = 0.0
     failure: str = ""
     unreadable: tuple[str, ...] = ()
+    is_open: bool = False
 
     @property
     def done(self) -> int:
@@ -100,14 +103,11 @@ class WatchedSearch:
         """Where it stands."""
         if self.failure:
             return "failed"
-        live = self.live
-        at_work = live is not None and live.is_at_work(now)
-        if self.result is not None and not (at_work and self.is_resumed):
+        course = None if self.live is None else self.live.course(now)
+        if self.result is not None and not self.is_open and not (course == "running" and self.is_resumed):
             return "ended"
-        if at_work:
-            return "running"
-        if live is not None:
-            return "left" if live.ended or (live.is_here and not live.has_process) else "silent"
+        if course is not None:
+            return course
         if self.written is None:
             return "waiting"
         return "running" if (now - self.written).total_seconds() <= LONG else "silent"

@@ -18,6 +18,13 @@ STATES: dict[Course, str] = {
     "ended": "Done",
     "failed": "Failed",
 }
+_OF_FLEETS: dict[Course, str] = {
+    "waiting": "No specimen was begun.",
+    "running": "Choose a specimen for its trials.",
+    "silent": "It gave no sign of life lately; whether a process works on this fleet is not known.",
+    "left": "No process works on this fleet. The same command with --resume goes on with it.",
+    "ended": "Choose a specimen for its trials.",
+}
 MOST_FAILED = 200  # rows of the table
 
 
@@ -37,7 +44,7 @@ def state_sentence(search: WatchedSearch, now: datetime) -> str:
     if live is not None:
         last = "" if live.updated is None else f" Its last sign of life was {span(live.age(now))} ago."
         if live.ended:
-            return f"The search ended without a result.{last}"
+            return f"The search ended without a result.{last}" if search.result is None else search.result.status
         if course == "left":
             return f"No process works on this run.{last} The same command with --resume goes on with it."
         if live.is_here:
@@ -131,22 +138,21 @@ def run_state(run: WatchedRun, now: datetime) -> tuple[Course, str]:
     if not courses:
         return ("ended", "") if run.scores else ("waiting", "There is no run in this folder yet.")
     if share_finished(run, now) == 1.0:
-        return "ended", "Choose a specimen for its trials."
-    # Between two specimens none is in work for a moment; what is next was written just now.
+        return "ended", _OF_FLEETS["ended"]
+    course = _specimens_course(run, now) if run.live is None else run.live.course(now)
+    return course, _OF_FLEETS[course]
+
+
+def _specimens_course(run: WatchedRun, now: datetime) -> Course:
+    """What a fleet does that gives no sign of life itself, by those of its specimens."""
+    courses = [search.course(now) for search in run.searches]
     signs = [sign for search in run.searches if (sign := search.live.updated if search.live else search.ended)]
-    fresh = any((now - sign).total_seconds() <= LONG for sign in signs)
-    if "running" in courses or fresh:
-        return "running", "Choose a specimen for its trials."
+    # Between two specimens none is in work for a moment; what is next was written just now.
+    if "running" in courses or any((now - sign).total_seconds() <= LONG for sign in signs):
+        return "running"
     if "silent" in courses:
-        return "silent", "No specimen gave a sign of life lately; whether a process works on this fleet is not known."
-    return (
-        ("left", "No process works on this fleet. The same command with --resume goes on with it.")
-        if signs
-        else (
-            "waiting",
-            "No specimen was begun.",
-        )
-    )
+        return "silent"
+    return "left" if signs else "waiting"
 
 
 def search_rows(run: WatchedRun, now: datetime) -> list[dict[str, Any]]:

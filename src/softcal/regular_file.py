@@ -5,15 +5,15 @@ from __future__ import annotations
 import stat
 from pathlib import Path
 
+NOTHING, FOLDER = "no such file", "a folder"
 OTHER_KINDS = {
-    stat.S_IFDIR: "a folder",
+    stat.S_IFDIR: FOLDER,
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
     stat.S_IFIFO: "a pipe",
     stat.S_IFSOCK: "a socket",
 }
 """What else stands at a path, by the type that the system tells."""
-NOTHING = "no such file"
 
 
 def not_a_file(path: Path) -> str:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
+import socket
 import sys
 import time
 import urllib.request
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -17,6 +20,7 @@ from watch_case import write_run
 import softcal
 from softcal.cli.app import app
 from softcal.processes import beside
+from softcal.watch import server
 from softcal.workflows import watching
 from softcal.workflows.calibration import Calibrations
 from softcal.workflows.run import CalibrationRun
@@ -44,7 +48,11 @@ def test_a_folder_that_is_not_there_is_refused(tmp_path: Path):
     assert "there is no such folder" in done.stderr
     assert "--wait" in done.stderr
     (tmp_path / "file").write_text("")
-    assert CliRunner().invoke(app, ["watch", str(tmp_path / "file"), "--wait"]).exit_code == 2
+    for options in ([], ["--wait"]):
+        done = CliRunner().invoke(app, ["watch", str(tmp_path / "file"), *options])
+        assert done.exit_code == 2
+        assert "file: there is no such folder; got a file; allowed: a folder that" in done.stderr
+        assert "--wait" not in done.stderr
 
 
 @needs_nicegui
@@ -53,6 +61,40 @@ def test_an_address_that_is_not_this_machine_s_is_refused(options: list[str], tm
     done = CliRunner().invoke(app, ["watch", str(write_run(tmp_path)), "--no-browser", "--port", "0", *options])
     assert done.exit_code == 2, done.output
     assert "the page cannot be served at this address" in done.stderr
+
+
+@needs_nicegui
+@pytest.mark.parametrize("host", ["", "[]"])
+def test_no_address_is_not_taken_for_all_of_them(host: str, tmp_path: Path):
+    done = CliRunner().invoke(app, ["watch", str(write_run(tmp_path)), "--no-browser", "--port", "0", "--host", host])
+    assert done.exit_code == 2, done.output
+    assert "--host: the page cannot be served at this address; got nothing; allowed: an address" in done.stderr
+
+
+@needs_nicegui
+@pytest.mark.parametrize("host", ["::1", "[::1]"])
+def test_the_address_of_ipv6_is_one_that_can_be_typed(host: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    try:
+        socket.create_server(("::1", 0), family=socket.AF_INET6).close()
+    except OSError:
+        pytest.skip("the system has no IPv6")
+    said: list[str] = []
+
+    class Served:
+        def __init__(self, gate: object, ready: Callable[[], None]) -> None:
+            self._ready = ready
+
+        def run(self, sockets: list[socket.socket]) -> None:
+            said.append(str(sockets[0].getsockname()[:2]))
+            self._ready()
+
+    monkeypatch.setattr(server, "_server", Served)
+    shared = SimpleNamespace(twins=SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr(server, "_application", lambda folder: (None, shared))
+    monkeypatch.setenv("NICEGUI_STORAGE_PATH", "")  # which is set while it serves
+    server.serve(write_run(tmp_path), host=host, port=0, ready=said.append)
+    number = said[0].rpartition(" ")[2].rstrip(")")
+    assert said == [f"('::1', {number})", f"http://[::1]:{number}/"]
 
 
 @needs_nicegui
@@ -90,7 +132,7 @@ time.sleep(60)
 @needs_nicegui
 def test_a_page_that_cannot_be_served_is_an_error_of_the_input(tmp_path: Path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(softcal.InputError, match="there is no such folder"):
+    with pytest.raises(softcal.InputError, match="there is no such folder; got a file"):
         watch_run(tmp_path / "file")
 
 

@@ -56,6 +56,37 @@ def test_a_fleet_is_its_specimens(tmp_path: Path):
     assert reader.read().searches[2].done == 3
 
 
+def test_fleets_in_a_folder_are_listed_with_its_runs(tmp_path: Path):
+    write_fleet(tmp_path / "one", a="DONE", b="WORK")
+    write_fleet(tmp_path / "two", a="FAILED", c="DONE")
+    here = {"pid": os.getpid(), "host": HOST, "now": datetime.now(UTC)}
+    write_json(tmp_path / "one" / "live.json", live_record(**here))
+    place = tmp_path / "one" / "specimens" / "b" / "calibrations" / "joint"
+    write_json(place / "live.json", live_record(**here, ended=True))  # its record comes now
+    add_trials(write_run(tmp_path / "run") / "calibrations" / "joint", [1.0])
+    reader, now = RunReader(tmp_path), datetime.now(UTC)
+    run = reader.read()
+    rows = [tuple(row[name] for name in ("label", "state", "trials")) for row in search_rows(run, now)]
+    assert rows == [
+        ("one: a", "Done", "–"),
+        ("one: b", "Running", "2 of at most 20"),
+        ("run", "Running", "1 of at most 20"),
+        ("two: a", "Failed", "–"),
+        ("two: c", "Done", "–"),
+    ]
+    assert [run_of(search) for search in run.searches] == [
+        "one/specimens/a", "one/specimens/b", "run", "two/specimens/a", "two/specimens/c"
+    ]  # fmt: skip
+    assert fleet_text(run, now) == "3 of 5 searches finished, 1 of them failed, 2 in work"
+    assert [len(reader.whole(search).trials) for search in run.searches] == [2, 2, 1, 2, 2]
+    (tmp_path / "two" / "specimens" / "c.json").write_text("{")
+    write_json(tmp_path / "one" / "fleet.json", {"specimens": [".."]})
+    assert RunReader(tmp_path).read().unreadable == (
+        "one/fleet.json names a specimen that cannot be one: '..'.",
+        "two/specimens/c.json cannot be read: it is not whole.",
+    )
+
+
 def test_what_a_fleet_does_as_a_whole(tmp_path: Path):
     now = datetime.now(UTC)
     write_fleet(tmp_path / "new", a=None)

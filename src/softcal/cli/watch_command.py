@@ -34,14 +34,15 @@ def watch(
     """Show a run on a local page while it works: progress, losses, parameters, failures, the twin, the report."""
     from softcal.errors import Fault, InputError
     from softcal.extras import require_extra
+    from softcal.regular_file import FOLDER, NOTHING, not_a_file
     from softcal.watch.server import serve
 
     require_extra("watch", "nicegui", where="softcal watch")
-    if not run.is_dir() and not (wait and not run.exists()):
+    found = not_a_file(run) or "a file"
+    if found != FOLDER and not (wait and found == NOTHING):
         allowed = "a folder that calibrate, sweep, fleet or bench run writes"
-        raise InputError(
-            Fault("there is no such folder", str(run), allowed=allowed, attempt="--wait, if it will be there")
-        )
+        got, attempt = ("", "--wait, if it will be there") if found == NOTHING else (found, "")
+        raise InputError(Fault("there is no such folder", str(run), got, allowed, attempt))
 
     def ready(address: str) -> None:
         typer.echo(f"Page: {address} (Ctrl-C ends it)")

@@ -30,7 +30,7 @@ class RunReader:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._trials: dict[str, TrialReader] = {}
-        self._fleet = FleetReader(folder)
+        self._fleets: dict[str, FleetReader] = {}
         self._known: dict[str, tuple[object, WatchedSearch]] = {}
 
     def read(self) -> WatchedRun:
@@ -39,7 +39,7 @@ class RunReader:
         name = clean(self.folder.resolve().name, 200)
         fleet = told(faults, lambda: read_record(self.folder, FLEET))
         if fleet is not None:
-            return self._fleet.read(fleet, name, self._run_of)
+            return self._fleet("").read(fleet, name, self._run_of)
         record = told(faults, lambda: read_record(self.folder, RECORD)) or {}
         labels = record.get("calibrations")
         if isinstance(labels, list):
@@ -47,6 +47,9 @@ class RunReader:
         if "identity" in record:  # one calibration's own folder
             return WatchedRun(name, "calibration", (self._search(name, ""),), unreadable=tuple(faults))
         return self._folder_of_runs(name, faults)
+
+    def _fleet(self, place: str) -> FleetReader:
+        return self._fleets.setdefault(place, FleetReader(self.folder, place))
 
     def whole(self, search: WatchedSearch) -> WatchedSearch:
         """A finished specimen of a fleet with its trials; any other search as it is."""
@@ -85,13 +88,16 @@ class RunReader:
         )
 
     def _folder_of_runs(self, name: str, faults: list[str]) -> WatchedRun:
-        """Runs and scores in the folder itself, or in folders in it."""
+        """Runs and scores in the folder itself, or runs, fleets and scores in folders in it."""
         searches: list[WatchedSearch] = []
         scores: list[WatchedScore] = []
         for place in ("", *self._folders()):
             score = told(faults, lambda place=place: read_record(self.folder, _joined(place, SCORE)))
             if score is not None:
                 scores.append(watched_score(score))
+            fleet = told(faults, lambda place=place: read_record(self.folder, _joined(place, FLEET)))
+            if fleet is not None:
+                searches += self._fleet(place).specimens(fleet, self._run_of, faults)
             record = (
                 None
                 if not place

@@ -37,6 +37,10 @@ def serve(folder: Path, *, host: str = LOOPBACK, port: int | None = None, ready:
         When it is ended.
     """
     require_extra("watch", "nicegui", where="softcal watch")
+    host = host.strip("[]")  # of an IPv6 address, as in a URL
+    if not host:  # which the system would take for all addresses of the machine
+        allowed = "an address of this machine, such as 127.0.0.1"
+        raise InputError(Fault("the page cannot be served at this address", "--host", "nothing", allowed))
     with ExitStack() as stack:
         listening = stack.enter_context(_listening(host, port))
         number: int = listening.getsockname()[1]
@@ -58,7 +62,7 @@ def _listening(host: str, port: int | None) -> socket.socket:
         found = socket.socket(family, socket.SOCK_STREAM)
         try:
             found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            found.bind((host.strip("[]"), number))
+            found.bind((host, number))
             found.listen(100)
         except (OSError, OverflowError, TypeError, UnicodeError) as error:  # of names that can be none
             found.close()

@@ -47,11 +47,11 @@ def told(folder: Path, **changes: object) -> list[str]:
     return [str(one).replace(f"{folder}/", "") for one in error.value.faults]
 
 
-def spoil(path: Path) -> None:
+def spoil(path: Path, factor: float = 1000) -> None:
     """Shortenings as if metres were millimetres."""
     header, *rows = path.read_text().splitlines()
     cells = [row.split(",") for row in rows]
-    far = [",".join([t, f"{1000 * float(d):.6f}", *rest]) for t, d, *rest in cells]
+    far = [",".join([t, f"{factor * float(d):.6f}", *rest]) for t, d, *rest in cells]
     path.write_text("\n".join([header, *far]) + "\n")
 
 
@@ -80,14 +80,36 @@ def test_a_fault_of_a_specimens_data_names_the_specimen(tmp_path: Path) -> None:
     spoil(folder / "p4.csv")
     (said,) = told(folder)
     assert said.startswith("fleet.csv, lines 4, 5 (s3, s4): project.yaml:")
+    (folder / "data" / "pull.csv").write_bytes((folder / "p3.csv").read_bytes())  # the template's, which no row reads
+    assert told(folder) == [said]
+    write_fleet(tmp_path, [1.0] * 4, TABLE)
+    for k in range(1, 5):  # but the template's
+        spoil(folder / f"p{k}.csv")
+    (said,) = told(folder)
+    assert said.startswith("fleet.csv, lines 2, 3, 4, 5 (s1, s2, s3, s4): project.yaml:")
+    (folder / "data" / "pull.csv").write_bytes((folder / "p1.csv").read_bytes())  # and the template's
+    assert told(folder)[0].startswith("project.yaml:")
+    spoil(folder / "p4.csv", 2)  # by another number
+    (said,) = told(folder)
+    assert said.startswith("fleet.csv, lines 2, 3, 4, 5 (s1, s2, s3, s4): project.yaml:")
+    assert "got 2e+04 mm, 4e+04 mm;" in said
+
+
+def test_rows_of_one_name_are_told_by_their_lines(tmp_path: Path) -> None:
+    folder = write_fleet(tmp_path, [1.0] * 4, TABLE.replace("s4", "s3"))
+    spoil(folder / "p3.csv")
+    said = told(folder)
+    assert "two rows have the same name" in said[0]
+    assert said[1].startswith("fleet.csv, line 4 (s3): project.yaml:")
 
 
 def test_a_fault_that_all_specimens_have_is_the_templates(tmp_path: Path) -> None:
     folder = write_fleet(tmp_path, [1.0] * 4, TABLE, ("fixed: foot", "fixed: feet"))
     (said,) = told(folder)
     assert said.startswith("project.yaml:")
-    (said,) = told(folder, trails=2)
-    assert said.startswith("project.yaml:")  # what is no option of a right project is told then
+    folder = write_fleet(tmp_path / "one", [1.0], f"specimen,{FILE}\ns1,p1.csv\n", ("fixed: foot", "fixed: feet"))
+    (said,) = told(folder)
+    assert said.startswith("project.yaml:")
     folder = write_fleet(tmp_path / "right", [1.0], f"specimen,{FILE}\ns1,p1.csv\n")
     (said,) = told(folder, trails=2)
     assert said.startswith("--option trails=2:")

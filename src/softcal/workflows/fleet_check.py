@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -49,7 +49,8 @@ def check_fleet(
         found += [(row, one) for one in faults]
         show("checked", len(table.rows), k, 0)
     if known or found:
-        raise ProjectFileError(merged([*known, *_placed(table, found)]))
+        alone = checked_row(order, FleetRow("", {}, {}, {})) if found else ()
+        raise ProjectFileError(merged([*known, *_placed(table, found, alone)]))
 
 
 def checked_row(order: FleetOrder, row: FleetRow) -> tuple[Fault, ...]:
@@ -66,9 +67,9 @@ def checked_row(order: FleetOrder, row: FleetRow) -> tuple[Fault, ...]:
     return ()
 
 
-def _placed(table: FleetTable, found: Sequence[tuple[FleetRow, Fault]]) -> list[Fault]:
-    """The specimens' faults, those without a place in the table with the rows that have them; what all rows have is
-    the template's.
+def _placed(table: FleetTable, found: Sequence[tuple[FleetRow, Fault]], alone: Collection[Fault]) -> list[Fault]:
+    """The specimens' faults, those without a place in the table with the rows that have them; alone: the template's own
+    faults, which are those of no row where all rows have them.
     """
     alike: dict[tuple[str, ...], list[tuple[FleetRow, Fault]]] = {}
     placed: list[Fault] = []
@@ -80,12 +81,12 @@ def _placed(table: FleetTable, found: Sequence[tuple[FleetRow, Fault]]) -> list[
     for held in alike.values():
         first = held[0][1]
         got = dict.fromkeys(one.got for _, one in held)
-        rows = list(dict.fromkeys(row.name for row, _ in held))
-        if len(got) == 1 and len(rows) == len(table.rows) > 1:
+        rows = {row.line: row.name for row, _ in held}
+        if len(got) == 1 and first in alone and len(rows) == len(table.rows):
             placed.append(first)
             continue
-        lines = line_numbers([row.line for row in table.rows if row.name in rows], len(rows))
-        names = ", ".join(rows[:_NAMED]) + (", …" if len(rows) > _NAMED else "")
+        lines = line_numbers(list(rows), len(rows))
+        names = ", ".join(list(rows.values())[:_NAMED]) + (", …" if len(rows) > _NAMED else "")
         where = f"{table.path}, {lines} ({names})" + (f": {first.where}" if first.where else "")
         shown = ", ".join(list(got)[:_NAMED]) + (", …" if len(got) > _NAMED else "")
         placed.append(replace(first, where=where, got=shown))

@@ -551,6 +551,16 @@ def test_a_count_on_the_command_line_is_told_its_limit(capsys: pytest.CaptureFix
     assert f"allowed: {most}" in err
 
 
+def test_a_setting_given_by_its_own_option_too_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    project, run_folder = write_project(tmp_path), tmp_path / "run"
+    twice = ("--method", "tpe", "--option", "method=grid", "--no-mesh-error", "--option", "mesh_error=true")
+    code, _, err = run(capsys, "calibrate", project, "--out", run_folder, *twice)
+    assert code == 2
+    assert "the name is given twice; got '--method tpe' and '--option method=grid'; allowed: each name once" in err
+    assert "'--no-mesh-error' and '--option mesh_error=true'" in err
+    assert not run_folder.exists()
+
+
 def test_files_and_columns_are_looked_for_beside_sections_with_slips(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ):

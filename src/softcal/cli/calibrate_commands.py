@@ -101,14 +101,6 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     """Find the free parameters; keeps every trial, and writes tables, figures and a report into a run folder."""
     from softcal.project.project import load
 
-    options = calibration_options(option)
-    loaded = load(project, values=parsed_values(values))
-    from softcal.calibration.storage_url import storage_url
-    from softcal.workflows.calibration import calibrate as calibrate_project
-    from softcal.workflows.furthest import furthest_responses, shape_warnings
-
-    print_warnings(loaded.warnings)
-    folder = out if out is not None else project.parent / "run"
     changes: dict[str, Any] = {
         "method": method,
         "fit": fit,
@@ -117,6 +109,14 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         "hold_out": hold_out,
         "split": split,
     }
+    options = calibration_options(option, {**changes, "mesh_error": mesh_error})
+    loaded = load(project, values=parsed_values(values))
+    from softcal.calibration.storage_url import storage_url
+    from softcal.workflows.calibration import calibrate as calibrate_project
+    from softcal.workflows.furthest import furthest_responses, shape_warnings
+
+    print_warnings(loaded.warnings)
+    folder = out if out is not None else project.parent / "run"
     others = {
         "option": option,
         "set": values,

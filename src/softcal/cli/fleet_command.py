@@ -17,7 +17,6 @@ from softcal.cli.page_beside import page_beside
 from softcal.cli.printing import print_report_table
 from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, WithPage, WithReport, Workers, as_typed, calibration_options, names
-from softcal.errors import Fault, InputError
 
 if TYPE_CHECKING:
     from softcal.workflows.fleet import Fleet, Observer
@@ -63,10 +62,7 @@ def fleet(  # noqa: PLR0913 (one argument for each option)
     watch: WithPage = False,
 ) -> None:
     """Calibrate many specimens by one template, and say how they differ: spread, by factor, E against the infill."""
-    options = calibration_options(option)
-    if method is not None and "method" in options:
-        got = f"'--method {method}' and '--option method={options['method']}'"
-        raise InputError(Fault("the name is given twice", "--option", got, "each name once"))
+    options = calibration_options(option, {"method": method})
     from softcal.workflows.fleet import fleet as calibrate_fleet
 
     folder = out if out is not None else (table if table.is_dir() else table.parent) / "fleet"

@@ -81,20 +81,32 @@ def parsed_pairs(given: list[str] | None, option: str, what: str, allowed: str) 
     return found
 
 
-def calibration_options(given: list[str] | None) -> dict[str, int | float | str]:
+def calibration_options(given: list[str] | None, typed: Mapping[str, object]) -> dict[str, int | float | str]:
     """The settings of a calibration from the arguments of `--option NAME=VALUE`.
+
+    typed: settings that have an option of their own, None where it was not given.
 
     Raises
     ------
     InputError
-        As `parsed_pairs`; for a name that is no setting.
+        As `parsed_pairs`; for a name that is no setting, or is given by an option of its own too.
     """
     options = parsed_pairs(given, "--option", "this sets no option", "NAME=VALUE, such as starts=5")
+    both = [name for name in options if typed.get(name) is not None]
+    if both:
+        shown = [f"'{_flag(name, typed[name])}' and '--option {name}={options[name]}'" for name in both]
+        raise InputError([Fault("the name is given twice", "--option", got, "each name once") for got in shown])
     if options:
         from softcal.workflows.calibration import require_options
 
         require_options(options)
     return {name: scalar(text) for name, text in options.items()}
+
+
+def _flag(name: str, value: object) -> str:
+    """An option with its value in command-line syntax."""
+    dashed = name.replace("_", "-")
+    return f"--{'' if value else 'no-'}{dashed}" if isinstance(value, bool) else f"--{dashed} {value}"
 
 
 def scalar(text: str) -> int | float | str:

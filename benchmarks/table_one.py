@@ -197,7 +197,6 @@ def _figures(found: Fits) -> dict[str, str]:
     between = (found.repeats["P1"][..., 1] > 0.41) & (found.repeats["P1"][..., 1] < 0.495)
     of_four = found.repeats["P2P1"][..., 0]
     freed = [value(one, E) for one in found.linear_freed.values()]
-    at_truth = float(np.interp(TRUE[NU], SHOWN, moduli["P2P1"]))
     return {
         "fine": f"{found.tets['truth']:,}",
         "force halved": f"{100 * found.halving[0]:.1f}",
@@ -223,11 +222,9 @@ def _figures(found: Fits) -> dict[str, str]:
         "control E": f"{value_text(found.control.parameters[E])} ({_interval(found.control, E)})",
         "control nu": f"{value_text(found.control.parameters[NU])} ({_interval(found.control, NU)})",
         "control p": f"{found.control.spreads[E].chance:.2g}",
-        "joint p": f"{found.joint.spreads[E].chance:.2g}",
         "papers over": f"{min(over['P1']):.2f} to {max(over['P1']):.2f}",
         "linear freed": f"{1e-6 * min(freed):.2f} to {1e-6 * max(freed):.2f}",
         "linear low": f"{100 * (1 - np.mean(freed) / TRUE[E]):.0f}",
-        "default low": f"{100 * (1 - at_truth / TRUE[E]):.0f}",
     }
 
 

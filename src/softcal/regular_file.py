@@ -13,7 +13,7 @@ OTHER_KINDS = {
     stat.S_IFIFO: "a pipe",
     stat.S_IFSOCK: "a socket",
 }
-"""What else stands at a path, by the type that the system tells."""
+"""Type of what is at a path (`stat.S_IFMT`), where it is no regular file -> its name."""
 
 
 def not_a_file(path: Path) -> str:

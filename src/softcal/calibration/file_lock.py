@@ -6,6 +6,8 @@ import sys
 from pathlib import Path
 from typing import BinaryIO
 
+from softcal.errors import Fault, StorageError
+
 _FAR = 2**40  # the byte that is locked on Windows, where others cannot read what is
 
 
@@ -28,6 +30,26 @@ def hold(path: Path, *, wait: bool = False) -> BinaryIO:
         file.close()
         raise
     return file
+
+
+def hold_in(path: Path, what: str, other: str) -> BinaryIO:
+    """As `hold`, of a file that stands for its folder.
+
+    what: that is kept in the folder. other: what another process does there.
+
+    Raises
+    ------
+    StorageError
+        If another process holds it.
+    OSError
+        If the file cannot be opened, or the file system has no locks.
+    """
+    try:
+        return hold(path)
+    except BlockingIOError as error:
+        attempt = f"wait for the other {other} in this folder"
+        fault = Fault(f"the {what} cannot be kept", str(path.parent), "a folder locked by another process", "", attempt)
+        raise StorageError(fault) from error
 
 
 def lock(file: BinaryIO, *, wait: bool = False) -> None:

@@ -19,7 +19,7 @@ from typing import Annotated, Any, BinaryIO
 
 from pydantic import ConfigDict, Field
 
-from softcal.calibration.file_lock import hold
+from softcal.calibration.file_lock import hold_in
 from softcal.calibration.identity import differences, identity_faults
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.result import Trial
@@ -212,12 +212,7 @@ class RunStore:
 
 def _alone(folder: Path) -> BinaryIO:
     """The file of the trials, held by this process alone."""
-    try:
-        return hold(folder / JOURNAL)
-    except BlockingIOError as error:
-        attempt = "wait for the other calibration in this folder"
-        locked = Fault("the run cannot be kept", str(folder), "a folder locked by another process", attempt=attempt)
-        raise StorageError(locked) from error
+    return hold_in(folder / JOURNAL, "run", "calibration")
 
 
 def write_text(path: Path, text: str) -> None:

@@ -35,7 +35,7 @@ from pydantic import Field
 
 from softcal.analysis.fleet_statement import FleetStatement
 from softcal.analysis.specimen import Specimen, State
-from softcal.calibration.file_lock import hold
+from softcal.calibration.file_lock import hold_in
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result import Estimate
 from softcal.calibration.store import write_text
@@ -117,11 +117,7 @@ def held_fleet(folder: Path) -> Generator[None]:
         Where another process holds it, or it cannot be written.
     """
     try:
-        lock = hold(folder / LOCK)
-    except BlockingIOError as error:
-        attempt = "wait for the other softcal fleet in this folder"
-        locked = Fault("the fleet cannot be kept", str(folder), "a folder locked by another process", attempt=attempt)
-        raise StorageError(locked) from error
+        lock = hold_in(folder / LOCK, "fleet", "softcal fleet")
     except OSError as error:
         raise unwritable(folder, error) from error
     with lock:

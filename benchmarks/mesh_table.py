@@ -141,8 +141,8 @@ def _linear(linear: Sequence[Row]) -> str:
 {lines}
 
 The authors' numbers are those of the table on [their project page]({SOURCE}),
-computed with SOFA. The page states neither displacement nor diameter, so single forces and pitches cannot be compared;
-the influence of the mesh can. From the coarsest mesh to the finest the force decreases by {theirs:.0f} % in their
+computed with SOFA. The page states neither displacement nor diameter, so single forces and pitches are compared on
+[a page of their own](neck-shape.md), and here the influence of the mesh. From the coarsest mesh to the finest the force decreases by {theirs:.0f} % in their
 table and by {fall:.0f} % in softcal's, and softcal's pitch changes by {spread:.2f} %: the tilt of the plate depends on
 the length of the cable, but the force depends on the mesh.
 """
@@ -175,9 +175,9 @@ Quadratic tets with linear pressure (P2P1), curved on the surface: {kinds}.
 {verdict(families)}
 
 Even these meshes converge slowly because of the shape. Where the dome of a bell meets the waist under the flat
-underside of the next bell, the gap closes to a cusp, and the stress at its tip is singular as at a crack. The error
-depends on the size of the elements there, across the tip and not along it. So grading is effective, sweeping more so,
-and uniform refinement least.
+underside of the next bell, the gap closes at an angle of some 26°, and the stress at its tip is singular, almost as at
+a crack. The error depends on the size of the elements there, across the tip and not along it. So grading is effective,
+sweeping more so, and uniform refinement least.
 """
 
 

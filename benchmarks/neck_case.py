@@ -17,9 +17,15 @@ P1_TETS, P2P1_TETS = 3700, 1700
 TENSION, PITCH = "front.tension", "plate.pitch"
 
 
-def neck_robot(mesh: TetMesh, element: str, E: float = YOUNGS_MODULUS, nu: float = POISSONS_RATIO) -> Robot:
+def neck_robot(
+    mesh: TetMesh,
+    element: str,
+    E: float = YOUNGS_MODULUS,
+    nu: float = POISSONS_RATIO,
+    shape: Neck = Neck(tets=P1_TETS),
+    cable_radius: float = CABLE_RADIUS,
+) -> Robot:
     """Clamped in its socket, a rigid plate on its collar, a cable straight down from the plate; no gravity."""
-    shape = Neck(tets=P1_TETS)
     body = Body(
         "neck",
         mesh,
@@ -27,7 +33,7 @@ def neck_robot(mesh: TetMesh, element: str, E: float = YOUNGS_MODULUS, nu: float
         parameters={"youngs_modulus": E, "poissons_ratio": nu},
         element=element,
     )
-    top, foot = (np.array([CABLE_RADIUS, 0.0, z]) for z in (shape.height, shape.clamp_depth))
+    top, foot = (np.array([cable_radius, 0.0, z]) for z in (shape.height, shape.clamp_depth))
     plate = Plate("plate", {"neck": mesh.node_sets["collar"]}, reference=np.array([0.0, 0.0, shape.height]))
     return Robot((body,), (plate,), (Cable("front", (ViaPoint(top, "plate"), ViaPoint(foot))),))
 

@@ -78,7 +78,7 @@ def si(section: Mapping[str, Any], key: str, unit: str) -> float:
 def solve_elastic(truth: Mapping[str, Any]) -> Elastic:
     """The curve of the finer twin, meshed by Gmsh."""
     twin = truth["twin"]
-    shape = Neck(tets=twin["tets"], waist_refinement=twin["waist_refinement"])
+    shape = Neck(dome="ellipse", tets=twin["tets"], waist_refinement=twin["waist_refinement"])
     mesh = shape.mesh()
     parameters = {
         "youngs_modulus": si(truth["neck"], "youngs_modulus", "Pa"),
@@ -232,7 +232,7 @@ def main() -> None:
     truth = read_truth()
     told.out.mkdir(parents=True, exist_ok=True)
     if told.mesh:
-        mesh = Neck(tets=PROJECT_TETS).mesh()
+        mesh = Neck(dome="ellipse", tets=PROJECT_TETS).mesh()
         write_mesh(replace(mesh, points=np.round(1e3 * mesh.points, 6)), told.out / "neck.msh")  # in mm
     if told.twin:
         write_elastic(solve_elastic(truth), told.out / "truth-elastic.csv")

@@ -22,6 +22,11 @@ from softcal.geometry.regions import boundary_faces
 from softcal.processes import run
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "sofa"
+# Of the silhouette: distance below a waist and width, in outer diameters.
+DIGITISED = (
+    (0.007, 0.587), (0.04, 0.717), (0.073, 0.817), (0.107, 0.880), (0.14, 0.920), (0.173, 0.947), (0.207, 0.970),
+    (0.273, 0.997), (0.307, 1.0),
+)  # fmt: skip
 needs_gmsh = pytest.mark.skipif(importlib.util.find_spec("gmsh") is None, reason="Gmsh is not installed")
 needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="../shared/data/sofa is not there")
 
@@ -41,9 +46,44 @@ def test_the_default_neck_is_the_published_one():
     assert np.all(np.linalg.norm(np.diff(profile, axis=0), axis=1) > 0)
 
 
+def test_the_default_dome_is_the_digitised_one():
+    shape = Neck(1.0, tets=1700)
+    for below, width in DIGITISED:
+        assert shape.dome_radius(below) == pytest.approx(0.5 * width, abs=0.0145 if below < 0.01 else 0.01)
+    # It rises from the waist, under the flat link above, by some 26 degrees.
+    rise = 1e-6 / (shape.dome_radius(1e-6) - shape.dome_radius(0.0))
+    assert math.degrees(math.atan(rise)) == pytest.approx(26.0, abs=1.0)
+
+
+def test_a_dome_goes_through_its_points_and_never_turns_back():
+    points = tuple((below / 0.3, (width - 0.587) / 0.413) for below, width in DIGITISED[1:-1])
+    shape = Neck(1.0, dome=points, tets=1700)
+    for (below, width), (share, _) in zip(DIGITISED[1:-1], points, strict=True):
+        assert shape.dome_radius(share * shape.dome_height) == pytest.approx(0.5 * width, abs=1e-12), below
+    radii = [shape.dome_radius(below) for below in np.linspace(0.0, 0.31, 400)]
+    assert (radii[0], radii[-1]) == pytest.approx((0.2935, 0.5))
+    assert np.all(np.diff(radii) >= 0.0)
+
+
+@needs_gmsh
+@pytest.mark.parametrize("sectors", [None, 8])
+@pytest.mark.parametrize("dome", ["cubic", "ellipse", ((0.1, 0.4), (0.5, 0.9))], ids=["cubic", "ellipse", "points"])
+def test_the_mesh_follows_the_dome(dome, sectors):
+    shape = Neck(size=0.006, dome=dome, sectors=sectors)
+    mesh = shape.mesh()
+    below = shape.waists[1] - mesh.points[:, 2]
+    r = np.linalg.norm(mesh.points[:, :2], axis=1)
+    onto = np.array([shape.dome_radius(depth) for depth in below])
+    surface = np.zeros(len(r), dtype=bool)
+    surface[np.unique(mesh.face_sets["outer"][:, :3])] = True  # the corners: middles of a sweep's edges may lie beside
+    on_dome = surface & (below > 1e-9) & (below < shape.dome_height)
+    assert on_dome.sum() >= 8
+    assert r[on_dome] == pytest.approx(onto[on_dome], abs=2e-6)
+
+
 @needs_shared
 def test_the_profile_carries_the_reference_mesh():
-    shape = Neck(tets=1700)
+    shape = Neck(tets=1700, dome="ellipse")
     mesh = read_mesh(SHARED / "neck-2792.vtu")
     description = json.loads((SHARED / "neck-shortening.json").read_text())
     assert shape.outer_diameter == description["outer_diameter_m"]
@@ -74,8 +114,10 @@ def test_a_scaled_neck_keeps_its_proportions(diameter):
     [
         ({"waist_diameter": 0.05, "clamp_depth": 0.0, "n_bells": 0}, ["n_bells", "clamp_depth"]),
         ({"waist_diameter": 0.05, "clamp_depth": 0.1, "sectors": 5}, ["sectors", "waist_diameter", "clamp_depth"]),
+        ({"dome": ((0.2, 0.4), (0.2, 0.5))}, ["dome"]),
+        ({"dome": ((0.2, 0.4), (0.4, 0.3)), "clamp_depth": 0.1}, ["dome", "clamp_depth"]),
     ],
-    ids=["out-of-range", "misfits"],
+    ids=["out-of-range", "misfits", "level-points", "turning-points"],
 )
 def test_all_faults_of_a_shape_are_told_at_once(lengths, wrong):
     with pytest.raises(InputError) as caught:
@@ -181,12 +223,13 @@ def test_refined_waists_have_smaller_tets():
         Neck(n_bells=2, collar_diameter=0.03, size=0.007),
         Neck(n_bells=2, collar_diameter=0.01, size=0.007),
         Neck(n_bells=2, clamp_depth=0.005, size=0.007),
-        Neck(n_bells=2, clamp_depth=0.038 * (0.617 - 0.27), size=0.007),
+        Neck(n_bells=2, clamp_depth=0.038 * (0.617 - 0.3), size=0.007),
         Neck(n_bells=2, dome_height=0.481 * 0.038, size=0.007),
         Neck(n_bells=2, dome_height=0.0076, size=0.007),
         Neck(n_bells=2, dome_height=0.004, size=0.007),
+        Neck(n_bells=2, size=0.007, dome="ellipse"),
     ],
-    ids=["one-bell", "wide-collar", "thin-collar", "clamped-skirt", "clamped-rim", "no-skirt", "round", "flat"],
+    ids=["one-bell", "wide-collar", "thin-collar", "clamped-skirt", "clamped-rim", "no-skirt", "round", "flat", "ellipse"],
 )
 def test_every_length_can_be_changed(shape):
     mesh = shape.mesh()

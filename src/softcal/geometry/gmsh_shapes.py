@@ -91,7 +91,7 @@ def build_section(gmsh: Any, job: dict[str, Any]) -> None:
 def draw_section(gmsh: Any, job: dict[str, Any]) -> list[tuple[int, int]]:
     """Regions, each a closed chain of curves in (r, z), as surfaces in the plane y = 0 that share their edges.
 
-    A curve is {"from", "to"}, and "centre" and "major" for an arc of an ellipse.
+    A curve is its points: a line through two, a spline through more.
     """
     occ = gmsh.model.occ
     points: dict[tuple[float, float], int] = {}
@@ -103,16 +103,16 @@ def draw_section(gmsh: Any, job: dict[str, Any]) -> list[tuple[int, int]]:
             points[r, z] = occ.addPoint(r, 0.0, z)
         return points[r, z]
 
-    def curve(item: dict[str, Any]) -> int:
-        start, end = point(item["from"]), point(item["to"])
-        if "centre" in item:
-            return occ.addEllipseArc(start, point(item["centre"]), point(item["major"]), end)
-        ends = (min(start, end), max(start, end))
+    def curve(places: list[list[float]]) -> int:
+        tags = [point(place) for place in places]
+        if len(tags) > 2:
+            return occ.addSpline(tags)
+        ends = (min(tags), max(tags))
         if ends not in lines:
             lines[ends] = occ.addLine(*ends)
         return lines[ends]
 
-    loops = [occ.addCurveLoop([curve(item) for item in region]) for region in job["regions"]]
+    loops = [occ.addCurveLoop([curve(places) for places in region]) for region in job["regions"]]
     return [(2, occ.addPlaneSurface([loop])) for loop in loops]
 
 

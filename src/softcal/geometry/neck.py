@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from softcal.checks import Floats, Ints
+from softcal.declare import ByShape
 from softcal.errors import Fault, MeshError
-from softcal.geometry.generate import run_gmsh, target_of
+from softcal.geometry.generate import OPTIONS, run_gmsh, target_of
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitive import Filled
 from softcal.geometry.quadratic import of_order
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.sweep import sweep
 from softcal.limits import LIMITS
-from softcal.quantities import Refinement, Size
+from softcal.quantities import Refinement, Share, Size
 
 Place = tuple[float, float]
 
@@ -27,26 +30,37 @@ MILLIMETRE = 1e-3
 ON_PLANE = 1e-9
 # Distance from a waist at which the elements reach their full size, in core radii.
 REFINED_REACH = 1.0
+# Points along a dome, through which Gmsh draws a spline.
+POINTS_PER_DOME = 33
 
-
-# The lengths of the published neck in outer diameters.
+# The lengths of the published neck in outer diameters. The cubic of these lengths fits the digitised domes to 0.01.
 PUBLISHED = {
     "bottom_link_height": 0.617,
     "link_pitch": 0.481,
-    "dome_height": 0.27,
-    "waist_diameter": 0.6,
-    "collar_diameter": 0.6,
+    "dome_height": 0.3,
+    "waist_diameter": 0.587,
+    "collar_diameter": 0.587,
     "collar_height": 0.267,
     "clamp_depth": 0.37,
 }
+# Those of the ellipse that is nearest to them.
+PUBLISHED_ELLIPSE = {"dome_height": 0.27, "waist_diameter": 0.6, "collar_diameter": 0.6}
 AS_PUBLISHED: Any = None  # a length in the published proportion, which `Neck` computes from its outer diameter
+
+# Shapes of a dome by name: the share of its width at a share of its height, both from the waist. The cubic leaves the
+# waist at an angle, as the printed neck does; the ellipse leaves it flat, in a cusp under the next link.
+DOMES: dict[str, Callable[[float], float]] = {
+    "cubic": lambda depth: 1.0 - (1.0 - depth) ** 3,
+    "ellipse": lambda depth: math.sqrt(1.0 - (1.0 - depth) ** 2),
+}
+Dome = Annotated[Literal["cubic", "ellipse"] | tuple[tuple[Share, Share], ...], ByShape()]
 
 
 @dataclass(frozen=True)
 class Neck(Filled):
     """The soft neck, a solid of revolution about z with its base at z = 0; lengths as published where omitted.
 
-    Each link is a cylindrical skirt under a dome, a quarter ellipse that runs from the outer diameter in to the waist.
+    Each link is a cylindrical skirt under a dome, which runs from the outer diameter in to the waist.
     Meshes are Delaunay, or swept about the axis in `sectors`: elements that are long in the hoop direction and small
     across reach the same accuracy with far fewer elements, since the stress gradient at the waists is small in the hoop
     direction. For quadratic tets, 6 or 8 sectors with a refinement of about 12 are suitable.
@@ -58,6 +72,10 @@ class Neck(Filled):
     bottom_link_height : From the base to the first waist [m]
     link_pitch : From waist to waist [m]
     dome_height : Of every link [m]
+    dome
+        Shape of every dome: "cubic", as digitised from the published neck; "ellipse", a quarter of one; or points (share
+        of its height, share of its width), both from the waist, as by callipers or from a silhouette [-]. The shares
+        ascend; a monotone curve goes through the waist, the points and the skirt.
     waist_diameter : Of the core between two links [m]
     collar_diameter, collar_height : Of the cylinder on top, which is fixed to the plate [m]
     clamp_depth : Length of the bottom link in the socket [m]
@@ -73,6 +91,7 @@ class Neck(Filled):
     bottom_link_height: Size = AS_PUBLISHED
     link_pitch: Size = AS_PUBLISHED
     dome_height: Size = AS_PUBLISHED
+    dome: Dome = "cubic"
     waist_diameter: Size = AS_PUBLISHED
     collar_diameter: Size = AS_PUBLISHED
     collar_height: Size = AS_PUBLISHED
@@ -82,13 +101,18 @@ class Neck(Filled):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, share in PUBLISHED.items():
+        for name, share in (PUBLISHED | (PUBLISHED_ELLIPSE if self.dome == "ellipse" else {})).items():
             if getattr(self, name) is AS_PUBLISHED:
                 object.__setattr__(self, name, share * self.outer_diameter)
         faults: list[Fault] = []
         if self.sectors is not None and self.sectors % 2:
             got = f"{self.sectors} sectors"
             faults.append(Fault("the neck cannot be swept like this", "sectors", got, "an even number"))
+        ends = np.array([(0.0, 0.0), *self._dome_points, (1.0, 1.0)])
+        if (np.diff(ends[:, 0]) <= 0.0).any() or (np.diff(ends[:, 1]) < 0.0).any():
+            got = ", ".join(f"[{height:g}, {width:g}]" for height, width in self._dome_points)
+            allowed = "heights that ascend between 0 and 1, and widths that do not descend"
+            faults.append(Fault("the points of the dome do not lead from the waist to the skirt", "dome", got, allowed))
         limits = [
             ("waist_diameter", self.waist_diameter, "outer_diameter", self.outer_diameter, False),
             ("collar_diameter", self.collar_diameter, "outer_diameter", self.outer_diameter, True),
@@ -125,22 +149,34 @@ class Neck(Filled):
         """Total height [m]."""
         return self.collar_start + self.collar_height
 
+    @property
+    def _dome_points(self) -> tuple[tuple[float, float], ...]:
+        return () if isinstance(self.dome, str) else self.dome
+
     def dome_radius(self, below_waist: float) -> float:
         """Radius of a dome [m] at a distance below its waist [m]."""
-        along = min(max(1.0 - below_waist / self.dome_height, 0.0), 1.0)
-        width = 0.5 * (self.outer_diameter - self.waist_diameter)
-        return 0.5 * self.waist_diameter + width * math.sqrt(1.0 - along**2)
+        depth = min(max(below_waist / self.dome_height, 0.0), 1.0)
+        if isinstance(self.dome, str):
+            share = DOMES[self.dome](depth)
+        else:
+            heights, widths = np.array([(0.0, 0.0), *self.dome, (1.0, 1.0)]).T
+            share = float(PchipInterpolator(heights, widths)(depth))
+        return 0.5 * (self.waist_diameter + share * (self.outer_diameter - self.waist_diameter))
 
-    def profile(self, points_per_dome: int = 16) -> Floats:
+    def dome_places(self, start: float, end: float, top: float, n_points: int = POINTS_PER_DOME) -> list[Place]:
+        """Points (r, z) [m] on the dome below the waist at height `top`, from one height to another [m]."""
+        # Equal steps of an ellipse's angle: dense towards the waist, where a dome may begin flat.
+        first, last = (math.acos(min(max(1.0 - (top - z) / self.dome_height, 0.0), 1.0)) for z in (start, end))
+        belows = [self.dome_height * (1.0 - math.cos(angle)) for angle in np.linspace(first, last, n_points)]
+        return [(self.dome_radius(below), top - below) for below in belows]
+
+    def profile(self, points_per_dome: int = POINTS_PER_DOME) -> Floats:
         """The outline as a polyline of (r, z) [m], from the base's centre to the top's centre, shape (n, 2)."""
-        outer, waist = 0.5 * self.outer_diameter, 0.5 * self.waist_diameter
         places: list[Place] = [(0.0, 0.0)]
         start = 0.0
         for top in self.waists:
-            places.append((outer, start))
-            for angle in np.linspace(0.0, 0.5 * np.pi, points_per_dome):
-                r = waist + (outer - waist) * math.cos(angle)
-                places.append((r, top - self.dome_height * (1.0 - math.sin(angle))))
+            places.append((0.5 * self.outer_diameter, start))
+            places += self.dome_places(top - self.dome_height, top, top, points_per_dome)
             start = top
         places += [
             (0.5 * self.collar_diameter, self.collar_start),
@@ -172,6 +208,8 @@ class Neck(Filled):
             "regions": _regions(self),
             **target_of(self.size, self.tets, MILLIMETRE, where=where),
             "order": self.order if self.sectors is None else 2,
+            # Half of a short piece of a dome, such as from the skirt to the clamp's plane, would be swept into slivers.
+            "options": OPTIONS if self.sectors is None else {**OPTIONS, "Mesh.MinimumCurveNodes": 2},
         }
         if self.waist_refinement > 1.0:
             radius = 0.5 * self.waist_diameter
@@ -207,7 +245,7 @@ class _Curve:
     dome_of: float | None = None
 
 
-def _regions(shape: Neck) -> list[list[dict[str, Any]]]:
+def _regions(shape: Neck) -> list[list[list[list[float]]]]:
     """Closed outlines of the regions in the socket, between socket and collar, and in the collar, for the worker."""
     socket, rest = _cut(shape, _outline(shape), shape.clamp_depth)
     body, collar = _cut(shape, rest, shape.collar_start)
@@ -256,14 +294,13 @@ def _closed(curves: list[_Curve]) -> list[_Curve]:
     return [*curves, *(curve for curve in closing if curve.start != curve.end)]
 
 
-def _item(shape: Neck, curve: _Curve) -> dict[str, Any]:
-    item: dict[str, Any] = {"from": _in_millimetres(curve.start), "to": _in_millimetres(curve.end)}
+def _item(shape: Neck, curve: _Curve) -> list[list[float]]:
+    """Points of a curve [mm]: a line through two, a spline through more."""
+    places = [curve.start, curve.end]
     if curve.dome_of is not None:
-        waist, skirt = 0.5 * shape.waist_diameter, curve.dome_of - shape.dome_height
-        flat = 0.5 * shape.outer_diameter - waist > shape.dome_height
-        tip = (0.5 * shape.outer_diameter, skirt) if flat else (waist, curve.dome_of)
-        item |= {"centre": _in_millimetres((waist, skirt)), "major": _in_millimetres(tip)}
-    return item
+        inner = shape.dome_places(curve.start[1], curve.end[1], curve.dome_of)[1:-1]
+        places = [curve.start, *inner, curve.end]
+    return [_in_millimetres(place) for place in places]
 
 
 def _in_millimetres(place: Place) -> list[float]:

@@ -49,18 +49,19 @@ class Skins:
     def crossings(self, x: Floats) -> Crossings:
         """The bodies that cross at positions x (n_points, 3) [m], except those that cross at rest already."""
         found = self._crossings(x[self.points])
-        return {pair: depth for pair, depth in found.items() if pair not in self._at_rest}
+        return {pair: depth for pair, depth in found.items() if pair not in self.at_rest}
 
     def pairs(self, x: Floats) -> frozenset[tuple[str, str]]:
         """The same without depths, which for one body is found much faster."""
-        if len(self.names) == 1 and not self._at_rest:
+        if len(self.names) == 1 and not self.at_rest:
             return frozenset(
                 [(self.names[0], self.names[0])] if self._intersect(self._taken_in(x[self.points])) else []
             )
         return frozenset(self.crossings(x))
 
     @cached_property
-    def _at_rest(self) -> Crossings:
+    def at_rest(self) -> Crossings:
+        """The bodies that cross at rest."""
         return self._crossings(self.X)
 
     def _crossings(self, x: Floats) -> Crossings:

@@ -142,7 +142,8 @@ def _linear(linear: Sequence[Row]) -> str:
 
 The authors' numbers are those of the table on [their project page]({SOURCE}),
 computed with SOFA. The page states neither displacement nor diameter, so single forces and pitches are compared on
-[a page of their own](neck-shape.md), and here the influence of the mesh. From the coarsest mesh to the finest the force decreases by {theirs:.0f} % in their
+[a page of their own](neck-shape.md), and here the influence of the mesh.
+From the coarsest mesh to the finest the force decreases by {theirs:.0f} % in their
 table and by {fall:.0f} % in softcal's, and softcal's pitch changes by {spread:.2f} %: the tilt of the plate depends on
 the length of the cable, but the force depends on the mesh.
 """

@@ -14,6 +14,7 @@ YOUNGS_MODULUS, POISSONS_RATIO = 2.3e6, 0.43  # [Pa], [-]: what the neck's autho
 CABLE_RADIUS = 0.05  # [m]
 PULL = 0.04  # [m]
 P1_TETS, P2P1_TETS = 3700, 1700
+DEFAULT = Neck(tets=P1_TETS)
 TENSION, PITCH = "front.tension", "plate.pitch"
 
 
@@ -22,7 +23,7 @@ def neck_robot(
     element: str,
     E: float = YOUNGS_MODULUS,
     nu: float = POISSONS_RATIO,
-    shape: Neck = Neck(tets=P1_TETS),
+    shape: Neck = DEFAULT,
     cable_radius: float = CABLE_RADIUS,
 ) -> Robot:
     """Clamped in its socket, a rigid plate on its collar, a cable straight down from the plate; no gravity."""

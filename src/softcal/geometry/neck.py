@@ -33,7 +33,7 @@ REFINED_REACH = 1.0
 # Points along a dome, through which Gmsh draws a spline.
 POINTS_PER_DOME = 33
 
-# The lengths of the published neck in outer diameters. The cubic of these lengths fits the digitised domes to 0.01.
+# The lengths of the published neck in outer diameters. The cubic of these lengths fits the digitised domes to 0.011.
 PUBLISHED = {
     "bottom_link_height": 0.617,
     "link_pitch": 0.481,
@@ -73,9 +73,9 @@ class Neck(Filled):
     link_pitch : From waist to waist [m]
     dome_height : Of every link [m]
     dome
-        Shape of every dome: "cubic", as digitised from the published neck; "ellipse", a quarter of one; or points (share
-        of its height, share of its width), both from the waist, as by callipers or from a silhouette [-]. The shares
-        ascend; a monotone curve goes through the waist, the points and the skirt.
+        Shape of every dome: "cubic", as digitised from the published neck; "ellipse", a quarter of one; or points
+        (share of its height, share of its width), both from the waist, as by callipers or from a silhouette [-]. The
+        shares ascend; a monotone curve goes through the waist, the points and the skirt.
     waist_diameter : Of the core between two links [m]
     collar_diameter, collar_height : Of the cylinder on top, which is fixed to the plate [m]
     clamp_depth : Length of the bottom link in the socket [m]

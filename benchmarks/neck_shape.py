@@ -166,8 +166,11 @@ def _scale() -> str:
         "## The authors' mesh table, and the scale",
         "",
         f"[Their page]({SOURCE}) states forces and pitches (45.8°)",
-        "of linear tets at E 2.3 MPa and ν 0.43: 14.01 N with 2,363 tets, 11.15 N with 9,676. It states neither D, lever",
-        "nor displacement. Force of softcal's linear tets (P1), within 5 % as many, at their pitch, and theirs over it:",
+        "of linear tets: 14.01 N with 2,363 tets, 11.15 N with 9,676; the E and ν of their fits are "
+        "2.3 MPa and 0.43. It",
+        "states no D, lever or displacement. Force of softcal's linear tets (P1) with that E and ν, "
+        "within 5 % as many, at",
+        "their pitch, and their force over it:",
         "",
         *table(["tets", "D", *levers], forces),
         "",
@@ -177,10 +180,12 @@ def _scale() -> str:
         "",
         *table(["tets", "D", "lever", "E", "lever for 40 mm", "D with it"], changes),
         "",
-        "By powers of D and lever fitted to the table above: outside of it, such as for the lever alone, a rough value.",
-        f"Both meshes give the same D, {_mm(one)} and {_mm(other)}: the tables differ in scale, not in the mesh's share.",
-        "No such lever fits under the plate, and the photographs allow 36 to 40 mm for D, so that neither is",
-        "likely to be the whole difference; the inside of the printed links, which no silhouette shows, may be softer.",
+        "By powers of D and lever fitted to the table above: outside of it, as for the lever alone, a rough value.",
+        f"Both meshes give nearly the same D, {_mm(one)} and {_mm(other)}: the tables differ in scale,",
+        "not in the share of the mesh. Such a lever does not fit under the plate, and the "
+        "photographs allow 36 to 40 mm",
+        "for D, so neither alone is a likely explanation. The inside of the links, which no "
+        "silhouette shows, may be softer.",
         "",
         f"E [MPa] of the bench tests with these values (P2P1, ν {BENCH_RATIO:g}; of {AUTHORS[1][0]:,} tets):",
         "",

@@ -33,7 +33,7 @@ REFINED_REACH = 1.0
 # Points along a dome, through which Gmsh draws a spline.
 POINTS_PER_DOME = 33
 
-# The lengths of the published neck in outer diameters. The cubic of these lengths fits the digitised domes to 0.011.
+# The lengths of the published neck in outer diameters. The cubic fits the digitised radii below a waist to 0.011.
 PUBLISHED = {
     "bottom_link_height": 0.617,
     "link_pitch": 0.481,
@@ -108,9 +108,9 @@ class Neck(Filled):
         if self.sectors is not None and self.sectors % 2:
             got = f"{self.sectors} sectors"
             faults.append(Fault("the neck cannot be swept like this", "sectors", got, "an even number"))
-        ends = np.array([(0.0, 0.0), *self._dome_points, (1.0, 1.0)])
-        if (np.diff(ends[:, 0]) <= 0.0).any() or (np.diff(ends[:, 1]) < 0.0).any():
-            got = ", ".join(f"[{height:g}, {width:g}]" for height, width in self._dome_points)
+        up, out = np.diff(self._dome_points, axis=0).T
+        if (up <= 0.0).any() or (out < 0.0).any():
+            got = ", ".join(f"[{height:g}, {width:g}]" for height, width in self._dome_points[1:-1])
             allowed = "heights that ascend between 0 and 1, and widths that do not descend"
             faults.append(Fault("the points of the dome do not lead from the waist to the skirt", "dome", got, allowed))
         limits = [
@@ -150,8 +150,9 @@ class Neck(Filled):
         return self.collar_start + self.collar_height
 
     @property
-    def _dome_points(self) -> tuple[tuple[float, float], ...]:
-        return () if isinstance(self.dome, str) else self.dome
+    def _dome_points(self) -> Floats:
+        """The stated points of the dome, between its ends at the waist and the skirt, shape (n, 2)."""
+        return np.array([(0.0, 0.0), *(() if isinstance(self.dome, str) else self.dome), (1.0, 1.0)])
 
     def dome_radius(self, below_waist: float) -> float:
         """Radius of a dome [m] at a distance below its waist [m]."""
@@ -159,8 +160,7 @@ class Neck(Filled):
         if isinstance(self.dome, str):
             share = DOMES[self.dome](depth)
         else:
-            heights, widths = np.array([(0.0, 0.0), *self.dome, (1.0, 1.0)]).T
-            share = float(PchipInterpolator(heights, widths)(depth))
+            share = float(PchipInterpolator(*self._dome_points.T)(depth))
         return 0.5 * (self.waist_diameter + share * (self.outer_diameter - self.waist_diameter))
 
     def dome_places(self, start: float, end: float, top: float, n_points: int = POINTS_PER_DOME) -> list[Place]:

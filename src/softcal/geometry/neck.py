@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Annotated, Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
@@ -66,6 +67,8 @@ class Neck(Filled):
         some waists if needed for the target number of tets. The target size is that away from the waists.
     sectors
         Number of sectors of the sweep, even; the mesh is then symmetric about the plane y = 0. None: Delaunay.
+    as_published
+        Names of the omitted lengths, which follow the outer diameter where that is a parameter.
     """
 
     outer_diameter: Size = 0.038
@@ -79,12 +82,24 @@ class Neck(Filled):
     clamp_depth: Size = AS_PUBLISHED
     waist_refinement: Refinement = 1.0
     sectors: Annotated[int, LIMITS["sectors"]] | None = None
+    as_published: frozenset[str] = field(init=False, repr=False, compare=False)
+
+    # The collar is rigid, and the clamp ends where its nodes do.
+    lengths: ClassVar[tuple[str, ...]] = (
+        "outer_diameter",
+        "bottom_link_height",
+        "link_pitch",
+        "dome_height",
+        "waist_diameter",
+        "collar_height",
+    )
 
     def __post_init__(self) -> None:
+        omitted = frozenset(name for name in PUBLISHED if getattr(self, name) is AS_PUBLISHED)
+        object.__setattr__(self, "as_published", omitted)
         super().__post_init__()
-        for name, share in PUBLISHED.items():
-            if getattr(self, name) is AS_PUBLISHED:
-                object.__setattr__(self, name, share * self.outer_diameter)
+        for name in omitted:
+            object.__setattr__(self, name, PUBLISHED[name] * self.outer_diameter)
         faults: list[Fault] = []
         if self.sectors is not None and self.sectors % 2:
             got = f"{self.sectors} sectors"
@@ -109,6 +124,18 @@ class Neck(Filled):
                 )
         if faults:
             raise MeshError(faults)
+
+    def with_lengths(self, values: Mapping[str, float]) -> Self:
+        return replace(self, **{**dict.fromkeys(self.as_published, AS_PUBLISHED), **values})
+
+    @property
+    def knots(self) -> tuple[Sequence[float], Sequence[float]]:
+        """At every height the core within the waists' radius keeps its share of it, and what is around it that of the
+        rest; along a dome its profile has the same share of both.
+        """
+        radii = (0.0, 0.5 * self.waist_diameter, 0.5 * self.outer_diameter)
+        domes = (z for top in self.waists for z in (top - self.dome_height, top))
+        return radii, (0.0, *domes, self.height)
 
     @property
     def waists(self) -> tuple[float, ...]:

@@ -33,6 +33,7 @@ from softcal.twin.contacts import build_contacts, disc_skin
 from softcal.twin.crossings import build_skins
 from softcal.twin.joints import join_ties, nodes_in_use, number_frames
 from softcal.twin.loads import PointForce, Weights, build_loads, build_moments, surface_forces
+from softcal.twin.other_lengths import neighbours_of
 from softcal.twin.markers import MarkerPlace, directions_in
 from softcal.twin.parameters import MARKER_OFFSETS, robot_parameters, with_shape
 from softcal.twin.robot import Body, Cable, Marker, PointLoad, Robot, SurfaceLoad
@@ -298,6 +299,8 @@ def twin_of(robot: Robot, theta: Mapping[str, float] | None = None) -> Twin:
         others = {name: v for name, v in (theta or {}).items() if name not in own}
         drawn = twin_of(robot, others)
         twin = replace(drawn, robot=shaped, markers={m.name: drawn.markers[m.name].of(m) for m in shaped.markers})
+    if neighbours := neighbours_of(robot, shaped, build_twin):
+        twin = replace(twin, system=replace(twin.system, neighbours=neighbours))
     _CACHE[key] = (robot, twin)
     while len(_CACHE) > CACHE_SIZE:
         _CACHE.popitem(last=False)

@@ -13,6 +13,7 @@ from softcal.limits import LIMITS
 from softcal.quantities import Size
 
 
+@dataclass(frozen=True)
 class Primitive(Declared, ABC):
     """A body by its measures, in its own frame.
 
@@ -27,8 +28,8 @@ class Primitive(Declared, ABC):
 
     @property
     def knots(self) -> tuple[Sequence[float], Sequence[float]]:
-        """Ascending radii about z and heights [m], from zero to the outermost. Where a length changes, the points between
-        two of them stay between them, at the same share of the way.
+        """Ascending radii about z and heights [m], from zero to the outermost. Where a length changes, the points
+        between two of them stay between them, at the same share of the way.
         """
         raise NotImplementedError
 

@@ -161,9 +161,10 @@ def outward(mesh: TetMesh) -> Floats:
     inner = np.setdiff1d(mesh.corners, surface)
     if len(inner):
         edges, _ = numbered_edges(mesh.tets[:, :4], mesh.n_points)
-        graph = sp.csr_array((np.ones(len(edges)), tuple(edges.T)), shape=(mesh.n_points, mesh.n_points))
-        laplacian: Any = csgraph.laplacian(graph + graph.T).tocsr()
-        way[inner] = spsolve(laplacian[inner][:, inner].tocsc(), -laplacian[inner][:, surface] @ way[surface])
+        graph: Any = sp.csr_array((np.ones(len(edges)), tuple(edges.T)), shape=(mesh.n_points, mesh.n_points))
+        laplacian: Any = sp.csr_array(csgraph.laplacian(graph + graph.T))[inner]
+        solved: Any = spsolve(laplacian[:, inner].tocsc(), -laplacian[:, surface] @ way[surface])
+        way[inner] = solved
     for k, (i, j) in enumerate(mesh.cell.edges):
         way[mesh.tets[:, 4 + k]] = 0.5 * (way[mesh.tets[:, i]] + way[mesh.tets[:, j]])
     return way

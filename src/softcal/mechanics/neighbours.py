@@ -1,8 +1,8 @@
 """Derivatives by parameters that the undeformed shape, so every term of the system, depends on.
 
-At fixed unknowns the residual, and what sensors read, differ between the systems at values a small step to either side:
-their central difference is the derivative, whatever has been built from the shape. One step is a millionth of the robot,
-so that rounding and curvature both leave nine digits or so. No equilibrium is solved for it.
+At fixed unknowns the residual, and what sensors read, differ between the systems at values a small step to either
+side: their central difference is the derivative, whatever has been built from the shape. A step is a millionth of the
+robot, so that rounding and curvature both leave some eight digits. No equilibrium is solved for it.
 """
 
 from __future__ import annotations

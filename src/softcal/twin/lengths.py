@@ -1,7 +1,7 @@
 """A robot whose bodies have other lengths: their meshes, and what is attached to them, moved at rest.
 
-Points on a body keep their place in its mesh. A plate moves, without a turn, as the nodes that are tied to it do next to
-its reference point, and takes along what is on it. Sizes of plates, and all that is stated in space, stay as they are.
+Points on a body keep their place in its mesh. A plate moves, without a turn, as the nodes that are tied to it do next
+to its reference point, and takes along what is on it. Sizes of plates, and all that is stated in space, stay.
 """
 
 from __future__ import annotations
@@ -116,13 +116,12 @@ def _require_free(robot: Robot, body: Body, shifts: Mapping[str, Floats]) -> Non
     found = [f"tie {tie.name}" for tie in robot.ties if body.name in (tie.body, tie.on)]
     found += [f"body {name} on {plate.name}" for plate in moving for name in plate.nodes if name != body.name]
     found += [f"rod {rod.name} on {plate.name}" for plate in moving for rod in robot.rods if plate.name in rod.clamped]
-    found += ["contact"] if robot.contact is not None else []
     if found:
         raise MeshError(
             Fault(
                 "the lengths of a body cannot vary where other parts would have to move along",
                 body.name,
                 got=", ".join(found),
-                allowed="a body that is attached to plates of its own, without contact",
+                allowed="a body that is attached to plates of its own",
             )
         )

@@ -13,8 +13,8 @@ from softcal.errors import Fault, ParameterError, nearest
 from softcal.geometry.shape import LENGTHS
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.quantities import QUANTITIES, Quantity
-from softcal.twin.material import Material
 from softcal.twin.lengths import with_lengths
+from softcal.twin.material import Material
 from softcal.twin.parameter_name import parameter_name
 from softcal.twin.robot import Body, Moment, PointLoad, Robot, Rod, SurfaceLoad
 

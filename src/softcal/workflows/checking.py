@@ -15,6 +15,7 @@ from softcal.calibration.scope import ScopedParameter
 from softcal.checks import Ints
 from softcal.errors import Fault, InputError
 from softcal.geometry.cell import CELLS
+from softcal.geometry.shape import LENGTHS
 from softcal.materials.catalogue import LAWS
 from softcal.project.project import Project
 from softcal.sensing.channel import TIME, ChannelName
@@ -147,6 +148,9 @@ def _body_rows(project: Project) -> list[tuple[str, str]]:
         ]
         regions = {**{"fixed": body.fixed}, **project.regions[body.name]}
         rows.append(("  regions", ", ".join(f"{name} {len(nodes)} nodes" for name, nodes in regions.items())))
+        if body.shape is not None:
+            sizes = (f"{key} {format_quantity(v, LENGTHS[key].unit)}" for key, v in body.shape.values.items())
+            rows.append(("  shape", f"parameters: {', '.join(sizes)}"))
         if body.clamp is not None and body.zone is not None:
             reach = format_quantity(body.zone.depths.upper, "m", digits=3)
             depth = format_quantity(body.clamp.depth, "m")

@@ -82,7 +82,7 @@ class Neck(Filled):
     clamp_depth: Size = AS_PUBLISHED
     waist_refinement: Refinement = 1.0
     sectors: Annotated[int, LIMITS["sectors"]] | None = None
-    as_published: frozenset[str] = field(init=False, repr=False, compare=False)
+    as_published: tuple[str, ...] = field(init=False, repr=False, compare=False)
 
     # The collar is rigid, and the clamp ends where its nodes do.
     lengths: ClassVar[tuple[str, ...]] = (
@@ -95,7 +95,7 @@ class Neck(Filled):
     )
 
     def __post_init__(self) -> None:
-        omitted = frozenset(name for name in PUBLISHED if getattr(self, name) is AS_PUBLISHED)
+        omitted = tuple(name for name in PUBLISHED if getattr(self, name) is AS_PUBLISHED)
         object.__setattr__(self, "as_published", omitted)
         super().__post_init__()
         for name in omitted:

@@ -292,10 +292,10 @@ def twin_of(robot: Robot, theta: Mapping[str, float] | None = None) -> Twin:
     if key in _CACHE:
         _CACHE.move_to_end(key)
         return _CACHE[key][1]
-    if all(new is old for new, old in zip(shaped.markers, robot.markers, strict=True)):
+    own = {f"{marker.name}.{key}" for marker in robot.markers for key in MARKER_OFFSETS} & set(theta or {})
+    if not own:
         twin = build_twin(shaped)
     else:
-        own = {f"{marker.name}.{key}" for marker in robot.markers for key in MARKER_OFFSETS}
         others = {name: v for name, v in (theta or {}).items() if name not in own}
         drawn = twin_of(robot, others)
         twin = replace(drawn, robot=shaped, markers={m.name: drawn.markers[m.name].of(m) for m in shaped.markers})

@@ -11,6 +11,7 @@ from project_case import PROJECT, write_project
 
 from softcal.calibration.frame import FRAME
 from softcal.errors import ProjectFileError
+from softcal.geometry.shape import LENGTHS
 from softcal.mechanics.tensions import KINDS
 from softcal.project.project import Project, load
 from softcal.project.search import quantity_of
@@ -178,6 +179,7 @@ def test_the_table_of_the_rig_has_every_parameter_with_its_unit() -> None:
         "routing_angle",
         "routing_twist",
         "clamp_depth",
+        *LENGTHS,
         *KINDS,  # of a cable's line
         "backlash",
     }
@@ -188,8 +190,8 @@ def test_the_documented_section_can_be_loaded(tmp_path: Path) -> None:
     block = PAGE.partition("    uncertain:\n")[2].partition("\n\n")[0]
     rig = ("experiments:\n", "rig: {pulleys: {count: 2, wrap: 180 deg, friction_coefficient: 0.1}}\nexperiments:\n")
     marker = ("  cables:\n", "  markers:\n    m1: {on: plate, at: [0 mm, 0 mm, 100 mm]}\n  cables:\n")
-    section = textwrap.indent(textwrap.dedent(block), "  ").replace("neck", "bar")
-    project = loaded(tmp_path, section + "\n", CLAMP, rig, marker)
+    section = textwrap.indent(textwrap.dedent(block), "  ").replace("neck", "bar").replace("outer_diameter", "scale")
+    project = loaded(tmp_path, section.replace("0.1 mm", "1 %") + "\n", CLAMP, DRAWN, rig, marker)
     assert {p.name.partition(".")[2] or p.name for p in project.uncertain} == {
-        *("tension_gain", "friction_coefficient", "pitch_offset", "x_offset", "clamp_depth", "density")
+        *("tension_gain", "friction_coefficient", "pitch_offset", "x_offset", "clamp_depth", "scale", "density")
     }

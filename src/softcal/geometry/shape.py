@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
@@ -18,7 +18,7 @@ from softcal.errors import Fault, MeshError
 from softcal.geometry.disc import SolidDisc
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.neck import Neck
-from softcal.geometry.pose import Pose
+from softcal.geometry.placement import Placement
 from softcal.geometry.primitive import Primitive
 from softcal.geometry.quadratic import numbered_edges
 from softcal.geometry.surface import boundary_faces
@@ -40,7 +40,7 @@ LENGTHS: Mapping[str, Quantity] = {
 }
 
 
-class Shape(ABC):
+class BodyShape(ABC):
     """The parameters of the shape of a mesh, with their values."""
 
     @property
@@ -69,11 +69,17 @@ class Shape(ABC):
 
 
 @dataclass(frozen=True)
-class PrimitiveShape(Shape):
-    """That of a primitive about its axis z, placed at a pose."""
+class PrimitiveShape(BodyShape):
+    """The shape of a mesh of a primitive, whose lengths are parameters.
+
+    Attributes
+    ----------
+    primitive : With the lengths of the mesh
+    placement : Where the mesh has its axes
+    """
 
     primitive: Primitive
-    pose: Pose
+    placement: Placement = field(default_factory=Placement)
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -82,16 +88,24 @@ class PrimitiveShape(Shape):
     def moved(self, mesh: TetMesh, fixed: Ints, values: Mapping[str, float]) -> tuple[Floats, Self]:
         other = self.primitive.with_lengths(values)
         (radii, heights), (new_radii, new_heights) = self.primitive.knots, other.knots
-        points = self.pose.inverse().apply(mesh.points)
+        pose = self.placement.pose
+        points = pose.inverse().apply(mesh.points)
         # All radii are scaled alike near the axis, where the ratio of two of them would be that of rounding errors.
         r = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1e-6 * radii[1])
         points[:, :2] *= (np.interp(r, radii, new_radii) / r)[:, None]
         points[:, 2] = np.interp(points[:, 2], heights, new_heights)
-        return self.pose.apply(points), replace(self, primitive=other)
+        return pose.apply(points), replace(self, primitive=other)
 
     def require_fit(self, mesh: TetMesh, where: str) -> None:
+        """Check that a mesh has the radius and height of the primitive.
+
+        Raises
+        ------
+        MeshError
+            Where it has others.
+        """
         radii, heights = self.primitive.knots
-        x, y, z = self.pose.inverse().apply(mesh.points).T
+        x, y, z = self.placement.pose.inverse().apply(mesh.points).T
         found = {"radius": (np.hypot(x, y).max(), radii[-1]), "height": (z.max(), heights[-1]), "base": (z.min(), 0.0)}
         wrong = {name: pair for name, pair in found.items() if abs(pair[0] - pair[1]) > ALIKE * heights[-1]}
         if wrong:
@@ -111,9 +125,8 @@ class PrimitiveShape(Shape):
 
 
 @dataclass(frozen=True)
-class DrawnShape(Shape):
-    """That of a mesh of which nothing else is known: scaled about the centre of its fixed nodes, and its surface moved
-    outwards along its normals.
+class DrawnShape(BodyShape):
+    """The shape of any mesh: its scale about the centre of its fixed nodes, and an offset of its surface outwards.
 
     Attributes
     ----------

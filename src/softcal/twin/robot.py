@@ -22,7 +22,7 @@ from softcal.errors import Fault, InputError
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.section import CrossSection
-from softcal.geometry.shape import Shape
+from softcal.geometry.shape import BodyShape
 from softcal.materials.catalogue import LAWS, LawName
 from softcal.materials.components import NO_DIRECTION
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
@@ -77,7 +77,7 @@ class Body(NamedPart):
     clamp: Clamp | None = None
     build_direction: Direction | None = None
     history: tuple[str, ...] = ()
-    shape: Shape | None = None
+    shape: BodyShape | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -15,7 +15,6 @@ from softcal.calibration.scope import ScopedParameter
 from softcal.checks import Ints
 from softcal.errors import Fault, InputError
 from softcal.geometry.cell import CELLS
-from softcal.geometry.shape import LENGTHS
 from softcal.materials.catalogue import LAWS
 from softcal.project.project import Project
 from softcal.sensing.channel import TIME, ChannelName
@@ -149,11 +148,12 @@ def _body_rows(project: Project) -> list[tuple[str, str]]:
         regions = {**{"fixed": body.fixed}, **project.regions[body.name]}
         rows.append(("  regions", ", ".join(f"{name} {len(nodes)} nodes" for name, nodes in regions.items())))
         if body.shape is not None:
-            sizes = (f"{key} {format_quantity(v, LENGTHS[key].unit)}" for key, v in body.shape.values.items())
-            rows.append(("  shape", f"parameters: {', '.join(sizes)}"))
+            rows.append(("  shape", f"parameters {', '.join(body.shape.values)}"))
         if body.clamp is not None and body.zone is not None:
-            reach = format_quantity(body.zone.depths.upper, "m", digits=3)
-            depth = format_quantity(body.clamp.depth, "m")
+            reach, depth = (
+                format_quantity(body.zone.depths.upper, "m", digits=3),
+                format_quantity(body.clamp.depth, "m"),
+            )
             rows.append(("  clamp", f"{depth} deeper than the fixed nodes; as a parameter up to {reach} either way"))
     return rows
 

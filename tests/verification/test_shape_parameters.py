@@ -19,6 +19,8 @@ from softcal.geometry.read import read_mesh
 from softcal.geometry.shape import DrawnShape, PrimitiveShape
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.wire import SolidRod
+from softcal.twin.barrier import Contact
+from softcal.twin.cables import CableLine
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Body, Cable, Disc, Marker, Plate, PointLoad, Robot, Tie, ViaPoint
@@ -85,7 +87,9 @@ def rod_robot(element: str = "P2P1", drive: str = "shortening") -> Robot:
     return Robot((body,), (plate,), cables, loads, gravity=[0.0, 0.3, -9.81], markers=markers)
 
 
-def require_derivatives(robot: Robot, protocol: Protocol, name: str, h: float, monkeypatch) -> None:
+def require_derivatives(
+    robot: Robot, protocol: Protocol, name: str, h: float, monkeypatch, *, error: float = 1e-6
+) -> None:
     """All channels' derivatives by a parameter agree with central differences of whole simulations."""
     monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)
     value = robot_parameters(robot)[name].value
@@ -98,7 +102,7 @@ def require_derivatives(robot: Robot, protocol: Protocol, name: str, h: float, m
         scale = max(np.abs(want[channel]).max() for channel in of_unit)
         for channel in of_unit:
             got = response.sensitivities[channel][name]
-            np.testing.assert_allclose(got, want[channel], rtol=1e-6, atol=1e-6 * scale, err_msg=channel)
+            np.testing.assert_allclose(got, want[channel], rtol=error, atol=error * scale, err_msg=channel)
     assert np.all(want["plate.z"] != 0.0)
 
 
@@ -117,6 +121,30 @@ def test_all_channels_follow_a_length_as_their_differences_say(element, drive, k
 def test_the_channels_of_the_neck_follow_its_lengths(key, monkeypatch):
     robot = neck_robot(read_mesh(NECK_MESH, unit="mm"), Neck(), element="P1")
     require_derivatives(robot, pulled(0.01), f"neck.{key}", 2e-6, monkeypatch)
+
+
+@pytest.mark.parametrize("key", ["scale", "wall_offset"])
+def test_the_channels_follow_a_length_in_contact(key, monkeypatch):
+    """A column that is pulled against a block, without which the tension would be smaller by a quarter.
+
+    The force of contact curves within its gap, so that both differences lose digits.
+    """
+    block = box_mesh((0.02, 0.03, 0.03), (2, 2, 2), origin=(0.018, -0.015, 0.07))
+    beside = Body("block", block, block.node_sets["x1"], elastic(1e6, 0.4), element="P1")
+    free = drawn(column_robot("P1", parameters=elastic(1e6, 0.4), divisions=(2, 2, 8)))
+    robot = replace(free, bodies=(*free.bodies, beside), contact=Contact())
+    protocol = pulled(0.004, 0.008)
+    alone, touching = (simulate(one, protocol).channels["front.tension"] for one in (free, robot))
+    assert np.all(touching > 1.25 * alone)
+    require_derivatives(robot, protocol, f"neck.{key}", 1e-6 if key == "scale" else 1e-7, monkeypatch, error=2e-5)
+
+
+@pytest.mark.parametrize("key", ["length", "diameter"])
+def test_the_channels_follow_a_length_where_friction_remembers(key, monkeypatch):
+    robot = rod_robot("P1")
+    cable = replace(robot.cables[0], line=CableLine(friction_memory=True))
+    protocol = pulled(0.002, 0.006, 0.0055, 0.004)
+    require_derivatives(replace(robot, cables=(cable,)), protocol, f"neck.{key}", 1e-7, monkeypatch)
 
 
 @needs_gmsh

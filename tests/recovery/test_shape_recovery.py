@@ -66,4 +66,4 @@ def test_a_value_that_the_mesh_cannot_have_is_a_failed_trial_with_a_sentence(tmp
     start = dict(problem.space.start)
     assert problem.evaluate(start).failure == ""
     failed = problem.evaluate({**start, "bar.wall_offset": -0.014})
-    assert "tets are turned inside out; got wall_offset -0.014" in failed.failure
+    assert "tets are turned inside out; got wall_offset -14 mm" in failed.failure

@@ -247,6 +247,13 @@ def test_an_offset_moves_every_face_of_a_box_by_itself(order):
     assert found.min_quality > 0.8 * check_quality(mesh).min_quality
 
 
+def test_a_moved_rod_is_the_one_meshed_anew():
+    other = replace(ROD, length=0.12, diameter=0.025)
+    points, shape = PrimitiveShape(ROD).moved(ROD.mesh(), np.zeros(0, dtype=int), {"length": 0.12, "diameter": 0.025})
+    np.testing.assert_allclose(points, other.mesh().points, atol=1e-12)
+    assert shape == PrimitiveShape(other)
+
+
 def test_an_offset_widens_a_round_wall_and_a_scale_keeps_the_fixed_nodes_centre():
     mesh = ROD.mesh()
     points, shape = DrawnShape().moved(mesh, mesh.node_sets["start"], {"wall_offset": 0.0005})
@@ -268,7 +275,7 @@ def test_a_disc_gets_thicker_about_its_holes():
 
 def test_shapes_that_a_mesh_cannot_have_are_refused():
     robot = drawn(column_robot())
-    with pytest.raises(MeshError, match=r"neck: \d+ of 144 tets are turned inside out; got wall_offset -0.02"):
+    with pytest.raises(MeshError, match=r"neck: \d+ of 144 tets are turned inside out; got wall_offset -20 mm"):
         with_parameters(robot, {"neck.wall_offset": -0.02})
     with pytest.raises(ParameterError, match="out of range"):
         with_parameters(robot, {"neck.scale": 0.0})

@@ -29,9 +29,9 @@ class Primitive(Declared, ABC):
     @property
     def knots(self) -> tuple[Sequence[float], Sequence[float]]:
         """Ascending radii about z and heights [m], from zero to the outermost. Where a length changes, the points
-        between two of them stay between them, at the same share of the way.
+        between two of them stay between them, at the same share of the way. Empty where no length is a parameter.
         """
-        raise NotImplementedError
+        return (), ()
 
     def with_lengths(self, values: Mapping[str, float]) -> Self:
         """The same body with other lengths [m].

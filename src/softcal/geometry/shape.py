@@ -30,8 +30,6 @@ from softcal.units import format_quantity
 ALIKE = 0.01
 # Directions in which the normals around a node differ less than this have no corner: its offset is along their mean.
 FLAT = 0.05
-
-
 # The kind of quantity of every parameter of a shape, by the last part of its name.
 LENGTHS: Mapping[str, Quantity] = {
     **{name: QUANTITIES["size"] for one in (Neck, SolidRod, SolidDisc) for name in one.lengths},

@@ -45,7 +45,7 @@ class MaterialSection(ConstantsSection):
 class BodySection(LawSection):
     """A deformable body: its mesh, material, fixed region, clamp, and placement.
 
-    shape: whose lengths are parameters, of a mesh that is not a primitive.
+    shape: that of a mesh from a file, whose lengths then are parameters.
     """
 
     mesh: Mesh

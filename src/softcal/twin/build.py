@@ -34,7 +34,7 @@ from softcal.twin.crossings import build_skins
 from softcal.twin.joints import join_ties, nodes_in_use, number_frames
 from softcal.twin.loads import PointForce, Weights, build_loads, build_moments, surface_forces
 from softcal.twin.markers import MarkerPlace, directions_in
-from softcal.twin.other_lengths import neighbours_of
+from softcal.twin.nearby_twins import neighbours_of
 from softcal.twin.parameters import MARKER_OFFSETS, robot_parameters, with_shape
 from softcal.twin.robot import Body, Cable, Marker, PointLoad, Robot, SurfaceLoad
 from softcal.twin.routing import offset_rate

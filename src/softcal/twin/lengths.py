@@ -15,8 +15,10 @@ from softcal.checks import Floats
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quality import inverted_tets
+from softcal.geometry.shape import LENGTHS, BodyShape
 from softcal.mechanics.attachment import attach_point
 from softcal.twin.robot import Body, Plate, PointLoad, Robot
+from softcal.units import format_quantity
 
 
 def with_lengths(robot: Robot, values: Mapping[str, float]) -> Robot:
@@ -28,26 +30,26 @@ def with_lengths(robot: Robot, values: Mapping[str, float]) -> Robot:
         Where they would turn tets inside out, or a part that cannot move along is attached to the body.
     """
     for body in robot.bodies:
-        own = {} if body.shape is None else body.shape.values
-        new = {key: values.get(f"{body.name}.{key}", value) for key, value in own.items()}
-        if new != own:
-            changed = {key: value for key, value in new.items() if value != own[key]}
-            robot = _with_body(robot, body, _moved(robot, body, changed))
+        if body.shape is None:
+            continue
+        old = body.shape.values
+        stated = {key: values.get(f"{body.name}.{key}", value) for key, value in old.items()}
+        if new := {key: value for key, value in stated.items() if value != old[key]}:
+            robot = _with_body(robot, body, _moved(robot, body, body.shape, new))
     return robot
 
 
-def _moved(robot: Robot, body: Body, values: Mapping[str, float]) -> Body:
+def _moved(robot: Robot, body: Body, old: BodyShape, values: Mapping[str, float]) -> Body:
     """The body with other values of its shape."""
-    assert body.shape is not None  # noqa: S101
     still = [plate.nodes[body.name] for plate in robot.plates if plate.fixed and body.name in plate.nodes]
-    points, shape = body.shape.moved(body.mesh, np.concatenate([body.fixed, *still]), values)
+    points, shape = old.moved(body.mesh, np.concatenate([body.fixed, *still]), values)
     mesh = replace(body.mesh, points=points)
     if len(inverted := inverted_tets(mesh)):
         raise MeshError(
             Fault(
                 f"{len(inverted)} of {mesh.n_tets} tets are turned inside out",
                 body.name,
-                got=", ".join(f"{key} {value:.6g}" for key, value in values.items()),
+                got=", ".join(f"{key} {format_quantity(v, LENGTHS[key].unit)}" for key, v in values.items()),
                 allowed="lengths nearer to those of the mesh",
                 attempt="narrower bounds, or a mesh of that shape",
             )

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from softcal.geometry.shape import LENGTHS
 from softcal.mechanics.neighbours import STEP, Neighbours
 from softcal.twin.parameters import robot_parameters, with_shape
 from softcal.twin.robot import Robot
@@ -25,7 +26,7 @@ def neighbours_of(robot: Robot, shaped: Robot, build: Build) -> dict[str, Neighb
         extent = float(np.ptp(body.mesh.points, axis=0).max())
         for key in body.shape.values if body.shape else ():
             name = f"{body.name}.{key}"
-            step = STEP * (extent if robot_parameters(robot)[name].unit == "m" else 1.0)
+            step = STEP * (extent if LENGTHS[key].unit == "m" else 1.0)
             found[name] = Neighbours(partial(_beside, robot, shape, name, build), step)
     return found
 

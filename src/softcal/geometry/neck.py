@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -67,8 +67,6 @@ class Neck(Filled):
         some waists if needed for the target number of tets. The target size is that away from the waists.
     sectors
         Number of sectors of the sweep, even; the mesh is then symmetric about the plane y = 0. None: Delaunay.
-    as_published
-        Names of the omitted lengths, which follow the outer diameter where that is a parameter.
     """
 
     outer_diameter: Size = 0.038
@@ -82,8 +80,6 @@ class Neck(Filled):
     clamp_depth: Size = AS_PUBLISHED
     waist_refinement: Refinement = 1.0
     sectors: Annotated[int, LIMITS["sectors"]] | None = None
-    as_published: tuple[str, ...] = field(init=False, repr=False, compare=False)
-
     # The collar is rigid, and the clamp ends where its nodes do.
     lengths: ClassVar[tuple[str, ...]] = (
         "outer_diameter",
@@ -93,6 +89,8 @@ class Neck(Filled):
         "waist_diameter",
         "collar_height",
     )
+    # Each neck has its own: names of the omitted lengths, which follow the outer diameter where that is a parameter.
+    as_published: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         omitted = tuple(name for name in PUBLISHED if getattr(self, name) is AS_PUBLISHED)

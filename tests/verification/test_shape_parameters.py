@@ -119,8 +119,9 @@ def test_all_channels_follow_a_length_as_their_differences_say(element, drive, k
 
 @pytest.mark.parametrize("key", ["outer_diameter", "waist_diameter", "dome_height"])
 def test_the_channels_of_the_neck_follow_its_lengths(key, monkeypatch):
+    """With small elements at the waists, where the difference of two systems loses digits."""
     robot = neck_robot(read_mesh(NECK_MESH, unit="mm"), Neck(), element="P1")
-    require_derivatives(robot, pulled(0.01), f"neck.{key}", 2e-6, monkeypatch)
+    require_derivatives(robot, pulled(0.01), f"neck.{key}", 5e-6, monkeypatch, error=5e-6)
 
 
 @pytest.mark.parametrize("key", ["scale", "wall_offset"])

@@ -61,6 +61,8 @@ if TYPE_CHECKING:
     from softcal.geometry.section import GivenSection as GivenSection
     from softcal.geometry.section import RectangularBar as RectangularBar
     from softcal.geometry.section import RoundBar as RoundBar
+    from softcal.geometry.shape import DrawnShape as DrawnShape
+    from softcal.geometry.shape import PrimitiveShape as PrimitiveShape
     from softcal.geometry.varied_section import VariedSection as VariedSection
     from softcal.limits import Limit as Limit
     from softcal.materials.catalogue import register_law as register_law
@@ -149,6 +151,7 @@ _HOMES = {
     "DatasetError": "softcal.errors",
     "Disc": "softcal.twin.robot",
     "Drawing": "softcal.report.figure",
+    "DrawnShape": "softcal.geometry.shape",
     "Engine": "softcal.export.engine",
     "Executor": "softcal.executors.executor",
     "Experiment": "softcal.calibration.experiment",
@@ -175,6 +178,7 @@ _HOMES = {
     "ParameterError": "softcal.errors",
     "Plate": "softcal.twin.robot",
     "PointLoad": "softcal.twin.robot",
+    "PrimitiveShape": "softcal.geometry.shape",
     "Project": "softcal.project.project",
     "ProjectFileError": "softcal.errors",
     "Proposal": "softcal.calibration.optimiser",
@@ -268,6 +272,7 @@ __all__ = [
     "DatasetError",
     "Disc",
     "Drawing",
+    "DrawnShape",
     "Engine",
     "Executor",
     "Experiment",
@@ -294,6 +299,7 @@ __all__ = [
     "ParameterError",
     "Plate",
     "PointLoad",
+    "PrimitiveShape",
     "Project",
     "ProjectFileError",
     "Proposal",

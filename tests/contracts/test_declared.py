@@ -297,7 +297,7 @@ STATED: list[tuple[str, Declared]] = [
 # Sections with names to resolve, what is made of them, and the fields that they state otherwise.
 MADE_OF = [
     (MaterialSection, Material, set()),
-    (BodySection, Body, {"mesh", "fixed", "history"}),
+    (BodySection, Body, {"mesh", "shape", "fixed", "history"}),
     (RodSection, Rod, {"section", "clamped", "fixed", "history"}),
     (RodMaterialSection, Material, {"between"}),
     (PlateSection, Plate, {"holes"}),

@@ -51,6 +51,11 @@ def test_discs_have_their_volume_and_sides(shape, order, error):
         assert np.linalg.norm(around, axis=1) == pytest.approx(0.0015, rel=0.03)
 
 
+def test_a_mesh_without_a_target_is_refused():
+    with pytest.raises(InputError, match="needs a target"):
+        replace(GUIDED, size=None).mesh()
+
+
 @needs_gmsh
 def test_a_target_count_is_met():
     assert replace(GUIDED, size=None, tets=3000, order=1).mesh().n_tets == pytest.approx(3000, rel=0.05)
@@ -66,7 +71,6 @@ def test_a_target_count_is_met():
         ({"holes": GuideHoles(3, 0.003, 0.029)}, "do not fit"),
         ({"holes": GuideHoles(30, 0.006, 0.02)}, "do not fit"),
         ({"holes": GuideHoles(3, 0.003, 0.006), "centre_hole": 0.01}, "do not fit"),
-        ({"size": None}, "needs a target"),
     ],
 )
 def test_what_cannot_be_is_told(values, message):

@@ -275,7 +275,7 @@ def test_a_target_that_cannot_be_met_is_told():
 )
 def test_a_wrong_target_is_refused(target, told):
     with pytest.raises(InputError, match=told):
-        Neck(**target)
+        Neck(**target).mesh()
 
 
 def tetrahedron_stl(path: Path, *, faces: int = 4) -> Path:

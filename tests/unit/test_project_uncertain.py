@@ -11,6 +11,7 @@ from project_case import PROJECT, write_project
 
 from softcal.calibration.frame import FRAME
 from softcal.errors import ProjectFileError
+from softcal.geometry.shape import LENGTHS
 from softcal.mechanics.tensions import KINDS
 from softcal.project.project import Project, load
 from softcal.project.search import quantity_of
@@ -112,6 +113,50 @@ def test_the_depth_of_a_clamp_is_a_parameter_of_a_body_that_states_one(tmp_path:
     assert "no fixed face lies behind the body" in found
 
 
+DRAWN = ("      element: P1\n", "      element: P1\n      shape: drawn\n")
+
+
+def test_the_shape_of_a_mesh_is_stated_for_its_lengths_to_be_parameters(tmp_path: Path) -> None:
+    section = "  bar.scale: {sd: 1 %}\n  bar.wall_offset: {sd: 0.1 mm}\n"
+    project = loaded(tmp_path, section, DRAWN)
+    found = {p.label: (p.sd, p.unit) for p in make_problem(project).uncertain}
+    assert found == {"bar.scale": (0.01, "1"), "bar.wall_offset": (pytest.approx(1e-4), "m")}
+    assert "there is no such parameter" in " ".join(faults(tmp_path / "without", section))
+
+
+@pytest.mark.parametrize(
+    ("shape", "told"),
+    [
+        ("as drawn", "bar.shape: there is no such shape; got 'as drawn'; allowed: 'drawn', or a primitive"),
+        ("{outer_diameter: 38 mm}", "bar.shape: there is no such shape"),
+        ("{primitive: box}", "bar.shape: there is no such primitive; got 'box'"),
+        ("{primitive: neck, outer: 38 mm}", "bar.shape.outer: unknown key"),
+        (
+            "{primitive: spring, wire_diameter: 2 mm, coil_diameter: 12 mm, turns: 2, pitch: 6 mm}",
+            "bar.shape: no length of this primitive can be a parameter",
+        ),
+        (
+            "{primitive: rod, length: 90 mm, diameter: 28.3 mm}",
+            "bar.shape: the mesh does not have the shape that is stated for it; got height 100 mm; allowed: height 90",
+        ),
+    ],
+)
+def test_a_shape_that_is_not_the_mesh_s_is_refused(tmp_path: Path, shape: str, told: str) -> None:
+    change = (DRAWN[0], DRAWN[1].replace("drawn", shape))
+    assert any(told in fault for fault in faults(tmp_path, "  bar.density: {sd: 20 kg/m^3}\n", change))
+
+
+def test_the_lengths_of_a_primitive_are_parameters_without_more(tmp_path: Path) -> None:
+    rod = ("{file: bar.msh, unit: mm}", "{primitive: rod, length: 100 mm, diameter: 20 mm}")
+    head = ("region: head", "region: end")
+    group = ("        head: {group: z1}\n", "")
+    project = loaded(tmp_path, "  bar.diameter: {sd: 0.1 mm}\n", rod, head, group)
+    (diameter,) = make_problem(project).uncertain
+    assert (diameter.label, diameter.unit) == ("bar.diameter", "m")
+    assert project.robot.bodies[0].shape is not None
+    assert dict(project.robot.bodies[0].shape.values) == {"length": 0.1, "diameter": 0.02}
+
+
 PAGE = (Path(__file__).parents[2] / "docs" / "project-file.md").read_text(encoding="utf-8")
 
 
@@ -134,6 +179,7 @@ def test_the_table_of_the_rig_has_every_parameter_with_its_unit() -> None:
         "routing_angle",
         "routing_twist",
         "clamp_depth",
+        *LENGTHS,
         *KINDS,  # of a cable's line
         "backlash",
     }
@@ -144,8 +190,8 @@ def test_the_documented_section_can_be_loaded(tmp_path: Path) -> None:
     block = PAGE.partition("    uncertain:\n")[2].partition("\n\n")[0]
     rig = ("experiments:\n", "rig: {pulleys: {count: 2, wrap: 180 deg, friction_coefficient: 0.1}}\nexperiments:\n")
     marker = ("  cables:\n", "  markers:\n    m1: {on: plate, at: [0 mm, 0 mm, 100 mm]}\n  cables:\n")
-    section = textwrap.indent(textwrap.dedent(block), "  ").replace("neck", "bar")
-    project = loaded(tmp_path, section + "\n", CLAMP, rig, marker)
+    section = textwrap.indent(textwrap.dedent(block), "  ").replace("neck", "bar").replace("outer_diameter", "scale")
+    project = loaded(tmp_path, section.replace("0.1 mm", "1 %") + "\n", CLAMP, DRAWN, rig, marker)
     assert {p.name.partition(".")[2] or p.name for p in project.uncertain} == {
-        *("tension_gain", "friction_coefficient", "pitch_offset", "x_offset", "clamp_depth", "density")
+        *("tension_gain", "friction_coefficient", "pitch_offset", "x_offset", "clamp_depth", "scale", "density")
     }

@@ -26,7 +26,7 @@ from softcal.calibration.scope import ScopedParameter
 from softcal.calibration.trajectory import Member, Trajectory, shared_out
 from softcal.calibration.uncertain import UncertainParameter, uncertain_parameters
 from softcal.checks import Floats
-from softcal.errors import InputError, SimulationError
+from softcal.errors import InputError, MeshError, SimulationError
 from softcal.twin.parameters import ParameterInfo, robot_parameters
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
@@ -304,7 +304,7 @@ class Problem:
         names = self._derived_by(group) if jacobian else []
         try:
             return simulate(self.robot, group.protocol(), group.theta, sensitivities=names)
-        except SimulationError as error:
+        except (SimulationError, MeshError) as error:  # of a shape that the mesh of a body cannot have
             return Response({}, {}, str(error), succeeded=False, n_factorisations=0)
 
     def _blocks(self, observations: Mapping[str, Observation]) -> list[Block]:

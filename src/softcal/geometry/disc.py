@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -61,6 +62,12 @@ class SolidDisc(Filled):
     thickness: Size
     centre_hole: Clearance = 0.0
     holes: GuideHoles | None = None
+
+    lengths: ClassVar[tuple[str, ...]] = ("thickness",)
+
+    @property
+    def knots(self) -> tuple[Sequence[float], Sequence[float]]:
+        return (0.0, 0.5 * self.diameter), (0.0, self.thickness)
 
     def __post_init__(self) -> None:
         super().__post_init__()

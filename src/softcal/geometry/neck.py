@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -98,12 +98,25 @@ class Neck(Filled):
     clamp_depth: Size = AS_PUBLISHED
     waist_refinement: Refinement = 1.0
     sectors: Annotated[int, LIMITS["sectors"]] | None = None
+    # The collar is rigid, and the clamp ends where its nodes do.
+    lengths: ClassVar[tuple[str, ...]] = (
+        "outer_diameter",
+        "bottom_link_height",
+        "link_pitch",
+        "dome_height",
+        "waist_diameter",
+        "collar_height",
+    )
+    # Each neck has its own: names of the omitted lengths, which follow the outer diameter where that is a parameter.
+    as_published: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
+        omitted = tuple(name for name in PUBLISHED if getattr(self, name) is AS_PUBLISHED)
+        object.__setattr__(self, "as_published", omitted)
         super().__post_init__()
-        for name, share in (PUBLISHED | (PUBLISHED_ELLIPSE if self.dome == "ellipse" else {})).items():
-            if getattr(self, name) is AS_PUBLISHED:
-                object.__setattr__(self, name, share * self.outer_diameter)
+        shares = PUBLISHED | (PUBLISHED_ELLIPSE if self.dome == "ellipse" else {})
+        for name in omitted:
+            object.__setattr__(self, name, shares[name] * self.outer_diameter)
         faults: list[Fault] = []
         if self.sectors is not None and self.sectors % 2:
             got = f"{self.sectors} sectors"
@@ -133,6 +146,18 @@ class Neck(Filled):
                 )
         if faults:
             raise MeshError(faults)
+
+    def with_lengths(self, values: Mapping[str, float]) -> Self:
+        return replace(self, **{**dict.fromkeys(self.as_published, AS_PUBLISHED), **values})
+
+    @property
+    def knots(self) -> tuple[Sequence[float], Sequence[float]]:
+        """At every height the core within the waists' radius keeps its share of it, and what is around it that of the
+        rest; along a dome its profile has the same share of both.
+        """
+        radii = (0.0, 0.5 * self.waist_diameter, 0.5 * self.outer_diameter)
+        domes = (z for top in self.waists for z in (top - self.dome_height, top))
+        return radii, (0.0, *domes, self.height)
 
     @property
     def waists(self) -> tuple[float, ...]:

@@ -68,8 +68,7 @@ def check_quality(mesh: TetMesh) -> MeshReport:
     lower, upper = mesh.points.min(axis=0), mesh.points.max(axis=0)
     dihedral = _least_dihedral(corners)
     quality = _mean_ratio(corners)
-    longest = _edge_lengths(corners).max(axis=1)
-    inverted = np.flatnonzero(_least_jacobian(mesh) <= FLAT * longest**3)
+    inverted = inverted_tets(mesh)
     used = np.zeros(mesh.n_points, dtype=bool)
     used[mesh.tets] = True
     near = SAME_PLACE * float(np.linalg.norm(upper - lower))
@@ -90,6 +89,12 @@ def check_quality(mesh: TetMesh) -> MeshReport:
         unreferenced=tuple(np.flatnonzero(~used).tolist()),
         n_duplicate_nodes=len(tree.query_pairs(near)),
     )
+
+
+def inverted_tets(mesh: TetMesh) -> Ints:
+    """Numbers of the tets that are flat or turned inside out somewhere."""
+    longest = _edge_lengths(mesh.points[mesh.tets[:, :4]]).max(axis=1)
+    return np.flatnonzero(_least_jacobian(mesh) <= FLAT * longest**3)
 
 
 def require_sound(mesh: TetMesh, where: str = "") -> MeshReport:

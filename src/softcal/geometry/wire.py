@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
@@ -120,6 +121,12 @@ class SolidRod(Primitive):
     layers: Annotated[int, LIMITS["layers of elements"]] | None = None
     rings: Annotated[int, LIMITS["rings of elements"]] = 1
     order: Literal[1, 2] = 2
+
+    lengths: ClassVar[tuple[str, ...]] = ("length", "diameter")
+
+    @property
+    def knots(self) -> tuple[Sequence[float], Sequence[float]]:
+        return (0.0, 0.5 * self.diameter), (0.0, self.length)
 
     def mesh(self) -> TetMesh:
         """Its mesh [m].

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -16,78 +16,18 @@ from softcal.mechanics.actuator import Actuator, ActuatorTerm, Drives, numbered
 from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.frame_blocks import moving_pairs
 from softcal.mechanics.layout import Layout
+from softcal.mechanics.linearisation import NO_BORDER, Border, Linearisation
 from softcal.mechanics.loads import Loads
 from softcal.mechanics.low_rank import low_rank_product
 from softcal.mechanics.memory import Memory
 from softcal.mechanics.motion import Motion, build_motion
+from softcal.mechanics.neighbours import Neighbours
 from softcal.mechanics.pattern import Pattern, build_pattern
 from softcal.mechanics.scales import Sizes
 from softcal.mechanics.state import State, rest_state
 from softcal.mechanics.term import NOTHING, BlockColumns, Controls, Given, Sum, Term, Theta
 
 Kind = TypeVar("Kind", bound=Term)
-
-
-@dataclass(frozen=True)
-class Border:
-    """Columns and rows (n_unknowns - n_actuators, k) around the sparse tangent K, with a diagonal corner (k,):
-
-        [ K     columns ]
-        [ rows^T corner ]
-
-    The first ones belong to the efforts of `driven` actuators (corner zero without stretch), the others to parts of the
-    tangent that are products of columns and rows, such as friction (corner -1).
-    """
-
-    driven: Ints
-    columns: Floats
-    rows: Floats
-    corner: Floats
-
-
-NO_BORDER = Border(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0))
-
-
-@dataclass(frozen=True)
-class Linearisation:
-    """Gradient and tangent at a state.
-
-    Attributes
-    ----------
-    controls
-        The controls.
-    known
-        Per term, its `Term.kinematics` at the state.
-    why_not
-        Why the state is inadmissible, in words, and then all below is empty; "" where it is admissible.
-    full, reduced
-        Gradient on all entities (n_components,), without forces of motion, and on the unknowns (n_unknowns,).
-    forces
-        Norm of the nodal forces before they cancel [N].
-    data
-        Upper triangle of the sparse tangent (nnz,), or None where it was not requested.
-    border
-        Columns and rows added by unknown efforts and by losses.
-    touch
-        Part of the tangent outside its pattern (sparse, upper triangle), such as contacts, or None.
-    """
-
-    controls: Controls
-    known: tuple[Any, ...]
-    why_not: str = ""
-    full: Floats = field(default_factory=lambda: np.zeros(0))
-    reduced: Floats = field(default_factory=lambda: np.zeros(0))
-    forces: float = 0.0
-    data: Floats | None = None
-    border: Border = NO_BORDER
-    touch: Any = None
-
-    @property
-    def is_admissible(self) -> bool:
-        """Whether the state is admissible: no element is inverted, no rod turns by half a revolution between
-        two nodes.
-        """
-        return not self.why_not
 
 
 @dataclass(frozen=True)
@@ -104,12 +44,15 @@ class System:
         Map from the unknowns to the points.
     terms
         Summands of the total potential.
+    neighbours
+        By the name of each parameter of the undeformed shape, what has such a system at values next to its own.
     """
 
     layout: Layout
     pattern: Pattern
     motion: Motion
     terms: tuple[Term, ...]
+    neighbours: Mapping[str, Neighbours] = field(default_factory=dict[str, Neighbours])
 
     def of(self, kind: type[Kind]) -> tuple[Kind, ...]:
         """The terms of one kind, for callers that need that kind; the assembly does not."""
@@ -136,7 +79,7 @@ class System:
     @cached_property
     def parameters(self) -> frozenset[str]:
         """Names in theta of all parameters that an equilibrium depends on."""
-        return frozenset(name for term in self.terms for name in term.parameters)
+        return frozenset(name for term in self.terms for name in term.parameters) | self.neighbours.keys()
 
     @cached_property
     def loads(self) -> Loads:
@@ -177,8 +120,13 @@ class System:
             for name in remembered.keys() & sums.keys():
                 term.add_by_memory(sums[name], own_given, remembered[name][own])
         out = np.empty((self.layout.n_unknowns, len(names)))
+        controls, theta = given[0].controls, given[0].theta
         for k, name in enumerate(names):
             out[:, k] = self._on_unknowns(state, sums[name])
+            if name in self.neighbours:
+                out[:, k] += self.neighbours[name].rate(
+                    lambda one, at: one.system.linearise(at, controls, theta, tangent=False).reduced, state
+                )
         return out
 
     def gradient_by_load(self, state: State, controls: Controls, theta: Theta) -> Floats:
@@ -229,6 +177,10 @@ class System:
         for name, dz in zip(names, () if by_parameter is None else by_parameter.T, strict=True):
             rate, old = self.motion.rates(state, dz, matrix), before.get(name, np.zeros_like(values))
             rates[name] = np.concatenate([term.advance_rate(given, name, rate, old[own]) for term, given, own in each])
+            if name in self.neighbours:
+                rates[name] += self.neighbours[name].rate(
+                    lambda one, at: one.system.advanced(at, controls, theta).memory.values, state
+                )
         return replace(state, memory=Memory(values, rates))
 
     @cached_property
@@ -307,6 +259,9 @@ class System:
             for k, name in enumerate(names):
                 if name in sums:
                     out[term.own, k] -= sums[name].efforts[term.own]
+        for k, name in enumerate(names):
+            if name in self.neighbours:
+                out[:, k] += self.neighbours[name].rate(lambda one, at: one.system.coordinates(at, theta), state)
         return out
 
     def coordinate_tolerances(self, extent: float) -> Floats:

@@ -13,8 +13,9 @@ from softcal.errors import Fault, InputError, nearest
 from softcal.geometry.disc import SolidDisc
 from softcal.geometry.generate import require_target
 from softcal.geometry.neck import Neck
-from softcal.geometry.primitive import Primitive
+from softcal.geometry.primitive import Filled, Primitive
 from softcal.geometry.regions import Box, Cylinder, Named, Plane, Region, Sphere
+from softcal.geometry.shape import DrawnShape
 from softcal.geometry.wire import SolidRod, SolidSpring
 from softcal.limits import LIMITS
 from softcal.project.section import Section
@@ -55,11 +56,35 @@ class MeshFile(Section):
 
 PRIMITIVES: Mapping[str, type[Primitive]] = {"neck": Neck, "rod": SolidRod, "spring": SolidSpring, "disc": SolidDisc}
 KEY = "primitive"
+DRAWN = "drawn"
 
 
 def _read(value: Any) -> MeshFile | Primitive:
     if not isinstance(value, dict) or KEY not in value:
         return MeshFile.model_validate(value)
+    found = _primitive(value)
+    if isinstance(found, Filled):
+        require_target(found.size, found.tets)
+    return found
+
+
+def _read_shape(value: Any) -> DrawnShape | Primitive:
+    if value == DRAWN:
+        return DrawnShape()
+    found = _primitive(value) if isinstance(value, dict) and KEY in value else None
+    if found is None or not found.lengths:
+        with_lengths = ", ".join(name for name, one in PRIMITIVES.items() if one.lengths)
+        raise InputError(
+            Fault(
+                "there is no such shape" if found is None else "no length of this primitive can be a parameter",
+                got=shown(value),
+                allowed=f"'{DRAWN}', or a primitive with the lengths of the mesh: {with_lengths}",
+            )
+        )
+    return found
+
+
+def _primitive(value: dict[str, Any]) -> Primitive:
     name = value[KEY]
     if not isinstance(name, str) or name not in PRIMITIVES:
         meant = nearest(str(name), PRIMITIVES)
@@ -69,6 +94,8 @@ def _read(value: Any) -> MeshFile | Primitive:
 
 # `file: PATH`, or `primitive: NAME` and the measures of its class.
 Mesh = Annotated[MeshFile | Primitive, Reading(_read, "instead")]
+# `drawn`, or `primitive: NAME` and the measures of its class, which need no target of a mesh.
+MeshShape = Annotated[DrawnShape | Primitive, Reading(_read_shape, "instead")]
 
 
 class RegionSection(Section):

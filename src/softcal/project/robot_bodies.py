@@ -9,9 +9,11 @@ import numpy as np
 
 from softcal.checks import Ints
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.placement import placed_mesh
+from softcal.geometry.placement import Placement, placed_mesh
+from softcal.geometry.primitive import Primitive
 from softcal.geometry.quality import MeshReport, check_quality, require_sound
 from softcal.geometry.regions import Named, select_elements, select_faces, select_nodes
+from softcal.geometry.shape import BodyShape, PrimitiveShape
 from softcal.project.document import Findings, KeyPath
 from softcal.project.robot_schema import BodySection, LoadSection
 from softcal.quantities import QUANTITIES
@@ -76,7 +78,7 @@ class BuiltBodies:
 
 def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, findings: Findings) -> BuiltBodies:
     """Every body without a fault; every fault goes to `findings`."""
-    built = BuiltBodies(sections)
+    built, shapes = BuiltBodies(sections), dict[str, BodyShape]()
     for name, body in sections.items():
         path = ("robot", "bodies", name)
         with findings.at((*path, "mesh")):
@@ -104,6 +106,11 @@ def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, find
             with findings.at((*path, "clamp")):
                 clamp_zone(mesh, fixed, body.clamp)
                 clamp = body.clamp
+        shape = _shape(body)
+        if shape is not None:
+            with findings.at((*path, "shape")):
+                shape.require_fit(mesh, "")
+                shapes[name] = shape
         with findings.at((*path, "materials")):
             whole = Body(
                 name,
@@ -117,10 +124,19 @@ def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, find
                 clamp,
                 body.build_direction,
                 body.history,
+                shapes.get(name),
             )
             built.bodies.append(whole)
             _check_ranges(whole, path, findings)
     return built
+
+
+def _shape(section: BodySection) -> BodyShape | None:
+    """That of a body's mesh: as stated, or that of the primitive that it is."""
+    stated = section.mesh if section.shape is None and isinstance(section.mesh, Primitive) else section.shape
+    if isinstance(stated, Primitive):
+        return PrimitiveShape(stated, section.placement or Placement()) if stated.lengths else None
+    return stated
 
 
 def _check_ranges(body: Body, path: KeyPath, findings: Findings) -> None:

@@ -22,7 +22,7 @@ from softcal.geometry.ring import Ring
 from softcal.limits import LIMITS
 from softcal.mechanics.elements import ElementName
 from softcal.project.constants import ConstantsSection, LawSection
-from softcal.project.mesh_schema import Mesh, RegionSection
+from softcal.project.mesh_schema import Mesh, MeshShape, RegionSection
 from softcal.project.rod_schema import RodSection
 from softcal.project.section import Section
 from softcal.project.sensor_schema import SensorSection
@@ -43,9 +43,13 @@ class MaterialSection(ConstantsSection):
 
 
 class BodySection(LawSection):
-    """A deformable body: its mesh, material, fixed region, clamp, and placement."""
+    """A deformable body: its mesh, material, fixed region, clamp, and placement.
+
+    shape: that of a mesh from a file, whose lengths then are parameters.
+    """
 
     mesh: Mesh
+    shape: MeshShape | None = None
     element: ElementName = Body.element
     density: Density = Body.density
     materials: Mapping[str, MaterialSection] = Field(default_factory=dict)

@@ -34,6 +34,7 @@ from softcal.twin.crossings import build_skins
 from softcal.twin.joints import join_ties, nodes_in_use, number_frames
 from softcal.twin.loads import PointForce, Weights, build_loads, build_moments, surface_forces
 from softcal.twin.markers import MarkerPlace, directions_in
+from softcal.twin.nearby_twins import neighbours_of
 from softcal.twin.parameters import MARKER_OFFSETS, robot_parameters, with_shape
 from softcal.twin.robot import Body, Cable, Marker, PointLoad, Robot, SurfaceLoad
 from softcal.twin.routing import offset_rate
@@ -291,13 +292,15 @@ def twin_of(robot: Robot, theta: Mapping[str, float] | None = None) -> Twin:
     if key in _CACHE:
         _CACHE.move_to_end(key)
         return _CACHE[key][1]
-    if all(new is old for new, old in zip(shaped.markers, robot.markers, strict=True)):
+    own = {f"{marker.name}.{key}" for marker in robot.markers for key in MARKER_OFFSETS} & set(theta or {})
+    if not own:
         twin = build_twin(shaped)
     else:
-        own = {f"{marker.name}.{key}" for marker in robot.markers for key in MARKER_OFFSETS}
         others = {name: v for name, v in (theta or {}).items() if name not in own}
         drawn = twin_of(robot, others)
         twin = replace(drawn, robot=shaped, markers={m.name: drawn.markers[m.name].of(m) for m in shaped.markers})
+    if neighbours := neighbours_of(robot, shaped, build_twin):
+        twin = replace(twin, system=replace(twin.system, neighbours=neighbours))
     _CACHE[key] = (robot, twin)
     while len(_CACHE) > CACHE_SIZE:
         _CACHE.popitem(last=False)

@@ -10,8 +10,10 @@ from typing import TypeVar
 import numpy as np
 
 from softcal.errors import Fault, ParameterError, nearest
+from softcal.geometry.shape import LENGTHS
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.quantities import QUANTITIES, Quantity
+from softcal.twin.lengths import with_lengths
 from softcal.twin.material import Material
 from softcal.twin.parameter_name import parameter_name
 from softcal.twin.robot import Body, Moment, PointLoad, Robot, Rod, SurfaceLoad
@@ -69,6 +71,7 @@ KINDS: Mapping[str, Quantity] = {
     "routing_angle": QUANTITIES["angle"],
     "routing_twist": QUANTITIES["twist"],
     "clamp_depth": QUANTITIES["length"],
+    **LENGTHS,
     **dict.fromkeys(MARKER_OFFSETS, QUANTITIES["length"]),
     "stiffness": QUANTITIES["stiffness of a cable"],
     "compliance": QUANTITIES["compliance"],
@@ -100,6 +103,9 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
             add(material.name, "density", material.density)
         if body.clamp is not None and body.zone is not None:
             add(body.name, "clamp_depth", body.clamp.depth, body.zone.depths, shapes=True)
+        if body.shape is not None:
+            for key, value in body.shape.values.items():
+                add(body.name, key, value, shapes=True)
     for rod in robot.rods:
         for material in rod.materials:
             for constant in rod.constants:
@@ -151,12 +157,15 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
     ------
     ParameterError
         For an unknown name (with the nearest known one) or a value outside its interval; all faults at once.
+    MeshError
+        For lengths of a body that its mesh cannot have.
     """
     known = robot_parameters(robot)
     if faults := value_faults(known, values):
         raise ParameterError(faults)
     if all(value == known[name].value for name, value in values.items()):
         return robot
+    robot = with_lengths(robot, values)
     bodies = tuple(_with_clamp(_with_materials(body, values), values) for body in robot.bodies)
     rods = tuple(_with_materials(rod, values) for rod in robot.rods)
     plates = tuple(replace(p, mass=values.get(f"{p.name}.mass", p.mass)) for p in robot.plates)
@@ -180,7 +189,7 @@ def with_shape(robot: Robot, theta: Mapping[str, float]) -> Robot:
 
     Raises
     ------
-    ParameterError
+    ParameterError, MeshError
         For a shape that it cannot have.
     """
     if not theta:

@@ -22,6 +22,7 @@ from softcal.errors import Fault, InputError
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.section import CrossSection
+from softcal.geometry.shape import BodyShape
 from softcal.materials.catalogue import LAWS, LawName
 from softcal.materials.components import NO_DIRECTION
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
@@ -63,6 +64,7 @@ class Body(NamedPart):
     clamp : What fixes it at a plane face, whose depth is then a parameter; None: it is fixed exactly at its fixed nodes
     build_direction : Direction (3,) of a law that has one, in the robot at rest; None: the z axis
     history : What its materials do beyond the law: names of `softcal.materials.histories`, such as relaxation-2
+    shape : The lengths of its mesh that are parameters; None: none
     """
 
     mesh: TetMesh
@@ -75,9 +77,12 @@ class Body(NamedPart):
     clamp: Clamp | None = None
     build_direction: Direction | None = None
     history: tuple[str, ...] = ()
+    shape: BodyShape | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.shape is not None:
+            self.shape.require_fit(self.mesh, f"{self.name}.shape")
         if self.build_direction is not None and not LAWS[self.law].is_directed:
             directed = ", ".join(name for name, law in LAWS.items() if law.is_directed)
             raise InputError(

@@ -68,7 +68,13 @@ def sense_rates(
     posture = _StatePosture(twin, state, theta, {})
     rates = _StateRates(twin, state, theta, dz, tuple(names) or ("",) * dz.shape[1], shortenings or {})
     rows = [row for own in twin.sensors for row in own.sensor.rates(posture, rates)]
-    return np.array(rows).reshape(len(rows), dz.shape[1])
+    found = np.array(rows).reshape(len(rows), dz.shape[1])
+    # What is read of the same unknowns in another shape; the cables' part is in their own rates.
+    none = dict.fromkeys(cables_of(twin.system).names, 0.0)
+    for k, name in enumerate(names):
+        if name in twin.system.neighbours:
+            found[:, k] += twin.system.neighbours[name].rate(lambda one, at: sense(one, at, theta, none), state)
+    return found
 
 
 @dataclass(frozen=True)

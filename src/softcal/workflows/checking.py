@@ -147,6 +147,7 @@ def _body_rows(project: Project) -> list[tuple[str, str]]:
         ]
         regions = {**{"fixed": body.fixed}, **project.regions[body.name]}
         rows.append(("  regions", ", ".join(f"{name} {len(nodes)} nodes" for name, nodes in regions.items())))
+        rows += [("  shape", f"parameters {', '.join(body.shape.values)}")] if body.shape is not None else []
         if body.clamp is not None and body.zone is not None:
             reach = format_quantity(body.zone.depths.upper, "m", digits=3)
             depth = format_quantity(body.clamp.depth, "m")

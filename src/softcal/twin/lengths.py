@@ -1,0 +1,129 @@
+"""A robot whose bodies have other lengths: their meshes, and what is attached to them, moved at rest.
+
+Points on a body keep their place in its mesh. A plate moves, without a turn, as the nodes that are tied to it do next
+to its reference point, and takes along what is on it. Sizes of plates, and all that is stated in space, stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import Fault, MeshError
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.quality import inverted_tets
+from softcal.geometry.shape import LENGTHS, BodyShape
+from softcal.mechanics.attachment import attach_point
+from softcal.twin.robot import Body, Plate, PointLoad, Robot
+from softcal.units import format_quantity
+
+
+def with_lengths(robot: Robot, values: Mapping[str, float]) -> Robot:
+    """The robot with those of the values [SI] that are lengths of bodies; the same object where none differs.
+
+    Raises
+    ------
+    MeshError
+        Where they would turn tets inside out, or a part that cannot move along is attached to the body.
+    """
+    for body in robot.bodies:
+        if body.shape is None:
+            continue
+        old = body.shape.values
+        stated = {key: values.get(f"{body.name}.{key}", value) for key, value in old.items()}
+        if new := {key: value for key, value in stated.items() if value != old[key]}:
+            robot = _with_body(robot, body, _moved(robot, body, body.shape, new))
+    return robot
+
+
+def _moved(robot: Robot, body: Body, old: BodyShape, values: Mapping[str, float]) -> Body:
+    """The body with other values of its shape."""
+    still = [plate.nodes[body.name] for plate in robot.plates if plate.fixed and body.name in plate.nodes]
+    points, shape = old.moved(body.mesh, np.concatenate([body.fixed, *still]), values)
+    mesh = replace(body.mesh, points=points)
+    if len(inverted := inverted_tets(mesh)):
+        raise MeshError(
+            Fault(
+                f"{len(inverted)} of {mesh.n_tets} tets are turned inside out",
+                body.name,
+                got=", ".join(f"{key} {format_quantity(v, LENGTHS[key].unit)}" for key, v in values.items()),
+                allowed="lengths nearer to those of the mesh",
+                attempt="narrower bounds, or a mesh of that shape",
+            )
+        )
+    return replace(body, mesh=mesh, shape=shape)
+
+
+def _with_body(robot: Robot, old: Body, new: Body) -> Robot:
+    """The robot with one body in the place of another one with the same nodes elsewhere."""
+    shifts = {plate.name: _shift(plate, old, new.mesh) for plate in robot.plates}
+    _require_free(robot, old, shifts)
+
+    def place(at: Floats, on: str, *, beside: bool = False) -> Floats:
+        """Where a point (3,) [m] on a part is then; beside: it may be outside the material."""
+        if on != old.name:
+            return at + shifts.get(on, 0.0)
+        nodes, weights, _ = attach_point(old.mesh, at, may_stand_off=beside, where=old.name)
+        return weights @ new.mesh.points[nodes]
+
+    return replace(
+        robot,
+        bodies=tuple(new if body is old else body for body in robot.bodies),
+        plates=tuple(_shifted(plate, shifts[plate.name]) for plate in robot.plates),
+        cables=tuple(
+            replace(
+                cable,
+                via_points=tuple(
+                    replace(via, at=place(via.at, via.on, beside=via.radius > 0.0)) for via in cable.via_points
+                ),
+            )
+            for cable in robot.cables
+        ),
+        loads=tuple(
+            replace(load, at=place(load.at, load.on)) if isinstance(load, PointLoad) else load for load in robot.loads
+        ),
+        markers=tuple(replace(marker, at=place(marker.at, marker.on, beside=True)) for marker in robot.markers),
+    )
+
+
+def _shift(plate: Plate, old: Body, mesh: TetMesh) -> Floats:
+    """How far a plate moves (3,) [m]: as the affine motion of its nodes does at the point of their box that is nearest
+    to its reference.
+    """
+    if plate.fixed or old.name not in plate.nodes:
+        return np.zeros(3)
+    before, after = (points[plate.nodes[old.name]] for points in (old.mesh.points, mesh.points))
+    at = np.clip(plate.reference, before.min(axis=0), before.max(axis=0))
+    motion, *_ = np.linalg.lstsq(np.column_stack([np.ones(len(before)), before - at]), after - before)
+    return motion[0]
+
+
+def _shifted(plate: Plate, shift: Floats) -> Plate:
+    disc = plate.disc
+    return replace(
+        plate,
+        reference=plate.reference + shift,
+        centre_of_mass=plate.centre_of_mass + shift,
+        holes={name: at + shift for name, at in plate.holes.items()},
+        disc=None if disc is None else replace(disc, centre=disc.centre + shift),
+    )
+
+
+def _require_free(robot: Robot, body: Body, shifts: Mapping[str, Floats]) -> None:
+    """Refuse parts that are attached to a body and would not move along with it."""
+    moving = [plate for plate in robot.plates if shifts[plate.name].any()]
+    found = [f"tie {tie.name}" for tie in robot.ties if body.name in (tie.body, tie.on)]
+    found += [f"body {name} on {plate.name}" for plate in moving for name in plate.nodes if name != body.name]
+    found += [f"rod {rod.name} on {plate.name}" for plate in moving for rod in robot.rods if plate.name in rod.clamped]
+    if found:
+        raise MeshError(
+            Fault(
+                "the lengths of a body cannot vary where other parts would have to move along",
+                body.name,
+                got=", ".join(found),
+                allowed="a body that is attached to plates of its own",
+            )
+        )

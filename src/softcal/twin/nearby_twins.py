@@ -1,0 +1,35 @@
+"""The twins of a robot next to it: those with each length of a body a little less, and a little more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from softcal.geometry.shape import LENGTHS
+from softcal.mechanics.neighbours import STEP, Neighbours
+from softcal.twin.parameters import robot_parameters, with_shape
+from softcal.twin.robot import Robot
+
+Build = Callable[[Robot], Any]
+
+
+def neighbours_of(robot: Robot, shaped: Robot, build: Build) -> dict[str, Neighbours]:
+    """By the name of each length, the twins next to that of a robot with the shape of another one, `shaped`; built when
+    they are needed.
+    """
+    shape = {name: info.value for name, info in robot_parameters(shaped).items() if info.shapes}
+    found: dict[str, Neighbours] = {}
+    for body in robot.bodies:
+        extent = float(np.ptp(body.mesh.points, axis=0).max())
+        for key in body.shape.values if body.shape else ():
+            name = f"{body.name}.{key}"
+            step = STEP * (extent if LENGTHS[key].unit == "m" else 1.0)
+            found[name] = Neighbours(partial(_beside, robot, shape, name, build), step)
+    return found
+
+
+def _beside(robot: Robot, shape: Mapping[str, float], name: str, build: Build, offset: float) -> Any:
+    return build(with_shape(robot, {**shape, name: shape[name] + offset}))

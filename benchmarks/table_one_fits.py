@@ -27,9 +27,10 @@ HERE = Path(__file__).resolve().parent
 CURVE = HERE / "table_one.csv"
 TRUE = {E: 3.3e6, NU: 0.45}
 REACH = 35e-3  # [m]
-FINE = Neck(tets=37000, waist_refinement=16.0, sectors=12)
-HALF_AS_FINE = Neck(tets=4584, waist_refinement=16.0, sectors=6)
-PAPERS_MESH, DEFAULT_MESH = Neck(tets=4000, order=1), Neck(tets=2000, waist_refinement=12.0, sectors=6)
+FINE = Neck(dome="ellipse", tets=37000, waist_refinement=16.0, sectors=12)
+HALF_AS_FINE = Neck(dome="ellipse", tets=4584, waist_refinement=16.0, sectors=6)
+PAPERS_MESH = Neck(dome="ellipse", tets=4000, order=1)
+DEFAULT_MESH = Neck(dome="ellipse", tets=2000, waist_refinement=12.0, sectors=6)
 RATIOS = (0.4, 0.4999)  # the paper's bounds
 SAMPLES, SEED, TRIALS, REPEATS = 200, 1, 1000, 50
 SEEDS = range(1, 7)  # of TPE: one for each test, all for the first

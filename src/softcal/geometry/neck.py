@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from softcal.checks import Floats, Ints
 from softcal.declare import ByShape
@@ -185,6 +184,8 @@ class Neck(Filled):
         if isinstance(self.dome, str):
             share = DOMES[self.dome](depth)
         else:
+            from scipy.interpolate import PchipInterpolator
+
             share = float(PchipInterpolator(*self._dome_points.T)(depth))
         return 0.5 * (self.waist_diameter + share * (self.outer_diameter - self.waist_diameter))
 

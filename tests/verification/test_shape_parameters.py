@@ -117,7 +117,7 @@ def test_all_channels_follow_a_length_as_their_differences_say(element, drive, k
     require_derivatives(robot, protocol, f"neck.{key}", h, monkeypatch)
 
 
-@pytest.mark.parametrize("key", ["outer_diameter", "waist_diameter", "dome_height"])
+@pytest.mark.parametrize("key", ["outer_diameter", "waist_diameter", "dome_height", "link_pitch"])
 def test_the_channels_of_the_neck_follow_its_lengths(key, monkeypatch):
     """With small elements at the waists, where the difference of two systems loses digits."""
     robot = neck_robot(read_mesh(NECK_MESH, unit="mm"), Neck(), element="P1")

@@ -7,6 +7,7 @@ python -m benchmarks.table_one --truth            first the finer curve of table
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,7 @@ def page(found: Fits) -> str:
     """docs/table-one.md."""
     values = {
         "tests": _tests(found),
-        "line": _line(found),
+        "line": line_table(found.lines),
         "causes": _causes(found),
         "draws": _draws(found),
         "joint": _joint(found),
@@ -88,11 +89,12 @@ def _tests(found: Fits) -> str:
     return "\n".join(table(header, [*rows, ["largest E over smallest", *(f"{one:.2f}" for one in spreads)]]))
 
 
-def _line(found: Fits) -> str:
+def line_table(lines: Mapping[str, tuple[Sequence[CalibrationResult], Sequence[CalibrationResult]]]) -> str:
+    """The best fits at the ratios `SHOWN`, as `Fits.lines` has them."""
     header = ["ν", "E in Table I", "P1: E", "loss", "Table I over P1", "P2P1: E", "loss"]
     papers = {test.ratio: test.modulus for test in TESTS}
     rows: list[list[str]] = []
-    for nu, linear, default in zip(SHOWN, *(found.lines[element][0] for element in ELEMENTS), strict=True):
+    for nu, linear, default in zip(SHOWN, *(lines[element][0] for element in ELEMENTS), strict=True):
         modulus = papers.get(nu)
         rows.append(
             [

@@ -138,7 +138,7 @@ def test_a_small_project_changed_at_random(small: list[tuple[Path, Any]], data: 
 
 
 @pytest.mark.slow
-@settings(max_examples=1000, suppress_health_check=list(HealthCheck))
+@settings(max_examples=500, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_a_small_project_changed_at_random_many_times(small: list[tuple[Path, Any]], data: st.DataObject):
     path, document = data.draw(st.sampled_from(small))

@@ -106,7 +106,10 @@ STATED: list[tuple[str, Declared]] = [
         "{bulk_youngs_modulus: [8 MPa, 12 MPa], infill: 30 %, exponent: [1.2, 1.6]}",
         PrintInfill((8e6, 12e6), 0.3, (1.2, 1.6)),
     ),
-    ("{gap: 0.1 mm, stiffness: 2 MPa, friction_coefficient: 0.5, creep: 2 mm/s}", Contact(1e-4, 2e6, 0.5, 2e-3)),
+    (
+        "{gap: 0.1 mm, stiffness: 2 MPa, friction_coefficient: 0.5, creep: 2 mm/s, depth: 0.2 mm}",
+        Contact(1e-4, 2e6, 0.5, 2e-3, 2e-4),
+    ),
     ("{friction_coefficient: 0.5}", Contact(friction_coefficient=0.5)),
     (
         "{stiffness: 10 kN, compliance: 0.01 mm/N, pretension: 2 N, friction_memory: true, presliding: 1 mm, "

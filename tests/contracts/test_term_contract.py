@@ -18,7 +18,7 @@ from softcal.checks import Floats, Ints
 from softcal.geometry.centreline import straight
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
-from softcal.geometry.section import RectangularBar
+from softcal.geometry.section import RectangularBar, RoundBar
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.cable import CableTerm
 from softcal.mechanics.contact import ContactTerm
@@ -36,6 +36,7 @@ from softcal.mechanics.system import System, build_system
 from softcal.mechanics.term import Connectivity, Controls, Given, Sum, Term
 from softcal.mechanics.time_step import InertialTerm, after, at_rest, in_step
 from softcal.mechanics.viscosity import ViscousTerm
+from softcal.mechanics.wire_contact import WireContactTerm
 from softcal.twin.barrier import Contact
 from softcal.twin.build import Twin
 from softcal.twin.cables import CableLine, RoutingAxis
@@ -142,13 +143,13 @@ def twisted_whip() -> Robot:
 
 
 def blocks(friction: float = 0.0) -> Robot:
-    """One above the other, a little more apart than they push."""
+    """One above the other."""
     side, gap = 0.02, 1e-3
     low, high = (box_mesh((side, side, side), (1, 1, 1)) for _ in range(2))
-    high = TetMesh(high.points + [0.003, 0.002, side + 1.5 * gap], high.tets)
+    high = TetMesh(high.points + [0.003, 0.002, side + 0.5 * gap], high.tets)
     below = Body("low", low, low.node_sets["z0"], elastic(), element="P1", density=1000.0)
     above = Body("high", high, [], elastic(), element="P1", density=1000.0)
-    return Robot((below, above), contact=Contact(gap, 1e5, friction))
+    return Robot((below, above), contact=Contact(stiffness=1e5, friction_coefficient=friction, depth=gap))
 
 
 def rough(layout: Layout, size: float = 1e-3, seed: int = 0) -> Floats:
@@ -173,8 +174,36 @@ def pressed(layout: Layout, size: float = 1e-3, seed: int = 0) -> Floats:
     """The upper block moved down to half of the gap."""
     dz = rough(layout, 0.02 * size, seed)
     if seed == 0:
-        high = layout.X[layout.free_points][:, 2] > 0.021
+        high = layout.X[layout.free_points][:, 2] > 0.0203
         dz[: layout.first_frame_unknown].reshape(-1, 3)[high, 2] -= size
+    return dz
+
+
+def wires(friction: float = 0.0) -> Robot:
+    """Two rods side by side, a little further apart than they push."""
+    diameter, gap = 0.004, 1e-3
+    both = [
+        replace(
+            rod,
+            name=name,
+            centreline=straight((x, 0.0, 0.0), (x, 0.0, 0.1), 3),
+            section=RoundBar(diameter),
+            clamped={},
+            fixed=np.array([0]),
+        )
+        for (rod,) in [whip().rods]
+        for name, x in (("left", 0.0), ("right", diameter + 1.5 * gap))
+    ]
+    return Robot(rods=tuple(both), contact=Contact(gap, 1e6, friction))
+
+
+def squeezed(layout: Layout, size: float = 1e-3, seed: int = 0) -> Floats:
+    """The right wire moved towards the left one by half of the gap and more."""
+    dz = rough(layout, 0.02 * size, seed)
+    if seed == 0:
+        right = layout.references[: layout.n_moving_frames, 0] > 1e-3
+        moves = dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
+        moves[right, 0] -= size
     return dz
 
 
@@ -286,6 +315,8 @@ CASES = {
     "moments": Case(Moments, twisted_whip, first(Moments), has_energy=False),
     "contact": Case(ContactTerm, blocks, first(ContactTerm), pressed),
     "contact with friction": Case(ContactTerm, lambda: blocks(0.5), in_motion(ContactTerm, pressed), pressed),
+    "contact of wires": Case(WireContactTerm, wires, first(WireContactTerm), squeezed),
+    "wires with friction": Case(WireContactTerm, lambda: wires(0.5), in_motion(WireContactTerm, squeezed), squeezed),
     "viscosity": Case(ViscousTerm, bent_column, in_motion(ViscousTerm)),
     "viscosity, P2P1": Case(ViscousTerm, lambda: bent_column("P2P1"), in_motion(ViscousTerm)),
     "viscosity, clamped deeper": Case(ViscousTerm, lambda: clamped_column("P1"), in_motion(ViscousTerm)),
@@ -294,7 +325,7 @@ CASES = {
     "sliders": Case(SliderFoundation, bent_column, lambda twin, theta: bed(twin, SliderFoundation), remembers=True),
 }
 BEDS = {"bed.stiffness": 300.0, "slider.stiffness": 300.0, "slider.yield_force": 0.3}
-WITHOUT_PARAMETERS = (ContactTerm, ViscousTerm, InertialTerm)
+WITHOUT_PARAMETERS = (ContactTerm, WireContactTerm, ViscousTerm, InertialTerm)
 
 
 def kinds_of(base: type[Term]) -> set[type[Term]]:

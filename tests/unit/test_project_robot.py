@@ -262,10 +262,10 @@ def test_contact_is_off_unless_asked_for(tmp_path: Path):
     wrong = write_robot(tmp_path / "wrong", (gravity, f"  contact: perhaps\n{gravity}"), text=MANIPULATOR)
     with pytest.raises(InputError, match=r"robot\.contact: .*; got 'perhaps'; allowed: true, false, or a mapping"):
         load(wrong)
-    mine = (gravity, "  contact: {gap: 0.3 mm, friction_coefficient: 0.2, creep: 2 mm/s}\n" + gravity)
+    mine = (gravity, "  contact: {gap: 0.3 mm, depth: 0.1 mm, friction_coefficient: 0.2, creep: 2 mm/s}\n" + gravity)
     contact = load(write_robot(tmp_path / "mine", mine, text=MANIPULATOR)).robot.contact
     assert contact is not None
-    assert (contact.gap, contact.friction_coefficient, contact.creep) == (0.0003, 0.2, 0.002)
+    assert (contact.gap, contact.depth, contact.friction_coefficient, contact.creep) == (0.0003, 0.0001, 0.2, 0.002)
     assert contact.stiffness == fitted.stiffness
 
 

@@ -85,7 +85,7 @@ def spring(contact: bool, pitch: float = 0.008) -> Robot:
 
 
 def test_two_blocks_press_with_the_exact_stress():
-    """nu = 0: each is in uniaxial stress P = mu (stretch - 1/stretch); what is left of the gap is known within it."""
+    """nu = 0: each is in uniaxial stress P = mu (stretch - 1/stretch), less what they overlap."""
     robot = two_blocks()
     d = np.array([0.0005, 0.002, 0.005])
     alone = simulate(replace(robot, contact=None), lifted(*d), curve_tolerance=0.0)
@@ -93,28 +93,24 @@ def test_two_blocks_press_with_the_exact_stress():
     assert response.succeeded, response.status
     force = response.channels["pull.tension"] - alone.channels["pull.tension"]
     assert abs(force[0]) < 1e-9  # not yet there
-    assert robot.contact is not None
-    for gap, bound in ((0.0, np.less), (robot.contact.gap, np.greater)):
-        stretch = 1.0 - (d[1:] - APART + gap) / (2 * SIDE)
-        exact = 0.5 * E * (1.0 / stretch - stretch) * SIDE**2
-        assert np.all(bound(exact, force[1:]))
-    middle = 1.0 - (d[1:] - APART + 0.5 * robot.contact.gap) / (2 * SIDE)
-    np.testing.assert_allclose(force[1:], 0.5 * E * (1.0 / middle - middle) * SIDE**2, rtol=0.06)
+    stretch = 1.0 - (d[1:] - APART) / (2 * SIDE)
+    exact = 0.5 * E * (1.0 / stretch - stretch) * SIDE**2
+    np.testing.assert_allclose(force[1:], exact, rtol=4e-3)
 
 
-def test_a_smaller_gap_nears_the_exact_force():
+def test_the_force_hardly_depends_on_the_depth():
     robot = two_blocks()
-    errors = []
+    errors = list[float]()
     exact_stretch = 1.0 - (0.004 - APART) / (2 * SIDE)
     exact = 0.5 * E * (1.0 / exact_stretch - exact_stretch) * SIDE**2
     alone = simulate(replace(robot, contact=None), lifted(0.004), curve_tolerance=0.0)
     assert robot.contact is not None
-    for factor in (1.0, 0.25):
-        closer = replace(robot, contact=replace(robot.contact, gap=factor * robot.contact.gap))
+    for factor in (1.0, 0.5):
+        closer = replace(robot, contact=replace(robot.contact, depth=factor * robot.contact.depth))
         force = simulate(closer, lifted(0.004), curve_tolerance=0.0).channels["pull.tension"]
         errors.append(abs(float(force[0] - alone.channels["pull.tension"][0]) - exact) / exact)
-    assert errors[1] < 0.35 * errors[0]
-    assert errors[1] < 0.015
+    assert max(errors) < 2e-3  # what is left is the meshes': one has two elements on a side, the other three
+    assert abs(errors[0] - errors[1]) < 1e-3
 
 
 def test_coils_of_a_bent_spring_meet_and_stay_apart():
@@ -143,19 +139,19 @@ def closest(robot: Robot, axis: np.ndarray) -> float:
 
 
 def test_rims_of_discs_meet_and_stay_apart():
-    """A cable outside bends a backbone until the rims of the discs on it touch; then it pulls far harder."""
+    """A cable outside bends a backbone until the upper disc's rim meets the wider one below; then it pulls harder."""
     height, across, thick = 0.03, 0.05, 0.004
     line = straight((0, 0, 0), (0, 0, height), 12)
     material = {"youngs_modulus": 5e8, "poissons_ratio": 0.4}
     rod = Rod("back", line, RoundBar(0.003), material, clamped={"low": np.array([0]), "high": np.array([12])})
     plates = tuple(
-        Plate(name, {}, np.array([0, 0, z]), fixed=name == "low", disc=Disc(across, thick, E_Z))
-        for name, z in (("low", 0.0), ("high", height))
+        Plate(name, {}, np.array([0, 0, z]), fixed=name == "low", disc=Disc(wide, thick, E_Z))
+        for name, z, wide in (("low", 0.0, 1.3 * across), ("high", height, across))
     )
     via = (ViaPoint(np.array([0.02, 0, -0.05])), ViaPoint(np.array([0.02, 0, 0]), "low"))
     via = (*via, ViaPoint(np.array([0.02, 0, height]), "high"))
     robot = Robot(plates=plates, rods=(rod,), cables=(Cable("pull", via, pulled_end="first"),))
-    touching = replace(robot, contact=Contact(gap=2e-4, stiffness=1e6))
+    touching = replace(robot, contact=Contact())
     d = np.linspace(0.0, 0.024, 5)
     tension, rims = [], []
     for case in (robot, touching):
@@ -164,7 +160,8 @@ def test_rims_of_discs_meet_and_stay_apart():
         tension.append(response.channels["pull.tension"][-1])
         rims.append(lowest_rim(response.snapshots[-1], plates[1]) - 0.5 * thick)
     assert rims[0] < -1e-3
-    assert 0.0 < rims[1] < 2e-4
+    assert touching.contact is not None
+    assert -0.5 * touching.contact.depth < rims[1] < 0.0
     assert tension[1] > 1.5 * tension[0]
 
 
@@ -253,21 +250,24 @@ def test_tied_bodies_do_not_touch_at_their_seam_whatever_their_meshes_have():
     seam = Tie("seam", "high", np.flatnonzero(np.isclose(high.points[:, 2], SIDE)), "low")
     below = Body("low", low, np.flatnonzero(low.points[:, 2] < 1e-9), SOFT, element="P1")
     robot = Robot(bodies=(below, Body("high", high, [], SOFT, element="P1")), ties=(seam,))
-    system = build_twin(replace(robot, contact=Contact())).system
+    twin = build_twin(replace(robot, contact=Contact()))
+    system = twin.system
     (term,) = system.contacts
-    a, b = (term.X[vertices] for vertices in term.apart.T)
-    corners = [p for p, q in zip(a, b, strict=True) if np.allclose(p, q)]
-    assert len(corners) == 4  # that both bodies have in the same places
-    assert term.smallest_distance(system.layout.X) == np.inf
+    pairs, nodes = term.near(term.X), term.points[term.weights.indices[term.weights.indptr[:-1]]]
+    upper = nodes >= twin.first_point["high"]
+    at_seam = np.abs(term.X[pairs.points, 2] - SIDE) < 1e-9
+    assert upper.any()
+    assert not np.any(at_seam & (upper[pairs.points] != upper[pairs.simplices[:, 0]]))
+    assert term.overlap(system.layout.X) == 0.0
 
 
 @pytest.mark.parametrize(("pull", "slides"), [(0.3, False), (0.8, True)])
 def test_a_block_sticks_or_slides_on_a_floor_as_coulomb_says(pull, slides):
     """Weight W, friction coefficient 0.5: a pull of 0.3 W does not move it, one of 0.8 W does with 0.3 g."""
-    gap, density, g = 2e-4, 1000.0, 9.81
+    density, g = 1000.0, 9.81
     floor = box_mesh((0.06, 0.04, 0.01), (3, 2, 1))
     block = box_mesh((0.02, 0.02, 0.01), (2, 2, 1))
-    block = TetMesh(block.points + [0.01, 0.01, 0.01 + 0.5 * gap], block.tets)
+    block = TetMesh(block.points + [0.01, 0.01, 0.01], block.tets)
     stiff = {"youngs_modulus": 1e7, "poissons_ratio": 0.3}
     weight = density * 4e-6 * g
     start = np.array([0.02, 0.02, 0.012])
@@ -279,10 +279,10 @@ def test_a_block_sticks_or_slides_on_a_floor_as_coulomb_says(pull, slides):
         loads=(PointLoad("tug", "block", start, np.array([pull * weight, 0.0, 0.0])),),
         markers=(Marker("middle", "block", start),),
         gravity=np.array([0.0, 0.0, -g]),
-        contact=Contact(gap, 4.0, friction_coefficient=0.5),
+        contact=Contact(depth=2e-4, stiffness=2e5, friction_coefficient=0.5),
     )
     time = 0.04
-    settings = TimeSettings(time_step=1e-3, rayleigh_stiffness=1e-3, start="undeformed")
+    settings = TimeSettings(time_step=5e-4, rayleigh_stiffness=1e-3, start="undeformed")  # the first step rubs not yet
     response = simulate_in_time(robot, Schedule(np.array([0.0, time]), {}), settings)
     assert response.succeeded, response.status
     moved_by = response.channels["middle.x"][-1] - start[0]

@@ -1,11 +1,14 @@
-"""Contact without interpenetration: the barrier of IPC Toolkit between surfaces, and between round rods.
+"""Contact of surfaces: points of one press on the core of another.
 
-    Pi = sum over contacts of area * kappa * b(d - thickness),   b = 0 beyond `gap`, infinite at touch
+    Pi = sum over points of area * stiffness * sum over simplices near of share * phi(reach - d),   phi'(o) = o / depth
 
-with areas of the undeformed surface, so that kappa [Pa] means the same on every mesh (Li et al., 2020, Incremental
-potential contact; 2023, Convergent incremental potential contact). Equilibrium determines the force; kappa and `gap`
-only determine the remaining distance: between zero and `gap`. Each of several neighbouring pairs counts: taking the
-nearest alone instead, as the convergent formulation does, has kinks at which Newton's method stops.
+The core of a surface lies `depth` below it, so that a point that just touches the surface is `depth` from the core: no
+gap, no sign, and nothing acts before surfaces meet. A point that is nearer than that to a core at rest has a shorter
+reach: nothing acts at rest. Triangles count once, the edges between them less once, the vertices once more: on flat and
+convex surfaces the nearest point alone counts, and the sum is smooth throughout (inclusion and exclusion, as in Li et
+al., 2023, Convergent incremental potential contact). A step never passes a point through a core, by continuous
+collision detection of the IPC Toolkit. At an overlap of `depth` the pressure is the stiffness, about the material's
+modulus: with a depth of a small part of an element, the overlap changes forces less than the mesh does.
 """
 
 from __future__ import annotations
@@ -13,162 +16,283 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.geometry.surface import edges_of
+from softcal.mechanics.contact_kernels import distances, law, nearest, push
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.term import Given, Sum, Term
+from softcal.mechanics.wire_contact import CCD_ITERATIONS, collision_mesh
 
-CLEARANCE = 0.8  # of the distance to touch, at most, in one step
-CCD_ITERATIONS = 1000  # of the search for the time of touch, which is conservative
+MARGIN = 1.0  # depths: simplices that are nearer than this to the reach of a point are kept from state to state
+HALF = 0.5  # of the pressure is each surface's: both press each other
+ONSET = 0.02  # of the depth: overlap over which the pressure's slope rises, for Newton's method
+
+
+class Pairs(NamedTuple):
+    """Points (m,), and the simplices near them: their vertices (m, 3), -1 beyond the last, and their shares (m,)."""
+
+    points: Ints
+    simplices: Ints
+    shares: Floats
+
+
+class Rubbing(NamedTuple):
+    """Contacts of the pairs of `points` (m,) and `simplices` (m, 3): weights (m, 3) of the corners, normals (m, 3), and
+    normal forces (m,) [N].
+    """
+
+    points: Ints
+    simplices: Ints
+    weights: Floats
+    normals: Floats
+    force: Floats
+
+
+@dataclass
+class _Near:
+    """The pairs that were near with vertices at V (n, 3): all that may touch while no vertex moves by `room` [m]."""
+
+    V: Floats
+    pairs: Pairs
+    room: float
+
+    def holds(self, V: Floats) -> bool:
+        """Whether no vertex has moved by the room."""
+        return bool(np.abs(V - self.V).max(initial=0.0) < self.room / np.sqrt(3.0))
 
 
 @dataclass(frozen=True)
 class ContactTerm(Term):
-    """Surfaces, or wires given by their axes, that may touch.
+    """Surfaces that may touch each other and themselves.
+
+    Vertices are weighted sums of points: first the `n_points` that press, which are points, then the cores'.
 
     Attributes
     ----------
     points
-        The layout's points that are the vertices (n,).
+        The layout's points of which the vertices are sums (n_points, ...) (n,).
+    weights
+        Of the vertices by the points: sparse (n_vertices, n), the first n_pressing rows of one entry.
     X
-        Vertices at rest (n, 3) [m].
-    edges, faces
-        Their vertices (m, 2) and (k, 3); the faces' edges are among the edges.
-    gap
-        Distance at which contact begins to push [m].
-    thickness
-        What lies between touching vertices, edges and faces [m]: of wires the diameter.
+        Vertices at rest (n_vertices, 3) [m].
+    area
+        Of each pressing point's part of the surface at rest (n_pressing,) [m^2].
+    faces
+        The cores' triangles by vertices (k, 3).
+    reach
+        Distance from a core from which on a point is pressed (n_pressing,) [m]: `depth`, or less where it is near at
+        rest.
+    depth
+        Of the cores below their surfaces [m].
     stiffness
-        The barrier's kappa [Pa].
+        Pressure at an overlap of `depth` [Pa].
     apart
-        Pairs of vertices (n_pairs, 2), i < j, that never touch, such as neighbours along a rod.
-    patch
-        Vertices of one patch never touch each other (n,); -1: of none.
+        Pairs of a pressing point and a core's vertex that never touch (n_pairs, 2).
+    group
+        Vertices of one group never move relative to each other (n_vertices,); -1: of none.
     friction_coefficient
         Coulomb's [-]; without effect outside a time step. The normal forces are those at the step's start.
     creep
         Speed of sliding below which friction decreases to zero [m/s], which makes it smooth.
     before, step
-        Vertices at the step's start (n, 3) [m], None outside a time step, and its length [s].
+        Vertices at the step's start (n_vertices, 3) [m], None outside a time step, and its length [s].
     """
 
     points: Ints
+    weights: Any
     X: Floats
-    edges: Ints
+    area: Floats
     faces: Ints
-    gap: float
-    thickness: float
+    reach: Floats
+    depth: float
     stiffness: float
     apart: Ints
-    patch: Ints
+    group: Ints
     friction_coefficient: float = 0.0
     creep: float = 1e-3
     before: Floats | None = None
     step: float = 0.0
 
     def add(self, into: Sum, given: Given) -> None:
-        """The set of contacts is found anew at every state, so the tangent is outside the pattern."""
-        place = (3 * self.points[:, None] + np.arange(3)).ravel()
-        for potential, contacts, at in self._pushing(self._vertices(given.state.x)):
-            into.points[self.points] += potential.gradient(contacts, self._mesh, at).reshape(-1, 3)
-            if into.data is not None:
-                H = potential.hessian(contacts, self._mesh, at).tocoo()
-                into.outside.append((H.data, place[H.row], place[H.col]))
+        """Which points touch changes from state to state, so the tangent is outside the pattern."""
+        V = self.vertices(given.state.x)
+        pairs, _, gradient, pressed, blocks = self._push(V, tangent=into.data is not None)
+        parts = [(pairs.points[pressed], pairs.simplices[pressed], blocks)]
+        if self.before is not None and len(self._rubbing.force):
+            _, rubbed, blocks = self._friction(V)
+            gradient = gradient + rubbed
+            parts.append((self._rubbing.points, self._rubbing.simplices, blocks))
+        into.points[self.points] += self.weights.T @ gradient
+        if into.data is not None:
+            for points, simplices, part in parts:
+                if len(part):
+                    into.outside.append(self._on_points(points, simplices, part))
 
     def energy(self, given: Given) -> float:
-        V = self._vertices(given.state.x)
-        return float(sum(potential(contacts, self._mesh, at) for potential, contacts, at in self._pushing(V)))
+        V = self.vertices(given.state.x)
+        energy = self._push(V, tangent=False)[1]
+        return energy if self.before is None else energy + self._friction(V)[0]
 
     def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
         """The term with friction, where there is any."""
         rubs = self.friction_coefficient > 0.0
-        return (replace(self, before=self._vertices(before.state.x), step=step.length) if rubs else self,)
+        return (replace(self, before=self.vertices(before.state.x), step=step.length) if rubs else self,)
 
     def free_way(self, x: Floats, to: Floats) -> float:
-        """Fraction of the straight line from x to `to` that is free of contact (one: all of it)."""
+        """Fraction of the straight line from x to `to` on which no point passes through a core (one: all of it)."""
         import ipctk
 
-        before, after = self._vertices(x), self._vertices(to)
+        before, after = self.vertices(x), self.vertices(to)
+        if self._near.holds(before) and self._near.holds(after) and not len(self._near.pairs.points):
+            return 1.0
+        before, after = np.asfortranarray(before), np.asfortranarray(after)
+        candidates = ipctk.Candidates()
+        candidates.build(self._mesh, before, after, 0.0, ipctk.LBVH())
+        # Points may meet points, and edges: cores lie below them.
+        candidates.vv_candidates, candidates.ev_candidates, candidates.ee_candidates = [], [], []
         narrow = ipctk.AdditiveCCD(max_iterations=CCD_ITERATIONS)
-        free = ipctk.compute_collision_free_stepsize(self._mesh, before, after, self.thickness, narrow_phase_ccd=narrow)
-        return float(free)
+        return float(candidates.compute_collision_free_stepsize(self._mesh, before, after, 0.0, narrow))
 
-    def smallest_distance(self, x: Floats) -> float:
-        """The smallest distance [m], less the thickness; infinite if none is below `gap`."""
-        V = self._vertices(x)
-        collisions = self._collisions(V)
-        if len(collisions) == 0:
-            return np.inf
-        return float(np.sqrt(collisions.compute_minimum_distance(self._mesh, V))) - self.thickness
+    def overlap(self, x: Floats) -> float:
+        """The largest overlap [m] of a point at positions x (n_points, 3); zero where nothing touches."""
+        V = self.vertices(x)
+        pairs = self.near(V)
+        deep = self.reach[pairs.points] - distances(V, pairs.points, pairs.simplices)
+        return float(deep.max(initial=0.0))
 
-    def crosses(self, x: Floats) -> bool:
-        """Whether surfaces pass through each other."""
-        import ipctk
+    def vertices(self, x: Floats) -> Floats:
+        """The vertices (n_vertices, 3) [m] at positions x (n_points, 3) of the layout's points."""
+        return np.ascontiguousarray(self.weights @ x[self.points])
 
-        return bool(ipctk.has_intersections(self._mesh, self._vertices(x)))
-
-    def _collisions(self, V: Floats) -> Any:
-        import ipctk
-
-        collisions = ipctk.NormalCollisions()
-        collisions.use_area_weighting = True
-        collisions.build(self._mesh, V, self.gap, self.thickness)
-        return collisions
+    def near(self, V: Floats) -> Pairs:
+        """The points and simplices that may touch with vertices at V (n_vertices, 3)."""
+        if not self._near.holds(V):
+            self._near.V, self._near.pairs = V, self._pairs(V)
+        return self._near.pairs
 
     @cached_property
-    def _rubbing(self) -> Any:
-        """The contacts at the step's start, with the normal forces for friction, or None."""
+    def _near(self) -> _Near:
+        return _Near(self.X, self._pairs(self.X), MARGIN * self.depth / 2.0)
+
+    def _pairs(self, V: Floats) -> Pairs:
         import ipctk
 
-        if self.before is None:
-            return None
-        collisions = self._collisions(self.before)
-        if len(collisions) == 0:
-            return None
-        rubbing = ipctk.TangentialCollisions()
-        rubbing.build(self._mesh, self.before, collisions, self._potential, self.friction_coefficient)
-        return rubbing
+        broad = ipctk.LBVH()
+        broad.can_vertices_collide = self._mesh.can_collide
+        broad.build(np.asfortranarray(V), self._mesh.edges, self._mesh.faces, 0.5 * (1.0 + MARGIN) * self.depth)
+        found = [(c.vertex_id, c.face_id) for c in broad.detect_face_vertex_candidates()]
+        points, faces = np.array(found, dtype=np.int64).reshape(-1, 2).T
+        group = self.group[self.faces[faces]]
+        moves = (self.group[points] < 0) | np.any(group != self.group[points][:, None], axis=1)
+        return simplices_near(points[moves], self.faces[faces[moves]], len(V))
 
-    def _pushing(self, V: Floats) -> list[tuple[Any, Any, Floats]]:
-        """The active potentials with vertices at V (n, 3), each with its contacts, and the positions or slips of its
-        evaluation.
+    def _push(self, V: Floats, *, tangent: bool) -> tuple[Pairs, float, Floats, Ints, Floats]:
+        """The pairs near, the energy [J], the gradient (n_vertices, 3) [N], which pairs touch, and their tangents."""
+        near = self.near(V)
+        scale = HALF * self.stiffness * self.area[near.points] * near.shares
+        reach, onset = self.reach[near.points], ONSET * self.depth
+        pushed = push(V, near.points, near.simplices, scale, reach, self.depth, onset, tangent)
+        return near, *pushed
+
+    def _on_points(self, points: Ints, simplices: Ints, blocks: Floats) -> tuple[Floats, Ints, Ints]:
+        """Tangents (m, 12, 12) by a point and three corners, as values, rows and columns on the layout's points."""
+        import scipy.sparse as sp
+
+        vertices, local = np.unique(np.column_stack([points, simplices]), return_inverse=True)
+        # A corner that is not there, -1, is the first of them: its entries are zero.
+        vertices = np.maximum(vertices, 0)
+        place = (3 * local.reshape(-1, 4)[:, :, None] + np.arange(3)).reshape(-1, 12)
+        rows, columns = (np.broadcast_to(p, blocks.shape).ravel() for p in (place[:, :, None], place[:, None, :]))
+        size = 3 * len(vertices)
+        H = sp.csr_matrix((blocks.ravel(), (rows, columns)), shape=(size, size))
+        W = sp.kron(self.weights[vertices], sp.eye_array(3), format="csr")
+        K = (W.T @ H @ W).tocoo()
+        components = (3 * self.points[:, None] + np.arange(3)).ravel()
+        return K.data, components[K.row], components[K.col]
+
+    @property
+    def _before(self) -> Floats:
+        return self.X if self.before is None else self.before
+
+    @cached_property
+    def _rubbing(self) -> Rubbing:
+        """The contacts at the step's start, with the normal forces for friction."""
+        V = self._before
+        near = self.near(V)
+        n, w = (np.empty((len(near.points), 3)) for _ in range(2))
+        force = np.empty(len(near.points))
+        for k, (point, corners) in enumerate(zip(near.points, near.simplices, strict=True)):
+            d = nearest(V, int(point), corners, w[k], n[k])
+            pressure = law(float(self.reach[point] - d), self.depth, ONSET * self.depth)[1]
+            force[k] = HALF * self.stiffness * self.area[point] * near.shares[k] * pressure
+        touch = force != 0.0
+        return Rubbing(near.points[touch], near.simplices[touch], w[touch], n[touch], force[touch])
+
+    def _friction(self, V: Floats) -> tuple[float, Floats, Floats]:
+        """Friction's potential [J], gradient (n_vertices, 3) [N] and tangents (m, 12, 12): Coulomb's force, less below
+        the creep.
         """
-        import ipctk
-
-        collisions = self._collisions(V)
-        pushing = [(self._potential, collisions, V)] if len(collisions) else []
-        if self.before is not None and self._rubbing is not None:
-            slip = np.asfortranarray(V - self.before)
-            pushing.append((ipctk.FrictionPotential(self.creep * self.step), self._rubbing, slip))
-        return pushing
-
-    def _vertices(self, x: Floats) -> Floats:
-        return np.asfortranarray(x[self.points])
+        rub = self._rubbing
+        B = np.concatenate([np.ones((len(rub.force), 1)), -rub.weights], axis=1)
+        across = np.eye(3) - rub.normals[:, :, None] * rub.normals[:, None, :]
+        moved = (V - self._before)[np.column_stack([rub.points, rub.simplices])]
+        slip = np.einsum("mij,mk,mkj->mi", across, B, moved)
+        size, creep = np.linalg.norm(slip, axis=1), self.creep * self.step
+        slides = size >= creep
+        far = np.where(slides, size, creep)
+        over = np.where(slides, 1.0 / far, (2.0 - size / creep) / creep)  # of the force and the slip
+        slope = np.where(slides, -1.0 / far**3, -1.0 / (creep**2 * np.maximum(size, 1e-3 * creep)))
+        most = self.friction_coefficient * rub.force
+        below = creep / 3.0 + size**2 / creep - size**3 / (3.0 * creep**2)
+        energy = float(most @ np.where(slides, size, below))
+        force = (most * over)[:, None] * slip
+        gradient = np.zeros_like(V)
+        for k in range(4):
+            present = B[:, k] != 0.0
+            vertex = rub.points if k == 0 else rub.simplices[:, k - 1]
+            np.add.at(gradient, vertex[present], B[present, k, None] * force[present])
+        h = most[:, None, None] * (
+            over[:, None, None] * across + slope[:, None, None] * slip[:, :, None] * slip[:, None, :]
+        )
+        blocks = np.einsum("ma,mb,mij->maibj", B, B, h).reshape(-1, 12, 12)
+        return energy, gradient, blocks
 
     @cached_property
     def _mesh(self) -> Any:
-        return collision_mesh(self.X, self.edges, self.faces, self.patch, self.apart)
-
-    @cached_property
-    def _potential(self) -> Any:
-        import ipctk
-
-        # An edge's "area" is its length: wires meet in a strip, about as wide as the gap.
-        stiffness = self.stiffness if len(self.faces) else self.stiffness * self.gap
-        return ipctk.BarrierPotential(self.gap, stiffness, use_physical_barrier=True)
+        """All vertices, of which only pressing points and cores can collide."""
+        n, n_pressing = len(self.X), len(self.area)
+        core = np.where(np.arange(n) < n_pressing, -1, 0)
+        return collision_mesh(np.asfortranarray(self.X), edges_of(self.faces), self.faces, core, self.apart)
 
 
-def collision_mesh(X: Floats, edges: Ints, faces: Ints, patch: Ints, apart: Ints) -> Any:
-    """The surfaces as a mesh of IPC Toolkit; see `ContactTerm` for the pairs excluded from contact."""
-    import ipctk
-
-    edges_and_faces = (np.asfortranarray(part.astype(np.int32)) for part in (edges, faces))
-    mesh = ipctk.CollisionMesh(np.asfortranarray(X), *edges_and_faces)
-    alone = np.arange(len(X)) + patch.max(initial=0) + 1
-    patches = np.where(patch >= 0, patch, alone).astype(np.int32)
-    never = {(int(i), int(j)): False for i, j in apart}
-    mesh.can_collide = ipctk.make_vertex_patches_filter(patches) & ipctk.make_sparse_filter(never, True)
-    return mesh
+def simplices_near(points: Ints, triangles: Ints, n_vertices: int) -> Pairs:
+    """The points (m,) with their triangles (m, 3), and once for each point these triangles' edges and vertices, with
+    the shares by which each counts: none of zero.
+    """
+    n = np.int64(n_vertices)
+    edges = np.concatenate([np.sort(triangles[:, pair], axis=1) for pair in ([0, 1], [1, 2], [2, 0])])
+    by_edge, of_triangles = np.unique((np.tile(points, 3) * n + edges[:, 0]) * n + edges[:, 1], return_counts=True)
+    ends = np.stack([by_edge // n % n, by_edge % n], axis=1)
+    edge_points = by_edge // (n * n)
+    edge_shares = 1.0 - of_triangles
+    corners = np.repeat(points, 3) * n + triangles.ravel()
+    by_vertex, place = np.unique(corners, return_inverse=True)
+    vertex_shares = 1.0 - np.bincount(place, minlength=len(by_vertex))
+    for k in range(2):
+        np.subtract.at(vertex_shares, np.searchsorted(by_vertex, edge_points * n + ends[:, k]), edge_shares)
+    none = np.full((len(by_vertex), 2), -1)
+    simplices = np.concatenate(
+        [
+            triangles,
+            np.column_stack([ends, none[:1].repeat(len(ends), 0)[:, :1]]),
+            np.column_stack([by_vertex % n, none]),
+        ]
+    )
+    shares = np.concatenate([np.ones(len(points)), edge_shares, vertex_shares]).astype(np.float64)
+    every = np.concatenate([points, edge_points, by_vertex // n])
+    counts = shares != 0.0
+    return Pairs(every[counts], simplices[counts], shares[counts])

@@ -13,7 +13,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.geometry.surface import edges_of
-from softcal.mechanics.contact import collision_mesh
+from softcal.mechanics.wire_contact import collision_mesh
 
 Crossings = dict[tuple[str, str], float]
 """Names of two bodies, or of one twice, and about how deep [m] one is in the other."""
@@ -25,37 +25,40 @@ class Skins:
 
     Attributes
     ----------
-    points, X
-        The layout's points on the skins (n,), and their positions at rest (n, 3) [m].
+    points, weights
+        The layout's points of which the vertices are weighted sums (n,), and the weights: sparse (n_vertices, n).
+    X
+        The vertices at rest (n_vertices, 3) [m].
     faces
-        Faces of these points (k, 3), outward.
+        Faces of these vertices (k, 3), outward.
     owner, names
-        Number of each point's body in `names` (n,), and the bodies' names.
+        Number of each vertex's body in `names` (n_vertices,), and the bodies' names.
     inset
-        Distance by which each point is moved inwards (n,) [m].
+        Distance by which the vertices are moved inwards [m].
     apart, patch
-        See `softcal.mechanics.contact.ContactTerm`.
+        See `softcal.mechanics.wire_contact.WireContactTerm`.
     """
 
     points: Ints
+    weights: Any
     X: Floats
     faces: Ints
     owner: Ints
     names: tuple[str, ...]
-    inset: Floats
+    inset: float
     apart: Ints
     patch: Ints
 
     def crossings(self, x: Floats) -> Crossings:
         """The bodies that cross at positions x (n_points, 3) [m], except those that cross at rest already."""
-        found = self._crossings(x[self.points])
+        found = self._crossings(self._vertices(x))
         return {pair: depth for pair, depth in found.items() if pair not in self.at_rest}
 
     def pairs(self, x: Floats) -> frozenset[tuple[str, str]]:
         """The same without depths, which for one body is found much faster."""
         if len(self.names) == 1 and not self.at_rest:
             return frozenset(
-                [(self.names[0], self.names[0])] if self._intersect(self._taken_in(x[self.points])) else []
+                [(self.names[0], self.names[0])] if self._intersect(self._taken_in(self._vertices(x))) else []
             )
         return frozenset(self.crossings(x))
 
@@ -74,12 +77,14 @@ class Skins:
         for i in np.flatnonzero(depth > 0.0):
             one, other = sorted((int(self.owner[edges[i, 0]]), int(self.owner[faces[i, 0]])))
             pair = (self.names[one], self.names[other])
-            inset = self.inset[edges[i, 0]] + self.inset[faces[i, 0]]
-            found[pair] = max(found.get(pair, 0.0), float(depth[i] + inset))
+            found[pair] = max(found.get(pair, 0.0), float(depth[i] + 2.0 * self.inset))
         return found
 
+    def _vertices(self, x: Floats) -> Floats:
+        return self.weights @ x[self.points]
+
     def _taken_in(self, x: Floats) -> Floats:
-        return np.asfortranarray(x - self.inset[:, None] * self._normals(x))
+        return np.asfortranarray(x - self.inset * self._normals(x))
 
     def _intersect(self, V: Floats) -> bool:
         import ipctk

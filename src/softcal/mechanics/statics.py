@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.contact import CLEARANCE
 from softcal.mechanics.dense import Dense, dense_tangent
 from softcal.mechanics.linear_solve import Factorisation, factorisation
 from softcal.mechanics.redundancy import require_independent
 from softcal.mechanics.state import State, moved
 from softcal.mechanics.system import NO_BORDER, Border, Controls, Linearisation, System
+from softcal.mechanics.touched_pattern import TouchedPattern
+from softcal.mechanics.wire_contact import CLEARANCE
 
 TOLERANCE = 1e-9  # residual over its scale
 FREE = 1e-6  # of the forces: largest force along a free mode, for a motion as long as the robot; less counts as zero
@@ -78,6 +78,7 @@ class Statics:
         self.theta = dict(theta)
         self.n_factorisations = 0
         self._planned: Factorisation = factorisation(system.pattern.indptr, system.pattern.indices)
+        self._touched = TouchedPattern(system.pattern)
         self._factors = self._planned
         sizes = system.sizes(theta)
         self._force_floor = 1e-4 * sizes.force
@@ -164,7 +165,7 @@ class Statics:
             data[self._unit_places] *= self._unit_entries
             self._factors.factorise(data)
         else:
-            self._factors = self._with_touch(data, at.touch)
+            self._factors = self._touched.factorise(data, at.touch, self.unit)
         self._rounding = ROUNDING * self._farthest * float(np.linalg.norm(at.data[self._diagonal]))
         self.n_factorisations += 1
         self._border = border
@@ -191,19 +192,6 @@ class Statics:
             np.concatenate([border.corner, np.zeros(modes.shape[1])]),
         )
         self._columns_solved = solved
-
-    def _with_touch(self, data: Floats, touch: Any) -> Factorisation:
-        """The factors of the tangent with contacts, whose pattern differs: analysed anew."""
-        import scipy.sparse as sp
-
-        pattern = self.system.pattern
-        n = len(pattern.indptr) - 1
-        upper = (sp.csr_matrix((data, pattern.indices, pattern.indptr), shape=(n, n)) + touch).tocsr()
-        upper.sort_indices()
-        rows = np.repeat(np.arange(n), np.diff(upper.indptr))
-        factors = factorisation(upper.indptr.astype(np.int64), upper.indices.astype(np.int64))
-        factors.factorise(upper.data * self.unit[rows] * self.unit[upper.indices])
-        return factors
 
     def solve(self, b: Floats) -> Floats:
         """The unknowns' response to b (n_unknowns,) or (n_unknowns, k), with the tangent factorised last.
@@ -269,8 +257,9 @@ class Statics:
                 )
             if free.size and across < TOLERANCE:
                 free = NO_MODES  # the modes need a force after all: the remaining residual is along them
+            is_fresh = at.data is not None
             try:
-                if at.data is not None:
+                if is_fresh:
                     self.factorise(at, free=free)
                 dz = -self.solve(at.reduced)
             except SimulationError as error:
@@ -292,7 +281,11 @@ class Statics:
                     break
                 step, serves = 0.5 * step, False
             else:
-                return Equilibrium(state, False, iteration, residual, "no step along Newton's direction is admissible")
+                if is_fresh:
+                    status = "no step along Newton's direction is admissible"
+                    return Equilibrium(state, False, iteration, residual, status)
+                at = system.linearise(state, controls, self.theta)  # the kept factorisation serves no longer
+                continue
             state, previous = candidate, residual
         return Equilibrium(
             state,
@@ -363,7 +356,7 @@ class Statics:
 
     def release(self) -> None:
         """Release the factors' memory."""
-        self._factors.release()
+        self._touched.release()
         self._planned.release()
 
     def _sparse_solve(self, *blocks: Floats) -> Floats:

@@ -26,6 +26,7 @@ from softcal.mechanics.pattern import Pattern, build_pattern
 from softcal.mechanics.scales import Sizes
 from softcal.mechanics.state import State, rest_state
 from softcal.mechanics.term import NOTHING, BlockColumns, Controls, Given, Sum, Term, Theta
+from softcal.mechanics.wire_contact import WireContactTerm
 
 Kind = TypeVar("Kind", bound=Term)
 
@@ -87,9 +88,9 @@ class System:
         return self.of(Loads)[0]
 
     @cached_property
-    def contacts(self) -> tuple[ContactTerm, ...]:
-        """The contact terms of surfaces."""
-        return self.of(ContactTerm)
+    def contacts(self) -> tuple[ContactTerm | WireContactTerm, ...]:
+        """The terms of surfaces and wires that may touch."""
+        return (*self.of(ContactTerm), *self.of(WireContactTerm))
 
     def linearise(self, state: State, controls: Controls, theta: Theta, *, tangent: bool = True) -> Linearisation:
         """Gradient and, on demand, tangent. Where the state is inadmissible the gradient is empty."""

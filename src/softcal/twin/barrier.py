@@ -18,35 +18,37 @@ from softcal.materials.catalogue import LAWS
 from softcal.quantities import Friction, Modulus, Size, Speed
 
 if TYPE_CHECKING:
-    from softcal.twin.robot import Body, Rod
+    from softcal.twin.robot import Body, Plate, Rod
 
-GAP = 0.02  # of a surface's mean edge, or of a wire's diameter
-STIFFNESS = 0.05  # of the largest modulus
+DEPTH = 0.04  # of a surface's mean edge or a disc's thickness
+GAP = 0.02  # of a wire's diameter
 FITTED: Any = None  # a value that a robot chooses for its parts
 
 
 @dataclass(frozen=True)
 class Contact(Declared):
-    """Contact between surfaces of bodies and wires of rods, which prevents interpenetration.
+    """Contact between surfaces of bodies, discs and wires of rods, which prevents interpenetration.
 
-    gap and stiffness set the remaining distance of touching surfaces, not their contact force. Where omitted, a `Robot`
-    chooses a gap small relative to its meshes and wires, and a stiffness proportional to its largest modulus.
+    depth, stiffness and gap set how far touching surfaces overlap, or wires stay apart, not their contact force. Where
+    omitted, a `Robot` chooses lengths small relative to its meshes and wires, and its largest modulus as the stiffness.
 
     Attributes
     ----------
-    gap : Distance [m] at which the barrier begins to act
-    stiffness : Stiffness [Pa] of the barrier
+    gap : Distance [m] at which wires of rods begin to push each other, or discs; surfaces need none
+    stiffness : Pressure [Pa] of surfaces that overlap by the depth; of the barrier of wires, 20 times that
     friction_coefficient : Coulomb's [-], in dynamics alone: equilibria with friction depend on the load path
     creep : Sliding speed [m/s] below which the friction is reduced
+    depth : Overlap [m] of surfaces at which their pressure is the stiffness
     """
 
     gap: Size = FITTED
     stiffness: Modulus = FITTED
     friction_coefficient: Friction = 0.0
     creep: Speed = 1e-3
+    depth: Size = FITTED
 
-    def fitted(self, bodies: Sequence[Body], rods: Sequence[Rod]) -> Contact:
-        """With a gap and a stiffness, where they are omitted, for the parts of a robot.
+    def fitted(self, bodies: Sequence[Body], rods: Sequence[Rod], plates: Sequence[Plate]) -> Contact:
+        """With what is omitted chosen for the parts of a robot.
 
         Raises
         ------
@@ -57,23 +59,22 @@ class Contact(Declared):
         attempt = "no contact, or one rod of one section for each piece"
         if varied := [rod.name for rod in rods if not rod.section.is_uniform]:
             raise InputError([Fault(what, name, "a section that varies", allowed, attempt) for name in varied])
-        gap, stiffness = self.gap, self.stiffness
-        if gap is FITTED:
-            gap = GAP * min([mean_edge(body.mesh) for body in bodies] + [wire_diameter(rod) for rod in rods])
+        depth, stiffness, gap = self.depth, self.stiffness, self.gap
+        if depth is FITTED:
+            thick = [plate.disc.thickness for plate in plates if plate.disc is not None]
+            edges = [float(edge_lengths(body.mesh).mean()) for body in bodies]
+            depth = DEPTH * min(edges + thick, default=1.0)
         if stiffness is FITTED:
             moduli = [LAWS.named(body.law).youngs_modulus(body.parameters) for body in bodies]
-            stiffness = STIFFNESS * max(moduli + [rod.parameters["youngs_modulus"] for rod in rods])
-        return replace(self, gap=gap, stiffness=stiffness)
+            stiffness = max([*moduli, *(rod.parameters["youngs_modulus"] for rod in rods)], default=1.0)
+        if gap is FITTED:
+            gap = GAP * min([wire_diameter(rod) for rod in rods], default=1.0)
+        return replace(self, gap=gap, stiffness=stiffness, depth=depth)
 
 
 def wire_diameter(rod: Rod) -> float:
     """The diameter [m] of the round wire with the section's area."""
     return math.sqrt(4.0 * rod.section.constants.area / math.pi)
-
-
-def mean_edge(mesh: TetMesh) -> float:
-    """Of the surface's edges from corner to corner [m]."""
-    return float(edge_lengths(mesh).mean())
 
 
 def edge_lengths(mesh: TetMesh) -> Floats:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -11,16 +12,21 @@ from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.ring import across, ring_points
-from softcal.geometry.surface import boundary_triangles, edges_of
+from softcal.geometry.surface import edges_of
 from softcal.mechanics.contact import ContactTerm
+from softcal.mechanics.contact_kernels import distances
 from softcal.mechanics.layout import FIXED, Layout
+from softcal.mechanics.wire_contact import WireContactTerm, passes_through
 from softcal.twin.barrier import Contact, edge_lengths, wire_diameter
+from softcal.twin.cores import body_skin, columns, joined, numbers, rigid_skin
 from softcal.twin.robot import Disc, Plate, Robot, Rod
 
 NEIGHBOURS = 4.0  # wire diameters along a rod within which it does not touch itself
 RIM = 32  # straight pieces of a disc's rim
 DISC_POINTS = 2 + 2 * RIM  # of a disc's skin
 SEAM = 2.0  # longest edges around a tied node within which the bodies it joins do not touch each other
+FACING = 0.3  # least cosine between a normal and the other's opposite, of surfaces near at rest that may touch
+WIRES = 0.05  # of the surfaces' stiffness: that of the barrier between wires
 NO_PAIRS: Ints = np.zeros((0, 2), dtype=np.int64)
 
 
@@ -37,9 +43,9 @@ def disc_skin(disc: Disc) -> tuple[Floats, Ints]:
 
 def build_contacts(
     robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first: dict[str, int]
-) -> tuple[ContactTerm, ...]:
-    """The contact of all bodies and discs with each other, of all rods of one diameter with each other and themselves,
-    and of these with the discs.
+) -> tuple[ContactTerm | WireContactTerm, ...]:
+    """The contact of all bodies and discs with each other and themselves, of all rods of one diameter with each other
+    and themselves, and of these with the discs.
 
     first: the first point of each body, of each rod, and of the skin of each plate with a disc.
 
@@ -50,64 +56,124 @@ def build_contacts(
     """
     if robot.contact is None:
         return ()
-    terms: list[ContactTerm] = []
+    terms: list[ContactTerm | WireContactTerm] = []
     discs = [first[plate.name] + disc_skin(plate.disc)[1] for plate in robot.plates if plate.disc is not None]
-    skins = {name: first[name] + boundary_triangles(mesh.tets) for name, mesh in meshes.items()}
-    if skins or discs:
-        faces = np.concatenate([*skins.values(), *discs])
-        on_skin = {name: np.unique(triangles) for name, triangles in skins.items()}
-        apart = [across_seams(robot, layout, meshes, on_skin)]
-        apart += [_on_plate(plate, first, on_skin) for plate in robot.plates if plate.disc is not None]
-        terms.append(_term(robot.contact, layout, edges_of(faces), faces, 0.0, np.concatenate(apart)))
+    if meshes or discs:
+        terms.append(_surfaces(robot, robot.contact, layout, meshes, first))
     for diameter in sorted({wire_diameter(rod) for rod in robot.rods}):
         rods = [rod for rod in robot.rods if wire_diameter(rod) == diameter]
         wires = np.concatenate([first[r.name] + np.arange(len(r.centreline.nodes) - 1)[:, None] + [0, 1] for r in rods])
         apart = [first[r.name] + _neighbours(r, NEIGHBOURS * diameter) for r in rods]
         apart.append(_around_plates(rods, first, NEIGHBOURS * diameter))
         none = np.zeros((0, 3), dtype=np.int64)
-        terms.append(_term(robot.contact, layout, wires, none, diameter, np.concatenate(apart)))
+        terms.append(_wires(robot.contact, layout, wires, none, diameter, np.concatenate(apart)))
         if discs:
             faces = np.concatenate(discs)
             near = [_ends_on_disc(rod, plate, first, NEIGHBOURS * diameter) for rod in rods for plate in robot.plates]
             edges = np.concatenate([wires, edges_of(faces)])
-            term = _term(robot.contact, layout, edges, faces, 0.5 * diameter, np.concatenate(near))
+            term = _wires(robot.contact, layout, edges, faces, 0.5 * diameter, np.concatenate(near))
             # Contact between discs, and between wires, is in other terms.
             terms.append(replace(term, patch=np.isin(term.points, faces).astype(np.int64)))
-    for term in terms:
-        _check_apart(term, layout)
     return tuple(terms)
 
 
-def _check_apart(term: ContactTerm, layout: Layout) -> None:
-    if len(term.faces) and term.crosses(layout.X):
+def _surfaces(
+    robot: Robot, contact: Contact, layout: Layout, meshes: dict[str, TetMesh], first: dict[str, int]
+) -> ContactTerm:
+    """The contact of bodies and discs: every point on a surface presses, and has a core below it."""
+    import scipy.sparse as sp
+
+    discs = {plate.name: rigid_skin(*disc_skin(plate.disc)) for plate in robot.plates if plate.disc is not None}
+    skins = {name: body_skin(mesh) for name, mesh in meshes.items()} | discs
+    skin = joined(skins, first, len(layout.X))
+    n, faces = len(skin.X), skin.triangles
+    points, weights = columns(sp.vstack([skin.weights, skin.weights + contact.depth * skin.core], format="csr"))
+    bonded = bonded_pairs(robot, numbers(skins), skin.X)
+    term = ContactTerm(
+        points=points,
+        weights=weights,
+        X=weights @ layout.X[points],
+        area=skin.areas,
+        faces=n + faces,
+        reach=np.full(n, contact.depth),
+        depth=contact.depth,
+        stiffness=contact.stiffness,
+        apart=_apart(faces, bonded),
+        group=rigid_groups(weights, moving_together(layout, points)),
+        friction_coefficient=contact.friction_coefficient,
+        creep=contact.creep,
+    )
+    if passes_through(term.X[n:], faces, bonded):
         raise MeshError(Fault("surfaces pass through each other at rest", where="contact"))
-    distance = term.smallest_distance(layout.X)
-    if distance <= 0.0:
-        raise MeshError(
-            Fault(
-                "wires of rods pass through each other, or through a disc, at rest",
-                where="contact",
-                got=f"a distance of {1e3 * (distance + term.thickness):.4g} mm from their axes",
-                allowed=f"more than {1e3 * term.thickness:.4g} mm",
-            )
-        )
+    return _from_where_it_is(term, skin.normals)
 
 
-def _term(contact: Contact, layout: Layout, edges: Ints, faces: Ints, thickness: float, apart: Ints) -> ContactTerm:
+def _apart(faces: Ints, pairs: Ints) -> Ints:
+    """Pairs of points and the cores' vertices, that never touch: of one triangle, and in `pairs`, both ways."""
+    n = faces.max(initial=-1) + 1
+    edges = edges_of(faces)
+    own = np.repeat(np.unique(faces), 2).reshape(-1, 2)
+    each = np.concatenate([own, edges, edges[:, ::-1], pairs, pairs[:, ::-1]])
+    return each + [0, n]
+
+
+def rigid_groups(weights: Any, group: Ints) -> Ints:
+    """The group of each weighted sum of points of one group; -1 for a sum of several."""
+    of = group[weights.indices]
+    low, high = (pick.reduceat(of, weights.indptr[:-1]) for pick in (np.minimum, np.maximum))
+    return np.where(low == high, low, -1)
+
+
+def _from_where_it_is(term: ContactTerm, normals: Floats) -> ContactTerm:
+    """The term with nothing in contact at rest: a point near a core that it faces is pressed from where it is; cores
+    beside it, or behind it, it never touches.
+
+    normals: outward ones of the pressing points (n, 3).
+    """
+    near = term.near(term.X)
+    flat = near.simplices[:, 2] >= 0
+    points, faces = near.points[flat], near.simplices[flat]
+    d = distances(term.X, points, faces)
+    close = d < term.depth
+    points, faces, d = points[close], faces[close], d[close]
+    a, b, c = (term.X[faces[:, k]] for k in range(3))
+    across = np.cross(b - a, c - a)
+    facing = np.einsum("mi,mi->m", across, normals[points]) < -FACING * np.linalg.norm(across, axis=1)
+    reach = term.reach.copy()
+    np.minimum.at(reach, points[facing], d[facing])
+    beside = np.column_stack([np.repeat(points[~facing], 3), faces[~facing].ravel()])
+    return replace(term, reach=reach, apart=np.concatenate([term.apart, beside]))
+
+
+def _wires(
+    contact: Contact, layout: Layout, edges: Ints, faces: Ints, thickness: float, apart: Ints
+) -> WireContactTerm:
+    """The contact of rods with each other, or with discs; wires that are near at rest push from where they are."""
     points = np.unique(np.concatenate([edges.ravel(), faces.ravel()]))
-    return ContactTerm(
+    term = WireContactTerm(
         points=points,
         X=layout.X[points],
         edges=np.searchsorted(points, edges),
         faces=np.searchsorted(points, faces),
         gap=contact.gap,
         thickness=thickness,
-        stiffness=contact.stiffness,
+        stiffness=WIRES * contact.stiffness,
         apart=np.sort(np.searchsorted(points, apart), axis=1),
         patch=moving_together(layout, points),
         friction_coefficient=contact.friction_coefficient,
         creep=contact.creep,
     )
+    distance = term.smallest_distance(layout.X)
+    if distance <= 0.0:
+        raise MeshError(
+            Fault(
+                "wires of rods pass through each other, or through a disc, at rest",
+                where="contact",
+                got=f"a distance of {1e3 * (distance + thickness):.4g} mm from their axes",
+                allowed=f"more than {1e3 * thickness:.4g} mm",
+            )
+        )
+    return replace(term, gap=min(term.gap, distance))
 
 
 def moving_together(layout: Layout, points: Ints) -> Ints:
@@ -134,12 +200,6 @@ def _around_plates(rods: list[Rod], first: dict[str, int], distance: float) -> I
     return np.concatenate(pairs)
 
 
-def _on_plate(plate: Plate, first: dict[str, int], on_skin: dict[str, Ints]) -> Ints:
-    """Pairs of a disc's points and those of the bodies that its plate is tied to: they are bonded."""
-    disc = first[plate.name] + np.arange(DISC_POINTS)
-    return np.concatenate([NO_PAIRS, *(_each_with_each(disc, on_skin[body]) for body in plate.nodes)])
-
-
 def _ends_on_disc(rod: Rod, plate: Plate, first: dict[str, int], distance: float) -> Ints:
     """Pairs of a disc's points and the nodes near those that a rod is clamped with to its plate."""
     if plate.disc is None or plate.name not in rod.clamped:
@@ -154,18 +214,22 @@ def _around(rod: Rod, nodes: Ints, distance: float) -> Ints:
     return np.flatnonzero(np.abs(s[:, None] - s[nodes]).min(axis=1) < distance)
 
 
-def across_seams(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], on_skin: dict[str, Ints]) -> Ints:
-    """Pairs of points of tied bodies close to their bond: bonded parts do not touch."""
+def bonded_pairs(robot: Robot, on_skin: dict[str, Ints], X: Floats) -> Ints:
+    """Pairs of points of skins (n, 3) [m] that are bonded, and do not touch: of tied bodies close to their bond, and of
+    a disc and the bodies that its plate is tied to. on_skin: the points of each body and disc.
+    """
     from scipy.spatial import KDTree
 
-    given = {body.name: body.mesh for body in robot.bodies}  # the ties number these
+    meshes = {body.name: body.mesh for body in robot.bodies}
     pairs = [NO_PAIRS]
     for tie in robot.ties:
-        sides = [on_skin[name] for name in (tie.body, tie.on)]
         edge = max(float(edge_lengths(meshes[name]).max()) for name in (tie.body, tie.on))
-        seam = KDTree(given[tie.body].points[tie.nodes])
-        near = [side[seam.query(layout.X[side])[0] < SEAM * edge] for side in sides]
+        seam = KDTree(meshes[tie.body].points[tie.nodes])
+        near = [on_skin[name][seam.query(X[on_skin[name]])[0] < SEAM * edge] for name in (tie.body, tie.on)]
         pairs.append(_each_with_each(*near))
+    for plate in robot.plates:
+        if plate.disc is not None and plate.name in on_skin:
+            pairs += [_each_with_each(on_skin[plate.name], on_skin[body]) for body in plate.nodes]
     return np.concatenate(pairs)
 
 

@@ -7,17 +7,17 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.surface import boundary_triangles
 from softcal.mechanics.crossing import Skins
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.node import Node
 from softcal.mechanics.path import interpolated
-from softcal.twin.barrier import mean_edge
-from softcal.twin.contacts import across_seams, moving_together
+from softcal.twin.barrier import Contact
+from softcal.twin.contacts import bonded_pairs, moving_together, rigid_groups
+from softcal.twin.cores import body_skin, columns, joined, numbers
 from softcal.twin.robot import Robot
 from softcal.units import format_quantity
 
-INSET = 0.01  # of a skin's mean edge: touching skins do not count as crossing
+INSET = 0.5  # of the cores' depth: touching skins do not count as crossing
 BISECTIONS = 6
 
 Pair = tuple[str, str]
@@ -27,21 +27,20 @@ def build_skins(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first:
     """The skins that are checked for crossings; None where there is no body, or contact prevents crossings."""
     if robot.contact is not None or not meshes:
         return None
-    triangles = {name: first[name] + boundary_triangles(mesh.tets) for name, mesh in meshes.items()}
-    on_skin = {name: np.unique(own) for name, own in triangles.items()}
-    points = np.concatenate([*on_skin.values()])
-    names = tuple(on_skin)
-    owner = np.repeat(np.arange(len(names)), [len(on_skin[name]) for name in names])
-    insets = np.array([INSET * mean_edge(meshes[name]) for name in names])
+    depth = Contact().fitted(robot.bodies, (), ()).depth
+    skins = {name: body_skin(mesh) for name, mesh in meshes.items()}
+    skin, on_skin = joined(skins, first, len(layout.X)), numbers(skins)
+    points, weights = columns(skin.weights)
     return Skins(
         points=points,
-        X=layout.X[points],
-        faces=np.searchsorted(points, np.concatenate([*triangles.values()])),
-        owner=owner,
-        names=names,
-        inset=insets[owner],
-        apart=np.sort(np.searchsorted(points, across_seams(robot, layout, meshes, on_skin)), axis=1),
-        patch=moving_together(layout, points),
+        weights=weights,
+        X=skin.X,
+        faces=skin.triangles,
+        owner=np.repeat(np.arange(len(skins)), [len(own) for own in on_skin.values()]),
+        names=tuple(skins),
+        inset=INSET * depth,
+        apart=np.sort(bonded_pairs(robot, on_skin, skin.X), axis=1),
+        patch=rigid_groups(weights, moving_together(layout, points)),
     )
 
 

@@ -372,7 +372,7 @@ class Robot(Checked):
         if not self.bodies and not self.rods:
             raise InputError(Fault("the robot has nothing that bends", got="no body and no rod", allowed="one or more"))
         if self.contact is not None:
-            object.__setattr__(self, "contact", self.contact.fitted(self.bodies, self.rods))
+            object.__setattr__(self, "contact", self.contact.fitted(self.bodies, self.rods, self.plates))
 
     @property
     def deformable(self) -> tuple[Body | Rod, ...]:

@@ -2,7 +2,7 @@
 
 python -m benchmarks.neck_shape [--out FOLDER]
 
-Takes two minutes. No contact: the links may pass through each other, from some 28 mm of shortening on.
+Takes two minutes. No contact: the links may pass through each other, from some 15 mm of shortening on.
 """
 
 from __future__ import annotations
@@ -105,8 +105,8 @@ Written by `python -m benchmarks.neck_shape`. D is the outer diameter.
 The silhouette of the published neck was digitised: below a waist, its links rise at some 26° from the flat underside of
 the next link. `dome: cubic`, the default of `primitive: neck`, 0.30 D high from a waist of 0.587 D, meets the digitised
 radii below the waist within 0.011 D. `dome: ellipse`, 0.27 D high from 0.60 D, as the neck was modelled before, leaves
-the waist flat, in a cusp. No contact: beyond some 28 mm of shortening the links intersect, so the test to 40 mm is
-influenced by it a little, and that to 60 mm a lot.
+the waist flat, in a cusp. No contact: from some 15 mm of shortening on the links intersect, so the test to 40 mm is
+influenced by it ([by how much](contact.md)), and that to 60 mm more.
 """
 
 

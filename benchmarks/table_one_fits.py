@@ -217,7 +217,7 @@ def problem(
 def linear() -> tuple[Robot, NeckTable]:
     """The neck as the paper meshed it, and its table."""
     robot = neck_robot(PAPERS_MESH.mesh(), "P1")
-    return robot, neck_table(robot, REACH + 3e-3, (0.395, 0.49995), (14, 16), locks=True)
+    return robot, neck_table(robot, REACH + 3e-3, (0.395, 0.49995), (14, 24), locks=True)
 
 
 @cache

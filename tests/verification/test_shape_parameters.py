@@ -134,7 +134,7 @@ def test_the_channels_follow_a_length_in_contact(key, monkeypatch):
     beside = Body("block", block, block.node_sets["x1"], elastic(1e6, 0.4), element="P1")
     free = drawn(column_robot("P1", parameters=elastic(1e6, 0.4), divisions=(2, 2, 8)))
     robot = replace(free, bodies=(*free.bodies, beside), contact=Contact())
-    protocol = pulled(0.004, 0.008)
+    protocol = pulled(0.005, 0.008)
     alone, touching = (simulate(one, protocol).channels["front.tension"] for one in (free, robot))
     assert np.all(touching > 1.25 * alone)
     require_derivatives(robot, protocol, f"neck.{key}", 1e-6 if key == "scale" else 1e-7, monkeypatch, error=2e-5)

@@ -28,7 +28,6 @@ from softcal.mechanics.term import Given, Sum, Term
 from softcal.mechanics.wire_contact import CCD_ITERATIONS, collision_mesh
 
 MARGIN = 1.0  # depths: simplices that are nearer than this to the reach of a point are kept from state to state
-HALF = 0.5  # of the pressure is each surface's: both press each other
 ONSET = 0.02  # of the depth: overlap over which the pressure's slope rises, for Newton's method
 
 
@@ -193,7 +192,7 @@ class ContactTerm(Term):
     def _push(self, V: Floats, *, tangent: bool) -> tuple[Pairs, float, Floats, Ints, Floats]:
         """The pairs near, the energy [J], the gradient (n_vertices, 3) [N], which pairs touch, and their tangents."""
         near = self.near(V)
-        scale = HALF * self.stiffness * self.area[near.points] * near.shares
+        scale = self.stiffness * self.area[near.points] * near.shares
         reach, onset = self.reach[near.points], ONSET * self.depth
         pushed = push(V, near.points, near.simplices, scale, reach, self.depth, onset, tangent)
         return near, *pushed
@@ -228,7 +227,7 @@ class ContactTerm(Term):
         for k, (point, corners) in enumerate(zip(near.points, near.simplices, strict=True)):
             d = nearest(V, int(point), corners, w[k], n[k])
             pressure = law(float(self.reach[point] - d), self.depth, ONSET * self.depth)[1]
-            force[k] = HALF * self.stiffness * self.area[point] * near.shares[k] * pressure
+            force[k] = self.stiffness * self.area[point] * near.shares[k] * pressure
         touch = force != 0.0
         return Rubbing(near.points[touch], near.simplices[touch], w[touch], n[touch], force[touch])
 

@@ -18,7 +18,7 @@ from softcal.mechanics.contact_kernels import distances
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.mechanics.wire_contact import WireContactTerm, passes_through
 from softcal.twin.barrier import Contact, edge_lengths, wire_diameter
-from softcal.twin.cores import body_skin, columns, joined, numbers, rigid_skin
+from softcal.twin.cores import body_skin, columns, joined, numbers, pressing, rigid_skin
 from softcal.twin.robot import Disc, Plate, Robot, Rod
 
 NEIGHBOURS = 4.0  # wire diameters along a rod within which it does not touch itself
@@ -86,35 +86,43 @@ def _surfaces(
     discs = {plate.name: rigid_skin(*disc_skin(plate.disc)) for plate in robot.plates if plate.disc is not None}
     skins = {name: body_skin(mesh) for name, mesh in meshes.items()} | discs
     skin = joined(skins, first, len(layout.X))
-    n, faces = len(skin.X), skin.triangles
-    points, weights = columns(sp.vstack([skin.weights, skin.weights + contact.depth * skin.core], format="csr"))
+    press = pressing(skin, contact.depth)
+    n, faces = len(press.base), skin.triangles
+    cores = skin.weights + contact.depth * skin.core
+    points, weights = columns(sp.vstack([press.weights @ skin.weights, cores], format="csr"))
     bonded = bonded_pairs(robot, numbers(skins), skin.X)
     term = ContactTerm(
         points=points,
         weights=weights,
         X=weights @ layout.X[points],
-        area=skin.areas,
+        area=press.area,
         faces=n + faces,
         reach=np.full(n, contact.depth),
         depth=contact.depth,
         stiffness=contact.stiffness,
-        apart=_apart(faces, bonded),
+        apart=_apart(press.base, faces, bonded),
         group=rigid_groups(weights, moving_together(layout, points)),
         friction_coefficient=contact.friction_coefficient,
         creep=contact.creep,
     )
     if passes_through(term.X[n:], faces, bonded):
         raise MeshError(Fault("surfaces pass through each other at rest", where="contact"))
-    return _from_where_it_is(term, skin.normals)
+    return _from_where_it_is(term, press.normals, skin.X)
 
 
-def _apart(faces: Ints, pairs: Ints) -> Ints:
-    """Pairs of points and the cores' vertices, that never touch: of one triangle, and in `pairs`, both ways."""
-    n = faces.max(initial=-1) + 1
+def _apart(base: Ints, faces: Ints, pairs: Ints) -> Ints:
+    """Pairs of pressing points, by the skin's point next to each, and vertices of cores that never touch: of one
+    triangle, and in `pairs` of points of the skin, both ways.
+    """
+    import scipy.sparse as sp
+
+    size = int(faces.max(initial=-1)) + 1
     edges = edges_of(faces)
-    own = np.repeat(np.unique(faces), 2).reshape(-1, 2)
+    own = np.repeat(np.arange(size), 2).reshape(-1, 2)
     each = np.concatenate([own, edges, edges[:, ::-1], pairs, pairs[:, ::-1]])
-    return each + [0, n]
+    of_skin = sp.csr_matrix((np.ones(len(each)), (each[:, 0], each[:, 1])), shape=(size, size))
+    of_points = of_skin[base].tocoo()
+    return np.stack([of_points.row, of_points.col + len(base)], axis=1)
 
 
 def rigid_groups(weights: Any, group: Ints) -> Ints:
@@ -124,11 +132,11 @@ def rigid_groups(weights: Any, group: Ints) -> Ints:
     return np.where(low == high, low, -1)
 
 
-def _from_where_it_is(term: ContactTerm, normals: Floats) -> ContactTerm:
-    """The term with nothing in contact at rest: a point near a core that it faces is pressed from where it is; cores
-    beside it, or behind it, it never touches.
+def _from_where_it_is(term: ContactTerm, normals: Floats, skin: Floats) -> ContactTerm:
+    """The term with nothing in contact at rest: where a core that a point faces is less than `depth` below its surface,
+    as in the root of a groove, that distance counts; cores beside the point, or behind it, it never touches.
 
-    normals: outward ones of the pressing points (n, 3).
+    normals: outward ones of the pressing points (n, 3); skin: the points that the cores' vertices are below (m, 3) [m].
     """
     near = term.near(term.X)
     flat = near.simplices[:, 2] >= 0
@@ -140,7 +148,9 @@ def _from_where_it_is(term: ContactTerm, normals: Floats) -> ContactTerm:
     across = np.cross(b - a, c - a)
     facing = np.einsum("mi,mi->m", across, normals[points]) < -FACING * np.linalg.norm(across, axis=1)
     reach = term.reach.copy()
-    np.minimum.at(reach, points[facing], d[facing])
+    surface = np.concatenate([term.X[: len(reach)], skin])
+    below = d - distances(surface, points, faces)
+    np.minimum.at(reach, points[facing], np.clip(below, 0.0, d)[facing])
     beside = np.column_stack([np.repeat(points[~facing], 3), faces[~facing].ravel()])
     return replace(term, reach=reach, apart=np.concatenate([term.apart, beside]))
 

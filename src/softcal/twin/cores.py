@@ -6,8 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,11 +15,13 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import boundary_faces, boundary_owners
 
 PIECES = {3: 2, 6: 4}  # of each edge of a face by its number of nodes: straight ones, and curved ones
+SHARP = np.cos(np.radians(40.0))  # between the normals of triangles, least: less is a sharp edge
+SIDES = ((0, 1), (1, 2), (2, 0))
 MITRE = 2.0  # depths at most that a core's vertex at an edge or in a groove lies below it
 
 
 @dataclass(frozen=True, eq=False)
-class Skin:
+class CoredSkin:
     """The surface of a part.
 
     Attributes
@@ -40,23 +41,76 @@ class Skin:
     weights: Any
     core: Any
 
-    @cached_property
-    def areas(self) -> Floats:
-        """Of each point's part of the surface (n,) [m^2]: a third of the triangles around it."""
-        areas = np.zeros(len(self.X))
-        part = np.linalg.norm(_across(self.X, self.triangles), axis=1) / 6.0
-        np.add.at(areas, self.triangles.ravel(), np.repeat(part, 3))
-        return areas
 
-    @cached_property
-    def normals(self) -> Floats:
-        """Outward ones of the points (n, 3): the mean of the triangles around, by their areas."""
-        sums = np.zeros_like(self.X)
-        np.add.at(sums, self.triangles.ravel(), np.repeat(_across(self.X, self.triangles), 3, axis=0))
-        return sums / np.maximum(np.linalg.norm(sums, axis=1), 1e-300)[:, None]
+class Pressing(NamedTuple):
+    """The points of a skin that press: each on one smooth part of it.
+
+    Attributes
+    ----------
+    base
+        The skin's point that each is, or is next to (n,).
+    weights
+        Of each by the skin's points: sparse (n, n_skin).
+    area
+        Of each one's part of the surface (n,) [m^2]: a third of the triangles around it.
+    normals
+        Outward ones (n, 3).
+    """
+
+    base: Ints
+    weights: Any
+    area: Floats
+    normals: Floats
 
 
-def body_skin(mesh: TetMesh) -> Skin:
+def pressing(skin: CoredSkin, depth: float) -> Pressing:
+    """Every point of a skin; on a sharp edge one point for each smooth part that ends there, `depth` [m] inside of it:
+    as far as the core's edge, so that edges that are flush press straight.
+    """
+    import scipy.sparse as sp
+    from scipy.sparse.csgraph import connected_components
+
+    across = _across(skin.X, skin.triangles)
+    k = len(skin.triangles)
+    corners = np.arange(3 * k).reshape(k, 3)
+    ends = np.concatenate([corners[:, [a, b]] for a, b in SIDES])
+    points = skin.triangles.ravel()[ends]
+    order = np.lexsort((points.max(axis=1), points.min(axis=1)))
+    ends, points = ends[order], np.sort(points[order], axis=1)
+    same = np.flatnonzero(np.all(points[1:] == points[:-1], axis=1))
+    one, other = ends[same], ends[same + 1][:, ::-1]  # the neighbour runs along the edge the other way
+    unit = across / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
+    smooth = np.einsum("mi,mi->m", unit[one[:, 0] // 3], unit[other[:, 0] // 3]) > SHARP
+    links = (one[smooth].ravel(), other[smooth].ravel())
+    graph = sp.csr_matrix((np.ones(len(links[0])), links), (3 * k, 3 * k))
+    n, part = connected_components(graph, directed=False)
+    base: Ints = np.zeros(n, dtype=np.int64)
+    base[part] = skin.triangles.ravel()
+    doubled = np.repeat(across, 3, axis=0)
+    normals, area = np.zeros((n, 3)), np.zeros(n)
+    np.add.at(normals, part, doubled)
+    np.add.at(area, part, np.linalg.norm(doubled, axis=1) / 6.0)
+    # Of a part that ends at an edge: along the triangle whose middle is most inside of it.
+    is_edge = np.bincount(base, minlength=len(skin.X))[base] > 1
+    middle = skin.X[skin.triangles].mean(axis=1)
+    inside, count = np.zeros((n, 3)), np.bincount(part, minlength=n)
+    np.add.at(inside, part, np.repeat(middle, 3, axis=0) - skin.X[skin.triangles.ravel()])
+    inside /= np.maximum(np.linalg.norm(inside, axis=1), 1e-300)[:, None]
+    way = np.repeat(middle, 3, axis=0) - skin.X[skin.triangles.ravel()]
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    best = np.lexsort((-np.einsum("mi,mi->m", way, inside[part]), part))
+    corner = best[np.cumsum(count) - count]
+    triangle = skin.triangles[corner // 3]
+    to_middle = np.linalg.norm(middle[corner // 3] - skin.X[base], axis=1)
+    share = np.where(is_edge, np.minimum(1.0, np.sqrt(2.0) * depth / np.maximum(to_middle, 1e-300)), 0.0)
+    rows = np.repeat(np.arange(n), 4)
+    values = np.column_stack([1.0 - share, np.repeat(share[:, None] / 3.0, 3, axis=1)]).ravel()
+    weights = sp.csr_matrix((values, (rows, np.column_stack([base, triangle]).ravel())), (n, len(skin.X)))
+    weights.eliminate_zeros()
+    return Pressing(base, weights, area, normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None])
+
+
+def body_skin(mesh: TetMesh) -> CoredSkin:
     """The skin of a body: its faces in flat pieces between points of the curved faces.
 
     A core's point follows the corners' mean deformation of the element below it in which its weights are smallest.
@@ -78,10 +132,10 @@ def body_skin(mesh: TetMesh) -> Skin:
     shape = _face_functions(grid / float(n), faces.shape[1])[at]
     weights = _rows(faces[face], shape, mesh.n_points)
     X, triangles = weights @ mesh.points, number[:, small].reshape(-1, 3)
-    return Skin(X, triangles, weights, _core(mesh, X, triangles, np.repeat(boundary_owners(mesh), len(small))))
+    return CoredSkin(X, triangles, weights, _core(mesh, X, triangles, np.repeat(boundary_owners(mesh), len(small))))
 
 
-def joined(skins: Mapping[str, Skin], first: Mapping[str, int], n_points: int) -> Skin:
+def joined(skins: Mapping[str, CoredSkin], first: Mapping[str, int], n_points: int) -> CoredSkin:
     """All skins as one, by the points of a layout; first: that of each part's nodes."""
     import scipy.sparse as sp
 
@@ -89,7 +143,7 @@ def joined(skins: Mapping[str, Skin], first: Mapping[str, int], n_points: int) -
         return sp.csr_matrix((matrix.data, matrix.indices + first[name], matrix.indptr), (matrix.shape[0], n_points))
 
     own = numbers(skins)
-    return Skin(
+    return CoredSkin(
         np.concatenate([skin.X for skin in skins.values()]),
         np.concatenate([own[name][skin.triangles] for name, skin in skins.items()]),
         sp.vstack([on_layout(name, skin.weights) for name, skin in skins.items()], format="csr"),
@@ -97,7 +151,7 @@ def joined(skins: Mapping[str, Skin], first: Mapping[str, int], n_points: int) -
     )
 
 
-def numbers(skins: Mapping[str, Skin]) -> dict[str, Ints]:
+def numbers(skins: Mapping[str, CoredSkin]) -> dict[str, Ints]:
     """The numbers of each skin's points among those of all."""
     ends = np.cumsum([0, *(len(skin.X) for skin in skins.values())]).tolist()
     return {name: np.arange(*ends[k : k + 2]) for k, name in enumerate(skins)}
@@ -109,7 +163,7 @@ def columns(matrix: Any) -> tuple[Ints, Any]:
     return own, matrix[:, own]
 
 
-def rigid_skin(X: Floats, triangles: Ints) -> Skin:
+def rigid_skin(X: Floats, triangles: Ints) -> CoredSkin:
     """The skin of a rigid part, of which each point is a node."""
     import scipy.sparse as sp
 
@@ -117,11 +171,11 @@ def rigid_skin(X: Floats, triangles: Ints) -> Skin:
     last = np.linalg.solve((X[chosen[1:]] - X[chosen[0]]).T, _inwards(X, triangles).T).T
     rates = np.column_stack([-last.sum(axis=1), last])
     own = sp.csr_matrix((np.ones(len(X)), np.arange(len(X)), np.arange(len(X) + 1)))
-    return Skin(X, triangles, own, _rows(np.tile(chosen, (len(X), 1)), rates, len(X)))
+    return CoredSkin(X, triangles, own, _rows(np.tile(chosen, (len(X), 1)), rates, len(X)))
 
 
 def _core(mesh: TetMesh, X: Floats, triangles: Ints, owners: Ints) -> Any:
-    """See `Skin.core`; owners: the tet below each triangle (k,)."""
+    """See `CoredSkin.core`; owners: the tet below each triangle (k,)."""
     corners = mesh.points[mesh.tets[:, :4]]
     vertex, tet = triangles.ravel(), np.repeat(owners, 3)
     to_corners = np.linalg.inv(corners[owners, 1:] - corners[owners, :1]).repeat(3, axis=0)

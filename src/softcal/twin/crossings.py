@@ -17,7 +17,7 @@ from softcal.twin.cores import body_skin, columns, joined, numbers
 from softcal.twin.robot import Robot
 from softcal.units import format_quantity
 
-INSET = 0.5  # of the cores' depth: touching skins do not count as crossing
+INSET = 0.02  # of the cores' depth: touching skins do not count as crossing
 BISECTIONS = 6
 
 Pair = tuple[str, str]

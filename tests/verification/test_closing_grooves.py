@@ -1,0 +1,140 @@
+"""Grooves that close: nothing acts while they are open, cusps included, and contact begins when their walls meet."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.primitives import box_mesh
+from softcal.mechanics.state import rest_state
+from softcal.mechanics.term import Controls
+from softcal.project.project import load
+from softcal.twin.barrier import Contact
+from softcal.twin.build import twin_of
+from softcal.twin.parameters import parameter_values
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
+from softcal.twin.simulate import simulate
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+ELASTIC = {"youngs_modulus": 1e6, "poissons_ratio": 0.4}
+HEIGHT, TIP, MOUTH = 0.03, -0.005, 0.01  # of the block, and where its groove begins and ends along x [m]
+
+
+def grooved(width: float = 2e-3, power: float = 0.0, lean: float = 0.0, element: str = "P1") -> Robot:
+    """A block with a groove across, open to +x: `width` [m] at its mouth, and as x to a power on the way there."""
+    mesh = box_mesh([0.02, 0.01, HEIGHT], [8, 2, 15], origin=[-0.01, -0.005, 0.0])
+    centre = mesh.points[mesh.tets].mean(axis=1)
+    tets = mesh.tets[~((np.abs(centre[:, 2] - 0.5 * HEIGHT) < 1e-3) & (centre[:, 0] > TIP))]
+    used = np.unique(tets)
+    points = mesh.points[used].copy()
+    x, z = points[:, 0], points[:, 2] - 0.5 * HEIGHT
+    along = np.clip((x - TIP) / (MOUTH - TIP), 0.0, 1.0)
+    half = 0.5 * width * along**power if power else np.where(x > TIP - 1e-9, 0.5 * width, 1e-3)
+    wall = np.abs(z) > 1e-4
+    # The walls, at a millimetre in the box, move to half of the width, and all beyond with them.
+    far = np.clip((np.abs(z) - 1e-3) / (0.5 * HEIGHT - 1e-3), 0.0, 1.0)
+    opened = np.sign(z) * (np.where(x >= TIP, half, np.where(wall, 1e-3, 0.0)) * (1 - far) + far * 0.5 * HEIGHT)
+    inside = x >= TIP - 1e-9
+    points[:, 2] = np.where(wall & inside & (along > 0), opened, z) + 0.5 * HEIGHT
+    points[:, 2] += lean * x * points[:, 2] / HEIGHT
+    body = Body(
+        "block", TetMesh(points, np.searchsorted(used, tets)), np.flatnonzero(z < -0.5 * HEIGHT + 1e-9), ELASTIC
+    )
+    top = Plate("top", {"block": np.flatnonzero(z > 0.5 * HEIGHT - 1e-9)}, np.array([0.0, 0.0, HEIGHT]))
+    via = (ViaPoint(np.array([0.014, 0.0, HEIGHT]), "top"), ViaPoint(np.array([0.014, 0.0, 0.0])))
+    return Robot((replace(body, element=element),), (top,), (Cable("front", via),))
+
+
+def touching(robot: Robot) -> Robot:
+    return replace(robot, contact=Contact())
+
+
+def pulled(*shortening: float) -> Protocol:
+    return Protocol({"front": Command("shortening", np.array(shortening))})
+
+
+def force_at_rest(robot: Robot) -> float:
+    """The largest force [N] that contact adds to the undeformed robot."""
+    forces = list[np.ndarray]()
+    for one in (robot, replace(robot, contact=None)):
+        twin = twin_of(one)
+        none = np.zeros(twin.system.layout.n_actuators)
+        at = Controls(none == 0.0, none, none)
+        forces.append(twin.system.linearise(rest_state(twin.system.layout), at, parameter_values(one)).full)
+    return float(np.abs(forces[0] - forces[1][: len(forces[0])]).max())
+
+
+@given(
+    width=st.floats(2e-4, 3e-3),
+    power=st.sampled_from([0.0, 1.0, 2.0]),
+    lean=st.floats(-0.5, 0.5),
+    element=st.sampled_from(["P1", "P2"]),
+)
+@settings(deadline=None, max_examples=12)
+def test_nothing_acts_at_rest(width: float, power: float, lean: float, element: str):
+    """Parallel walls, wedges, and cusps in which neighbouring walls are as close as one likes."""
+    assert force_at_rest(touching(grooved(width, power, lean, element))) <= 1e-12
+
+
+@pytest.mark.parametrize("example", ["neck", "neck-bench", "finger"])
+def test_nothing_acts_at_rest_in_what_is_shipped(example: str):
+    robot = load(EXAMPLES / example / "project.yaml").robot
+    assert robot.bodies
+    assert force_at_rest(touching(robot)) <= 1e-12
+
+
+@pytest.mark.parametrize("element", ["P1", pytest.param("P2P1", marks=pytest.mark.slow)])
+def test_contact_begins_where_the_walls_would_pass_through_each_other(element: str):
+    robot = grooved(element=element)
+    alone = simulate(robot, pulled(*np.linspace(0.0, 5e-3, 11)))
+    begins = 1e-3 * float(alone.crossings.split("from ")[1].split(" ")[0])
+    assert 5e-4 < begins < 4e-3
+    protocol = pulled(begins - 3e-4, begins + 1e-3)
+    free, pressed = (simulate(one, protocol).channels["front.tension"] for one in (robot, touching(robot)))
+    assert pressed[0] == pytest.approx(free[0], rel=1e-3)
+    assert pressed[1] > 1.1 * free[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("element", ["P1", "P2P1"])
+def test_the_necks_force_does_not_depend_on_depth_and_stiffness(element: str):
+    """Within 1 % up to its full pull; and before anything touches contact changes nothing."""
+    (neck,) = load(EXAMPLES / "neck" / "project.yaml").robot.bodies
+    robot = load(EXAMPLES / "neck" / "project.yaml").robot
+    robot = replace(robot, bodies=(replace(neck, element=element),), contact=None)
+    protocol = pulled(2e-4, 2e-3, 20e-3, 40e-3, 58e-3)
+    free, usual = (simulate(one, protocol).channels["front.tension"] for one in (robot, touching(robot)))
+    np.testing.assert_allclose(usual[:2], free[:2], rtol=1e-3)
+    contact = touching(robot).contact
+    assert contact is not None
+    other = replace(contact, stiffness=4.0 * contact.stiffness)
+    changed = simulate(replace(robot, contact=other), protocol).channels["front.tension"]
+    np.testing.assert_allclose(changed, usual, rtol=0.015)
+
+
+def test_closing_and_opening_cost_no_energy():
+    """The tension is the same on the way back."""
+    d = np.linspace(0.0, 5e-3, 6)
+    response = simulate(touching(grooved()), pulled(*d, *d[::-1]))
+    assert response.succeeded, response.status
+    tension = response.channels["front.tension"]
+    np.testing.assert_allclose(tension[6:][::-1], tension[:6], rtol=1e-6, atol=1e-9)
+    work = float(np.sum(tension * np.gradient(response.channels["front.shortening"])))
+    assert abs(work) < 1e-6 * float(np.sum(tension)) * 1e-3
+
+
+def test_derivatives_through_closing_are_those_of_finite_differences():
+    robot, name = touching(grooved(element="P2P1")), "block.poissons_ratio"
+    protocol, h = pulled(1e-3, 3e-3), 1e-4
+    exact = simulate(robot, protocol, sensitivities=(name,), curve_tolerance=0.0)
+    ahead, behind = (simulate(robot, protocol, {name: 0.4 + s * h}, curve_tolerance=0.0) for s in (1, -1))
+    for channel in ("front.tension", "top.pitch"):
+        difference = (ahead.channels[channel] - behind.channels[channel]) / (2 * h)
+        np.testing.assert_allclose(exact.sensitivities[channel][name], difference, rtol=1e-4, atol=1e-9)

@@ -16,6 +16,7 @@ from softcal.cli.app import app
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.write import write_mesh
+from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.path import follow
 from softcal.project.project import load
 from softcal.twin.barrier import Contact
@@ -256,6 +257,16 @@ def run(*arguments: object) -> str:
     done = CliRunner().invoke(app, [str(argument) for argument in arguments])
     assert done.exit_code == 0, done.output
     return done.output
+
+
+def test_check_states_what_presses_and_how_much_of_it_is_near_at_rest(tmp_path: Path) -> None:
+    path = write_project(tmp_path)
+    assert "near a surface at rest" not in run("check", path)
+    path.write_text(path.read_text().replace("robot:\n", "robot:\n  contact: true\n", 1))
+    (term,) = twin_of(load(path).robot).system.of(ContactTerm)
+    said = " ".join(run("check", path).split())
+    assert f"contact {len(term.reach):,} points, 0 of them near a surface at rest; " in said
+    assert "1 of them" in replace(term, reach=np.append(term.reach[1:], 0.5 * term.depth)).in_words()
 
 
 def test_every_command_tells_of_it_once(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ from softcal.mechanics.contact_kernels import distances, law, nearest, push
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.term import Given, Sum, Term
 from softcal.mechanics.wire_contact import CCD_ITERATIONS, collision_mesh
+from softcal.units import format_quantity
 
 MARGIN = 1.0  # depths: simplices that are nearer than this to the reach of a point are kept from state to state
 ONSET = 0.02  # of the depth: overlap over which the pressure's slope rises, for Newton's method
@@ -162,6 +163,12 @@ class ContactTerm(Term):
         pairs = self.near(V)
         deep = self.reach[pairs.points] - distances(V, pairs.points, pairs.simplices)
         return float(deep.max(initial=0.0))
+
+    def in_words(self) -> str:
+        """What presses, and how many points do so from a shorter distance than the others, for a table."""
+        n, near = len(self.reach), int(np.count_nonzero(self.reach < self.depth))
+        pressure, depth = format_quantity(self.stiffness, "Pa"), format_quantity(self.depth, "m", digits=2)
+        return f"{n:,} points, {near:,} of them near a surface at rest; {pressure} at an overlap of {depth}"
 
     def vertices(self, x: Floats) -> Floats:
         """The vertices (n_vertices, 3) [m] at positions x (n_points, 3) of the layout's points."""

@@ -21,6 +21,7 @@ from softcal.checks import Floats, Ints
 from softcal.geometry.surface import edges_of
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.term import Given, Sum, Term
+from softcal.units import format_quantity
 
 CLEARANCE = 0.8  # of the distance to touch, at most, in one step
 CCD_ITERATIONS = 1000  # of the search for the time of touch, which is conservative
@@ -96,6 +97,11 @@ class WireContactTerm(Term):
         narrow = ipctk.AdditiveCCD(max_iterations=CCD_ITERATIONS)
         free = ipctk.compute_collision_free_stepsize(self._mesh, before, after, self.thickness, narrow_phase_ccd=narrow)
         return float(free)
+
+    def in_words(self) -> str:
+        """From which distance on wires push, for a table."""
+        other = "discs" if len(self.faces) else "each other"
+        return f"wires push {other} from {format_quantity(self.gap, 'm', digits=2)} on"
 
     def smallest_distance(self, x: Floats) -> float:
         """The smallest distance [m], less the thickness; infinite if none is below `gap`."""

@@ -201,12 +201,11 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
     rows += [(f"tie {tie.name}", f"{len(tie.nodes)} nodes of {tie.body} on {tie.on}") for tie in robot.ties]
     rows += [(f"marker {marker.name}", f"on {marker.on}") for marker in robot.markers]
     for one in robot.sensors:
-        names = ", ".join(map(str, channels_of([one])))
-        rows.append((f"sensor {one.name}", f"{one.sensor.name}: {names}"))
+        rows.append((f"sensor {one.name}", f"{one.sensor.name}: {', '.join(map(str, channels_of([one])))}"))
     if np.any(robot.gravity):
         rows.append(("gravity", "(" + ", ".join(f"{g:.4g}" for g in robot.gravity) + ") m/s²"))
     rows += [(f"load {load.name}", f"on {load.on}") for load in robot.loads]
-    return rows
+    return rows + [("contact", term.in_words()) for term in twin_of(robot).system.contacts]
 
 
 def _line_rows(cable: Cable) -> list[tuple[str, str]]:

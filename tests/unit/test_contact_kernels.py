@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softcal.mechanics.contact import simplices_near
-from softcal.mechanics.contact_kernels import distances, law, push
+from softcal.mechanics.contact_kernels import Meeting, distances, free_part, law, push, touching
+from softcal.mechanics.moving_boxes import order_of
 
 NONE = -1
 KINDS = {"vertex": [1, NONE, NONE], "edge": [1, 2, NONE], "triangle": [1, 2, 3]}
@@ -59,12 +59,12 @@ def test_the_law_is_smooth_where_contact_begins():
 
 
 def fan(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Six triangles around a vertex, with these heights of the vertices around it; and room for a point, the last."""
+    """A point, and six triangles around a vertex, with these heights of the vertices around it."""
     turn = np.arange(6) * np.pi / 3
     around = np.column_stack([np.cos(turn), np.sin(turn), heights])
-    V = np.concatenate([[[0.0, 0.0, 0.0]], around, [[0.0, 0.0, 0.3]]])
+    V = np.concatenate([[[0.0, 0.0, 0.3], [0.0, 0.0, 0.0]], around])
     i = np.arange(6)
-    return V, np.column_stack([np.zeros(6, int), 1 + i, 1 + (i + 1) % 6])
+    return V, np.column_stack([np.ones(6, int), 2 + i, 2 + (i + 1) % 6])
 
 
 @given(st.integers(0, 10**6))
@@ -72,20 +72,81 @@ def fan(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def test_on_flat_and_convex_surfaces_the_nearest_point_alone_counts(seed: int):
     chance = np.random.default_rng(seed)
     V, faces = fan(np.full(6, chance.choice([0.0, -0.3])))
-    V[7] = np.append(chance.uniform(-0.5, 0.5, 2), 0.3)
-    point = np.full(6, 7)
-    near = simplices_near(point, faces, len(V))
+    V[0] = np.append(chance.uniform(-0.5, 0.5, 2), 0.3)
     one = lambda p, s, share: push(V, p, s, share, np.full(len(p), 5.0), 0.7, 0.1, False)  # noqa: E731
-    energy, gradient, _, _ = one(near.points, near.simplices, near.shares)
-    nearest = np.argmin(distances(V, point, faces))
-    alone = one(point[:1], faces[[nearest]], np.ones(1))
+    energy, gradient, _, _ = one(*touching(V, meeting(V, faces), np.array([5.0])))
+    nearest = np.argmin(distances(V, np.zeros(6, dtype=int), faces))
+    alone = one(np.zeros(1, dtype=int), faces[[nearest]], np.ones(1))
     assert energy == pytest.approx(alone[0], rel=1e-9)
-    np.testing.assert_allclose(gradient[7], alone[1][7], rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(gradient[0], alone[1][0], rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(gradient.sum(axis=0), 0.0, atol=1e-12)
 
 
 def test_shares_add_up_to_one_for_every_point():
     V, faces = fan(np.zeros(6))
     for part in ([0], [0, 1], [0, 2], [0, 3], [0, 1, 2, 3], list(range(6))):
-        near = simplices_near(np.full(len(part), 7), faces[part], len(V))
-        assert near.shares.sum() == pytest.approx(1.0)
+        _, _, shares = touching(V, meeting(V, faces[part]), np.array([5.0]))
+        assert shares.sum() == pytest.approx(1.0)
+
+
+@given(st.integers(0, 10**6))
+@settings(deadline=None, max_examples=60)
+def test_the_triangles_that_touch_are_those_of_all_pairs(seed: int):
+    """But those of three vertices that the point never touches, and of its own group."""
+    chance = np.random.default_rng(seed)
+    n, k = 30, int(chance.integers(1, 300))
+    V = chance.uniform(-1.0, 1.0, (n + 3 * k, 3)) * [1.0, 3.0, chance.choice([0.0, 1.0])]
+    faces = n + np.arange(3 * k).reshape(k, 3)
+    V[faces[:, 1:]] = V[faces[:, :1]] + chance.uniform(-0.2, 0.2, (k, 2, 3))
+    never = chance.random((n, len(V))) < 0.6
+    group = chance.integers(-1, 2, len(V)) * np.repeat([1, 0], [n, 3 * k]) + np.repeat([0, 1], [n, 3 * k])
+    reach = chance.uniform(0.0, 0.5, n)
+    of = meeting(V, faces, n, never, group)
+    point, face = (all_pairs.ravel() for all_pairs in np.indices((n, k)))
+    near = distances(V, point, faces[face]) < reach[point]
+    near &= ~never[point[:, None], faces[face]].all(axis=1) & (group[point] != 1)
+    points, simplices, _ = touching(V, of, reach)
+    whole = simplices[:, 2] >= 0
+    assert sorted(zip(points[whole], simplices[whole, 0], strict=True)) == sorted(
+        zip(point[near], faces[face[near], 0], strict=True)
+    )
+
+
+@given(st.integers(0, 10**6))
+@settings(deadline=None, max_examples=100)
+def test_no_point_passes_through_a_triangle_on_the_free_part_of_its_way(seed: int):
+    """Sampled: a point is on the other side of a triangle's plane, within its sides, only after that part."""
+    chance = np.random.default_rng(seed)
+    k = int(chance.integers(1, 12))
+    V, to = (chance.uniform(-1.0, 1.0, (1 + 3 * k, 3)) + chance.uniform(-5.0, 5.0, 3) for _ in range(2))
+    faces = 1 + np.arange(3 * k).reshape(k, 3)
+    part = free_part(V, to, meeting(V, faces))
+    t = np.linspace(0.0, 1.0, 4001)[:, None, None]
+    X = (1.0 - t) * V + t * to
+    first = 1.0
+    for a, b, c in faces:
+        sides, off = np.stack([X[:, b] - X[:, a], X[:, c] - X[:, a]], axis=2), X[:, 0] - X[:, a]
+        normal = np.cross(sides[:, :, 0], sides[:, :, 1])
+        height = np.einsum("mi,mi->m", off, normal) / np.linalg.norm(normal, axis=1)
+        u, v = np.einsum("mij,mj->mi", np.linalg.pinv(sides), off).T
+        inside = (u > 0.0) & (v > 0.0) & (u + v < 1.0)
+        through = inside[1:] & inside[:-1] & (height[1:] * height[:-1] < 0.0)
+        first = min([first, *t[1:, 0, 0][through]])
+    assert part <= first
+    assert part == 1.0 if first == 1.0 and part > 1.0 - 1e-12 else part > 0.0
+    # Until it is a tenth as far away.
+    ends = (1.0 - part) * V + part * to
+    far = [distances(x, np.zeros(k, dtype=int), faces) for x in (V, ends)]
+    assert np.all(far[1] > 0.0)
+    if part < 1.0:
+        assert (far[1] / far[0]).min() < 0.1 + 1e-9
+
+
+def meeting(
+    V: np.ndarray, faces: np.ndarray, n: int = 1, never: np.ndarray | None = None, group: np.ndarray | None = None
+) -> Meeting:
+    """The first n vertices and triangles that touch all but where `never` (n, n_vertices) is true."""
+    never = np.zeros((n, len(V)), dtype=bool) if never is None else never
+    begin = np.append(0, np.cumsum(never.sum(axis=1)))
+    group = np.full(len(V), -1) if group is None else group
+    return Meeting(faces, order_of(V[faces].mean(axis=1)), begin, np.ascontiguousarray(np.nonzero(never)[1]), group)

@@ -253,7 +253,8 @@ def test_tied_bodies_do_not_touch_at_their_seam_whatever_their_meshes_have():
     twin = build_twin(replace(robot, contact=Contact()))
     system = twin.system
     (term,) = system.contacts
-    pairs, nodes = term.near(term.X), term.points[term.weights.indices[term.weights.indptr[:-1]]]
+    pairs = replace(term, reach=np.full(len(term.reach), 2.0 * SIDE)).touching(term.X)
+    nodes = term.points[term.weights.indices[term.weights.indptr[:-1]]]
     upper = nodes >= twin.first_point["high"]
     at_seam = np.abs(term.X[pairs.points, 2] - SIDE) < 1e-9
     assert upper.any()

@@ -21,19 +21,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.geometry.surface import edges_of
-from softcal.mechanics.contact_kernels import distances, law, nearest, push
+from softcal.mechanics.contact_kernels import Meeting, distances, free_part, law, make_convex, nearest, push, touching
 from softcal.mechanics.damping import TimeStep
+from softcal.mechanics.moving_boxes import order_of
 from softcal.mechanics.term import Given, Sum, Term
-from softcal.mechanics.wire_contact import CCD_ITERATIONS, collision_mesh
 from softcal.units import format_quantity
 
-MARGIN = 1.0  # depths: simplices that are nearer than this to the reach of a point are kept from state to state
 ONSET = 0.02  # of the depth: overlap over which the pressure's slope rises, for Newton's method
 
 
 class Pairs(NamedTuple):
-    """Points (m,), and the simplices near them: their vertices (m, 3), -1 beyond the last, and their shares (m,)."""
+    """Points (m,), and the simplices that they touch: vertices (m, 3), -1 beyond the last, and shares (m,)."""
 
     points: Ints
     simplices: Ints
@@ -50,19 +48,6 @@ class Rubbing(NamedTuple):
     weights: Floats
     normals: Floats
     force: Floats
-
-
-@dataclass
-class _Near:
-    """The pairs that were near with vertices at V (n, 3): all that may touch while no vertex moves by `room` [m]."""
-
-    V: Floats
-    pairs: Pairs
-    room: float
-
-    def holds(self, V: Floats) -> bool:
-        """Whether no vertex has moved by the room."""
-        return bool(np.abs(V - self.V).max(initial=0.0) < self.room / np.sqrt(3.0))
 
 
 @dataclass(frozen=True)
@@ -120,7 +105,7 @@ class ContactTerm(Term):
     def add(self, into: Sum, given: Given) -> None:
         """Which points touch changes from state to state, so the tangent is outside the pattern."""
         V = self.vertices(given.state.x)
-        pairs, _, gradient, pressed, blocks = self._push(V, tangent=into.data is not None)
+        pairs, _, gradient, pressed, blocks = self._push(V, tangent=into.data is not None, convex=into.convex)
         parts = [(pairs.points[pressed], pairs.simplices[pressed], blocks)]
         if self.before is not None and len(self._rubbing.force):
             _, rubbed, blocks = self._friction(V)
@@ -144,23 +129,12 @@ class ContactTerm(Term):
 
     def free_way(self, x: Floats, to: Floats) -> float:
         """Fraction of the straight line from x to `to` on which no point passes through a core (one: all of it)."""
-        import ipctk
-
-        before, after = self.vertices(x), self.vertices(to)
-        if self._near.holds(before) and self._near.holds(after) and not len(self._near.pairs.points):
-            return 1.0
-        before, after = np.asfortranarray(before), np.asfortranarray(after)
-        candidates = ipctk.Candidates()
-        candidates.build(self._mesh, before, after, 0.0, ipctk.LBVH())
-        # Points may meet points, and edges: cores lie below them.
-        candidates.vv_candidates, candidates.ev_candidates, candidates.ee_candidates = [], [], []
-        narrow = ipctk.AdditiveCCD(max_iterations=CCD_ITERATIONS)
-        return float(candidates.compute_collision_free_stepsize(self._mesh, before, after, 0.0, narrow))
+        return free_part(self.vertices(x), self.vertices(to), self._meeting)
 
     def overlap(self, x: Floats) -> float:
         """The largest overlap [m] of a point at positions x (n_points, 3); zero where nothing touches."""
         V = self.vertices(x)
-        pairs = self.near(V)
+        pairs = self.touching(V)
         deep = self.reach[pairs.points] - distances(V, pairs.points, pairs.simplices)
         return float(deep.max(initial=0.0))
 
@@ -174,34 +148,25 @@ class ContactTerm(Term):
         """The vertices (n_vertices, 3) [m] at positions x (n_points, 3) of the layout's points."""
         return np.ascontiguousarray(self.weights @ x[self.points])
 
-    def near(self, V: Floats) -> Pairs:
-        """The points and simplices that may touch with vertices at V (n_vertices, 3)."""
-        if not self._near.holds(V):
-            self._near.V, self._near.pairs = V, self._pairs(V)
-        return self._near.pairs
+    def touching(self, V: Floats) -> Pairs:
+        """The points and simplices that touch with vertices at V (n_vertices, 3)."""
+        return Pairs(*touching(V, self._meeting, self.reach))
 
     @cached_property
-    def _near(self) -> _Near:
-        return _Near(self.X, self._pairs(self.X), MARGIN * self.depth / 2.0)
+    def _meeting(self) -> Meeting:
+        apart = self.apart[np.lexsort((self.apart[:, 1], self.apart[:, 0]))]
+        begin = np.searchsorted(apart[:, 0], np.arange(len(self.reach) + 1))
+        order = order_of(self.X[self.faces].mean(axis=1))
+        return Meeting(self.faces, order, begin, apart[:, 1].astype(np.int64), self.group)
 
-    def _pairs(self, V: Floats) -> Pairs:
-        import ipctk
-
-        broad = ipctk.LBVH()
-        broad.can_vertices_collide = self._mesh.can_collide
-        broad.build(np.asfortranarray(V), self._mesh.edges, self._mesh.faces, 0.5 * (1.0 + MARGIN) * self.depth)
-        found = [(c.vertex_id, c.face_id) for c in broad.detect_face_vertex_candidates()]
-        points, faces = np.array(found, dtype=np.int64).reshape(-1, 2).T
-        group = self.group[self.faces[faces]]
-        moves = (self.group[points] < 0) | np.any(group != self.group[points][:, None], axis=1)
-        return simplices_near(points[moves], self.faces[faces[moves]], len(V))
-
-    def _push(self, V: Floats, *, tangent: bool) -> tuple[Pairs, float, Floats, Ints, Floats]:
+    def _push(self, V: Floats, *, tangent: bool, convex: bool = False) -> tuple[Pairs, float, Floats, Ints, Floats]:
         """The pairs near, the energy [J], the gradient (n_vertices, 3) [N], which pairs touch, and their tangents."""
-        near = self.near(V)
+        near = self.touching(V)
         scale = self.stiffness * self.area[near.points] * near.shares
         reach, onset = self.reach[near.points], ONSET * self.depth
         pushed = push(V, near.points, near.simplices, scale, reach, self.depth, onset, tangent)
+        if convex:
+            make_convex(V, near.points, near.simplices, *pushed[2:])
         return near, *pushed
 
     def _on_points(self, points: Ints, simplices: Ints, blocks: Floats) -> tuple[Floats, Ints, Ints]:
@@ -228,7 +193,7 @@ class ContactTerm(Term):
     def _rubbing(self) -> Rubbing:
         """The contacts at the step's start, with the normal forces for friction."""
         V = self._before
-        near = self.near(V)
+        near = self.touching(V)
         n, w = (np.empty((len(near.points), 3)) for _ in range(2))
         force = np.empty(len(near.points))
         for k, (point, corners) in enumerate(zip(near.points, near.simplices, strict=True)):
@@ -266,39 +231,3 @@ class ContactTerm(Term):
         )
         blocks = np.einsum("ma,mb,mij->maibj", B, B, h).reshape(-1, 12, 12)
         return energy, gradient, blocks
-
-    @cached_property
-    def _mesh(self) -> Any:
-        """All vertices, of which only pressing points and cores can collide."""
-        n, n_pressing = len(self.X), len(self.area)
-        core = np.where(np.arange(n) < n_pressing, -1, 0)
-        return collision_mesh(np.asfortranarray(self.X), edges_of(self.faces), self.faces, core, self.apart)
-
-
-def simplices_near(points: Ints, triangles: Ints, n_vertices: int) -> Pairs:
-    """The points (m,) with their triangles (m, 3), and once for each point these triangles' edges and vertices, with
-    the shares by which each counts: none of zero.
-    """
-    n = np.int64(n_vertices)
-    edges = np.concatenate([np.sort(triangles[:, pair], axis=1) for pair in ([0, 1], [1, 2], [2, 0])])
-    by_edge, of_triangles = np.unique((np.tile(points, 3) * n + edges[:, 0]) * n + edges[:, 1], return_counts=True)
-    ends = np.stack([by_edge // n % n, by_edge % n], axis=1)
-    edge_points = by_edge // (n * n)
-    edge_shares = 1.0 - of_triangles
-    corners = np.repeat(points, 3) * n + triangles.ravel()
-    by_vertex, place = np.unique(corners, return_inverse=True)
-    vertex_shares = 1.0 - np.bincount(place, minlength=len(by_vertex))
-    for k in range(2):
-        np.subtract.at(vertex_shares, np.searchsorted(by_vertex, edge_points * n + ends[:, k]), edge_shares)
-    none = np.full((len(by_vertex), 2), -1)
-    simplices = np.concatenate(
-        [
-            triangles,
-            np.column_stack([ends, none[:1].repeat(len(ends), 0)[:, :1]]),
-            np.column_stack([by_vertex % n, none]),
-        ]
-    )
-    shares = np.concatenate([np.ones(len(points)), edge_shares, vertex_shares]).astype(np.float64)
-    every = np.concatenate([points, edge_points, by_vertex // n])
-    counts = shares != 0.0
-    return Pairs(every[counts], simplices[counts], shares[counts])

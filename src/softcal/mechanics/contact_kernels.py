@@ -1,4 +1,4 @@
-"""Energy, gradient and tangent of points that press on triangles, edges and vertices.
+"""Points that press on triangles, edges and vertices: which, and their energy, gradient and tangent.
 
 Of a point p and the nearest point of a simplex with corners a_1 .. a_k and weights w (sum one), the distance d has
 
@@ -11,29 +11,69 @@ since the weights are stationary: t_j . (p - sum w_i a_i) = 0.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.mechanics.moving_boxes import boxes, faces_met
+
+Point = tuple[float, float, float]
+NEAREST = 0.1  # of a distance, below which a point is taken for one that touches
+
+
+class Meeting(NamedTuple):
+    """What may touch: the first vertices as points, and triangles.
+
+    Attributes
+    ----------
+    faces
+        The triangles' vertices (k, 3).
+    order
+        Of the triangles in their tree, see `moving_boxes`.
+    begin, apart
+        Sorted vertices that each point never touches: where they begin (n_points + 1,) in a list, and the list. A
+        triangle of three such it never touches.
+    group
+        Vertices of one group never move relative to each other (n_vertices,), so a point and a triangle of one group
+        never touch; -1: of none.
+    """
+
+    faces: Ints
+    order: Ints
+    begin: Ints
+    apart: Ints
+    group: Ints
 
 
 @numba.njit(cache=True)
-def _dot(a: Floats, b: Floats) -> float:
+def _dot(a: Point, b: Point) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @numba.njit(cache=True)
-def _on_segment(p: Floats, a: Floats, b: Floats) -> float:
-    """Weight of b in the point of the segment nearest to p."""
-    along = b - a
-    length = _dot(along, along)
-    return min(1.0, max(0.0, _dot(p - a, along) / length)) if length > 0.0 else 0.0
+def _minus(a: Point, b: Point) -> Point:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @numba.njit(cache=True)
-def _on_triangle(p: Floats, a: Floats, b: Floats, c: Floats, w: Floats) -> None:
+def _at(V: Floats, i: int) -> Point:
+    return V[i, 0], V[i, 1], V[i, 2]
+
+
+@numba.njit(cache=True)
+def _on_segment(p: Point, a: Point, b: Point) -> float:
+    """Weight of b in the point of the segment nearest to p."""
+    along = _minus(b, a)
+    length = _dot(along, along)
+    return min(1.0, max(0.0, _dot(_minus(p, a), along) / length)) if length > 0.0 else 0.0
+
+
+@numba.njit(cache=True)
+def _on_triangle(p: Point, a: Point, b: Point, c: Point, w: Floats) -> None:
     """Weights of the corners in the point of the triangle nearest to p."""
-    s, t, r = b - a, c - a, p - a
+    s, t, r = _minus(b, a), _minus(c, a), _minus(p, a)
     ss, st, tt = _dot(s, s), _dot(s, t), _dot(t, t)
     sr, tr = _dot(s, r), _dot(t, r)
     det = ss * tt - st * st
@@ -46,9 +86,10 @@ def _on_triangle(p: Floats, a: Floats, b: Floats, c: Floats, w: Floats) -> None:
     for i in range(3):
         x, y = (a, b) if i == 0 else ((b, c) if i == 1 else (c, a))
         u = _on_segment(p, x, y)
-        off = p - (1.0 - u) * x - u * y
-        if _dot(off, off) < best:
-            best = _dot(off, off)
+        off, along = _minus(p, x), _minus(y, x)
+        square = _dot(off, off) - u * (2.0 * _dot(off, along) - u * _dot(along, along))
+        if square < best:
+            best = square
             w[:] = 0.0
             w[i], w[(i + 1) % 3] = 1.0 - u, u
 
@@ -58,36 +99,195 @@ def nearest(V: Floats, point: int, corners: Ints, w: Floats, n: Floats) -> float
     """Distance [m] of a vertex from the simplex with up to three corners (-1: none); its weights and the direction to
     the vertex are written to w (3,) and n (3,).
     """
-    p = V[point]
+    p = _at(V, point)
     w[:] = 0.0
     if corners[1] < 0:
         w[0] = 1.0
     elif corners[2] < 0:
-        w[1] = _on_segment(p, V[corners[0]], V[corners[1]])
+        w[1] = _on_segment(p, _at(V, corners[0]), _at(V, corners[1]))
         w[0] = 1.0 - w[1]
     else:
-        _on_triangle(p, V[corners[0]], V[corners[1]], V[corners[2]], w)
-    n[:] = p
+        _on_triangle(p, _at(V, corners[0]), _at(V, corners[1]), _at(V, corners[2]), w)
+    n[0], n[1], n[2] = p
     for i in range(3):
         if w[i] != 0.0:
-            n -= w[i] * V[corners[i]]
-    d = np.sqrt(_dot(n, n))
+            for j in range(3):
+                n[j] -= w[i] * V[corners[i], j]
+    d = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
     if d > 0.0:
-        n /= d
+        for j in range(3):
+            n[j] /= d
     return d
 
 
 @numba.njit(cache=True)
-def _is_far(V: Floats, point: int, corners: Ints, reach: float) -> bool:
-    """Whether the vertex is further than `reach` [m] from the simplex along one axis."""
-    for j in range(3):
-        low = high = V[corners[0], j]
-        for i in range(1, 3):
-            if corners[i] >= 0:
-                low, high = min(low, V[corners[i], j]), max(high, V[corners[i], j])
-        if V[point, j] > high + reach or V[point, j] < low - reach:
-            return True
-    return False
+def touching(V: Floats, meeting: Meeting, reach: Floats) -> tuple[Ints, Ints, Floats]:
+    """Of each pressing point, the triangles nearer than its reach (n_points,) [m], once the edges of these, and once
+    their vertices: the points (m,), the simplices (m, 3), -1 beyond the last corner, and shares (m,) that are not zero.
+    Triangles count once, edges once less their triangles, vertices once less their triangles and edges.
+    """
+    faces = meeting.faces
+    corner, size, shape, low, high, first, of_cell = _cells(V, faces, reach.max() if len(reach) else 0.0)
+    most = np.diff(first).max()
+    mine = np.empty(most, dtype=np.int64)
+    ends, of_end = np.empty((3 * most, 2), dtype=np.int64), np.empty(3 * most)
+    vertices, of_vertex = np.empty(3 * most, dtype=np.int64), np.empty(3 * most)
+    w, n, at = np.empty(3), np.empty(3), np.empty(3)
+    points, simplices, shares = np.empty(64, dtype=np.int64), np.empty((64, 3), dtype=np.int64), np.empty(64)
+    count = 0
+    for p in range(len(reach)):
+        m = cell = 0
+        inside = True
+        for j in range(3):
+            at[j] = (V[p, j] - corner[j]) / size
+            cell = cell * shape[j] + int(at[j])
+            inside = inside and 0.0 <= at[j] < shape[j]
+        if not inside:
+            continue
+        for f in of_cell[first[cell] : first[cell + 1]]:
+            near = True
+            for j in range(3):
+                near = near and low[f, j] <= at[j] <= high[f, j]
+            if near and _may_touch(meeting, p, faces[f]) and nearest(V, p, faces[f], w, n) < reach[p]:
+                mine[m] = f
+                m += 1
+        if m == 0:
+            continue
+        while count + 7 * m > len(points):
+            points, shares = np.concatenate((points, points)), np.concatenate((shares, shares))
+            simplices = np.concatenate((simplices, simplices))
+        n_ends = n_vertices = 0
+        for t in range(m):
+            for k in range(3):
+                a, b = faces[mine[t], k], faces[mine[t], (k + 1) % 3]
+                e = v = 0
+                while e < n_ends and not (ends[e, 0] == min(a, b) and ends[e, 1] == max(a, b)):
+                    e += 1
+                if e == n_ends:
+                    ends[e, 0], ends[e, 1], of_end[e] = min(a, b), max(a, b), 1.0
+                    n_ends += 1
+                of_end[e] -= 1.0
+                while v < n_vertices and vertices[v] != a:
+                    v += 1
+                if v == n_vertices:
+                    vertices[v], of_vertex[v] = a, 1.0
+                    n_vertices += 1
+                of_vertex[v] -= 1.0
+            points[count], simplices[count], shares[count] = p, faces[mine[t]], 1.0
+            count += 1
+        for e in range(n_ends):
+            if of_end[e] != 0.0:
+                points[count], shares[count] = p, of_end[e]
+                simplices[count, 0], simplices[count, 1], simplices[count, 2] = ends[e, 0], ends[e, 1], -1
+                count += 1
+        for v in range(n_vertices):
+            for e in range(n_ends):
+                if ends[e, 0] == vertices[v] or ends[e, 1] == vertices[v]:
+                    of_vertex[v] -= of_end[e]
+            if of_vertex[v] != 0.0:
+                points[count], shares[count] = p, of_vertex[v]
+                simplices[count, 0], simplices[count, 1], simplices[count, 2] = vertices[v], -1, -1
+                count += 1
+    return points[:count], simplices[:count], shares[:count]
+
+
+@numba.njit(cache=True)
+def free_part(V: Floats, to: Floats, meeting: Meeting) -> float:
+    """The part of the straight lines from V to `to` (n_vertices, 3) on which no pressing point passes through a
+    triangle that it may touch: one where none does, else until its distance is some tenth of what it was.
+
+    Conservative: a point gets on by no more than its distance over the largest relative motion (additive continuous
+    collision detection: Li et al., 2021, Codimensional incremental potential contact, algorithm 1).
+    """
+    w, n, four = np.empty(3), np.empty(3), np.empty((4, 3))
+    box, mine = boxes(V, to, meeting.faces, meeting.order), np.empty(len(meeting.faces) + 64, dtype=np.int64)
+    part = 1.0
+    for p in range(len(meeting.begin) - 1):
+        for f in mine[: faces_met(box, meeting.order, V[p], to[p], mine)]:
+            if _may_touch(meeting, p, meeting.faces[f]):
+                part = min(part, _free_part(V, to, p, meeting.faces[f], part, four, w, n))
+    return part
+
+
+@numba.njit(cache=True)
+def _free_part(V: Floats, to: Floats, p: int, face: Ints, most: float, four: Floats, w: Floats, n: Floats) -> float:
+    """See `free_part`, of one point and triangle, at most `most`; four (4, 3), w (3,), n (3,): room."""
+    fastest = 0.0
+    for k in range(3):
+        square = 0.0
+        for j in range(3):
+            square += (to[p, j] - V[p, j] - to[face[k], j] + V[face[k], j]) ** 2
+        fastest = max(fastest, np.sqrt(square))
+    t, first = 0.0, -1.0
+    corners = np.arange(1, 4)
+    own = int(corners[0] - 1)  # no constant, so that Numba compiles `nearest` once
+    while fastest > 0.0:
+        for j in range(3):
+            four[0, j] = (1.0 - t) * V[p, j] + t * to[p, j]
+            for k in range(3):
+                four[k + 1, j] = (1.0 - t) * V[face[k], j] + t * to[face[k], j]
+        d = nearest(four, own, corners, w, n)
+        first = d if first < 0.0 else first
+        if d <= NEAREST * first:
+            return t
+        t += (1.0 - NEAREST) * d / fastest
+        if t >= most:
+            break
+    return most
+
+
+@numba.njit(cache=True)
+def _may_touch(meeting: Meeting, point: int, face: Ints) -> bool:
+    """Whether a point may touch a triangle."""
+    together, separate = meeting.group[point] >= 0, True
+    for k in range(3):
+        together = together and meeting.group[face[k]] == meeting.group[point]
+        low, end = meeting.begin[point], meeting.begin[point + 1]
+        high = end if separate else low
+        while low < high:
+            middle = (low + high) // 2
+            low, high = (middle + 1, high) if meeting.apart[middle] < face[k] else (low, middle)
+        separate = separate and low < end and meeting.apart[low] == face[k]
+    return not (together or separate)
+
+
+@numba.njit(cache=True)
+def _cells(V: Floats, faces: Ints, reach: float) -> tuple[Floats, float, Ints, Floats, Floats, Ints, Ints]:
+    """A grid over the triangles: its corner (3,) [m], the edge of its cells [m], their numbers along the axes (3,), the
+    boxes of all within `reach` [m] of each triangle (k, 3) in cells, low and high corners, and the triangles whose
+    boxes meet each cell: where they begin in a list, and the list.
+    """
+    low, high = np.empty((len(faces), 3)), np.empty((len(faces), 3))
+    for f in range(len(faces)):
+        for j in range(3):
+            a, b, c = V[faces[f, 0], j], V[faces[f, 1], j], V[faces[f, 2], j]
+            low[f, j], high[f, j] = min(a, b, c) - reach, max(a, b, c) + reach
+    corner, far = np.zeros(3), np.zeros(3)
+    for j in range(3 if len(faces) else 0):
+        corner[j], far[j] = low[:, j].min(), high[:, j].max()
+    # A cell is about as long as a triangle; where triangles are sparse, there are at most eight cells for each.
+    extent = np.maximum(far - corner, 1e-300)
+    size = max((high - low).sum() / max(3 * len(faces), 1), (extent.prod() / (8 * len(faces) + 1)) ** (1.0 / 3.0))
+    shape = (extent / size).astype(np.int64) + 1
+    low, high = (low - corner) / size, (high - corner) / size
+    first = np.zeros(shape.prod() + 1, dtype=np.int64)
+    items = np.empty(0, dtype=np.int64)
+    for filling in (False, True):
+        if filling:
+            first[1:] = np.cumsum(first[1:])
+            items = np.empty(first[-1], dtype=np.int64)
+        free = first[:-1].copy()
+        for f in range(len(faces)):
+            for i in range(int(low[f, 0]), int(high[f, 0]) + 1):
+                for j in range(int(low[f, 1]), int(high[f, 1]) + 1):
+                    for k in range(int(low[f, 2]), int(high[f, 2]) + 1):
+                        cell = (i * shape[1] + j) * shape[2] + k
+                        if filling:
+                            items[free[cell]] = f
+                            free[cell] += 1
+                        else:
+                            first[cell + 1] += 1
+    return corner, size, shape, low, high, first, items
 
 
 @numba.njit(cache=True)
@@ -127,8 +327,6 @@ def push(
     count = 0
     energy = 0.0
     for k in range(len(points)):
-        if _is_far(V, points[k], simplices[k], reach[k]):
-            continue
         d = nearest(V, points[k], simplices[k], w, n)
         if d >= reach[k] or d == 0.0:
             continue
@@ -150,6 +348,34 @@ def push(
         _, pressure, slope = law(float(reach[k] - d), depth, onset)
         _tangent(V, simplices[k], w, n, d, float(scale[k] * pressure), float(scale[k] * slope), blocks[m])
     return energy, gradient, pressed[:count], blocks
+
+
+@numba.njit(cache=True)
+def make_convex(V: Floats, points: Ints, simplices: Ints, pressed: Ints, blocks: Floats) -> None:
+    """Add to the tangents (k, 12, 12) of pressed simplices (k,) what makes those by each point's own motion positive
+    semidefinite: on a ridge between triangles any motion across relieves a point, until it is on one of them.
+    """
+    w, n = np.empty(3), np.empty(3)
+    begin = 0
+    while begin < len(pressed):
+        end, own, nearby, best = begin, np.zeros((3, 3)), begin, np.inf
+        while end < len(pressed) and points[pressed[end]] == points[pressed[begin]]:
+            own += blocks[end, :3, :3]
+            end += 1
+        values, ways = np.linalg.eigh(own)
+        if values[0] < 0.0:
+            for m in range(begin, end):
+                d = nearest(V, int(points[pressed[m]]), simplices[pressed[m]], w, n)
+                if d < best:
+                    best, nearby = d, m
+            nearest(V, int(points[pressed[nearby]]), simplices[pressed[nearby]], w, n)
+            B = np.array([1.0, -w[0], -w[1], -w[2]])
+            for i in range(2):
+                if values[i] < 0.0:
+                    for a in range(12):
+                        for b in range(12):
+                            blocks[nearby, a, b] -= values[i] * B[a // 3] * B[b // 3] * ways[a % 3, i] * ways[b % 3, i]
+        begin = end
 
 
 @numba.njit(cache=True)
@@ -185,9 +411,9 @@ def _tangent(V: Floats, corners: Ints, w: Floats, n: Floats, d: float, force: fl
         for i in range(3):
             Y[j, 3 * at[j] + i] += d * n[i]
             Y[j, 3 * (first + 1) + i] -= d * n[i]
-    g00, g01, g11 = _dot(T[0], T[0]), 0.0, 1.0
+    g00, g01, g11 = T[0] @ T[0], 0.0, 1.0
     if rank == 2:
-        g01, g11 = _dot(T[0], T[1]), _dot(T[1], T[1])
+        g01, g11 = T[0] @ T[1], T[1] @ T[1]
     scale = force / d / (g00 * g11 - g01 * g01)
     for a in range(12):
         left, right = scale * (g11 * Y[0, a] - g01 * Y[1, a]), scale * (g00 * Y[1, a] - g01 * Y[0, a])

@@ -21,6 +21,7 @@ TOLERANCE = 1e-9  # residual over its scale
 FREE = 1e-6  # of the forces: largest force along a free mode, for a motion as long as the robot; less counts as zero
 ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the largest coordinate: rounding error of positions
 MAX_ITERATIONS = 25
+WITHOUT_RIDGES = 2  # iterations without a smaller residual, before ridges between triangles count as flat
 PATIENCE = 6  # iterations without a smaller residual
 WITH_CONTACT = 4  # times as many of both where surfaces may touch: the set of contacts must be found too
 REUSE_BELOW = 0.1  # a factorisation is kept while each step shrinks the residual at least tenfold
@@ -272,7 +273,8 @@ class Statics:
             for _ in range(MAX_CUTS):
                 candidate, part = self._before_touch(state, step * dz)
                 step, serves = step * part, serves and part == 1.0
-                at = system.linearise(candidate, controls, self.theta, tangent=not serves)
+                convex = iteration - best_iteration >= WITHOUT_RIDGES
+                at = system.linearise(candidate, controls, self.theta, tangent=not serves, convex=convex)
                 # The line search: a step must not lead to an inadmissible state, nor leave more work along itself than
                 # it began with. Small residuals are exempt; there Newton's method converges by itself, except where
                 # surfaces are about to touch.
@@ -336,6 +338,10 @@ class Statics:
         """
         at = self.system.linearise(state, controls, self.theta)
         self.factorise(at)
+        if at.touch is not None and self.n_unstable() > 0:
+            # A point on a ridge between triangles has a negative stiffness across, as wide as the ridge is blunt.
+            at = self.system.linearise(state, controls, self.theta, convex=True)
+            self.factorise(at)
         return at
 
     def n_unstable(self) -> int:

@@ -92,12 +92,14 @@ class System:
         """The terms of surfaces and wires that may touch."""
         return (*self.of(ContactTerm), *self.of(WireContactTerm))
 
-    def linearise(self, state: State, controls: Controls, theta: Theta, *, tangent: bool = True) -> Linearisation:
-        """Gradient and, on demand, tangent. Where the state is inadmissible the gradient is empty."""
+    def linearise(
+        self, state: State, controls: Controls, theta: Theta, *, tangent: bool = True, convex: bool = False
+    ) -> Linearisation:
+        """Gradient and, on demand, tangent (convex: see `Sum`). Where the state is inadmissible they are empty."""
         known = tuple(term.kinematics(state) for term in self.terms)
         if why_not := self._why_not(known):
             return Linearisation(controls, known, why_not)
-        total = Sum(self.layout, self.pattern.size if tangent else None)
+        total = Sum(self.layout, self.pattern.size if tangent else None, convex=convex)
         try:
             for term, given in zip(self.terms, self.given(state, controls, theta, known), strict=True):
                 term.add(total, given)

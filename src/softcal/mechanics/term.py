@@ -153,9 +153,12 @@ class Sum:
         (values, rows, columns) of tangents on the points' components outside the pattern.
     in_motion
         Gradients on all entities of forces in motion, which do not count in the scale of the residual.
+    convex
+        Whether points on ridges of a surface that they touch count without their negative stiffness across.
     """
 
-    def __init__(self, layout: Layout, size: int | None = None) -> None:
+    def __init__(self, layout: Layout, size: int | None = None, *, convex: bool = False) -> None:
+        self.convex = convex
         self.full: Floats = np.zeros(layout.n_components)
         self.own: Floats = np.zeros(layout.n_unknowns)
         self.data: Floats | None = None if size is None else np.zeros(size)

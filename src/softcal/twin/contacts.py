@@ -138,7 +138,7 @@ def _from_where_it_is(term: ContactTerm, normals: Floats, skin: Floats) -> Conta
 
     normals: outward ones of the pressing points (n, 3); skin: the points that the cores' vertices are below (m, 3) [m].
     """
-    near = term.near(term.X)
+    near = term.touching(term.X)
     flat = near.simplices[:, 2] >= 0
     points, faces = near.points[flat], near.simplices[flat]
     d = distances(term.X, points, faces)

@@ -53,7 +53,7 @@ def by_shortening(along: EquilibriumPath, start: Node, d: Floats) -> Samples:
         path = along.follow(start, end)
     taut = d > start.c
     if not _snaps_on(path):
-        path, _ = along.refined(path)
+        path, _ = along.refined(path, d[taut & (d <= path.nodes[-1].c)])
     if snaps := _snaps_on(path):  # beyond a snap-through the curve is neither smooth nor reached from both sides
         path = _through(along, start, np.unique(d[taut]))
     reached = path.nodes[-1].c
@@ -84,7 +84,7 @@ def by_tension(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: bo
     path = Path((start,), True, names=along.names)
     if largest > 0.0:
         path = along.follow(start, along.wound_up, until=largest)
-    path, curve = along.refined(path, T)
+    path, curve = along.refined(path, T, of_tension=True)
     if len(path.nodes) == 1:
         at = np.full(len(T), start.c)
         return Samples(path, at, np.zeros(len(T)), *curve.at(at), "Solved: no tension.", True, start.c)

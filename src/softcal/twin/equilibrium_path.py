@@ -124,15 +124,26 @@ class EquilibriumPath:
             self.readings[node] = read(self.twin, self.statics, node, self.names)
         return self.readings[node]
 
-    def refined(self, path: Path, tensions: Floats | None = None) -> tuple[Path, Curve]:
-        """The path, refined until the curve is within tolerance, or only where it may reach one of these tensions."""
+    def refined(self, path: Path, samples: Floats, *, of_tension: bool = False) -> tuple[Path, Curve]:
+        """The path, refined until the curve is within tolerance at the samples (n,): shortenings [m], by nodes at some
+        of them, or tensions [N], wherever it may reach them.
+
+        A kink, as where surfaces meet, is within no tolerance: there every shortening becomes a node.
+        """
         curve = self.curve(path.nodes)
         most = np.inf  # nodes; known once the values are exact enough
         for _ in range(MAX_REFINEMENTS):
             if len(path.nodes) < 2 or self.tolerance <= 0.0:
                 break
             scale = self._scale(np.abs(curve.values).max(axis=0)[:, None], self._least)
-            is_read = True if tensions is None else curve.may_pass(self.column(TENSION), tensions)
+            new = 0.5 * (curve.c[1:] + curve.c[:-1])
+            if of_tension:
+                is_read = curve.may_pass(self.column(TENSION), samples)
+            elif len(left := self.missing(path, samples)):
+                new = left[np.abs(left[:, None] - new).argmin(axis=0)]
+                is_read = (curve.c[:-1] < new) & (new < curve.c[1:])
+            else:
+                break
             is_coarse = is_read & (curve.error() > self.tolerance * scale[:, 0]).any(axis=1)
             if not is_coarse.any():
                 most = min(most, FEW_NODES + NODES_FOR_DERIVATIVES * len(path.nodes))
@@ -145,7 +156,7 @@ class EquilibriumPath:
             coarse = np.flatnonzero(is_coarse)
             if len(coarse) == 0:
                 break
-            path = self.with_nodes(path, 0.5 * (curve.c[coarse] + curve.c[coarse + 1]))
+            path = self.with_nodes(path, new[coarse])
             curve = self.curve(path.nodes)
         return path, curve
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from mechanics_cases import body_theta, column_robot, elastic, held, irregular_box, placed
+from scipy.integrate import solve_ivp
 from scipy.special import erf
 
 from softcal.checks import Floats
 from softcal.errors import InputError
 from softcal.materials.catalogue import LAWS
-from softcal.materials.components import PAIRS
+from softcal.materials.components import ISOCHORIC, PAIRS
 from softcal.materials.histories import history_of
 from softcal.materials.inelastic import Stressed
 from softcal.materials.law import compile_law
@@ -120,6 +122,47 @@ def test_what_is_beyond_the_threshold_flows_with_its_time() -> None:
     Y = 3e3 / np.sqrt(3.0)
     expected = Y + (2e5 * 0.05 - Y) * np.exp(-t[1:] / 2.0)
     np.testing.assert_allclose(got, expected, rtol=2e-3)
+
+
+def test_flow_at_a_constant_rate_is_the_closed_form_whatever_the_samples() -> None:
+    """A small shear: elastic up to the threshold, and beyond it a Maxwell element."""
+    mu_f, Y, tau, rate = 2e5, 30.0 * np.sqrt(3.0), 2.0, 1e-4
+    yields = 30.0 / (mu_f * rate)
+    for n in (2, 30):
+        t = np.concatenate([[0.0, yields], yields + np.linspace(0.0, 12.0, n)[1:]])
+        constants = {"flow_modulus": mu_f, "flow_threshold": Y, "flow_time": tau}
+        got = shear_stress(["flow"], constants, rate * t, t) - MU * rate * t
+        beyond = mu_f * rate * tau * (1.0 - np.exp(-(t[1:] - yields) / tau))
+        np.testing.assert_allclose(got[1:], 30.0 + beyond, rtol=1e-4)
+
+
+def test_flow_is_of_second_order_in_the_samples() -> None:
+    """Large shear to and fro, in which the branch's stress turns, against its differential equation."""
+    constants, corners = {"flow_modulus": 2e5, "flow_threshold": 1.5e4, "flow_time": 2.0}, [0.0, 1.0, 0.1, 1.3]
+    mu, Y, tau = constants.values()
+    times = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(corners)) / 0.5)])
+
+    def of(t: float, E_p: Floats) -> tuple[Floats, float]:
+        gamma = np.interp(t, times, corners)
+        strain = np.array([0.0, 0.5 * gamma**2, 0.0, gamma, 0.0, 0.0]) - E_p
+        s = mu * ISOCHORIC[0] @ strain
+        flowing = max(1.0 - Y / max(np.sqrt(3.0 * mu * s @ strain), 1e-9), 0.0)
+        return strain * flowing / tau, float(s[3] + gamma * s[1])
+
+    E_p, exact = np.zeros(6), [0.0]
+    for begin, end in pairwise(times):
+        at = np.linspace(begin, end, 31)[1:]
+        solved = solve_ivp(lambda t, y: of(t, y)[0], (begin, end), E_p, t_eval=at, rtol=1e-9, atol=1e-11, max_step=0.02)
+        E_p = solved.y[:, -1]
+        exact += [of(*one)[1] for one in zip(at, solved.y.T, strict=True)]
+    errors = list[float]()
+    for n in (30, 60):
+        t = np.concatenate([[0.0], *(np.linspace(a, b, n + 1)[1:] for a, b in pairwise(times))])
+        gamma = np.interp(t, times, corners)
+        got = shear_stress(["flow"], constants, gamma, t) - MU * gamma
+        errors.append(float(np.abs(got[:: n // 30] - exact).max() / np.abs(exact).max()))
+    assert errors[0] < 3e-4
+    assert errors[1] < 0.3 * errors[0]
 
 
 # What a history acts on, in uniaxial strain: the first part of an energy, as docs/mechanics.md has it in its table.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -31,6 +32,11 @@ from softcal.errors import InputError
 from softcal.experiments.motion_capture import read_c3d
 from softcal.experiments.read import read_table
 from softcal.experiments.table_format import ColumnSpec
+from softcal.geometry.primitives import box_mesh
+from softcal.geometry.read import read_mesh
+from softcal.geometry.stl import checked_stl
+from softcal.geometry.surface import boundary_faces
+from softcal.geometry.write import write_mesh
 from softcal.project.base_file import read_base
 from softcal.project.camera_file import read_camera
 from softcal.workflows.mesh_study_files import read_study
@@ -137,6 +143,47 @@ def test_a_file_changed_at_random_is_read_or_refused(
         shutil.rmtree(folder)
 
     check()
+
+
+# Texts of Python, NumPy and its codecs, which are no sentences for a user.
+OF_PYTHON = re.compile(
+    r"\w(Error|Exception|Iteration)\b|\b(literal|codec|NoneType|out of (range|bounds)|reshape|string to)\b"
+)
+
+
+def written_mesh(path: Path) -> bytes:
+    """A box in the format of the path's suffix."""
+    meshio, mesh = pytest.importorskip("meshio"), box_mesh((0.1, 0.2, 0.3), (1, 1, 1))
+    if path.suffix in (".msh", ".vtu"):
+        write_mesh(mesh, path)
+    elif path.suffix == ".stl":
+        meshio.Mesh(mesh.points, [("triangle", boundary_faces(mesh))]).write(path, binary=False)
+    else:
+        options = {"binary": False} if path.suffix == ".vtk" else {}
+        meshio.Mesh(mesh.points, [("tetra", mesh.tets)], point_sets=mesh.node_sets).write(path, **options)
+    return path.read_bytes()
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("suffix", [".msh", ".vtu", ".vtk", ".inp", ".stl"])
+def test_a_mesh_file_changed_at_random_is_read_or_refused_without_a_text_of_python(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"box{suffix}"
+    raw, read = written_mesh(path), checked_stl if suffix == ".stl" else read_mesh
+    refused: list[str] = []
+
+    @settings(max_examples=60, suppress_health_check=list(HealthCheck))
+    @given(changes=mutations())
+    def check(changes: list[Mutation]) -> None:
+        path.write_bytes(mutated(raw, changes))
+        try:
+            with limited():
+                read(path)
+        except InputError as error:
+            refused.append(str(error))
+
+    check()
+    assert refused
+    assert not [one for one in refused if OF_PYTHON.search(one) or "\n" in one]
 
 
 WORKER = """

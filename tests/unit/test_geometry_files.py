@@ -120,6 +120,12 @@ def test_a_group_of_loose_triangles_is_refused(tmp_path):
         read_mesh(path)
 
 
+INP = (
+    "*NODE\n1, 0., 0., 0.\n2, 1., 0., 0.\n3, 0., 1., 0.\n4, 0., 0., 1.\n*ELEMENT, TYPE=C3D4, ELSET=solid\n"
+    "1, 1, 2, 3, 4\n2, 1, 2, 3, 4\n*NSET, NSET=held\n1\n*ELSET, ELSET=upper\n2\n"
+)
+
+
 def triangles_only(path):
     meshio.Mesh(np.eye(3), [("triangle", [[0, 1, 2]])]).write(path)
 
@@ -144,12 +150,28 @@ def two_orders(path):
         ("lid.vtu", triangles_only, "no tetrahedra; got 3 points, 1 triangle; allowed: tetra"),
         ("two.vtu", two_orders, "mixes linear and quadratic"),
         ("nan.msh", MSH.replace("4 0 0 1", "4 0 0 nan"), "no finite coordinates; got node 3"),
+        ("word.msh", MSH.replace("4 0 0 1", "4 0 zero 1"), "got a word in the place of a number, or another number of"),
+        ("short.msh", MSH.replace("1 15 2 1 1 4", "1"), "got the number or name of something that the file does not"),
+        (
+            "latin.msh",
+            MSH.replace('"tip"', '"spitze \xe4"').encode("latin-1"),
+            "got bytes that are no text; allowed: a",
+        ),
+        (
+            "type.inp",
+            INP.replace("C3D4", "C9"),
+            "got Element type not available: C9; allowed: a valid .inp file. Try: ",
+        ),
+        ("cell.inp", INP.replace("held\n1", "held, GENERATE\n1, 9, 1"), "got the number or name of something that"),
+        ("set.inp", INP.replace("upper\n2", "upper\nx"), "got Unknown cell set 'x'"),
     ],
 )
 def test_bad_files_are_told_in_one_sentence(tmp_path, capfd, name, content, told):
     path = tmp_path / name
     if callable(content):
         content(path)
+    elif isinstance(content, bytes):
+        path.write_bytes(content)
     else:
         path.write_text(content)
     with pytest.raises(MeshError, match=told) as caught:

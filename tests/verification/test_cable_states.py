@@ -11,6 +11,7 @@ from mechanics_cases import column_robot, elastic, pulled, side_cable
 
 import softcal.mechanics.tensions
 from softcal.errors import ParameterError, SimulationError
+from softcal.geometry.primitives import box_mesh
 from softcal.mechanics.state import moved, rest_state
 from softcal.mechanics.term import Controls
 from softcal.twin.build import twin_of
@@ -18,6 +19,7 @@ from softcal.twin.cables import Cable, CableLine, ViaPoint
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import Body, Plate, Robot
 from softcal.twin.schedule import Schedule, ramp
 from softcal.twin.simulate import respond, simulate
 from softcal.twin.time_settings import TimeSettings
@@ -133,3 +135,26 @@ def test_lines_too_stiff_to_share_a_load_depend_on_each_other(stiffness, tells):
         assert tension == pytest.approx(2.0, rel=1e-6)
     else:
         assert "The shortenings of front and beside depend on each other here" in found.status
+
+
+@pytest.mark.parametrize("away", [0.02, 0.15, 3.0])
+def test_a_robot_whose_nodes_are_all_on_its_plate_is_solved_however_far_its_drum_is(away: float):
+    """A brick between the ground and a plate has no free point; a quarter of a drum above it, and the machine beyond.
+    The tension at the plate is the brick's at every shortening; at the machine it is larger, and as the cable is let go
+    smaller, by the drum's factor.
+    """
+    mesh = box_mesh((0.02, 0.02, 0.02), (1, 1, 1), origin=(-0.01, -0.01, 0.0))
+    body = Body("brick", mesh, mesh.node_sets["z0"], elastic(1e6, 0.45), element="P1")
+    angle = np.linspace(0.0, 0.5 * np.pi, 10)
+    arc = [0.0, 0.0, 0.02 + away] + 0.02 * np.column_stack([1.0 - np.cos(angle), 0.0 * angle, np.sin(angle)])
+    via = ([0.0, 0.0, 0.02], *arc.tolist(), [0.12, 0.0, 0.04 + away])
+    points = (ViaPoint(via[0], "plate"), *(ViaPoint(at) for at in via[1:]))
+    cable = Cable("front", points, 0.3, line=CableLine(friction_memory=True))
+    robot = Robot((body,), (Plate("plate", {"brick": mesh.node_sets["z1"]}, via[0]),), (cable,))
+    way = 1e-3 * np.array([0.0, 1.0, 2.0, 2.0, 1.0, 2.0])
+    response = simulate(robot, Protocol({"front": Command("shortening", way)}))
+    assert response.succeeded, response.status
+    tension = response.channels["front.tension"]
+    assert tension[2] > 1.5 * tension[1] > 100.0
+    assert tension[[3, 5]] == pytest.approx(tension[2], rel=1e-9)
+    assert tension[4] == pytest.approx(np.exp(-0.3 * np.pi) * tension[1], rel=1e-6)

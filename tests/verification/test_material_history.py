@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from mechanics_cases import column_robot, elastic
+from mechanics_cases import body_theta, column_robot, elastic, held, irregular_box, placed
+from scipy.integrate import solve_ivp
 from scipy.special import erf
 
 from softcal.checks import Floats
 from softcal.errors import InputError
-from softcal.materials.components import PAIRS
+from softcal.materials.catalogue import LAWS
+from softcal.materials.components import ISOCHORIC, PAIRS
 from softcal.materials.histories import history_of
 from softcal.materials.inelastic import Stressed
 from softcal.materials.law import compile_law
@@ -19,6 +22,7 @@ from softcal.materials.neo_hooke import NEO_HOOKE_ISOCHORIC
 from softcal.materials.stress_at import Deformation, points
 from softcal.mechanics.damping import Damping
 from softcal.mechanics.dynamics import Dynamics
+from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Equilibrium, Statics
 from softcal.mechanics.term import Controls
@@ -27,7 +31,7 @@ from softcal.twin.build import build_twin
 from softcal.twin.masses import robot_inertia
 from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.robot import Robot
+from softcal.twin.robot import Body, Robot
 from softcal.twin.simulate import simulate
 from softcal.twin.start import loaded
 
@@ -60,6 +64,7 @@ def shear_stress(names: list[str], constants: dict[str, float], gamma: Floats, t
 PRONY = {"relaxing_share1": 0.3, "relaxation_time1": 0.5, "relaxing_share2": 0.2, "relaxation_time2": 8.0}
 BETA = np.array([0.3, 0.2]) / 0.5
 TAU = np.array([0.5, 8.0])
+MULLINS = {"softening_amount": 1.7, "softening_energy": 2e4, "softening_range": 0.1}
 
 
 def test_relaxation_after_a_small_step_is_the_prony_series() -> None:
@@ -92,9 +97,8 @@ def test_storage_and_loss_modulus(omega: float) -> None:
 
 
 def test_mullins_unloading_is_the_closed_form() -> None:
-    constants = {"softening_amount": 1.7, "softening_energy": 2e4, "softening_range": 0.1}
     gamma = np.concatenate([np.linspace(0.0, 1.5, 30), np.linspace(1.5, 0.0, 30)[1:], np.linspace(0.0, 2.0, 41)[1:]])
-    got = shear_stress(["softening"], constants, gamma, np.arange(float(len(gamma))))
+    got = shear_stress(["softening"], MULLINS, gamma, np.arange(float(len(gamma))))
     most = 0.5 * MU * np.maximum.accumulate(gamma) ** 2
     W = 0.5 * MU * gamma**2
     eta = 1.0 - erf((most - W) / (2e4 + 0.1 * most)) / 1.7
@@ -118,6 +122,110 @@ def test_what_is_beyond_the_threshold_flows_with_its_time() -> None:
     Y = 3e3 / np.sqrt(3.0)
     expected = Y + (2e5 * 0.05 - Y) * np.exp(-t[1:] / 2.0)
     np.testing.assert_allclose(got, expected, rtol=2e-3)
+
+
+def test_flow_at_a_constant_rate_is_the_closed_form_whatever_the_samples() -> None:
+    """A small shear: elastic up to the threshold, and beyond it a Maxwell element."""
+    mu_f, Y, tau, rate = 2e5, 30.0 * np.sqrt(3.0), 2.0, 1e-4
+    yields = 30.0 / (mu_f * rate)
+    for n in (2, 30):
+        t = np.concatenate([[0.0, yields], yields + np.linspace(0.0, 12.0, n)[1:]])
+        constants = {"flow_modulus": mu_f, "flow_threshold": Y, "flow_time": tau}
+        got = shear_stress(["flow"], constants, rate * t, t) - MU * rate * t
+        beyond = mu_f * rate * tau * (1.0 - np.exp(-(t[1:] - yields) / tau))
+        np.testing.assert_allclose(got[1:], 30.0 + beyond, rtol=1e-4)
+
+
+def test_flow_is_of_second_order_in_the_samples() -> None:
+    """Large shear to and fro, in which the branch's stress turns, against its differential equation."""
+    constants, corners = {"flow_modulus": 2e5, "flow_threshold": 1.5e4, "flow_time": 2.0}, [0.0, 1.0, 0.1, 1.3]
+    mu, Y, tau = constants.values()
+    times = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(corners)) / 0.5)])
+
+    def of(t: float, E_p: Floats) -> tuple[Floats, float]:
+        gamma = np.interp(t, times, corners)
+        strain = np.array([0.0, 0.5 * gamma**2, 0.0, gamma, 0.0, 0.0]) - E_p
+        s = mu * ISOCHORIC[0] @ strain
+        flowing = max(1.0 - Y / max(np.sqrt(3.0 * mu * s @ strain), 1e-9), 0.0)
+        return strain * flowing / tau, float(s[3] + gamma * s[1])
+
+    E_p, exact = np.zeros(6), [0.0]
+    for begin, end in pairwise(times):
+        at = np.linspace(begin, end, 31)[1:]
+        solved = solve_ivp(lambda t, y: of(t, y)[0], (begin, end), E_p, t_eval=at, rtol=1e-9, atol=1e-11, max_step=0.02)
+        E_p = solved.y[:, -1]
+        exact += [of(*one)[1] for one in zip(at, solved.y.T, strict=True)]
+    errors = list[float]()
+    for n in (30, 60):
+        t = np.concatenate([[0.0], *(np.linspace(a, b, n + 1)[1:] for a, b in pairwise(times))])
+        gamma = np.interp(t, times, corners)
+        got = shear_stress(["flow"], constants, gamma, t) - MU * gamma
+        errors.append(float(np.abs(got[:: n // 30] - exact).max() / np.abs(exact).max()))
+    assert errors[0] < 3e-4
+    assert errors[1] < 0.3 * errors[0]
+
+
+# What a history acts on, in uniaxial strain: the first part of an energy, as docs/mechanics.md has it in its table.
+FIRST_PARTS = {
+    "neo-hooke": (
+        lambda x: 0.5 * (x**2 - 1.0) - np.log(x),
+        lambda x: x - 1.0 / x,
+        lambda x: np.log(x) / x,
+    ),
+    "stable-neo-hooke": (
+        lambda x: 0.5 * (x**2 - 1.0) - (x - 1.0) + 0.5 * (x - 1.0) ** 2,
+        lambda x: x - 1.0 + x - 1.0,
+        lambda x: x - 1.0,
+    ),
+}
+
+
+def strained(element: str, law: str, nu: float, names: tuple[str, ...], lengths: Floats, dt: float) -> Floats:
+    """Nominal stresses along a block in uniaxial strain: the forces on its end over its area."""
+    mesh = irregular_box((1.0, 1.0, 1.0), (1, 1, 1), element)
+    own = {
+        one.name: {**elastic(1e6, nu), **PRONY, **MULLINS}[one.name]
+        for one in (*LAWS[law].parameters, *history_of(names).parameters)
+    }
+    body = Body("body", mesh, np.array([0]), own, law, element, history=names)
+    system, theta = build_twin(Robot((body,))).system, {**body_theta(own), "body.density": 0.0}
+    bulk = body.elasticity.bulk_modulus(elastic(1e6, nu))
+    state, out = placed(system, mesh.points.copy()), list[float]()
+    for length in lengths:
+        g = length - 1.0 if LAWS[law].volumetric_strain == "J - 1" else np.log(length)
+        state = replace(state, x=mesh.points * [length, 1.0, 1.0])
+        state.pressure[:] = bulk * g
+        controls = replace(held(), elapsed=dt)
+        at = system.linearise(state, controls, theta, tangent=False)
+        assert np.abs(at.reduced[system.layout.first_pressure_unknown :]).max(initial=0.0) < 1e-12
+        out.append(float(at.full[: 3 * mesh.n_points].reshape(-1, 3)[mesh.node_sets["x1"], 0].sum()))
+        state = system.advanced(state, controls, theta)
+    return np.array(out)
+
+
+@pytest.mark.parametrize("law", FIRST_PARTS)
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.45])
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_histories_act_on_the_first_part_of_the_energy_as_the_table_of_laws_has_it(
+    element: str, nu: float, law: str
+) -> None:
+    mu, lmbda = 0.5e6 / (1.0 + nu), 1e6 * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+    energy, first, volumetric = FIRST_PARTS[law]
+
+    once = np.array([1.8, 1.8, 1.8])
+    x = 0.7 / TAU
+    kept = (BETA * (1.0 - np.exp(-x)) / x) @ np.exp(-np.outer(x, np.arange(3.0)))
+    expected = (1.0 + kept) * mu * first(once) + lmbda * volumetric(once)
+    np.testing.assert_allclose(strained(element, law, nu, ("relaxation-2",), once, 0.7), expected, rtol=1e-9)
+
+    cycle = np.array([1.4, 1.8, 1.6, 1.2, 1.5, 1.9])
+    W = mu * energy(cycle)
+    most = np.maximum.accumulate(W)
+    r, m, b = MULLINS.values()
+    eta = 1.0 - erf((most - W) / (m + b * most)) / r
+    expected = eta * mu * first(cycle) + lmbda * volumetric(cycle)
+    np.testing.assert_allclose(strained(element, law, nu, ("softening",), cycle, 1.0), expected, rtol=1e-9)
+    assert eta.min() < 0.6
 
 
 # Robots.
@@ -186,16 +294,19 @@ LET_GO = 1e-3 * np.array([0.0, 4.0, 8.0, 8.0, 3.0, -0.5, -0.5, -0.7, 5.0, 9.0])
 TIMES = np.array([0.0, 0.5, 1.0, 4.0, 4.5, 5.0, 5.3, 5.5, 6.0, 7.0])
 
 
-@pytest.mark.parametrize("history", [HISTORY, ("maxwell-1",)])
 @pytest.mark.parametrize("element", ["P1", "P2P1"])
+@pytest.mark.parametrize(
+    ("history", "law"),
+    [(HISTORY, "neo-hooke-isochoric"), (("maxwell-1",), "neo-hooke-isochoric"), (("softening",), "neo-hooke")],
+)
 def test_derivatives_through_a_history_are_exact(
-    element: str, history: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+    element: str, history: tuple[str, ...], law: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Loading, a hold, letting go until the cable is slack for a while, and loading again; by all constants of the
     history, and by the law's.
     """
     monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)
-    robot = with_history(column(element), history)
+    robot = with_history(column(element, 0.3 if law == "neo-hooke" else 0.45), history, law)
     protocol = Protocol({"front": Command("shortening", LET_GO)}, TIMES)
     names = [f"neck.{name}" for name in robot.bodies[0].parameters]
     response = simulate(robot, protocol, sensitivities=names)

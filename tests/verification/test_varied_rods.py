@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
+from scipy.integrate import quad, solve_ivp
+from scipy.spatial.transform import Rotation
 
 from softcal.errors import InputError, MeshError
 from softcal.export.sofa_robot import scene_faults
@@ -79,13 +80,31 @@ def test_a_rod_of_two_materials_bends_by_each_ones_stiffness():
     assert found.sensitivities["tip.y"]["arm.soft.youngs_modulus"][0] == pytest.approx((at[0] - at[1]) / (2 * step))
 
 
-def test_a_dead_moment_bends_a_rod_into_an_arc():
+@pytest.mark.parametrize("angle", [2.5, 2.0 * np.pi, 4.0 * np.pi])
+def test_a_dead_moment_bends_a_rod_into_an_arc_a_circle_and_twice_round(angle: float):
     stiffness = E * np.pi * BASE**4 / 64
-    angle = 2.5
     moment = Moment("end", "arm", [0.0, 0.0, angle * stiffness / LENGTH], [LENGTH, 0.0, 0.0])
     radius = LENGTH / angle
     expected = [radius * np.sin(angle), radius * (1 - np.cos(angle)), 0.0]
     assert tip(Robot(rods=(rod(10),), **tip_marker(), loads=(moment,))) == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_dead_moment_about_an_oblique_axis_winds_a_rod_into_a_helix_of_two_turns():
+    """The moment is constant along the rod, whose pose is an initial-value problem in arc length."""
+    EI, GJ = E * np.pi * BASE**4 / 64, E / (2 * (1 + NU)) * np.pi * BASE**4 / 32
+    moment = np.array([0.3, 0.4, 1.0]) * 4.0 * np.pi * EI / LENGTH / np.linalg.norm([0.3, 0.4, 1.0])
+    straight_on = Rotation.from_matrix([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
+
+    def slope(_: float, y: np.ndarray) -> np.ndarray:
+        section = Rotation.from_quat(y[3:])
+        curvature = section.apply(section.inv().apply(moment) / [EI, EI, GJ])
+        turning = np.append(y[6] * curvature + np.cross(curvature, y[3:6]), -(curvature @ y[3:6]))
+        return np.append(section.apply([0.0, 0.0, 1.0]), 0.5 * turning)
+
+    start = np.append(np.zeros(3), straight_on.as_quat())
+    expected = solve_ivp(slope, (0.0, LENGTH), start, method="DOP853", rtol=1e-10, atol=1e-11).y[:3, -1]
+    robot = Robot(rods=(rod(160),), **tip_marker(), loads=(Moment("end", "arm", moment, [LENGTH, 0.0, 0.0]),))
+    assert np.linalg.norm(tip(robot) - expected) < 1e-4 * LENGTH
 
 
 def spatial() -> Robot:

@@ -19,7 +19,6 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, ParameterError
 from softcal.geometry.mesh import TetMesh
-from softcal.materials.catalogue import LAWS
 from softcal.mechanics.element import Element
 from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.stress import cauchy_stress, green_lagrange_strain, von_mises
@@ -107,7 +106,7 @@ def _grid(robot: Robot, response: Response, shape: Snapshot, names: list[str]) -
         for part in body.materials:
             own, pressure = TetMesh(mesh.points, tets[part.elements]), shape.pressures.get(part.name)
             cells.stress[-1][part.elements] = cauchy_stress(
-                element, own, LAWS[body.law], part.parameters, x, pressure, body.direction
+                element, own, body.elasticity, part.parameters, x, pressure, body.direction
             )
         cells.strain[-1] = green_lagrange_strain(element, mesh, x)
     lines = {rod.name: (rod.centreline.nodes, shape.rods[rod.name]) for rod in robot.rods}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 import shlex
 from collections.abc import Iterator
 from importlib import import_module
@@ -33,6 +34,19 @@ DIMENSION = {
 # Arrays of 0 and 1 that store the sets in a .vtu file, whose format has none.
 NODE_SET = "node set "
 CELL_SETS = {"face set ": 2, "element set ": 3}
+# What meshio's readers found where they raise one of Python's own exceptions.
+NO_FORMAT = "contents that do not follow the format, or end too early"
+FOUND: tuple[tuple[type[BaseException], str], ...] = (
+    (UnicodeDecodeError, "bytes that are no text"),
+    (LookupError, "the number or name of something that the file does not have, or a line that is too short"),
+    (OverflowError, "a number that is too large"),
+    (MemoryError, "more cells or nodes than the memory can store"),
+    (ValueError, "a word in the place of a number, or another number of values than the file states"),
+    (Exception, NO_FORMAT),
+)
+# Lines of its own that are no words: numbers, lists, code, warnings; and how the last ones begin, which name readers.
+NO_WORDS = re.compile(r"[^A-Za-z]*|\[.*|.*(\w\(|[!=]=).*|Warning: .*")
+SUMMARY = "Error: Couldn't read file"
 # Added by meshio to the sets of a .msh file.
 NOT_A_GROUP = "gmsh:bounding_entities"
 
@@ -68,7 +82,8 @@ def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
     raw = _read_raw(path)
     # Rows of other kinds, such as polyhedra, may differ in length.
     blocks = [
-        (block.type, np.asarray(block.data if block.type in DIMENSION else [], dtype=np.int64)) for block in raw.cells
+        (block.type, _numbers(block.data if block.type in DIMENSION else [], f"{path}, {block.type} cells"))
+        for block in raw.cells
     ]
     kinds = {kind for kind, _ in blocks if DIMENSION.get(kind) == 3}
     if not kinds or sum(len(cells) for kind, cells in blocks if kind in kinds) == 0:
@@ -130,16 +145,26 @@ def _read_raw(path: Path) -> Any:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
             return meshio.read(path)
     except (Exception, SystemExit) as error:  # its readers raise arbitrary exceptions for a damaged file
-        lines = [line.strip() for line in said.getvalue().splitlines() if line.strip()]
-        reason = lines[0] if isinstance(error, SystemExit) and lines else f"{type(error).__name__}: {error}"
         raise MeshError(
             Fault(
                 "the mesh file cannot be read",
                 where=str(path),
-                got=reason.rstrip(": "),
+                got=_reason(error, said.getvalue()),
                 allowed=f"a valid {path.suffix.lower()} file",
+                attempt="write it again with the program that made it",
             )
         ) from error
+
+
+def _reason(error: BaseException, said: str) -> str:
+    """What a reader of meshio found, in words: its own, the last one's that it prints before it exits, or `FOUND`."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    if not isinstance(error, SystemExit):
+        return next(words for kind, words in FOUND if isinstance(error, kind))
+    lines = [line.strip().rstrip(".") for line in said.partition(SUMMARY)[0].splitlines()]
+    own = [line for line in lines if line.isprintable() and not NO_WORDS.fullmatch(line)]
+    return own[-1] if own else NO_FORMAT
 
 
 def _checked(path: Path, points: Floats, tets: Ints) -> TetMesh:
@@ -159,6 +184,15 @@ def _checked(path: Path, points: Floats, tets: Ints) -> TetMesh:
                 allowed=f"0 to {len(points) - 1}",
             )
         )
+    if tets.shape[1] not in (4, 10):
+        faults.append(
+            Fault(
+                "a tetrahedron has another number of nodes",
+                str(path),
+                str(tets.shape[1]),
+                "4, or 10 of a quadratic one",
+            )
+        )
     if faults:
         raise MeshError(faults)
     return TetMesh(points, tets)
@@ -166,7 +200,7 @@ def _checked(path: Path, points: Floats, tets: Ints) -> TetMesh:
 
 def _numbered_tets(blocks: list[tuple[str, Ints]]) -> tuple[dict[int, Ints], Ints]:
     """Tet number of each row of each block, and the tets; Gmsh writes a tet once for each of its groups."""
-    of_tets = [i for i, (kind, _) in enumerate(blocks) if DIMENSION.get(kind) == 3]
+    of_tets = [i for i, (kind, cells) in enumerate(blocks) if DIMENSION.get(kind) == 3 and len(cells)]
     stacked = np.concatenate([blocks[i][1] for i in of_tets])
     _, first, same = np.unique(np.sort(stacked, axis=1), axis=0, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
@@ -180,13 +214,19 @@ def _groups(path: Path, raw: Any, blocks: list[tuple[str, Ints]]) -> Iterator[tu
 
     def add(name: str, i: int, rows: Ints) -> None:
         dimension = DIMENSION.get(blocks[i][0])
-        if dimension is not None and len(rows):
-            found.setdefault((name, dimension), {}).setdefault(i, set()).update(rows.tolist())
+        if dimension is None or len(rows) == 0:
+            return
+        n = len(blocks[i][1])
+        if rows.min() < 0 or rows.max() >= n:
+            got = f"number {rows.min() if rows.min() < 0 else rows.max()} of the {blocks[i][0]} cells"
+            what = "a group names a cell that the file does not have"
+            raise MeshError(Fault(what, f"{path}, group '{name}'", got, f"0 to {n - 1}"))
+        found.setdefault((name, dimension), {}).setdefault(i, set()).update(rows.tolist())
 
     for name, by_block in raw.cell_sets.items():
         for i, rows in enumerate(by_block if name != NOT_A_GROUP else ()):
             if rows is not None:
-                add(name, i, np.asarray(rows, dtype=np.int64))
+                add(name, i, _numbers(rows, f"{path}, group '{name}'").ravel())
     names = _physical_names(path) if path.suffix.lower() == ".msh" else {}
     for i, tags in enumerate(raw.cell_data.get("gmsh:physical", ())):
         for tag in np.unique(tags[np.asarray(tags) != 0]).tolist():
@@ -207,11 +247,24 @@ def _physical_names(path: Path) -> dict[tuple[int, int], str]:
     with path.open("rb") as file:
         for line in file:
             if line.strip() == b"$PhysicalNames":
-                for _ in range(int(next(file))):
-                    dimension, tag, name = shlex.split(next(file).decode())
-                    names[int(dimension), int(tag)] = name
+                try:
+                    for _ in range(int(next(file))):
+                        dimension, tag, name = shlex.split(next(file).decode())
+                        names[int(dimension), int(tag)] = name
+                except (ValueError, StopIteration) as error:
+                    what, allowed = "its physical groups cannot be read", 'lines of dimension, number and "name"'
+                    got = f"after {len(names)} of them another line"
+                    raise MeshError(Fault(what, f"{path}, $PhysicalNames", got, allowed)) from error
                 break
     return names
+
+
+def _numbers(values: Any, where: str) -> Ints:
+    try:
+        return np.asarray(values, dtype=np.int64)
+    except (ValueError, TypeError, OverflowError) as error:
+        what, allowed = "there are no numbers of nodes or cells", "whole numbers, as many in each row"
+        raise MeshError(Fault(what, where, allowed=allowed)) from error
 
 
 def _contents(raw: Any) -> str:

@@ -13,6 +13,7 @@ from softcal.errors import Fault, MeshError
 _HEADER, _TRIANGLE = 80, 50
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _VERTEX = re.compile(rb"vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.IGNORECASE)
+_NUMBER = re.compile(rb"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE)
 # Gmsh mistakes a binary file for text if its header is empty, as some CAD programs write it.
 _NAMED = b"binary STL".ljust(_HEADER)
 
@@ -78,10 +79,14 @@ def _binary_corners(data: bytes, path: Path) -> Floats:
 
 
 def _text_corners(data: bytes, path: Path) -> Floats:
+    words: list[bytes] = [word for corner in _VERTEX.findall(data) for word in corner]
     try:
-        numbers = np.array(_VERTEX.findall(data), dtype=np.bytes_).reshape(-1, 3).astype(np.float64)
+        numbers = np.array(words, dtype=np.bytes_).astype(np.float64).reshape(-1, 3)
     except ValueError as error:
-        raise MeshError(Fault("a corner of a triangle is no number", str(path), str(error))) from error
+        wrong = next((i for i, word in enumerate(words) if not _NUMBER.fullmatch(word)), 0)
+        got = f"corner {wrong // 3 + 1}: '{words[wrong].decode(errors='replace')[:40]}'"
+        what, allowed = "a coordinate of a triangle's corner is no number", "such as 1.5 or -2e-3"
+        raise MeshError(Fault(what, str(path), got, allowed)) from error
     facets = len(re.findall(rb"endfacet", data, re.IGNORECASE))
     if len(numbers) != 3 * facets:
         raise MeshError(

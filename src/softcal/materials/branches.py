@@ -56,7 +56,7 @@ class Branches:
     def follow(self, y: Floats, memory: Floats, elapsed: float, constants: Constants) -> Kept:
         """The branches at y (n, 6), a time `elapsed` [s] after the sample that left the memory (n, size)."""
         before, h = self._parted(memory)
-        e, a = _factors(elapsed, stacked(constants, self.times))
+        e, a = factors(elapsed, stacked(constants, self.times))
         past = e[:, None] * h - a[:, None] * before[:, None, :]
         now = past + a[:, None] * y[:, None, :]
         return Kept(a, past, now, _joined(y, now))
@@ -71,8 +71,8 @@ class Branches:
         """The rates of what `follow` gives, from values and rates of what it takes; `past`: of all but `a y`."""
         (before, h), (before_rate, h_rate) = (self._parted(one) for one in memory)
         tau = stacked(constants[0], self.times)
-        e, a = _factors(elapsed, tau)
-        de, da = _factor_rates(elapsed, tau, stacked(constants[1], self.times))
+        e, a = factors(elapsed, tau)
+        de, da = factor_rates(elapsed, tau, stacked(constants[1], self.times))
         past = (
             de[..., None] * h
             + e[:, None] * h_rate
@@ -96,7 +96,8 @@ def _joined(y: Floats, h: Floats) -> Floats:
     return np.concatenate([y[:, None, :], h], axis=1).reshape(len(y), -1)
 
 
-def _factors(elapsed: float, tau: Floats) -> tuple[Floats, Floats]:
+def factors(elapsed: float, tau: Floats) -> tuple[Floats, Floats]:
+    """e and a after a time, with relaxation times tau (b,)."""
     if np.isinf(elapsed):
         return np.zeros_like(tau), np.zeros_like(tau)
     x = elapsed / tau
@@ -104,7 +105,8 @@ def _factors(elapsed: float, tau: Floats) -> tuple[Floats, Floats]:
     return np.exp(-x), np.where(x == 0.0, 1.0, -np.expm1(-at) / at)
 
 
-def _factor_rates(elapsed: float, tau: Floats, change: Floats) -> tuple[Floats, Floats]:
+def factor_rates(elapsed: float, tau: Floats, change: Floats) -> tuple[Floats, Floats]:
+    """The rates of e and a at rates of the relaxation times (..., b)."""
     if np.isinf(elapsed):
         return np.zeros_like(change), np.zeros_like(change)
     x = elapsed / tau

@@ -5,13 +5,18 @@ stress s = 2 mu_f dev(E - E_p) of the Green-Lagrange strain. Where its equivalen
 
     q = sqrt(3 mu_f s : (E - E_p)),    in a solid sqrt(3/2 s : s)
 
-is above the threshold Y, what is beyond it relaxes,
+is above the threshold Y, what is beyond it relaxes at a fixed direction (radial return), and E_p, the strain at which
+the branch is free of stress, follows:
 
-    q -> Y + (q - Y) exp(-dt / tau)
+    dq/dt = -(q - Y) / tau
 
-at a fixed direction, and E_p, the strain at which the branch is free of stress, follows (radial return). With tau = 0
-the branch is an elastic and then plastic one; with a long tau a slow viscoplastic flow. A part of its stress remains
-when the robot is let go, and keeps it from its shape.
+With tau = 0 the branch is an elastic and then plastic one; with a long tau a slow viscoplastic flow. A part of its
+stress remains when the robot is let go, and keeps it from its shape.
+
+From one sample to the next, a time dt later, what is beyond Y relaxes by a factor e/a at the strain of the first, then
+the strain changes, and what is beyond Y then relaxes by a, with e and a as of `branches.py`. Both together are exact
+where q is above Y and the strain changes at a constant rate in a fixed direction, and elsewhere of second order in dt
+(Strang's splitting); in the second step, stress and tangent are those of a potential of the strain.
 
 In a rod the branch has the forces and moments of its sections, and q, by the energy, is the root mean square of the
 equivalent stress over a section: that of a bending moment M is M / sqrt(I A), half of the largest in a round bar.
@@ -27,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.materials.branches import factor_rates, factors, stacked
 from softcal.materials.inelastic import Constants, Inelastic, Left, PointRates, Stressed
 from softcal.materials.parameter import Parameter
 from softcal.quantities import QUANTITIES
@@ -36,7 +42,7 @@ MODULUS, THRESHOLD, TIME = "flow_modulus", "flow_threshold", "flow_time"
 
 @dataclass(frozen=True)
 class Flow(Inelastic):
-    """Its memory at a point: E_p (6). at_once: whether it has no time, as dry friction."""
+    """Its memory at a point: E_p and E of the sample before (12). at_once: whether it has no time, as dry friction."""
 
     at_once: bool = False
 
@@ -51,24 +57,26 @@ class Flow(Inelastic):
 
     @property
     def size(self) -> int:
-        return 6
+        return 12
 
     @property
     def needs_time(self) -> bool:
         return not self.at_once
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        mu, Y = constants[MODULUS], constants[THRESHOLD]
-        strain = at.E - memory
-        one = _returned(strain, _form(at), elapsed, constants)
+        mu, Y, form = constants[MODULUS], constants[THRESHOLD], _form(at)
+        set_before, before = memory[:, :6], memory[:, 6:]
+        first, last = _decays(elapsed, constants)
+        begun = _returned(before - set_before, form, first, constants)
+        strain = at.E - before + begun.remains
+        one = _returned(strain, form, last, constants)
         tangent = at.D
         if len(tangent):
-            bend = np.where(one.flows, (1.0 - one.d) * Y * 3.0 * mu / one.above**3, 0.0)
-            tangent = tangent + mu * one.rho[:, None, None] * _form(at)
+            bend = np.where(one.flows, (1.0 - last) * Y * 3.0 * mu / one.above**3, 0.0)
+            tangent = tangent + mu * one.rho[:, None, None] * form
             tangent = tangent - bend[:, None, None] * one.s[:, :, None] * one.s[:, None, :]
-        left = memory + (1.0 - one.rho)[:, None] * strain
         W, S = at.W + one.stored / (3.0 * mu), at.S + one.rho[:, None] * one.s
-        return Left(at._replace(W=W, S=S, D=tangent), left)
+        return Left(at._replace(W=W, S=S, D=tangent), np.concatenate([at.E - one.remains, at.E], axis=1))
 
     def rates(
         self,
@@ -79,19 +87,17 @@ class Flow(Inelastic):
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
         values, changes = constants
-        mu, Y = values[MODULUS], values[THRESHOLD]
-        dmu, dY, dtau = (np.asarray(changes.get(name, 0.0)) for name in (MODULUS, THRESHOLD, TIME))
-        dd = _decay_rate(elapsed, values.get(TIME, 0.0)) * dtau
-        strain, dstrain = at.E - memory[0], by.E - memory[1]
-        s, q, flows, above, d, rho, stored = _returned(strain, _form(at), elapsed, values)
-        ds = dmu[..., None] / mu * s + mu * _times(_form(at), dstrain)
-        dq = q * dmu / mu + 3.0 * mu * (s * dstrain).sum(axis=1) / np.where(q > 0.0, q, 1.0)
-        drho = np.where(flows, dd * (1.0 - Y / above) + (1.0 - d) * (dY - Y * dq / above) / above, 0.0)
-        S = by.S + drho[:, None] * s + rho[:, None] * ds
-        beyond = d * q * dq + 0.5 * dd * q**2 - dd * (Y * q - 0.5 * Y**2) + (1.0 - d) * (dY * (q - Y) + Y * dq)
-        W = by.W + (np.where(flows, beyond, q * dq) - stored * dmu / mu) / (3.0 * mu)
-        left = memory[1] + (1.0 - rho)[:, None] * dstrain - drho[:, None] * strain
-        return PointRates(by.E, W, S), left
+        mu, form = values[MODULUS], _form(at)
+        (set_before, before), (set_rate, before_rate) = ((one[:, :6], one[:, 6:]) for one in memory)
+        (first, last), (first_rate, last_rate) = _decays(elapsed, values), _decay_rates(elapsed, values, changes)
+        begun = _returned(before - set_before, form, first, values)
+        begun_rate = _returned_rates(begun, before_rate - set_rate, form, first_rate, constants)
+        one = _returned(at.E - before + begun.remains, form, last, values)
+        rate = _returned_rates(one, by.E - before_rate + begun_rate.remains, form, last_rate, constants)
+        dmu = np.asarray(changes.get(MODULUS, 0.0))
+        S = by.S + rate.rho[:, None] * one.s + one.rho[:, None] * rate.s
+        W = by.W + (rate.stored - one.stored * dmu / mu) / (3.0 * mu)
+        return PointRates(by.E, W, S), np.concatenate([by.E - rate.remains, by.E], axis=1)
 
 
 class _Returned(NamedTuple):
@@ -99,37 +105,68 @@ class _Returned(NamedTuple):
 
     Attributes
     ----------
+    strain
+        Of the branch, were nothing to flow (n, 6).
     s, q
-        The branch's stress (n, 6) [Pa] were nothing to flow, and its equivalent stress (n,).
+        Its stress there (n, 6) [Pa], and its equivalent stress (n,).
     flows, above
         Whether that is above the threshold, and it where it is, else one (n,).
     d
-        What is left of the rest after the time [-].
+        What is left of the rest [-].
     rho
         Share of s that remains (n,) [-].
+    remains
+        The strain that remains (n, 6).
     stored
         3 mu_f times the potential (n,) [Pa^2].
     """
 
+    strain: Floats
     s: Floats
     q: Floats
     flows: np.ndarray
     above: Floats
     d: float
     rho: Floats
+    remains: Floats
     stored: Floats
 
 
-def _returned(strain: Floats, form: Floats, elapsed: float, constants: Constants) -> _Returned:
-    """For strains E - E_p (n, 6), with `Stressed.isochoric` (n, 6, 6)."""
-    mu, Y, d = constants[MODULUS], constants[THRESHOLD], _decay(elapsed, constants.get(TIME, 0.0))
+class _ReturnedRates(NamedTuple):
+    """The rates of the same quantities of a radial return."""
+
+    s: Floats
+    rho: Floats
+    remains: Floats
+    stored: Floats
+
+
+def _returned(strain: Floats, form: Floats, d: float, constants: Constants) -> _Returned:
+    """For strains of the branch (n, 6), with `Stressed.isochoric` (n, 6, 6)."""
+    mu, Y = constants[MODULUS], constants[THRESHOLD]
     s = mu * _times(form, strain)
     q = np.sqrt(np.maximum(3.0 * mu * (s * strain).sum(axis=1), 0.0))
     flows = q > Y
     above = np.where(flows, q, 1.0)
     rho = np.where(flows, d + (1.0 - d) * Y / above, 1.0)
     stored = np.where(flows, 0.5 * d * q**2 + (1.0 - d) * (Y * q - 0.5 * Y**2), 0.5 * q**2)
-    return _Returned(s, q, flows, above, d, rho, stored)
+    return _Returned(strain, s, q, flows, above, d, rho, rho[:, None] * strain, stored)
+
+
+def _returned_rates(
+    of: _Returned, dstrain: Floats, form: Floats, dd: Floats, constants: tuple[Constants, Constants]
+) -> _ReturnedRates:
+    """At rates of the strains (n, 6) and of d, with the constants and their rates."""
+    values, changes = constants
+    mu, Y = values[MODULUS], values[THRESHOLD]
+    dmu, dY = (np.asarray(changes.get(name, 0.0)) for name in (MODULUS, THRESHOLD))
+    strain, s, q, flows, above, d, rho, _, _ = of
+    ds = dmu[..., None] / mu * s + mu * _times(form, dstrain)
+    dq = q * dmu / mu + 3.0 * mu * (s * dstrain).sum(axis=1) / np.where(q > 0.0, q, 1.0)
+    drho = np.where(flows, dd * (1.0 - Y / above) + (1.0 - d) * (dY - Y * dq / above) / above, 0.0)
+    beyond = d * q * dq + 0.5 * dd * q**2 - dd * (Y * q - 0.5 * Y**2) + (1.0 - d) * (dY * (q - Y) + Y * dq)
+    remains = drho[:, None] * strain + rho[:, None] * dstrain
+    return _ReturnedRates(ds, drho, remains, np.where(flows, beyond, q * dq))
 
 
 def _form(at: Stressed) -> Floats:
@@ -140,12 +177,19 @@ def _times(form: Floats, strain: Floats) -> Floats:
     return np.einsum("nij,nj->ni", form, strain)
 
 
-def _decay(elapsed: float, time: float) -> float:
-    """exp(-dt / tau), of what is beyond the threshold; it is gone at once where tau is zero."""
-    return 0.0 if time == 0.0 or np.isinf(elapsed) else float(np.exp(-elapsed / time))
+def _decays(elapsed: float, constants: Constants) -> tuple[float, float]:
+    """e/a and a: what is left of the rest before the strain changes, and after; nothing where there is no time."""
+    e, a = factors(*_time(elapsed, constants))
+    return (float(e[0] / a[0]), float(a[0])) if a[0] > 0.0 else (0.0, 0.0)
 
 
-def _decay_rate(elapsed: float, time: float) -> float:
-    if time == 0.0 or np.isinf(elapsed):
-        return 0.0
-    return float(np.exp(-elapsed / time)) * elapsed / time**2
+def _decay_rates(elapsed: float, constants: Constants, changes: Constants) -> tuple[Floats, Floats]:
+    first, last = _decays(elapsed, constants)
+    de, da = factor_rates(*_time(elapsed, constants), stacked(changes, [TIME]))
+    return ((de - first * da) / last if last > 0.0 else de)[..., 0], da[..., 0]
+
+
+def _time(elapsed: float, constants: Constants) -> tuple[float, Floats]:
+    """The time since the sample before, and the flow's own (1,); of one at once, the former is as good as infinite."""
+    tau = stacked(constants, [TIME])
+    return (elapsed, tau) if tau[0] > 0.0 else (np.inf, tau)

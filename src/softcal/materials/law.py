@@ -6,6 +6,10 @@ per undeformed volume, where psi_d is a text in the invariants I1 = tr C, I2 = (
 C = F^T F, and of a law with a direction a in I4 = a . C a; or in the principal stretches lambda1, lambda2, lambda3, the
 roots of the eigenvalues of C, and in J, their product. The volumetric part is separate so that it can enter unchanged,
 or as p g(J) - p^2 / (2 kappa) with a pressure p as an unknown, which has no large number as nu -> 0.5.
+
+For that element's sake a law may shift a part s/2 g(J)^2 of its energy from psi_d to the volumetric part, kappa then
+including s. Nothing elastic depends on s. A history acts on psi_d + s/2 g^2, the law's own first part; since it may
+soften that, it needs a smaller s (`with_least_shift`).
 """
 
 from __future__ import annotations
@@ -13,7 +17,7 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -46,6 +50,8 @@ class Law:
         g(J) [-], text in J.
     bulk
         kappa [Pa] of the volumetric part, text in the symbols.
+    shifted
+        s [Pa], text in the symbols.
     reference
         Where the law is from.
     """
@@ -57,9 +63,10 @@ class Law:
     volumetric_strain: str
     bulk: str
     reference: str = ""
+    shifted: str = "0"
 
     def __hash__(self) -> int:
-        return hash((self.name, self.distortional, self.volumetric_strain, self.bulk))
+        return hash((self.name, self.distortional, self.volumetric_strain, self.bulk, self.shifted))
 
     @functools.cached_property
     def variables(self) -> tuple[str, ...]:
@@ -127,6 +134,7 @@ class CompiledLaw:
     first_by_parameter: Callable[..., Any]  # the first derivatives by the variables, of each constant
     strain: Callable[..., Any]  # g, g', g''
     compliance: Callable[..., Any]  # 1/kappa and its derivatives by the parameters
+    shifted: Callable[..., Any]  # s and its derivatives by the parameters
 
 
 @functools.cache
@@ -140,7 +148,7 @@ def compile_law(law: Law) -> CompiledLaw:
     scope: dict[str, Any] = {**letters, **variables, "J": J, "pi": sympy.pi}
     for symbol, text in law.symbols.items():
         scope[symbol] = to_sympy(text, scope)
-    psi_d, kappa = to_sympy(law.distortional, scope), to_sympy(law.bulk, scope)
+    psi_d, kappa, shifted = (to_sympy(text, scope) for text in (law.distortional, law.bulk, law.shifted))
     volume = sympy.Symbol("J", positive=True)
     g = to_sympy(law.volumetric_strain, {**scope, "J": volume})
 
@@ -170,6 +178,30 @@ def compile_law(law: Law) -> CompiledLaw:
         first_by_parameter=function([*of, *theta], [[slope.diff(t) for slope in first] for t in theta]),
         strain=function([volume], [g, g.diff(volume), g.diff(volume, 2)]),
         compliance=function(theta, [1 / kappa, [(1 / kappa).diff(t) for t in theta]]),
+        shifted=function(theta, [shifted, [shifted.diff(t) for t in theta]]),
+    )
+
+
+def with_least_shift(law: Law) -> Law:
+    """The same energy with as small an s' in the place of s as keeps kappa' = kappa - s + s' well above zero.
+
+    Where psi_d + s/2 g^2 softens, the shifted part -s/2 g^2 does not, and displacements that the pressure does not see
+    would become unstable. With b = kappa - s, s' = (sqrt(b^2 + (s/4)^2) - b)/2: s/8 at b = 0, next to nothing where b
+    is larger than s.
+    """
+    if law.shifted == "0":
+        return law
+    symbols = {
+        "shifted": law.shifted,
+        "bulk": f"{law.bulk} - shifted",
+        "least": "(sqrt(bulk**2 + (shifted/4)**2) - bulk)/2",
+    }
+    return replace(
+        law,
+        symbols={**law.symbols, **symbols},
+        distortional=f"{law.distortional} + (shifted - least)/2*({law.volumetric_strain})**2",
+        bulk="bulk + least",
+        shifted="least",
     )
 
 

@@ -12,7 +12,7 @@ from softcal.materials.elastic_constants import (
 )
 from softcal.materials.law import Law
 
-# mu/2 (I1 - 3) - mu ln J + lambda/2 (ln J)^2, of which c mu/2 (ln J)^2 moves from the first part to the second: the
+# mu/2 (I1 - 3) - mu ln J + lambda/2 (ln J)^2, of which c mu/2 (ln J)^2 shifts from the first part to the second: the
 # law is the same for every c. A mixed element needs M = lambda + c mu > 0, and c <= 2/3, so that the first part alone
 # resists a change of volume that the pressure does not see. With c = 2/3 M is the bulk modulus, and nothing keeps a
 # strongly compressed element from J = 0; with c = 0 it is lambda, which is no modulus where nu <= 0. Hence a c that
@@ -30,6 +30,7 @@ NEO_HOOKE = Law(
     distortional="mu/2*(I1 - 3) - mu*log(J) - c*mu/2*log(J)**2",
     volumetric_strain="log(J)",
     bulk="lmbda + c*mu",
+    shifted="c*mu",
     reference="Bonet and Wood (2008), compressible neo-Hookean material; SOFA's NeoHookean; paper A, Eqs. (2)-(3)",
 )
 

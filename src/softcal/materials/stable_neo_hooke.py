@@ -20,6 +20,7 @@ STABLE_NEO_HOOKE = Law(
     distortional="mu/2*(I1 - 3) - mu*(J - 1) + (1 - c)*mu/2*(J - 1)**2",
     volumetric_strain="J - 1",
     bulk="lmbda + c*mu",
+    shifted="c*mu",
     reference="Smith, de Goes and Kim, ACM Trans. Graph. 37 (2018) 12, as of Kim and Eberle (2022); SOFA's "
     "StableNeoHookean",
 )

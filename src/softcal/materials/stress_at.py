@@ -125,16 +125,15 @@ def add_volumetric(stress: Stress, at: Points, volume: Volumetric) -> None:
     stress_kernels.add_volumetric(at.F, at.J, *volume, len(stress.D) > 0, stress.S, stress.D)
 
 
-def volumetric(law: CompiledLaw, J: Floats, values: tuple[float, ...]) -> Volumetric:
-    """That of kappa/2 g(J)^2."""
+def volumetric(law: CompiledLaw, J: Floats, modulus: float) -> Volumetric:
+    """That of modulus/2 g(J)^2."""
     g, dg, ddg = stacked(law.strain(J), len(J))
-    kappa = float(law.bulk(*values))
-    return Volumetric(kappa * g * dg, kappa * (dg**2 + g * ddg))
+    return Volumetric(modulus * g * dg, modulus * (dg**2 + g * ddg))
 
 
 def whole_stress(law: CompiledLaw, at: Points, values: tuple[float, ...], *, tangent: bool = True) -> Stress:
     """The stress of psi_d + kappa/2 g(J)^2."""
-    return Deformation(law, at).stress(values, volumetric(law, at.J, values), tangent=tangent)
+    return Deformation(law, at).stress(values, volumetric(law, at.J, float(law.bulk(*values))), tangent=tangent)
 
 
 def whole_energy(law: CompiledLaw, at: Points, values: tuple[float, ...]) -> Floats:

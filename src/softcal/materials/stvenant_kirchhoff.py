@@ -24,5 +24,6 @@ STVENANT_KIRCHHOFF = Law(
     distortional="lmbda/2*tr_E**2 + mu*tr_EE - kappa/2*(J - 1)**2",
     volumetric_strain="J - 1",
     bulk="kappa",
+    shifted="kappa",
     reference="Ciarlet (1988), Mathematical Elasticity I; SOFA's StVenantKirchhoff",
 )

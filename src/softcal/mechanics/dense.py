@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -68,4 +69,5 @@ def dense_tangent(pattern: Pattern, data: Floats, touch: Any, border: Border) ->
     upper = sp.csr_matrix((data, pattern.indices, pattern.indptr), shape=(n, n))
     whole: Floats = (upper if touch is None else upper + touch).toarray()
     whole += np.triu(whole, 1).T + border.columns[:, k:] @ border.rows[:, k:].T
-    return whole, Border(border.driven, border.columns[:, :k], border.rows[:, :k], border.corner[:k])
+    own = {"columns": border.columns[:, :k], "rows": border.rows[:, :k], "corner": border.corner[:k]}
+    return whole, replace(border, **own)

@@ -19,13 +19,15 @@ class Border:
         [ rows^T corner ]
 
     The first ones belong to the efforts of `driven` actuators (corner zero without stretch), the others to parts of the
-    tangent that are products of columns and rows, such as friction (corner -1).
+    tangent that are products of columns and rows, such as friction (corner -1). has_moments: whether dead moments are
+    among these.
     """
 
     driven: Ints
     columns: Floats
     rows: Floats
     corner: Floats
+    has_moments: bool = False
 
 
 NO_BORDER = Border(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0))

@@ -165,8 +165,6 @@ class RodTerm(Term):
         sizes.volume += float(self.volumes.sum())
         tangent = self.assemble(sizes.rest.position, sizes.rest.rotation, own).tangent
         self.blocks.add_gradient(sizes.stiffness, np.einsum("nii->ni", tangent))
-        frames = np.unique(self.frames)
-        sizes.frames.append(frames[frames < sizes.layout.n_moving_frames])
 
     def why_unlike(self, state: State) -> str:
         """Where the tension is near that at which the sections of an element turn by themselves: N l^2 = 12 EI of a

@@ -23,8 +23,6 @@ class Sizes:
         Volume of all material, and of the tets alone [m^3].
     n_tets
         Number of tets.
-    frames
-        Frames with a stiffness of their own, by term.
     stiffness
         Diagonal of the frames' own tangent at rest (n_unknowns,) [N/m, or N m].
     rest, extent
@@ -36,7 +34,6 @@ class Sizes:
     volume: float = 0.0
     meshed: float = 0.0
     n_tets: int = 0
-    frames: list[Ints] = field(default_factory=list[Ints])
     stiffness: Floats = field(init=False)
     rest: State = field(init=False)
     extent: float = field(init=False)
@@ -52,9 +49,10 @@ class Sizes:
         return self.shear_modulus * (self.volume / self.extent**2) ** 2
 
     def positions(self) -> Ints:
-        """Unknowns that are positions of material: of free points, and of frames with a stiffness of their own."""
+        """Unknowns that are positions: of free points, and of moving frames, on which material rides."""
         first = self.layout.first_frame_unknown
-        return np.concatenate([np.arange(first), *(first + 6 * f + i for f in self.frames for i in range(3))])
+        frames = np.arange(first, self.layout.first_pressure_unknown).reshape(-1, 6)
+        return np.concatenate([np.arange(first), frames[:, :3].ravel()])
 
     def units(self) -> Floats:
         """Units of the unknowns in which the tangent's entries are of one size; pivots are compared with each other.

@@ -67,7 +67,7 @@ class _Volume(NamedTuple):
     Attributes
     ----------
     slopes
-        Its derivatives by J, at fixed pressures of a mixed element.
+        Its derivatives by J, at fixed pressures of a mixed element, without what a history acts on (`Law.shifted`).
     dg
         g' (n,) [-]; of a mixed element only, as `error`.
     error
@@ -258,13 +258,20 @@ class SolidTerm(Term):
 
     def _volume(self, given: Given) -> _Volume:
         values, J = self._theta(given.theta), given.known[3].ravel()
-        compliance, _ = self.compiled.compliance(*values)
+        compliance, shifted = self.compiled.compliance(*values)[0], self._shifted(values)[0]
         if not self.is_mixed:
             none = np.zeros(0)
-            return _Volume(volumetric(self.compiled, J, values), none, none, float(compliance))
+            slopes = volumetric(self.compiled, J, float(self.compiled.bulk(*values)) - shifted)
+            return _Volume(slopes, none, none, float(compliance))
         p = self._pressure(given.state).ravel()
         g, dg, ddg = stacked(self.compiled.strain(J), J.size)
-        return _Volume(Volumetric(p * dg, p * ddg), dg, g - compliance * p, float(compliance))
+        of_history = volumetric(self.compiled, J, shifted)
+        slopes = Volumetric(p * dg - of_history.by_J, p * ddg - of_history.by_JJ)
+        return _Volume(slopes, dg, g - compliance * p, float(compliance))
+
+    def _shifted(self, values: tuple[float, ...]) -> tuple[float, Sequence[float]]:
+        """The modulus of the volumetric part that a history acts on [Pa], and its derivatives by the constants."""
+        return self.compiled.shifted(*values) if self.history.parts else (0.0, [0.0] * len(values))
 
     def _pressure(self, state: State) -> Floats:
         """Pressures at the quadrature points (n_tets, n_q) [Pa]."""
@@ -295,13 +302,14 @@ class SolidTerm(Term):
         element to the gradient.
         """
         compliance, by_parameter = self.compiled.compliance(*law.values)
+        at, change = law.deformation.at, -float(self._shifted(law.values)[1][i])
         if self.is_mixed:
             error = -float(by_parameter[i]) * self._pressure(given.state).ravel()
             solid_kernels.add_volume_gradient(gradient, given.state.x.size, self.pressure_conn, self.N_p, self.w, error)
-            return
-        at, of_bulk = law.deformation.at, -float(by_parameter[i]) / float(compliance)  # d kappa, over kappa
-        by_J, by_JJ = volumetric(self.compiled, at.J, law.values)
-        add_volumetric(Stress(stress, NO_TANGENT), at, Volumetric(of_bulk * by_J, of_bulk * by_JJ))
+        else:
+            change -= float(by_parameter[i]) / float(compliance) ** 2  # d kappa
+        if change != 0.0:
+            add_volumetric(Stress(stress, NO_TANGENT), at, volumetric(self.compiled, at.J, change))
 
     def _add_by_motion(self, gradient: Floats, given: Given, motion: MeshMotion) -> None:
         tets, G = motion.rate(self.conn, self.dN)
@@ -330,7 +338,7 @@ class SolidTerm(Term):
         g = stacked(self.compiled.strain(at.J), at.J.size)[0]
         compliance, _ = self.compiled.compliance(*values)
         psi = (
-            self._passed(given).respond(tangent=False).at.W
+            self._passed(given).respond(tangent=False).at.W - 0.5 * self._shifted(values)[0] * g**2
             if self.history.parts
             else Deformation(self.compiled, at).energy(values)
         )

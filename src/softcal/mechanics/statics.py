@@ -13,7 +13,7 @@ from softcal.mechanics.dense import Dense, dense_tangent
 from softcal.mechanics.linear_solve import Factorisation, factorisation
 from softcal.mechanics.redundancy import require_independent
 from softcal.mechanics.state import State, moved
-from softcal.mechanics.system import NO_BORDER, Border, Controls, Linearisation, System
+from softcal.mechanics.system import NO_BORDER, Controls, Linearisation, System
 from softcal.mechanics.touched_pattern import TouchedPattern
 from softcal.mechanics.wire_contact import CLEARANCE
 
@@ -186,11 +186,11 @@ class Statics:
         # A free mode would give entries of the multipliers' matrix that are too large beside the others.
         size = np.sqrt(np.abs(np.einsum("nk,nk->k", modes, solved[:, k:])))
         solved[:, k:] /= size
-        self._border = Border(
-            border.driven,
-            np.concatenate([border.columns.reshape(len(modes), -1), modes / size], axis=1),
-            np.concatenate([border.rows.reshape(len(modes), -1), modes / size], axis=1),
-            np.concatenate([border.corner, np.zeros(modes.shape[1])]),
+        self._border = replace(
+            border,
+            columns=np.concatenate([border.columns.reshape(len(modes), -1), modes / size], axis=1),
+            rows=np.concatenate([border.rows.reshape(len(modes), -1), modes / size], axis=1),
+            corner=np.concatenate([border.corner, np.zeros(modes.shape[1])]),
         )
         self._columns_solved = solved
 
@@ -349,7 +349,9 @@ class Statics:
 
         The potential has a minimum among the states with these coordinates where the bordered tangent has as many
         negative eigenvalues as it has multipliers: pressures, efforts of driven actuators. Friction makes the border
-        unsymmetric; its sign changes where the tangent becomes singular, as without friction.
+        unsymmetric; its sign changes where the tangent becomes singular, as without friction. Dead moments have no
+        potential, and the symmetric part of the tangent depends on how rotations are parametrised: there statics show
+        only whether the determinant has the sign of a stable state (divergence), so that the number is 0 or 1.
         """
         border = self._border
         n = self.system.layout.first_effort_unknown
@@ -358,7 +360,8 @@ class Statics:
             columns_solved, _ = self._with_border_solved(np.zeros((n, 0)))
             schur = border.rows.T @ columns_solved - np.diag(border.corner)
             n_negative += int(np.count_nonzero(np.linalg.eigvals(schur).real > 0.0))
-        return n_negative - self.system.layout.n_pressures - len(border.corner)
+        n_unstable = n_negative - self.system.layout.n_pressures - len(border.corner)
+        return n_unstable % 2 if border.has_moments else n_unstable
 
     def release(self) -> None:
         """Release the factors' memory."""

@@ -332,7 +332,8 @@ class System:
         rows = np.hstack([none, *(one.rows for one in driven), *(row for _, row in products)])
         corner = np.concatenate([NOTHING, *(one.corner for one in driven)])
         own = np.concatenate([NO_BORDER.driven, *(one.driven for one in driven)])
-        return Border(own, columns, rows, np.concatenate([corner, -np.ones(columns.shape[1] - len(corner))]))
+        corner = np.concatenate([corner, -np.ones(columns.shape[1] - len(corner))])
+        return Border(own, columns, rows, corner, has_moments=bool(total.rank_one_own))
 
     def _outside(self, state: State, total: Sum) -> Any:
         """The tangent outside the pattern, on the unknowns: upper triangle, or None where there is none."""

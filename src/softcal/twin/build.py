@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
-from softcal.materials.catalogue import LAWS
 from softcal.mechanics.attachment import attach_ball, attach_point
 from softcal.mechanics.cable_routes import build_cables
 from softcal.mechanics.crossing import Skins
@@ -119,7 +118,7 @@ def build_twin(robot: Robot) -> Twin:
                 continue
             solid, with_pressure = build_solid(
                 material.name,
-                LAWS[body.law],
+                body.elasticity,
                 element,
                 mesh.points,
                 tets,

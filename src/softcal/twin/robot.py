@@ -28,6 +28,7 @@ from softcal.materials.components import NO_DIRECTION
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.materials.histories import history_of
 from softcal.materials.inelastic import History
+from softcal.materials.law import Law, with_least_shift
 from softcal.materials.parameter import Parameter
 from softcal.mechanics.elements import DEFAULT, ElementName
 from softcal.mechanics.mesh_motion import MeshMotion
@@ -101,6 +102,11 @@ class Body(NamedPart):
     def past(self) -> History:
         """What its materials do beyond the law."""
         return history_of(self.history, f"{self.name}.history")
+
+    @property
+    def elasticity(self) -> Law:
+        """Its law, as its elements need it."""
+        return with_least_shift(LAWS[self.law]) if self.history else LAWS[self.law]
 
     @property
     def constants(self) -> tuple[Parameter, ...]:

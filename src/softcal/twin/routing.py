@@ -1,4 +1,5 @@
-"""The routing of a cable between two of its via points in one body: in a bore, which moves with the body.
+"""The routing of a cable between two of its via points: in the bore of a body that one of them is on, which moves with
+the body.
 
 A straight segment would leave the bore of a bending body, towards the inside of the bend, with a growing lever arm; a
 soft body then folds between two via points as a column buckles under its own load.
@@ -11,13 +12,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from softcal.checks import Floats, Ints
-from softcal.errors import Fault, MeshError
+from softcal.checks import Floats
 from softcal.geometry.bore import wall_around
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.locate import mean_edges, nearest_places, nearest_tets, tets_holding
 from softcal.geometry.mesh import TetMesh
-from softcal.mechanics.attachment import attach_rate
+from softcal.mechanics.attachment import attach_point, attach_rate
 from softcal.mechanics.rod_points import RodPlace, place_on_rod
 from softcal.twin.cables import Cable, ViaPoint
 
@@ -30,46 +30,60 @@ def bored(
     meshes: Mapping[str, TetMesh],
     centrelines: Mapping[str, Centreline] | None = None,
 ) -> tuple[ViaPoint, ...]:
-    """The via points, with additional ones along the bore between two neighbours in one body or on one rod: wherever
-    the line between them runs inside the body's material, or inside a bore of its mesh; at the nodes of the rod.
+    """The via points, with additional ones along the bore between two neighbours: wherever the line between them runs
+    inside the material of a body that one of them is on, or inside a bore of its mesh; on one rod, at its nodes.
 
-    meshes, centrelines [m]: by the name of the body or rod. Across a gap of the body the cable runs straight.
+    meshes, centrelines [m]: by the name of the body or rod. Across a gap, and through other bodies, the cable runs
+    straight.
     """
     lines = centrelines or {}
     out = list(via_points[:1])
     for start, end in pairwise(via_points):
-        if start.on == end.on and start.on in meshes:
-            out += [_between(at, start, end) for at in _inside(meshes[start.on], start.at, end.at)]
-        elif start.on == end.on and start.on in lines:
-            out += [_between(at, start, end) for at in _along(lines[start.on], start.at, end.at)]
+        if start.on == end.on and start.on in lines:
+            out += [_between(at, start.on, start, end) for at in _along(lines[start.on], start.at, end.at)]
+        guided = [
+            _between(at, on, start, end)
+            for on in dict.fromkeys((start.on, end.on))
+            if on in meshes
+            for at in _Passage(meshes[on], start.at, end.at).inside
+        ]
+        out += sorted(guided, key=lambda via: float(via.share or 0.0))
         out.append(end)
     return tuple(out)
 
 
-def _between(at: Floats, start: ViaPoint, end: ViaPoint) -> ViaPoint:
+def unguided(cable: Cable, meshes: Mapping[str, TetMesh]) -> dict[str, float]:
+    """Body -> length [m] over which the cable runs straight through its material, from via points that are on other
+    parts; only bodies that it runs through. meshes [m]: by body's name.
+    """
+    found: dict[str, float] = {}
+    for start, end in pairwise(cable.via_points):
+        for name, mesh in meshes.items():
+            length = _Passage(mesh, start.at, end.at).in_material
+            if length > 0.0:
+                found[name] = found.get(name, 0.0) + length
+    return found
+
+
+def off_bore(cable: Cable, meshes: Mapping[str, TetMesh]) -> dict[str, float]:
+    """Body -> length [m] over which the cable runs through the body's material between two of its stated via points of
+    which one is in a bore; only what is longer than a bore is wide. meshes [m]: by body's name.
+    """
+    found: dict[str, float] = {}
+    stated = [via for via in cable.via_points if via.share is None]
+    for start, end in pairwise(stated):
+        for name in {start.on, end.on} & meshes.keys():
+            bores = [attach_point(meshes[name], via.at).bore for via in (start, end) if via.on == name]
+            length = _Passage(meshes[name], start.at, end.at).in_material if any(bores) else 0.0
+            if length > max(bores):
+                found[name] = found.get(name, 0.0) + length
+    return found
+
+
+def _between(at: Floats, on: str, start: ViaPoint, end: ViaPoint) -> ViaPoint:
     """A point added between two; its share of the way is that of its distances from them."""
     from_start, to_end = (float(np.linalg.norm(at - one.at)) for one in (start, end))
-    return ViaPoint(at, start.on, share=from_start / (from_start + to_end))
-
-
-def offset_rate(mesh: TetMesh, via: ViaPoint, way: Floats, *, where: str = "") -> tuple[Ints, Floats]:
-    """Nodes and rates [1/m] of the weights of a via point in a body that moves along a direction (3,).
-
-    Raises
-    ------
-    MeshError
-        Where it is spread over a ball, or lies outside the material (as in a bore) or in a curved element.
-    """
-    if via.radius > 0.0:
-        raise MeshError(
-            Fault(
-                "a via point with a radius cannot be moved by an offset",
-                where=where,
-                got=f"radius {1e3 * via.radius:.4g} mm",
-                allowed="via points without a radius",
-            )
-        )
-    return attach_rate(mesh, via.at, way, where=where)
+    return ViaPoint(at, on, 0.0, share=from_start / (from_start + to_end))
 
 
 def require_movable(cable: Cable, meshes: Mapping[str, TetMesh]) -> None:
@@ -80,27 +94,35 @@ def require_movable(cable: Cable, meshes: Mapping[str, TetMesh]) -> None:
     Raises
     ------
     InputError
-        For the first of them: in a bore, outside its body, or with a radius.
+        For the first of them: in a bore, or outside its body.
     """
     for ways in cable.ways().values():
         for via, way in zip(cable.via_points, ways, strict=True):
             if via.on in meshes and way.any():
-                offset_rate(meshes[via.on], via, way)
+                attach_rate(meshes[via.on], via.at, way, via.radius)
 
 
-def _inside(mesh: TetMesh, start: Floats, end: Floats) -> Floats:
-    """Points between two others, evenly spaced, only those surrounded by material."""
-    edge = float(mean_edges(mesh, nearest_places(mesh, np.stack([start, end])).tets).mean())
-    pieces = max(1, int(np.ceil(float(np.linalg.norm(end - start)) / (SPACING * edge))))
-    points = start + (end - start) * (np.arange(1, pieces) / pieces)[:, None]
-    if len(points) == 0:
-        return points
-    in_tets = tets_holding(mesh, points) >= 0
-    _, depth = nearest_tets(mesh, points)
-    kept = [
-        depth[i] > SKIN * edge if in_tets[i] else wall_around(mesh, points[i]) is not None for i in range(len(points))
-    ]
-    return points[np.array(kept)]
+class _Passage:
+    """A straight line past or through a body: points evenly spaced on it between its ends.
+
+    Attributes
+    ----------
+    inside
+        Those that material surrounds, or the wall of a bore (n, 3) [m].
+    in_material
+        Length [m] of the line for which those in the material stand.
+    """
+
+    def __init__(self, mesh: TetMesh, start: Floats, end: Floats) -> None:
+        edge = float(mean_edges(mesh, nearest_places(mesh, np.stack([start, end])).tets).mean())
+        length = float(np.linalg.norm(end - start))
+        pieces = max(1, int(np.ceil(length / (SPACING * edge))))
+        points = start + (end - start) * (np.arange(1, pieces) / pieces)[:, None]
+        in_tets = tets_holding(mesh, points) >= 0
+        deep = in_tets & (nearest_tets(mesh, points)[1] > SKIN * edge)
+        kept = [deep[i] if in_tets[i] else wall_around(mesh, at) is not None for i, at in enumerate(points)]
+        self.inside: Floats = points[np.array(kept, dtype=bool)]
+        self.in_material = length * int(deep.sum()) / pieces
 
 
 def _along(centreline: Centreline, start: Floats, end: Floats) -> Floats:

@@ -210,7 +210,8 @@ def _smallest_shares(conditions: Floats) -> Floats:
     """The smallest shares s (n,) of points in a sum with C s = (1, 0, 0, 0): the sum of the shares is one, and that of
     the points, counted from the point that it is to be, is zero.
     """
-    return np.linalg.lstsq(conditions, np.array([1.0, 0.0, 0.0, 0.0]), rcond=1e-9)[0]
+    shares, *_ = np.linalg.lstsq(conditions, np.array([1.0, 0.0, 0.0, 0.0]), rcond=1e-9)
+    return np.asarray(shares, dtype=np.float64)
 
 
 def _summed(shares: Floats, nodes: Ints, weights: Floats) -> tuple[Ints, Floats]:

@@ -8,9 +8,13 @@ soft body then folds between two via points as a column buckles under its own lo
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softcal.checks import Floats
 from softcal.geometry.bore import wall_around
@@ -45,39 +49,44 @@ def bored(
             _between(at, on, start, end)
             for on in dict.fromkeys((start.on, end.on))
             if on in meshes
-            for at in _Passage(meshes[on], start.at, end.at).inside
+            for at in _passage(meshes[on], start.at, end.at).inside
         ]
         out += sorted(guided, key=lambda via: float(via.share or 0.0))
         out.append(end)
     return tuple(out)
 
 
-def unguided(cable: Cable, meshes: Mapping[str, TetMesh]) -> dict[str, float]:
-    """Body -> length [m] over which the cable runs straight through its material, from via points that are on other
-    parts; only bodies that it runs through. meshes [m]: by body's name.
+class OffBore(NamedTuple):
+    """Lengths [m] of a cable in a body that does not guide it along a bore.
+
+    straight, in_bore: through the body's material, or in a bore or cavity of it, between via points that are on other
+    parts. guided: through the material with the body, although one of the via points is in a bore.
     """
-    found: dict[str, float] = {}
-    for start, end in pairwise(cable.via_points):
+
+    straight: float = 0.0
+    in_bore: float = 0.0
+    guided: float = 0.0
+
+
+def off_bore(cable: Cable, meshes: Mapping[str, TetMesh]) -> dict[str, OffBore]:
+    """Bodies that a cable runs through without the guidance of a bore; guided, if longer than the bore is wide.
+
+    meshes [m]: by body's name. What `route: straight` leaves straight between two points in one body is not counted.
+    """
+    found: dict[str, OffBore] = {}
+    stated = [i for i, via in enumerate(cable.via_points) if via.share is None]
+    for i, j in pairwise(stated):
+        start, end = cable.via_points[i], cable.via_points[j]
         for name, mesh in meshes.items():
-            length = _Passage(mesh, start.at, end.at).in_material
-            if length > 0.0:
-                found[name] = found.get(name, 0.0) + length
-    return found
-
-
-def off_bore(cable: Cable, meshes: Mapping[str, TetMesh]) -> dict[str, float]:
-    """Body -> length [m] over which the cable runs through the body's material between two of its stated via points of
-    which one is in a bore; only what is longer than a bore is wide. meshes [m]: by body's name.
-    """
-    found: dict[str, float] = {}
-    stated = [via for via in cable.via_points if via.share is None]
-    for start, end in pairwise(stated):
-        for name in {start.on, end.on} & meshes.keys():
-            bores = [attach_point(meshes[name], via.at).bore for via in (start, end) if via.on == name]
-            length = _Passage(meshes[name], start.at, end.at).in_material if any(bores) else 0.0
-            if length > max(bores):
-                found[name] = found.get(name, 0.0) + length
-    return found
+            passage = _passage(mesh, start.at, end.at)
+            own = [via for via in (start, end) if via.on == name]
+            if len(own) == 2 or (own and j > i + 1):
+                bore = max(attach_point(mesh, via.at).bore for via in own)
+                more = OffBore(guided=passage.in_material if 0.0 < bore < passage.in_material else 0.0)
+            else:
+                more = OffBore(passage.in_material, passage.spacing * int(passage.in_bore.sum()))
+            found[name] = OffBore(*(a + b for a, b in zip(found.get(name, OffBore()), more, strict=True)))
+    return {name: lengths for name, lengths in found.items() if any(lengths)}
 
 
 def _between(at: Floats, on: str, start: ViaPoint, end: ViaPoint) -> ViaPoint:
@@ -102,27 +111,50 @@ def require_movable(cable: Cable, meshes: Mapping[str, TetMesh]) -> None:
                 attach_rate(meshes[via.on], via.at, way, via.radius)
 
 
+@dataclass(frozen=True)
 class _Passage:
-    """A straight line past or through a body: points evenly spaced on it between its ends.
+    """A straight line past or through a body: points evenly spaced on it between its ends (n, 3) [m].
 
-    Attributes
-    ----------
-    inside
-        Those that material surrounds, or the wall of a bore (n, 3) [m].
-    in_material
-        Length [m] of the line for which those in the material stand.
+    in_tets, deep
+        Which of them are in the mesh (n,), and which of these are not just below its surface.
+    spacing
+        Length [m] of the line for which each of them stands.
     """
 
-    def __init__(self, mesh: TetMesh, start: Floats, end: Floats) -> None:
-        edge = float(mean_edges(mesh, nearest_places(mesh, np.stack([start, end])).tets).mean())
-        length = float(np.linalg.norm(end - start))
-        pieces = max(1, int(np.ceil(length / (SPACING * edge))))
-        points = start + (end - start) * (np.arange(1, pieces) / pieces)[:, None]
-        in_tets = tets_holding(mesh, points) >= 0
-        deep = in_tets & (nearest_tets(mesh, points)[1] > SKIN * edge)
-        kept = [deep[i] if in_tets[i] else wall_around(mesh, at) is not None for i, at in enumerate(points)]
-        self.inside: Floats = points[np.array(kept, dtype=bool)]
-        self.in_material = length * int(deep.sum()) / pieces
+    mesh: TetMesh
+    points: Floats
+    in_tets: NDArray[np.bool_]
+    deep: NDArray[np.bool_]
+    spacing: float
+
+    @property
+    def in_material(self) -> float:
+        """Length [m] of the line in the material."""
+        return self.spacing * int(self.deep.sum())
+
+    @property
+    def inside(self) -> Floats:
+        """The points that material surrounds, or the wall of a bore (m, 3) [m]."""
+        return self.points[self.deep | self.in_bore]
+
+    @cached_property
+    def in_bore(self) -> NDArray[np.bool_]:
+        """Which of the points the wall of a bore surrounds (n,)."""
+        outside = ~self.in_tets
+        outside[outside] = [wall_around(self.mesh, at) is not None for at in self.points[outside]]
+        return outside
+
+
+def _passage(mesh: TetMesh, start: Floats, end: Floats) -> _Passage:
+    """The line from a point to another one (3,) [m]; without points where the boxes of line and mesh are apart."""
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    meets = np.all(low <= mesh.points.max(axis=0)) and np.all(high >= mesh.points.min(axis=0))
+    edge = float(mean_edges(mesh, nearest_places(mesh, np.stack([start, end])).tets).mean())
+    length = float(np.linalg.norm(end - start))
+    pieces = max(1, int(np.ceil(length / (SPACING * edge)))) if meets else 1
+    points = start + (end - start) * (np.arange(1, pieces) / pieces)[:, None]
+    in_tets = tets_holding(mesh, points) >= 0
+    return _Passage(mesh, points, in_tets, in_tets & (nearest_tets(mesh, points)[1] > SKIN * edge), length / pieces)
 
 
 def _along(centreline: Centreline, start: Floats, end: Floats) -> Floats:

@@ -45,15 +45,23 @@ def bored(
     for start, end in pairwise(via_points):
         if start.on == end.on and start.on in lines:
             out += [_between(at, start.on, start, end) for at in _along(lines[start.on], start.at, end.at)]
-        guided = [
-            _between(at, on, start, end)
-            for on in dict.fromkeys((start.on, end.on))
-            if on in meshes
-            for at in _passage(meshes[on], start.at, end.at).inside
-        ]
-        out += sorted(guided, key=lambda via: float(via.share or 0.0))
+        out += _guided(start, end, meshes)
         out.append(end)
     return tuple(out)
+
+
+def _guided(start: ViaPoint, end: ViaPoint, meshes: Mapping[str, TetMesh]) -> list[ViaPoint]:
+    """The points added between two neighbours in the bodies that they are on; where these overlap, in the first."""
+    found: list[ViaPoint] = []
+    spacing = 0.0
+    for on in dict.fromkeys((start.on, end.on)):
+        if on in meshes:
+            passage = _passage(meshes[on], start.at, end.at)
+            taken = np.array([via.at for via in found]).reshape(-1, 3)
+            spacing = max(spacing, passage.spacing)
+            own = [at for at in passage.inside if np.all(np.linalg.norm(taken - at, axis=1) > 0.5 * spacing)]
+            found += [_between(at, on, start, end) for at in own]
+    return sorted(found, key=lambda via: float(via.share or 0.0))
 
 
 class OffBore(NamedTuple):

@@ -51,7 +51,7 @@ def beam_robot(data: dict) -> Robot:
         parameters=elastic(data["youngs_modulus_Pa"], data["poissons_ratio"]),
         element="P1",
     )
-    inside = [ViaPoint(np.array(at), "beam") for at in data["cable"]["via_points_m"]]
+    inside = [ViaPoint(np.array(at), "beam", 0.0) for at in data["cable"]["via_points_m"]]
     pull = ViaPoint(np.array(data["cable"]["pull_point_m"], dtype=float))
     return Robot((body,), (), (Cable("tendon", (*reversed(inside), pull)),))
 

@@ -58,16 +58,10 @@ def test_an_offset_needs_an_axis_and_cannot_lead_through_it(tmp_path: Path):
     assert "robot.cables.front" in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("via", "said"),
-    [
-        ("{on: bar, at: [5 mm, 1 mm, 60 mm], radius: 2 mm}", "a via point with a radius"),
-        ("{on: bar, at: [10.01 mm, 1 mm, 60 mm]}", "must lie inside its body"),
-    ],
-)
-def test_via_points_that_cannot_be_moved_are_refused(tmp_path: Path, via: str, said: str):
+def test_via_points_that_cannot_be_moved_are_refused(tmp_path: Path):
+    via = "{on: bar, at: [10.01 mm, 1 mm, 60 mm]}"
     lower = ("        - {at: [30 mm, 0 mm, 0 mm]}", f"        - {via}\n        - {{at: [30 mm, 0 mm, 0 mm]}}")
     load(write_project(tmp_path / "still", lower))
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match="must lie inside its body") as caught:
         load(write_project(tmp_path / "moved", lower, AXIS))
     assert "robot.cables.front" in str(caught.value)

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mechanics_cases import elastic
+from bore_case import AT, LONG, drilled_bar
 from project_case import write_project
 
 from softcal.errors import InputError, ProjectFileError
+from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quadratic import to_quadratic
-from softcal.mechanics.attachment import attach_ball, attach_point
+from softcal.mechanics.attachment import attach_ball, attach_point, attach_rate
 from softcal.project.project import load
-from softcal.twin.protocol import Command, Protocol
-from softcal.twin.robot import Body, Cable, Robot, ViaPoint
-from softcal.twin.simulate import simulate
+from softcal.twin.robot import ViaPoint
 
 BLOCK = (0.02, 0.02, 0.02)
 
@@ -32,21 +31,46 @@ def test_the_mean_of_a_ball_follows_constant_strain(centre, quadratic) -> None:
         assert np.abs(ball.weights).max() < 0.5 * np.abs(attach_point(mesh, np.array(centre)).weights).max()
 
 
-def sinks_in(radius: float, n: int) -> float:
-    """How far a cable that ends in the middle of a block is pulled out [m]."""
-    mesh = box_mesh(BLOCK, (n, n, n))
-    body = Body("block", mesh, np.flatnonzero(mesh.points[:, 2] < 1e-9), elastic(1e5, 0.4))
-    middle = np.array([0.0101, 0.0098, 0.0103])
-    cable = Cable("front", (ViaPoint(middle, "block", radius), ViaPoint(middle + [0.0, 0.0, 0.03])))
-    response = simulate(Robot((body,), cables=(cable,)), Protocol({"front": Command("tension", np.array([0.2]))}))
-    assert response.succeeded, response.status
-    return float(response.channels["front.shortening"][0])
+def test_the_extent_by_default_is_that_of_a_knot_or_of_the_bore() -> None:
+    at = np.array([AT, 0.0, 0.5 * LONG])
+    bar = drilled_bar(30)
+    in_bore = attach_ball(bar, at)
+    assert in_bore.radius == pytest.approx(1.25 * in_bore.bore)
+    assert len(in_bore.nodes) > 2 * len(attach_point(bar, at).nodes)
+    assert attach_ball(box_mesh(BLOCK, (4, 4, 4)), np.full(3, 0.011)).radius == 1e-3
+    assert attach_ball(bar, at, 0.0).radius == 0.0
 
 
-def test_a_knot_sinks_in_as_far_in_any_mesh_and_a_point_does_not() -> None:
-    knot, point = ([sinks_in(radius, n) for n in (4, 6)] for radius in (0.005, 0.0))
-    assert knot[1] == pytest.approx(knot[0], rel=0.06)
-    assert point[1] > 1.25 * point[0]
+def test_a_ball_does_not_reach_over_a_groove() -> None:
+    """A knot in a rib, 1 mm from the groove, 3 mm from the next rib; within its radius they are not connected."""
+    whole = box_mesh((0.03, 0.01, 0.01), (30, 5, 10))
+    centres = whole.points[whole.tets].mean(axis=1)
+    grooved = TetMesh(whole.points, whole.tets[~((np.abs(centres[:, 0] - 0.015) < 0.001) & (centres[:, 2] > 0.002))])
+    at = np.array([0.0132, 0.005, 0.008])
+    ball = attach_ball(grooved, at, 0.004)
+    assert grooved.points[ball.nodes, 0].max() < 0.0141
+    np.testing.assert_allclose(ball.weights @ grooved.points[ball.nodes], at, atol=1e-14)
+    assert whole.points[attach_ball(whole, at, 0.004).nodes, 0].max() > 0.016
+
+
+@pytest.mark.parametrize("quadratic", [False, True])
+@pytest.mark.parametrize("centre", [(0.0101, 0.0098, 0.0103), (0.0031, 0.0117, 0.0192)])
+def test_the_rates_of_a_balls_weights_are_those_of_its_point(centre, quadratic) -> None:
+    """By central differences, in the middle and where the surface cuts the ball off."""
+    mesh = box_mesh(BLOCK, (4, 4, 4))
+    mesh = to_quadratic(mesh) if quadratic else mesh
+    at, way, step = np.array(centre), np.array([0.6, 0.0, -0.8]), 1e-8
+
+    def weights(shift: float) -> np.ndarray:
+        ball, out = attach_ball(mesh, at + shift * way, 0.002), np.zeros(mesh.n_points)
+        out[ball.nodes] = ball.weights
+        return out
+
+    rates = np.zeros(mesh.n_points)
+    nodes, own = attach_rate(mesh, at, way, 0.002)
+    rates[nodes] = own
+    np.testing.assert_allclose(rates, (weights(step) - weights(-step)) / (2.0 * step), atol=2e-4 * np.abs(rates).max())
+    np.testing.assert_allclose(rates @ mesh.points, way, atol=1e-12)
 
 
 def test_a_radius_is_of_a_point_in_a_body(tmp_path) -> None:

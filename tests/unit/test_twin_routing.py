@@ -26,10 +26,15 @@ def test_points_follow_the_line_between_two_in_one_body() -> None:
     assert np.linalg.norm(steps[0]) == pytest.approx(SPACING * EDGE, rel=0.35)
 
 
-def test_none_is_added_between_parts_or_in_space() -> None:
+def test_none_is_added_between_points_on_other_parts() -> None:
     start, end = (0.003, 0.004, 0.07), (0.006, 0.005, 0.01)
-    for on in (("arm", "foot"), ("arm", ""), ("", ""), ("plate", "plate")):
+    for on in (("", ""), ("plate", "plate"), ("plate", "")):
         assert len(through(BOX, start, end, on=on)) == 2
+
+
+def test_where_two_bodies_overlap_the_points_are_those_of_one() -> None:
+    start, end = (0.003, 0.004, 0.07), (0.006, 0.005, 0.01)
+    np.testing.assert_allclose(through(BOX, start, end, on=("arm", "foot")), through(BOX, start, end))
 
 
 def test_a_cable_along_the_surface_runs_straight() -> None:

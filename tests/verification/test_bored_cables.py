@@ -14,7 +14,7 @@ from softcal.geometry.primitives import box_mesh
 from softcal.geometry.refine import refined_mesh
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.robot import Body, Cable, Marker, Robot, ViaPoint
+from softcal.twin.robot import Body, Cable, Marker, Plate, Robot, ViaPoint
 from softcal.twin.routing import bored
 from softcal.twin.simulate import simulate
 
@@ -46,6 +46,20 @@ def turned(robot: Robot, T: float) -> float:
 def test_a_cable_in_a_bore_bends_a_beam_into_an_arc(n_via: int) -> None:
     """M = T r all along: a quarter of a circle."""
     assert turned(beam("bore", n_via), TO_RIGHT_ANGLE) == pytest.approx(0.5 * np.pi, rel=0.06)
+
+
+def test_from_a_plate_through_the_bore_of_its_body_it_bends_the_beam_into_an_arc() -> None:
+    """Straight from the plate to the foot it would pull on an arm that grows as the beam bends."""
+    robot = beam("bore", 2)
+    mesh = robot.bodies[0].mesh
+    tip = Plate("tip", {"arm": np.flatnonzero(mesh.points[:, 2] > LENGTH - 1e-9)}, np.array([0.0, 0.0, LENGTH]))
+    on_tip, *_, foot, end = robot.cables[0].via_points
+    angles = {}
+    for route, via in (("bore", bored((replace(on_tip, on="tip"), foot), {"arm": mesh})), ("straight", ())):
+        cable = replace(robot.cables[0], via_points=(*(via or (replace(on_tip, on="tip"), foot)), end))
+        angles[route] = turned(replace(robot, plates=(tip,), cables=(cable,)), 0.05 * TO_RIGHT_ANGLE)
+    assert angles["bore"] == pytest.approx(0.025 * np.pi, rel=0.06)
+    assert angles["straight"] > 1.2 * angles["bore"]
 
 
 def test_straight_from_point_to_point_it_pulls_on_a_longer_arm() -> None:

@@ -162,8 +162,11 @@ def linear_robot(robot: Robot) -> LinearRobot:
         else load
         for load in robot.loads
     )
+    # SOFA's forces act at points.
     cables = tuple(
-        replace(cable, via_points=tuple(replace(v, on="") if v.on in still else v for v in cable.via_points))
+        replace(
+            cable, via_points=tuple(replace(v, on="" if v.on in still else v.on, radius=0.0) for v in cable.via_points)
+        )
         for cable in robot.cables
     )
     rods = tuple(linear_rod(rod, still) for rod in robot.rods)

@@ -17,6 +17,8 @@ from softcal.geometry.mesh import TetMesh
 # Weights this small are rounding, of weights of about one.
 NO_WEIGHT = 1e-14
 STRAIGHT = 1e-6  # of an edge: tolerance of a point located in the straight-edged element
+KNOT = 1e-3  # [m]: radius of what fixes a cable at a point in the material, where it is not stated
+REACH = 1.25  # radius of the ball around a point in a bore, where it is not stated, over the bore's diameter
 BALL_POINTS = 300  # that represent a ball
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
@@ -39,12 +41,14 @@ def attach(mesh: TetMesh, points: Floats, *, tolerance: float | None = None, whe
 class Attachment(NamedTuple):
     """A point as a weighted sum of nodes (k,), with sum of w = 1 and sum of w X = the point exactly.
 
-    bore [m]: the diameter of the bore whose wall the nodes are, where the point lies in one, else 0.
+    bore [m]: the diameter of the bore in whose wall the nodes are, where the point lies in one, else 0. radius [m]: of
+    the ball over which a force is distributed; 0: it acts at the point, or on a ring of the bore's wall.
     """
 
     nodes: Ints
     weights: Floats
     bore: float = 0.0
+    radius: float = 0.0
 
 
 def attach_point(mesh: TetMesh, point: Floats, *, may_stand_off: bool = False, where: str = "") -> Attachment:
@@ -67,7 +71,8 @@ def attach_point(mesh: TetMesh, point: Floats, *, may_stand_off: bool = False, w
         return Attachment(nodes[0], weights[0])
     inside = np.array([barycentric_in(mesh, int(t), at) for t, at in zip(wall.tets, wall.points, strict=True)])
     attached = _in_elements(mesh, wall.points, wall.tets, inside)
-    return _smallest_sum(_conditions(wall.points, point, wall.diameter), *attached, wall.diameter)
+    shares = _smallest_shares(np.vstack([np.ones(len(wall.points)), ((wall.points - point) / wall.diameter).T]))
+    return Attachment(*_summed(shares, *attached), wall.diameter)
 
 
 def attach_directions(mesh: TetMesh, point: Floats, *, where: str = "") -> tuple[Ints, Floats]:
@@ -86,17 +91,108 @@ def attach_directions(mesh: TetMesh, point: Floats, *, where: str = "") -> tuple
     return nodes, local @ np.linalg.inv(mesh.points[nodes].T @ local)
 
 
-def attach_rate(mesh: TetMesh, point: Floats, way: Floats, *, where: str = "") -> tuple[Ints, Floats]:
-    """Nodes and rates [1/m] of the weights of a point (3,) [m] inside the mesh that moves along a direction (3,).
+def attach_rate(
+    mesh: TetMesh, point: Floats, way: Floats, radius: float | None = 0.0, *, where: str = ""
+) -> tuple[Ints, Floats]:
+    """Nodes and rates [1/m] of the weights of a point (3,) [m] inside the mesh that moves along a direction (3,), with
+    the ball around it: see `attach_ball`.
 
     Raises
     ------
     MeshError
         Where the point lies outside the material, such as in a bore, or in an element that is curved.
     """
+    _require_inside(mesh, point, where)
+    ball = _ball(mesh, point, radius, where=where)
+    if ball is None:
+        nodes, rates = attach_directions(mesh, point, where=where)
+        return nodes, rates @ way
+    summed: Floats = np.zeros(mesh.n_points)
+    for share, at in zip(ball.shares, ball.points, strict=True):
+        _require_inside(ball.mesh, at, where)
+        nodes, rates = attach_directions(ball.mesh, at, where=where)
+        summed[nodes] += share * (rates @ way)
+    nodes = np.flatnonzero(summed)
+    return nodes, summed[nodes]
+
+
+def attach_ball(mesh: TetMesh, centre: Floats, radius: float | None = None, *, where: str = "") -> Attachment:
+    """A point (3,) [m] as a mean of the body around it, out to a radius [m]: a force on it is distributed over that
+    ball. A force on one point alone gives a displacement that grows without bound as the mesh gets finer.
+
+    Where the surface cuts the ball off, it is the sum with the smallest weights that gives the point exactly. Only
+    material that is connected within the ball counts, and not what is beyond a groove.
+
+    Parameters
+    ----------
+    radius
+        Zero: the point alone. None: `REACH` times the diameter of the bore for a point in a bore, else `KNOT`.
+
+    Raises
+    ------
+    MeshError
+        Where the point lies too far outside the mesh, and no wall surrounds it.
+    """
+    ball = _ball(mesh, centre, radius, where=where)
+    if ball is None:
+        return attach_point(mesh, centre, where=where)
+    tets, barycentric = locate_points(ball.mesh, ball.points, where=where)
+    attached = _summed(ball.shares, *_in_elements(ball.mesh, ball.points, tets, barycentric))
+    return Attachment(*attached, ball.bore, ball.radius)
+
+
+class _Ball(NamedTuple):
+    """Points (n, 3) [m] of the material within a radius [m] of a point, and their shares (n,) in a sum that is the
+    point; mesh: the tets around it; bore [m]: as of `Attachment`.
+    """
+
+    points: Floats
+    shares: Floats
+    mesh: TetMesh
+    bore: float
+    radius: float
+
+
+def _ball(mesh: TetMesh, centre: Floats, radius: float | None, *, where: str) -> _Ball | None:
+    """The ball around a point; None for a point alone, or too little material for a ball."""
+    if radius == 0.0:
+        return None
+    seed = attach_point(mesh, centre, where=where)
+    if radius is None:
+        radius = REACH * seed.bore or KNOT
+    k = np.arange(BALL_POINTS) + 0.5
+    height, turn = 1.0 - 2.0 * k / BALL_POINTS, np.pi * (1.0 + np.sqrt(5.0)) * k
+    across = np.sqrt(1.0 - height**2)
+    # Radii and directions are ordered independently, so that the ball is filled evenly.
+    far = radius * ((k * GOLDEN) % 1.0) ** (1.0 / 3.0)
+    points = centre + far[:, None] * np.column_stack([across * np.cos(turn), across * np.sin(turn), height])
+    near = _connected(mesh, centre, radius, seed.nodes)
+    points = points[tets_holding(near, points) >= 0]
+    conditions = np.vstack([np.ones(len(points)), ((points - centre) / radius).T])
+    if np.linalg.matrix_rank(conditions, tol=1e-6 * np.sqrt(BALL_POINTS)) < 4:
+        return None
+    return _Ball(points, _smallest_shares(conditions), near, seed.bore, radius)
+
+
+def _connected(mesh: TetMesh, centre: Floats, radius: float, seed: Ints) -> TetMesh:
+    """The tets within a radius [m] of a point (3,) [m] that are connected there, by common nodes, with nodes `seed`."""
+    corners = mesh.points[mesh.tets[:, :4]]
+    beyond = np.maximum(0.0, np.maximum(corners.min(axis=1) - centre, centre - corners.max(axis=1)))
+    has_seed = np.isin(mesh.tets, seed).any(axis=1)
+    tets = mesh.tets[has_seed | (np.linalg.norm(beyond, axis=1) <= radius)]
+    reached = np.isin(np.arange(mesh.n_points), seed)
+    while True:
+        found = reached[tets].any(axis=1)
+        before = int(reached.sum())
+        reached[tets[found]] = True
+        if int(reached.sum()) == before:
+            return TetMesh(mesh.points, tets[found])
+
+
+def _require_inside(mesh: TetMesh, point: Floats, where: str) -> None:
+    """Refuse a point (3,) [m] outside the material, or in an element that is curved."""
     tets, barycentric = locate_points(mesh, point[None, :], tolerance=np.inf, where=where)
-    nodes = mesh.tets[tets[0]]
-    X = mesh.points[nodes]
+    X = mesh.points[mesh.tets[tets[0]]]
     edge = float(np.linalg.norm(X[1] - X[0]))
     off = float(np.linalg.norm(mesh.cell.functions(barycentric)[0] @ X - point))
     if barycentric.min() < -STRAIGHT or off > STRAIGHT * edge:
@@ -108,47 +204,23 @@ def attach_rate(mesh: TetMesh, point: Floats, way: Floats, *, where: str = "") -
                 allowed="a point in the material; one in a bore goes with the bore",
             )
         )
-    nodes, rates = attach_directions(mesh, point, where=where)
-    return nodes, rates @ way
 
 
-def attach_ball(mesh: TetMesh, centre: Floats, radius: float, *, where: str = "") -> Attachment:
-    """A point (3,) [m] as the mean of the body around it, out to a radius [m]: a force on it is spread over that ball.
-
-    Where the surface cuts the ball off, it is the sum with the smallest weights that gives the point exactly. A force
-    on one point alone gives a displacement that grows without bound as the mesh gets finer.
-
-    Raises
-    ------
-    MeshError
-        Where the point lies too far outside the mesh, and no wall surrounds it.
+def _smallest_shares(conditions: Floats) -> Floats:
+    """The smallest shares s (n,) of points in a sum with C s = (1, 0, 0, 0): the sum of the shares is one, and that of
+    the points, counted from the point that it is to be, is zero.
     """
-    k = np.arange(BALL_POINTS) + 0.5
-    height, turn = 1.0 - 2.0 * k / BALL_POINTS, np.pi * (1.0 + np.sqrt(5.0)) * k
-    across = np.sqrt(1.0 - height**2)
-    # Radii and directions are ordered independently, so that the ball is filled evenly.
-    far = radius * ((k * GOLDEN) % 1.0) ** (1.0 / 3.0)
-    ball = centre + far[:, None] * np.column_stack([across * np.cos(turn), across * np.sin(turn), height])
-    ball = ball[tets_holding(mesh, ball) >= 0]
-    conditions = _conditions(ball, centre, radius)
-    if np.linalg.matrix_rank(conditions, tol=1e-6 * np.sqrt(BALL_POINTS)) < 4:
-        return attach_point(mesh, centre, where=where)
-    return _smallest_sum(conditions, *attach(mesh, ball, where=where))
+    shares, *_ = np.linalg.lstsq(conditions, np.array([1.0, 0.0, 0.0, 0.0]), rcond=1e-9)
+    return np.asarray(shares, dtype=np.float64)
 
 
-def _conditions(points: Floats, at: Floats, size: float) -> Floats:
-    """Conditions C (4, n) on shares s of points (n, 3) in a sum that gives the point `at`: C s = (1, 0, 0, 0)."""
-    return np.vstack([np.ones(len(points)), ((points - at) / size).T])
-
-
-def _smallest_sum(conditions: Floats, nodes: Ints, weights: Floats, bore: float = 0.0) -> Attachment:
-    """The sum with the smallest shares that meets the conditions (4, n), of points by nodes and weights (n, k)."""
-    shares = np.linalg.lstsq(conditions, np.array([1.0, 0.0, 0.0, 0.0]), rcond=1e-9)[0]
+def _summed(shares: Floats, nodes: Ints, weights: Floats) -> tuple[Ints, Floats]:
+    """The nodes and weights of a sum, with shares (n,), of points by nodes and weights (n, k)."""
     unique, place = np.unique(nodes, return_inverse=True)
     summed: Floats = np.zeros(len(unique))
     np.add.at(summed, place.ravel(), (shares[:, None] * weights).ravel())
     kept = np.abs(summed) > NO_WEIGHT
-    return Attachment(unique[kept], summed[kept], bore)
+    return unique[kept], summed[kept]
 
 
 def _in_elements(mesh: TetMesh, points: Floats, tets: Ints, barycentric: Floats) -> tuple[Ints, Floats]:

@@ -154,7 +154,7 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
             carriers.support(section.on, at, (*path, "via", i))
         if at is not None:
             via.append(ViaPoint(at, section.on, section.radius, section.name))
-        if section.radius > 0.0 and section.on not in carriers.built.sections:
+        if section.radius is not None and section.on not in carriers.built.sections:
             carriers.findings.add(
                 (*path, "via", i, "radius"),
                 "only a via point in a body has a radius",

@@ -122,13 +122,14 @@ class TieSection(Section):
 class ViaSection(Section):
     """A point that a cable runs through: on a plate, in a hole of it, on a body, or fixed in space.
 
-    radius: of the part that fixes the cable in a body, such as a knot. name: makes its offsets parameters of the cable.
+    radius: of the ball in a body over which the force is distributed, such as of a knot; None: 1.25 times
+    the diameter of the bore, or 1 mm in the material. name: makes its offsets parameters of the cable.
     """
 
     on: str = ViaPoint.on
     at: Position | None = None
     hole: str | None = None
-    radius: Clearance = ViaPoint.radius
+    radius: Clearance | None = ViaPoint.radius
     name: str = ViaPoint.name
 
     def _check(self) -> None:

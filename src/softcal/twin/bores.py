@@ -1,20 +1,29 @@
-"""The via points of a robot that lie in a bore of their body, and are supported by the bore's wall all around."""
+"""How a robot's bodies support the via points of its cables: in a bore, by its wall all around; over which extent."""
 
 from __future__ import annotations
 
-from softcal.mechanics.attachment import attach_point
+from softcal.mechanics.attachment import Attachment, attach_ball
 from softcal.twin.robot import Robot
+
+
+def supports(robot: Robot) -> dict[str, dict[int, Attachment]]:
+    """Cable -> the numbers of its via points on bodies, from 0, with their attachment; only cables with such points."""
+    meshes = {body.name: body.mesh for body in robot.bodies}
+    found: dict[str, dict[int, Attachment]] = {}
+    for cable in robot.cables:
+        for i, via in enumerate(cable.via_points):
+            if via.on in meshes:
+                where = f"{cable.name}, via point {i + 1}"
+                found.setdefault(cable.name, {})[i] = attach_ball(meshes[via.on], via.at, via.radius, where=where)
+    return found
 
 
 def bores(robot: Robot) -> dict[str, dict[int, float]]:
     """Cable -> the numbers of its via points in bores, from 0, with the bores' diameters [m]; only cables with such
     points.
     """
-    meshes = {body.name: body.mesh for body in robot.bodies}
-    found: dict[str, dict[int, float]] = {}
-    for cable in robot.cables:
-        for i, via in enumerate(cable.via_points):
-            diameter = attach_point(meshes[via.on], via.at).bore if via.on in meshes else 0.0
-            if diameter > 0.0:
-                found.setdefault(cable.name, {})[i] = diameter
-    return found
+    wide = {
+        cable: {i: held.bore for i, held in points.items() if held.bore > 0.0}
+        for cable, points in supports(robot).items()
+    }
+    return {cable: points for cable, points in wide.items() if points}

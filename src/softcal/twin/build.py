@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
-from softcal.mechanics.attachment import attach_ball, attach_point
+from softcal.mechanics.attachment import attach_ball, attach_point, attach_rate
 from softcal.mechanics.cable_routes import build_cables
 from softcal.mechanics.crossing import Skins
 from softcal.mechanics.elements import ELEMENTS
@@ -36,7 +36,6 @@ from softcal.twin.markers import MarkerPlace, directions_in
 from softcal.twin.nearby_twins import neighbours_of
 from softcal.twin.parameters import MARKER_OFFSETS, robot_parameters, with_shape
 from softcal.twin.robot import Body, Cable, Marker, PointLoad, Robot, SurfaceLoad
-from softcal.twin.routing import offset_rate
 from softcal.units import format_quantity
 
 
@@ -164,7 +163,7 @@ def build_twin(robot: Robot) -> Twin:
         where: str,
         *,
         may_stand_off: bool = False,
-        radius: float = 0.0,
+        radius: float | None = 0.0,
         drawn: Floats | None = None,
     ) -> Weights:
         """A point as a weighted sum; drawn: where it was before its offset, so that it keeps its section of a rod."""
@@ -174,11 +173,11 @@ def build_twin(robot: Robot) -> Twin:
         if on not in meshes:
             known = ", ".join([*meshes, *rods, *frames.of_plate])
             raise MeshError(Fault("there is no such body, rod or plate", where=where, got=on, allowed=known))
-        if radius > 0.0:
-            nodes, weights, _ = attach_ball(meshes[on], at, radius, where=where)
+        if may_stand_off:
+            held = attach_point(meshes[on], at, may_stand_off=True, where=where)
         else:
-            nodes, weights, _ = attach_point(meshes[on], at, may_stand_off=may_stand_off, where=where)
-        return [(builder.first[on] + int(n), float(w)) for n, w in zip(nodes, weights, strict=True)]
+            held = attach_ball(meshes[on], at, radius, where=where)
+        return [(builder.first[on] + int(n), float(w)) for n, w in zip(held.nodes, held.weights, strict=True)]
 
     via = {
         cable.name: [
@@ -208,7 +207,8 @@ def build_twin(robot: Robot) -> Twin:
                 if not way.any():
                     found[name].append([])
                 elif point.on in meshes:
-                    nodes, rates = offset_rate(meshes[point.on], point, way, where=f"{cable.name}, via point {i + 1}")
+                    where = f"{cable.name}, via point {i + 1}"
+                    nodes, rates = attach_rate(meshes[point.on], point.at, way, point.radius, where=where)
                     first = builder.first[point.on]
                     found[name].append([(first + int(n), float(r)) for n, r in zip(nodes, rates, strict=True)])
                 else:

@@ -113,7 +113,8 @@ class RoutingAxis(Declared):
 class ViaPoint(Checked):
     """A point that a cable runs through.
 
-    radius spreads its force over a ball; the force of a point indents a body without bound as the mesh gets finer.
+    In a body its force is distributed over a ball; at one point it would indent the body without bound as the mesh gets
+    finer.
 
     Attributes
     ----------
@@ -122,7 +123,9 @@ class ViaPoint(Checked):
     on
         Name of the body or plate that it moves with; "" for a point fixed in space.
     radius
-        Radius [m] of the part that fixes the cable in a body, such as a knot; zero for a point force.
+        Radius [m] of the ball in a body over which the force is distributed, such as of a knot. None: 1.25 times
+        the diameter of the bore for a point in a bore, 1 mm in the material. Zero: a force at the point, or on a ring
+        of the wall.
     name
         Under which its offsets are parameters, such as `front.exit.x_offset`; "" for a point without them.
     offset
@@ -134,7 +137,7 @@ class ViaPoint(Checked):
 
     at: Position
     on: str = ""
-    radius: Clearance = 0.0
+    radius: Clearance | None = None
     name: str = ""
     offset: Position = field(default_factory=lambda: np.zeros(3))
     share: Share | None = None

@@ -66,8 +66,8 @@ def _with_body(robot: Robot, old: Body, new: Body) -> Robot:
         """Where a point (3,) [m] on a part is then; beside: it may be outside the material."""
         if on != old.name:
             return at + shifts.get(on, 0.0)
-        nodes, weights, _ = attach_point(old.mesh, at, may_stand_off=beside, where=old.name)
-        return weights @ new.mesh.points[nodes]
+        held = attach_point(old.mesh, at, may_stand_off=beside, where=old.name)
+        return held.weights @ new.mesh.points[held.nodes]
 
     return replace(
         robot,
@@ -76,9 +76,7 @@ def _with_body(robot: Robot, old: Body, new: Body) -> Robot:
         cables=tuple(
             replace(
                 cable,
-                via_points=tuple(
-                    replace(via, at=place(via.at, via.on, beside=via.radius > 0.0)) for via in cable.via_points
-                ),
+                via_points=tuple(replace(via, at=place(via.at, via.on)) for via in cable.via_points),
             )
             for cable in robot.cables
         ),

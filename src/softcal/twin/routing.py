@@ -1,4 +1,5 @@
-"""The routing of a cable between two of its via points in one body: in a bore, which moves with the body.
+"""The routing of a cable between two of its via points: in the bore of a body that one of them is on, which moves with
+the body.
 
 A straight segment would leave the bore of a bending body, towards the inside of the bend, with a growing lever arm; a
 soft body then folds between two via points as a column buckles under its own load.
@@ -7,17 +8,20 @@ soft body then folds between two via points as a column buckles under its own lo
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from softcal.checks import Floats, Ints
-from softcal.errors import Fault, MeshError
+from softcal.checks import Floats
 from softcal.geometry.bore import wall_around
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.locate import mean_edges, nearest_places, nearest_tets, tets_holding
 from softcal.geometry.mesh import TetMesh
-from softcal.mechanics.attachment import attach_rate
+from softcal.mechanics.attachment import attach_point, attach_rate
 from softcal.mechanics.rod_points import RodPlace, place_on_rod
 from softcal.twin.cables import Cable, ViaPoint
 
@@ -30,46 +34,73 @@ def bored(
     meshes: Mapping[str, TetMesh],
     centrelines: Mapping[str, Centreline] | None = None,
 ) -> tuple[ViaPoint, ...]:
-    """The via points, with additional ones along the bore between two neighbours in one body or on one rod: wherever
-    the line between them runs inside the body's material, or inside a bore of its mesh; at the nodes of the rod.
+    """The via points, with additional ones along the bore between two neighbours: wherever the line between them runs
+    inside the material of a body that one of them is on, or inside a bore of its mesh; on one rod, at its nodes.
 
-    meshes, centrelines [m]: by the name of the body or rod. Across a gap of the body the cable runs straight.
+    meshes, centrelines [m]: by the name of the body or rod. Across a gap, and through other bodies, the cable runs
+    straight.
     """
     lines = centrelines or {}
     out = list(via_points[:1])
     for start, end in pairwise(via_points):
-        if start.on == end.on and start.on in meshes:
-            out += [_between(at, start, end) for at in _inside(meshes[start.on], start.at, end.at)]
-        elif start.on == end.on and start.on in lines:
-            out += [_between(at, start, end) for at in _along(lines[start.on], start.at, end.at)]
+        if start.on == end.on and start.on in lines:
+            out += [_between(at, start.on, start, end) for at in _along(lines[start.on], start.at, end.at)]
+        out += _guided(start, end, meshes)
         out.append(end)
     return tuple(out)
 
 
-def _between(at: Floats, start: ViaPoint, end: ViaPoint) -> ViaPoint:
+def _guided(start: ViaPoint, end: ViaPoint, meshes: Mapping[str, TetMesh]) -> list[ViaPoint]:
+    """The points added between two neighbours in the bodies that they are on; where these overlap, in the first."""
+    found: list[ViaPoint] = []
+    spacing = 0.0
+    for on in dict.fromkeys((start.on, end.on)):
+        if on in meshes:
+            passage = _passage(meshes[on], start.at, end.at)
+            taken = np.array([via.at for via in found]).reshape(-1, 3)
+            spacing = max(spacing, passage.spacing)
+            own = [at for at in passage.inside if np.all(np.linalg.norm(taken - at, axis=1) > 0.5 * spacing)]
+            found += [_between(at, on, start, end) for at in own]
+    return sorted(found, key=lambda via: float(via.share or 0.0))
+
+
+class OffBore(NamedTuple):
+    """Lengths [m] of a cable in a body that does not guide it along a bore.
+
+    straight, in_bore: through the body's material, or in a bore or cavity of it, between via points that are on other
+    parts. guided: through the material with the body, although one of the via points is in a bore.
+    """
+
+    straight: float = 0.0
+    in_bore: float = 0.0
+    guided: float = 0.0
+
+
+def off_bore(cable: Cable, meshes: Mapping[str, TetMesh]) -> dict[str, OffBore]:
+    """Bodies that a cable runs through without the guidance of a bore; guided, if longer than the bore is wide.
+
+    meshes [m]: by body's name. What `route: straight` leaves straight between two points in one body is not counted.
+    """
+    found: dict[str, OffBore] = {}
+    stated = [i for i, via in enumerate(cable.via_points) if via.share is None]
+    for i, j in pairwise(stated):
+        start, end = cable.via_points[i], cable.via_points[j]
+        for name, mesh in meshes.items():
+            passage = _passage(mesh, start.at, end.at)
+            own = [via for via in (start, end) if via.on == name]
+            if len(own) == 2 or (own and j > i + 1):
+                bore = max(attach_point(mesh, via.at).bore for via in own)
+                more = OffBore(guided=passage.in_material if 0.0 < bore < passage.in_material else 0.0)
+            else:
+                more = OffBore(passage.in_material, passage.spacing * int(passage.in_bore.sum()))
+            found[name] = OffBore(*(a + b for a, b in zip(found.get(name, OffBore()), more, strict=True)))
+    return {name: lengths for name, lengths in found.items() if any(lengths)}
+
+
+def _between(at: Floats, on: str, start: ViaPoint, end: ViaPoint) -> ViaPoint:
     """A point added between two; its share of the way is that of its distances from them."""
     from_start, to_end = (float(np.linalg.norm(at - one.at)) for one in (start, end))
-    return ViaPoint(at, start.on, share=from_start / (from_start + to_end))
-
-
-def offset_rate(mesh: TetMesh, via: ViaPoint, way: Floats, *, where: str = "") -> tuple[Ints, Floats]:
-    """Nodes and rates [1/m] of the weights of a via point in a body that moves along a direction (3,).
-
-    Raises
-    ------
-    MeshError
-        Where it is spread over a ball, or lies outside the material (as in a bore) or in a curved element.
-    """
-    if via.radius > 0.0:
-        raise MeshError(
-            Fault(
-                "a via point with a radius cannot be moved by an offset",
-                where=where,
-                got=f"radius {1e3 * via.radius:.4g} mm",
-                allowed="via points without a radius",
-            )
-        )
-    return attach_rate(mesh, via.at, way, where=where)
+    return ViaPoint(at, on, 0.0, share=from_start / (from_start + to_end))
 
 
 def require_movable(cable: Cable, meshes: Mapping[str, TetMesh]) -> None:
@@ -80,27 +111,58 @@ def require_movable(cable: Cable, meshes: Mapping[str, TetMesh]) -> None:
     Raises
     ------
     InputError
-        For the first of them: in a bore, outside its body, or with a radius.
+        For the first of them: in a bore, or outside its body.
     """
     for ways in cable.ways().values():
         for via, way in zip(cable.via_points, ways, strict=True):
             if via.on in meshes and way.any():
-                offset_rate(meshes[via.on], via, way)
+                attach_rate(meshes[via.on], via.at, way, via.radius)
 
 
-def _inside(mesh: TetMesh, start: Floats, end: Floats) -> Floats:
-    """Points between two others, evenly spaced, only those surrounded by material."""
+@dataclass(frozen=True)
+class _Passage:
+    """A straight line past or through a body: points evenly spaced on it between its ends (n, 3) [m].
+
+    in_tets, deep
+        Which of them are in the mesh (n,), and which of these are not just below its surface.
+    spacing
+        Length [m] of the line for which each of them stands.
+    """
+
+    mesh: TetMesh
+    points: Floats
+    in_tets: NDArray[np.bool_]
+    deep: NDArray[np.bool_]
+    spacing: float
+
+    @property
+    def in_material(self) -> float:
+        """Length [m] of the line in the material."""
+        return self.spacing * int(self.deep.sum())
+
+    @property
+    def inside(self) -> Floats:
+        """The points that material surrounds, or the wall of a bore (m, 3) [m]."""
+        return self.points[self.deep | self.in_bore]
+
+    @cached_property
+    def in_bore(self) -> NDArray[np.bool_]:
+        """Which of the points the wall of a bore surrounds (n,)."""
+        outside = ~self.in_tets
+        outside[outside] = [wall_around(self.mesh, at) is not None for at in self.points[outside]]
+        return outside
+
+
+def _passage(mesh: TetMesh, start: Floats, end: Floats) -> _Passage:
+    """The line from a point to another one (3,) [m]; without points where the boxes of line and mesh are apart."""
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    meets = np.all(low <= mesh.points.max(axis=0)) and np.all(high >= mesh.points.min(axis=0))
     edge = float(mean_edges(mesh, nearest_places(mesh, np.stack([start, end])).tets).mean())
-    pieces = max(1, int(np.ceil(float(np.linalg.norm(end - start)) / (SPACING * edge))))
+    length = float(np.linalg.norm(end - start))
+    pieces = max(1, int(np.ceil(length / (SPACING * edge)))) if meets else 1
     points = start + (end - start) * (np.arange(1, pieces) / pieces)[:, None]
-    if len(points) == 0:
-        return points
     in_tets = tets_holding(mesh, points) >= 0
-    _, depth = nearest_tets(mesh, points)
-    kept = [
-        depth[i] > SKIN * edge if in_tets[i] else wall_around(mesh, points[i]) is not None for i in range(len(points))
-    ]
-    return points[np.array(kept)]
+    return _Passage(mesh, points, in_tets, in_tets & (nearest_tets(mesh, points)[1] > SKIN * edge), length / pieces)
 
 
 def _along(centreline: Centreline, start: Floats, end: Floats) -> Floats:

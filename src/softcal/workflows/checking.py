@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -19,14 +18,14 @@ from softcal.materials.catalogue import LAWS
 from softcal.project.project import Project
 from softcal.sensing.channel import TIME, ChannelName
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
-from softcal.twin.bores import bores
 from softcal.twin.build import twin_of
 from softcal.twin.channels import channels_of
 from softcal.twin.material import Material
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response
-from softcal.twin.robot import Body, Cable, Plate, Rod
+from softcal.twin.robot import Body, Plate, Rod
 from softcal.units import AS_WRITTEN, format_quantity, format_range, plain
+from softcal.workflows.checked_cables import cable_rows, off_course
 from softcal.workflows.output import require_writable
 from softcal.workflows.start_states import start_states
 
@@ -77,7 +76,7 @@ def check(
     warnings = [str(fault) for fault in project.warnings]
     if project.experiments and project.space is None:
         warnings.append("no parameter is free: there is nothing to calibrate")
-    warnings += _beyond_bounds(project)
+    warnings += [*_beyond_bounds(project), *off_course(project.robot)]
     warnings += [*_unstable_at_rest(project), *_refusals(project)]
     states = start_states(project, progress) if solve else None
     if states is not None:
@@ -175,7 +174,7 @@ def _as_written(value: float, unit: str) -> str:
 
 
 def _part_rows(project: Project) -> list[tuple[str, str]]:
-    robot, bored = project.robot, bores(project.robot)
+    robot = project.robot
     rows = [
         (
             f"plate {plate.name}",
@@ -185,19 +184,7 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
         )
         for plate in robot.plates
     ]
-    for cable in robot.cables:
-        via = " → ".join(_stations(cable))
-        rows.append((f"cable {cable.name}", f"{format_quantity(cable.length, 'm')} long, {via}"))
-        if cable.routing_axis is not None:
-            least, most = (format_quantity(r, "m", digits=4) for r in _radii(cable))
-            far = least if least == most else f"{least} to {most}"
-            offset, angle = format_quantity(cable.routing_offset, "m"), format_quantity(cable.routing_angle, "rad")
-            rows.append(("  routing", f"{far} from its axis, with an offset of {offset} and an angle of {angle}"))
-        if cable.name in bored:
-            widest = format_quantity(max(bored[cable.name].values()), "m", digits=3)
-            held = f"{len(bored[cable.name])} of {len(cable.via_points)} via points lie in bores, up to {widest} across"
-            rows.append(("  bores", f"{held}: guided by the walls"))
-        rows += _line_rows(cable)
+    rows += cable_rows(robot)
     rows += [(f"tie {tie.name}", f"{len(tie.nodes)} nodes of {tie.body} on {tie.on}") for tie in robot.ties]
     rows += [(f"marker {marker.name}", f"on {marker.on}") for marker in robot.markers]
     for one in robot.sensors:
@@ -206,43 +193,6 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
         rows.append(("gravity", "(" + ", ".join(f"{g:.4g}" for g in robot.gravity) + ") m/s²"))
     rows += [(f"load {load.name}", f"on {load.on}") for load in robot.loads]
     return rows + [("contact", term.in_words()) for term in twin_of(robot).system.contacts]
-
-
-def _line_rows(cable: Cable) -> list[tuple[str, str]]:
-    """What a cable is made of, where it stretches, and its friction, where it has one."""
-    stated, rows = cable.properties, list[tuple[str, str]]()
-    units = {
-        "stiffness": ("EA", "N"),
-        "compliance": ("compliance of the machine", "m/N"),
-        "pretension": ("pretension", "N"),
-    }
-    made_of = [f"{word} {format_quantity(stated[key], unit)}" for key, (word, unit) in units.items() if key in stated]
-    if made_of:
-        rows.append(("  line", ", ".join(made_of)))
-    beside = ""
-    if preload := stated.get("friction_preload"):
-        beside = f", of the tension and a preload of {format_quantity(preload, 'N')}"
-    if "presliding" in stated:
-        over = format_quantity(stated["presliding"], "m")
-        rows.append(
-            ("  friction", f"{cable.friction_coefficient:.4g}{beside}, against the sliding, built up over {over} of it")
-        )
-    elif cable.friction_coefficient:
-        rows.append(("  friction", f"{cable.friction_coefficient:.4g}{beside}, of a cable that is pulled in"))
-    return rows
-
-
-def _radii(cable: Cable) -> tuple[float, float]:
-    """Smallest and largest distance [m] of a cable's via points from its routing axis."""
-    assert cable.routing_axis is not None  # noqa: S101
-    _, distances = cable.routing_axis.away(np.array([via.at for via in cable.via_points]))
-    return float(distances.min()), float(distances.max())
-
-
-def _stations(cable: Cable) -> list[str]:
-    """The parts that carry a cable's via points; consecutive points on one part are grouped."""
-    runs = [(on or "space", len(list(run))) for on, run in groupby(via.on for via in cable.via_points)]
-    return [on if count == 1 else f"{on} ({count} points)" for on, count in runs]
 
 
 def _rod_rows(project: Project) -> list[tuple[str, str]]:

@@ -1,0 +1,118 @@
+"""What a check says of a robot's cables: where they run, what supports them, and where they leave their bores."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import groupby
+
+import numpy as np
+
+from softcal.mechanics.attachment import Attachment
+from softcal.twin.bores import supports
+from softcal.twin.robot import Cable, Robot
+from softcal.twin.routing import off_bore
+from softcal.units import format_quantity
+
+
+def cable_rows(robot: Robot) -> list[tuple[str, str]]:
+    """A row for each cable, and those that belong to it."""
+    rows, held = list[tuple[str, str]](), supports(robot)
+    meshes = {body.name: body.mesh for body in robot.bodies}
+    for cable in robot.cables:
+        via = " → ".join(_stations(cable))
+        rows.append((f"cable {cable.name}", f"{format_quantity(cable.length, 'm')} long, {via}"))
+        if cable.routing_axis is not None:
+            least, most = (format_quantity(r, "m", digits=4) for r in _radii(cable))
+            far = least if least == most else f"{least} to {most}"
+            offset, angle = format_quantity(cable.routing_offset, "m"), format_quantity(cable.routing_angle, "rad")
+            rows.append(("  routing", f"{far} from its axis, with an offset of {offset} and an angle of {angle}"))
+        rows += _support_rows(cable, held.get(cable.name, {}))
+        for body, length in off_bore(cable, meshes).items():
+            if length.in_bore:
+                far = format_quantity(length.in_bore, "m", digits=3)
+                rows.append(
+                    ("  straight", f"{far} in a bore or cavity of {body}; a via point on {body} makes it a guide")
+                )
+        rows += _line_rows(cable)
+    return rows
+
+
+def off_course(robot: Robot) -> list[str]:
+    """The cables that run straight through a body, or off the bore that they are in."""
+    meshes = {body.name: body.mesh for body in robot.bodies}
+    found: list[str] = []
+    for cable in robot.cables:
+        for body, length in off_bore(cable, meshes).items():
+            straight, guided = (format_quantity(one, "m", digits=3) for one in (length.straight, length.guided))
+            if length.straight:
+                found.append(
+                    f"{cable.name}: {straight} of it run straight through the material of {body}, off any bore, and "
+                    f"do not bend with it; allowed: a cable that follows {body}; try a via point on it, and route: bore"
+                )
+            if length.guided:
+                found.append(
+                    f"{cable.name}: {guided} of it run through the material of {body}, off the bore in which a via "
+                    "point is; allowed: a line along the bore; try via points where the bore turns"
+                )
+    return found
+
+
+def _support_rows(cable: Cable, held: Mapping[int, Attachment]) -> list[tuple[str, str]]:
+    """How many via points of a cable lie in bores, and over which extent bodies bear the force of the stated ones."""
+    rows: list[tuple[str, str]] = []
+    wide = [one.bore for one in held.values() if one.bore > 0.0]
+    if wide:
+        widest = format_quantity(max(wide), "m", digits=3)
+        of = f"{len(wide)} of {len(cable.via_points)} via points lie in bores, up to {widest} across"
+        rows.append(("  bores", f"{of}: guided by the walls"))
+    balls: dict[str, list[float]] = {}
+    for i, one in held.items():
+        via = cable.via_points[i]
+        if via.share is None:
+            kind = "stated" if via.radius is not None else "by the bore" if one.bore else "by default"
+            balls.setdefault(kind, []).append(one.radius)
+    spread = []
+    for kind, radii in balls.items():
+        least, most = (format_quantity(r, "m", digits=3) for r in (min(radii), max(radii)))
+        size = least if least == most else f"{least} to {most}"
+        spread.append(f"{size} ({kind}) at {len(radii)} via point{'s' * (len(radii) > 1)}")
+    if spread:
+        rows.append(("  extent", f"force over a radius of {', '.join(spread)}"))
+    return rows
+
+
+def _line_rows(cable: Cable) -> list[tuple[str, str]]:
+    """What a cable is made of, where it stretches, and its friction, where it has one."""
+    stated, rows = cable.properties, list[tuple[str, str]]()
+    units = {
+        "stiffness": ("EA", "N"),
+        "compliance": ("compliance of the machine", "m/N"),
+        "pretension": ("pretension", "N"),
+    }
+    made_of = [f"{word} {format_quantity(stated[key], unit)}" for key, (word, unit) in units.items() if key in stated]
+    if made_of:
+        rows.append(("  line", ", ".join(made_of)))
+    beside = ""
+    if preload := stated.get("friction_preload"):
+        beside = f", of the tension and a preload of {format_quantity(preload, 'N')}"
+    if "presliding" in stated:
+        over = format_quantity(stated["presliding"], "m")
+        rows.append(
+            ("  friction", f"{cable.friction_coefficient:.4g}{beside}, against the sliding, built up over {over} of it")
+        )
+    elif cable.friction_coefficient:
+        rows.append(("  friction", f"{cable.friction_coefficient:.4g}{beside}, of a cable that is pulled in"))
+    return rows
+
+
+def _radii(cable: Cable) -> tuple[float, float]:
+    """Smallest and largest distance [m] of a cable's via points from its routing axis."""
+    assert cable.routing_axis is not None  # noqa: S101
+    _, distances = cable.routing_axis.away(np.array([via.at for via in cable.via_points]))
+    return float(distances.min()), float(distances.max())
+
+
+def _stations(cable: Cable) -> list[str]:
+    """The parts that carry a cable's via points; consecutive points on one part are grouped."""
+    runs = [(on or "space", len(list(run))) for on, run in groupby(via.on for via in cable.via_points)]
+    return [on if count == 1 else f"{on} ({count} points)" for on, count in runs]

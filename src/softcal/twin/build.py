@@ -267,6 +267,9 @@ def build_twin(robot: Robot) -> Twin:
     slowness = np.array([0.0 if speed is None else 1.0 / speed for speed in speeds]) if any(speeds) else None
     cables = build_cables(layout.X, via, pulled_last, placed_by, stated, slowness)
     system = build_system(layout, (*solids, *rod_terms, cables, loads, moments, *contacts))
+    landmarks = {f"via point {i + 1} of {c.name}": p.at for c in robot.cables for i, p in enumerate(c.via_points)}
+    landmarks |= {load.name: load.at for load in robot.loads if isinstance(load, PointLoad)}
+    system = replace(system, landmarks=landmarks)
     return Twin(robot, system, builder.first, meshes, frames.of_plate, via, markers, pressure_nodes)
 
 

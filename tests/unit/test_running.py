@@ -76,7 +76,7 @@ def test_simulate_and_export_say_what_they_are_doing(
     told: list[str] = []
 
     @contextmanager
-    def seen() -> Generator[Callable[[str], None]]:
+    def seen(*, keeps: bool = False) -> Generator[Callable[[str], None]]:
         yield told.append
 
     monkeypatch.setattr(simulate_command, "clock", seen)

@@ -365,12 +365,12 @@ def _millimetres(at: Floats) -> str:
     return "(" + ", ".join(f"{round(1e3 * x, 2) + 0.0:g}" for x in at) + ") mm"
 
 
-def build_system(layout: Layout, terms: Sequence[Term]) -> System:
-    """Plan the pattern of all terms together."""
+def build_system(layout: Layout, terms: Sequence[Term], landmarks: Mapping[str, Floats] | None = None) -> System:
+    """Plan the pattern of all terms together; landmarks as of `System`."""
     terms = numbered(terms, layout)
     connected = [term.connectivity(layout) for term in terms]
     none = np.zeros((0, 2), dtype=np.int64)
     pairs = np.concatenate([none, *(moving_pairs(layout, frames) for one in connected for frames in one.frames)])
     pattern = build_pattern(layout, [conn for one in connected for conn in one.entities], pairs)
     planned = tuple(term.plan(layout, pattern) for term in terms)
-    return System(layout, pattern, build_motion(layout, pattern), planned)
+    return System(layout, pattern, build_motion(layout, pattern), planned, landmarks=landmarks or {})

@@ -62,10 +62,8 @@ def check(
         None draws nothing.
     solve
         Whether states are solved, drawn and compared with the data.
-    progress
-        Called with the name of each stage.
-    ready
-        Called with rows and warnings as soon as they are known.
+    progress, ready
+        Called with the name of each stage; with rows and warnings as soon as they are known.
 
     Raises
     ------
@@ -74,24 +72,22 @@ def check(
     StorageError
         Where the folder cannot be written.
     """
+    progress("Building the twin")
     twin_of(project.robot)
     if out_dir is not None:
         require_writable(Path(out_dir))
     warnings = [str(fault) for fault in project.warnings]
     if project.experiments and project.space is None:
         warnings.append("no parameter is free: there is nothing to calibrate")
-    warnings += _beyond_bounds(project)
-    warnings += [*_unstable_at_rest(project), *_refusals(project)]
-    rows = (*_body_rows(project), *_rod_rows(project), *_part_rows(project))
-    rows += (*_bench_rows(project), *_search_rows(project))
+    warnings += [*_beyond_bounds(project), *_unstable_at_rest(project), *_refusals(project)]
+    parts = (*_body_rows(project), *_rod_rows(project), *_part_rows(project))
+    rows = (*parts, *_bench_rows(project), *_search_rows(project))
     ready(rows, warnings)
     states = start_states(project, progress, ready) if solve else None
     if states is not None:
         against = (_against_twin(project, name, response) for name, response in states.responses.items())
-        stiffness = [sentence for sentence in against if sentence]
-        ready((), stiffness)
-        rows += states.rows
-        warnings += [*states.warnings, *stiffness]
+        ready((), stiffness := [sentence for sentence in against if sentence])
+        rows, warnings = (*rows, *states.rows), [*warnings, *states.warnings, *stiffness]
     if out_dir is None:
         return CheckReport(rows, tuple(warnings))
     from softcal.report.check_figures import draw_check

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from softcal.cli.app import app
 from softcal.cli.calibration_bars import CalibrationBars
 from softcal.cli.calibration_lines import CalibrationLines
+from softcal.cli.calibration_table import print_result, value_text
 from softcal.cli.running import clock
 from softcal.geometry.primitives import box_mesh
 from softcal.mechanics import path_watch
@@ -245,3 +246,18 @@ def test_simulate_in_time_keeps_its_steps(tmp_path: Path) -> None:
     assert response.channels["time"][-1] == pytest.approx(0.06)
     with pytest.raises(KeyboardInterrupt):
         simulate_in_time(robot, schedule, TimeSettings(), progress=press)
+
+
+def test_a_calibration_is_printed_while_others_are_still_to_come(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_project(tmp_path)
+    text = path.read_text()
+    first, last = text.index("  pull:\n"), text.index("parameters:")
+    path.write_text(text[:last] + text[first:last].replace("pull:", "again:") + text[last:])
+    found = calibrate(load(path), fit="each", mesh_error=False, ready=print_result)
+    (line,) = capsys.readouterr().out.splitlines()
+    values = found.results["pull"].parameters
+    assert list(found.results) == ["pull", "again"]
+    assert line.startswith(f"pull: bar.youngs_modulus {value_text(values['bar.youngs_modulus'])}, front.slack")
+    assert "; loss " in line

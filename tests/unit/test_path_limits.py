@@ -13,9 +13,9 @@ from project_case import write_project
 from typer.testing import CliRunner
 
 from softcal.cli.app import app
-from softcal.cli.calibration_bars import CalibrationBars
+from softcal.cli.calibration_bars import CalibrationBars, calibration_progress
 from softcal.cli.calibration_lines import CalibrationLines
-from softcal.cli.calibration_table import print_result, value_text
+from softcal.cli.calibration_table import result_line, value_text
 from softcal.cli.running import clock
 from softcal.geometry.primitives import box_mesh
 from softcal.mechanics import path_watch
@@ -193,6 +193,21 @@ def test_a_calibration_says_how_far_a_path_is(capsys: pytest.CaptureFixture[str]
     assert any(count.endswith(" %") for count in seen)
 
 
+def test_what_is_printed_beside_a_stage_begins_a_line(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    with clock() as show:
+        show("Solving")
+        path_watch.path_watch().tell(0.5, 3)
+        show("")
+        path_watch.path_watch().tell(0.9, 4)
+        assert capsys.readouterr().err.endswith("\x1b[2K")
+        show("Drawing")
+    assert "Drawing" in capsys.readouterr().err
+
+
 def press_in(monkeypatch: pytest.MonkeyPatch, at: float) -> None:
     """Ctrl-C in a command whose load path is as far as that."""
     real = path_watch.PathWatch.tell
@@ -255,8 +270,11 @@ def test_a_calibration_is_printed_while_others_are_still_to_come(
     text = path.read_text()
     first, last = text.index("  pull:\n"), text.index("parameters:")
     path.write_text(text[:last] + text[first:last].replace("pull:", "again:") + text[last:])
-    found = calibrate(load(path), fit="each", mesh_error=False, ready=print_result)
-    (line,) = capsys.readouterr().out.splitlines()
+    with calibration_progress() as lines:
+        found = calibrate(
+            load(path), fit="each", mesh_error=False, ready=lambda label, result: lines.say(result_line(label, result))
+        )
+    (line,) = capsys.readouterr().err.splitlines()
     values = found.results["pull"].parameters
     assert list(found.results) == ["pull", "again"]
     assert line.startswith(f"pull: bar.youngs_modulus {value_text(values['bar.youngs_modulus'])}, front.slack")

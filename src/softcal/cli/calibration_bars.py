@@ -78,6 +78,10 @@ class CalibrationBars:
             self._stage = self._progress.add_task(f"{label}: {state.stage}", total=None, count="", best="")
             self._present = self._stage, ""
 
+    def say(self, text: str) -> None:
+        """Print a line above the bars."""
+        self._progress.console.print(text, markup=False, highlight=False, emoji=False)
+
     def follow(self, path: PathProgress) -> None:
         """Show how far a load path of the present simulation is."""
         from rich.progress import TaskID

@@ -57,6 +57,10 @@ class CalibrationLines:
         if is_new or state.stage or since >= MOST or (is_further and since >= LEAST):
             self._tell(label, state)
 
+    def say(self, text: str) -> None:
+        """Print a line of its own."""
+        typer.echo(text, err=True)
+
     def follow(self, path: PathProgress) -> None:
         """Say how far a load path of the present simulation is, where a minute passed without a line."""
         if self._last is not None and self._now() - self._reported.get(self._last[0], self._now()) >= MOST:

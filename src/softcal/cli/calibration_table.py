@@ -68,10 +68,10 @@ def print_results(
         typer.echo(text)
 
 
-def print_result(label: str, result: CalibrationResult) -> None:
-    """Print the values of one calibration in a line, while others are still to come."""
+def result_line(label: str, result: CalibrationResult) -> str:
+    """The values of one calibration in a line, for while others are still to come."""
     values = [f"{name} {value_text(estimate)}" for name, estimate in result.parameters.items()]
-    typer.echo(f"{label}: {', '.join(values)}; loss {result.loss:.4g}")
+    return f"{label}: {', '.join(values)}; loss {result.loss:.4g}"
 
 
 def _result_table(results: Mapping[str, CalibrationResult]) -> Table:

@@ -47,15 +47,16 @@ def check(
     if out is not None and not pictures:
         raise InputError(Fault("--out and --no-pictures exclude each other"))
     width = LEAST_WIDTH
-
-    def print_block(rows: Sequence[tuple[str, str]], warnings: Sequence[str]) -> None:
-        nonlocal width
-        width = max(width, *(len(name) for name, _ in rows)) if rows else width
-        for name, text in rows:
-            typer.echo(f"{name:<{width + 2}}{text}")
-        print_warnings(warnings)
-
     with clock(keeps=True) as show:
+
+        def print_block(rows: Sequence[tuple[str, str]], warnings: Sequence[str]) -> None:
+            nonlocal width
+            show("")
+            width = max(width, *(len(name) for name, _ in rows)) if rows else width
+            for name, text in rows:
+                typer.echo(f"{name:<{width + 2}}{text}")
+            print_warnings(warnings)
+
         show("Reading the project")
         loaded = load(project)
         from softcal.workflows.checking import check as check_project

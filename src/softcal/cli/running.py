@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @contextmanager
 def clock(*, keeps: bool = False) -> Generator[Callable[[str], None]]:
     """On a terminal, the current stage, how far its load path is, and its time; elsewhere a line where a minute passed
-    without one. keeps: as of `paths_watched`.
+    without one. The stage "" removes the line, before something is printed. keeps: as of `paths_watched`.
     """
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -45,6 +45,9 @@ def clock(*, keeps: bool = False) -> Generator[Callable[[str], None]]:
     def show(doing: str) -> None:
         nonlocal stage
         stage = doing
+        if not doing:
+            bar.stop()
+            return
         bar.start()  # once there is something to say
         bar.reset(task, description=doing)
         say(doing)

@@ -58,10 +58,17 @@ def simulate(
     chosen = cases(loaded, pull or (), experiment)
     if in_time:
         with motion_bars(keeps=True) as show:
-            responses = simulate_to_folder(loaded, chosen, out, in_time=True, progress=show, ready=_print_status)
+            responses = simulate_to_folder(loaded, chosen, out, in_time=True, progress=show)
+        for name, response in responses.items():
+            _print_status(name, response)
     else:
         with clock(keeps=True) as show:
-            responses = simulate_to_folder(loaded, chosen, out, engine=engine, stage=show, ready=_print_status)
+
+            def print_status(name: str, response: Response) -> None:
+                show("")
+                _print_status(name, response)
+
+            responses = simulate_to_folder(loaded, chosen, out, engine=engine, stage=show, ready=print_status)
     typer.echo(f"Wrote {out}")
     for response in responses.values():
         if response.stopped_by is not None:

@@ -17,16 +17,18 @@ from softcal.cli.calibration_bars import CalibrationBars, calibration_progress
 from softcal.cli.calibration_lines import CalibrationLines
 from softcal.cli.calibration_table import result_line, value_text
 from softcal.cli.running import clock
+from softcal.errors import SimulationError
 from softcal.geometry.primitives import box_mesh
 from softcal.mechanics import path_watch
 from softcal.mechanics.path_limits import PathLimits
 from softcal.mechanics.path_watch import PathProgress, part_of_series, paths_watched
 from softcal.project.project import load
 from softcal.twin.protocol import Command, Protocol
+from softcal.twin.response import Response
 from softcal.twin.robot import Body, Cable, Robot, ViaPoint
 from softcal.twin.simulate import simulate
 from softcal.workflows.calibration import calibrate
-from softcal.workflows.simulation import pull
+from softcal.workflows.simulation import pull, simulate_each
 
 
 def knotted_block() -> Robot:
@@ -241,6 +243,28 @@ def test_simulate_writes_the_samples_that_are_ready(tmp_path: Path, monkeypatch:
     assert "samples reached): stopped by the user." in done.stderr
     assert done.stderr.endswith("Stopped.\n")
     assert 2 < len((out / "response-pull.csv").read_text().splitlines()) < 42
+
+
+def test_a_stop_keeps_the_cases_before_it() -> None:
+    def simulated(ready: Response | None) -> Response:
+        if ready is None:
+            raise KeyboardInterrupt
+        return ready
+
+    done = Response({"force": np.ones(2)}, {"force": "N"}, "Solved.", True, 1)
+    failed = Response({}, {}, "No equilibrium.", False, 1)
+    cases, told = {"a": done, "b": failed, "c": None, "d": done}, list[str]()
+    with paths_watched(lambda path: None, keeps=True):
+        responses = simulate_each(cases, simulated, ready=lambda name, response: told.append(name))
+        with pytest.raises(KeyboardInterrupt):
+            simulate_each({"c": None}, simulated)
+    assert list(responses) == ["a"]
+    assert isinstance(responses["a"].stopped_by, KeyboardInterrupt)
+    assert told == ["a", "b"]
+    with pytest.raises(KeyboardInterrupt):
+        simulate_each(cases, simulated)
+    with pytest.raises(SimulationError, match="b: No equilibrium"):
+        simulate_each({"a": done, "b": failed}, simulated)
 
 
 def test_simulate_in_time_keeps_its_steps(tmp_path: Path) -> None:

@@ -126,10 +126,10 @@ def calibrate(
             except CalibrationError:
                 if stop.by is None:
                     raise
-            if label in results and len(results) < len(problems):
-                ready(label, results[label])
             if stop.by is not None:
                 break
+            if len(results) < len(problems):
+                ready(label, results[label])
     if folder is not None and results:
         finish_run(project, results, folder)
     return Calibrations(results, folder=folder, stopped_by=stop.by)

@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from softcal.materials.catalogue import register_law as register_law
     from softcal.materials.law import Law as Law
     from softcal.materials.parameter import Parameter as Parameter
+    from softcal.mechanics.path_limits import PathLimits as PathLimits
     from softcal.project.project import Project as Project
     from softcal.project.project import load as load
     from softcal.quantities import Quantity as Quantity
@@ -176,6 +177,7 @@ _HOMES = {
     "Option": "softcal.calibration.option",
     "Parameter": "softcal.materials.parameter",
     "ParameterError": "softcal.errors",
+    "PathLimits": "softcal.mechanics.path_limits",
     "Plate": "softcal.twin.robot",
     "PointLoad": "softcal.twin.robot",
     "PrimitiveShape": "softcal.geometry.shape",
@@ -297,6 +299,7 @@ __all__ = [
     "Option",
     "Parameter",
     "ParameterError",
+    "PathLimits",
     "Plate",
     "PointLoad",
     "PrimitiveShape",

@@ -128,6 +128,7 @@ LIMITS: Mapping[str, Limit] = {
         Limit("seeds", 2**32 - 1, 0),
         Limit("workers", 256, 1, "as many as there are cores"),
         Limit("values on an axis", 10_000, 1),
+        Limit("factorisations", 10_000_000),
         Limit("cells of a grid", 100_000, 1, "fewer values on each axis"),
         Limit("shapes of a film", 2000, 2),
         # Motion in time, and other engines

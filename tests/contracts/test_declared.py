@@ -32,6 +32,7 @@ from softcal.geometry.section import GivenSection, RectangularBar, RoundBar
 from softcal.geometry.varied_section import VariedSection
 from softcal.geometry.wire import SolidRod, SolidSpring
 from softcal.materials.infill import PrintInfill
+from softcal.mechanics.path_limits import PathLimits
 from softcal.project.bench_schema import BenchFile
 from softcal.project.document import Document, Findings
 from softcal.project.robot_schema import (
@@ -111,6 +112,10 @@ STATED: list[tuple[str, Declared]] = [
         Contact(1e-4, 2e6, 0.5, 2e-3, 2e-4),
     ),
     ("{friction_coefficient: 0.5}", Contact(friction_coefficient=0.5)),
+    (
+        "{factorisations: 400, creeping: 300, failing: 200, cpu_time: 1 min}",
+        PathLimits(400, 300, 200, 60.0),
+    ),
     (
         "{stiffness: 10 kN, compliance: 0.01 mm/N, pretension: 2 N, friction_memory: true, presliding: 1 mm, "
         "friction_preload: 1 N, friction_speed: 1 m/s}",
@@ -311,7 +316,11 @@ MADE_OF = [
     (LoadSection, PointLoad, {"force"}),
     (LoadSection, Moment, {"moment"}),
     (LoadSection, SurfaceLoad, set()),
-    (RobotSection, Robot, {"bodies", "rods", "plates", "ties", "cables", "loads", "markers", "sensors", "contact"}),
+    (
+        RobotSection,
+        Robot,
+        {"bodies", "rods", "plates", "ties", "cables", "loads", "markers", "sensors", "contact", "limits"},
+    ),
 ]
 
 

@@ -69,7 +69,7 @@ def test_path_ends_where_it_is_told():
     assert c[0] == 0.0
     assert c[-1] == 0.03
     assert np.all(np.diff(c) > 0.0)
-    stopped = follow(statics, PULL, start, 0.03, first_step=0.004, stop=lambda node: node.c > 0.01)
+    stopped = follow(statics, PULL, start, 0.03, first_step=0.004, share=lambda node: node.c / 0.01)
     assert 0.01 < stopped.nodes[-1].c < 0.03
 
 

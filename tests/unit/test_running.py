@@ -76,18 +76,18 @@ def test_simulate_and_export_say_what_they_are_doing(
     told: list[str] = []
 
     @contextmanager
-    def seen() -> Generator[Callable[[str], None]]:
+    def seen(*, keeps: bool = False) -> Generator[Callable[[str], None]]:
         yield told.append
 
     monkeypatch.setattr(simulate_command, "clock", seen)
     monkeypatch.setattr(export_commands, "clock", seen)
     path = write_project(tmp_path)
     assert run("simulate", path, "--out", tmp_path / "simulated") == 0
-    assert told == ["Simulating pull (1 of 1)", "Drawing and writing"]
+    assert told == ["Simulating pull (1 of 1)", "", "Drawing and writing"]
     assert run("export", "vtk", path, "--out", tmp_path / "vtk", "--pull", "front=5mm") == 0
-    assert told[2:] == ["Simulating pull (1 of 1)"]
+    assert told[3:] == ["Simulating pull (1 of 1)"]
     assert run("export", "calculix", path, "--out", tmp_path / "ccx", "--pull", "front=5mm") == 0
-    assert len(told) == 4
+    assert len(told) == 5
     capsys.readouterr()
 
 

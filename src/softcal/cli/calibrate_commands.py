@@ -11,7 +11,7 @@ import typer
 
 from softcal.cli.app import ProjectFile, app, exit_on_error, resumable
 from softcal.cli.calibration_bars import calibration_progress
-from softcal.cli.calibration_table import print_results
+from softcal.cli.calibration_table import print_results, result_line
 from softcal.cli.page_beside import page_beside
 from softcal.cli.printing import print_warnings
 from softcal.cli.running import clock, executor_told
@@ -142,6 +142,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
                     workers=executor,
                     engine=engine,
                     progress=bars.show,
+                    ready=lambda label, result: bars.say(result_line(label, result)),
                     storage=storage,
                     **changes,
                 )

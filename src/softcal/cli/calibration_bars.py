@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
+
+from softcal.mechanics.path_watch import PathProgress, paths_watched
 
 if TYPE_CHECKING:
     from softcal.calibration.search import Progress
@@ -40,11 +43,15 @@ class CalibrationBars:
         )
         self._tasks: dict[str, object] = {}
         self._stage: object = None
+        self._present: tuple[object, str] | None = None  # the task of the present simulation, and its count of trials
+        self._watch = ExitStack()
 
     def __enter__(self) -> CalibrationBars:
+        self._watch.enter_context(paths_watched(self.follow))
         return self
 
     def __exit__(self, *exception: object) -> None:
+        self._watch.close()
         self._end_stage()
         if self._tasks:
             self._progress.stop()
@@ -66,8 +73,22 @@ class CalibrationBars:
             count=f"{state.done}/{state.total}",
             best=best + failed,
         )
+        self._present = self._tasks[label], f"{state.done}/{state.total}, "
         if state.stage:
             self._stage = self._progress.add_task(f"{label}: {state.stage}", total=None, count="", best="")
+            self._present = self._stage, ""
+
+    def say(self, text: str) -> None:
+        """Print a line above the bars."""
+        self._progress.console.print(text, markup=False, highlight=False, emoji=False)
+
+    def follow(self, path: PathProgress) -> None:
+        """Show how far a load path of the present simulation is."""
+        from rich.progress import TaskID
+
+        if self._present is not None:
+            task, count = self._present
+            self._progress.update(TaskID(int(str(task))), count=f"{count}{100.0 * path.share:.0f} %")
 
     def _end_stage(self) -> None:
         from rich.progress import TaskID

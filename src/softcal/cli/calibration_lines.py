@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 import typer
+
+from softcal.mechanics.path_watch import PathProgress, paths_watched
 
 if TYPE_CHECKING:
     from softcal.calibration.search import Progress
@@ -27,17 +30,22 @@ class CalibrationLines:
         self._reported: dict[str, float] = {}
         self._tenth: dict[str, int] = {}
         self._waiting: dict[str, Progress] = {}  # the last unreported state of each
+        self._last: tuple[str, Progress] | None = None
+        self._watch = ExitStack()
 
     def __enter__(self) -> CalibrationLines:
+        self._watch.enter_context(paths_watched(self.follow))
         return self
 
     def __exit__(self, *exception: object) -> None:
+        self._watch.close()
         for label, state in list(self._waiting.items()):
             self._tell(label, state)
 
     def show(self, label: str, state: Progress) -> None:
         """Record the progress of a calibration."""
         now = self._now()
+        self._last = label, state
         is_new = label not in self._begun
         if is_new:
             self._begun[label] = now
@@ -49,7 +57,16 @@ class CalibrationLines:
         if is_new or state.stage or since >= MOST or (is_further and since >= LEAST):
             self._tell(label, state)
 
-    def _tell(self, label: str, state: Progress) -> None:
+    def say(self, text: str) -> None:
+        """Print a line of its own."""
+        typer.echo(text, err=True)
+
+    def follow(self, path: PathProgress) -> None:
+        """Say how far a load path of the present simulation is, where a minute passed without a line."""
+        if self._last is not None and self._now() - self._reported.get(self._last[0], self._now()) >= MOST:
+            self._tell(*self._last, path=f"; load path at {path}")
+
+    def _tell(self, label: str, state: Progress, path: str = "") -> None:
         self._reported[label] = self._now()
         self._tenth[label] = _tenth(state)
         self._waiting.pop(label, None)
@@ -57,7 +74,7 @@ class CalibrationLines:
         failed = f", {state.failed} failed" if state.failed else ""
         stage = f"; {state.stage}" if state.stage else ""
         seconds = self._reported[label] - self._begun[label]
-        typer.echo(f"{label}: {state.done}/{state.total}{best}{failed}{stage} ({seconds:.0f} s)", err=True)
+        typer.echo(f"{label}: {state.done}/{state.total}{best}{failed}{stage}{path} ({seconds:.0f} s)", err=True)
 
 
 def _tenth(state: Progress) -> int:

@@ -68,6 +68,12 @@ def print_results(
         typer.echo(text)
 
 
+def result_line(label: str, result: CalibrationResult) -> str:
+    """The values of one calibration in a line, for while others are still to come."""
+    values = [f"{name} {value_text(estimate)}" for name, estimate in result.parameters.items()]
+    return f"{label}: {', '.join(values)}; loss {result.loss:.4g}"
+
+
 def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
     """Table with a column per calibration, and a line per parameter and error of an experiment."""
     from rich.table import Table

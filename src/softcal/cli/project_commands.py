@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,8 @@ from softcal.cli.app import ProjectFile, app, exit_on_error
 from softcal.cli.printing import print_warnings
 from softcal.cli.running import clock
 from softcal.errors import Fault, InputError
+
+LEAST_WIDTH = len("under its loads")
 
 
 @app.command()
@@ -43,23 +46,25 @@ def check(
 
     if out is not None and not pictures:
         raise InputError(Fault("--out and --no-pictures exclude each other"))
-    with clock() as show:
+    width = LEAST_WIDTH
+    with clock(keeps=True) as show:
+
+        def print_block(rows: Sequence[tuple[str, str]], warnings: Sequence[str]) -> None:
+            nonlocal width
+            show("")
+            width = max(width, *(len(name) for name, _ in rows)) if rows else width
+            for name, text in rows:
+                typer.echo(f"{name:<{width + 2}}{text}")
+            print_warnings(warnings)
+
         show("Reading the project")
         loaded = load(project)
         from softcal.workflows.checking import check as check_project
 
         folder = (out if out is not None else project.parent / "check") if pictures else None
-        report = check_project(loaded, folder, solve=solve, progress=show)
-    _print_pairs(report.rows)
-    print_warnings(report.warnings)
+        report = check_project(loaded, folder, solve=solve, progress=show, ready=print_block)
     for note in report.notes:
         typer.echo(f"Note: {note}", err=True)
     if pictures:
         typer.echo(f"Pictures: {', '.join(str(path) for path in report.pictures)}")
     typer.echo("The project is in order." if not report.warnings else "The project can be used; see the warnings.")
-
-
-def _print_pairs(rows: tuple[tuple[str, str], ...]) -> None:
-    width = max(len(name) for name, _ in rows) + 2
-    for name, text in rows:
-        typer.echo(f"{name:<{width}}{text}")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from softcal.cli.calibration_lines import MOST
+from softcal.mechanics.path_watch import PathProgress, paths_watched
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
@@ -20,8 +21,10 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def clock() -> Generator[Callable[[str], None]]:
-    """On a terminal, the current stage and its time; elsewhere a line where a minute passed without one."""
+def clock(*, keeps: bool = False) -> Generator[Callable[[str], None]]:
+    """On a terminal, the current stage, how far its load path is, and its time; elsewhere a line where a minute passed
+    without one. The stage "" removes the line, before something is printed. keeps: as of `paths_watched`.
+    """
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -30,25 +33,42 @@ def clock() -> Generator[Callable[[str], None]]:
     task = bar.add_task("", total=None)
 
     began = said = time.monotonic()
+    stage = ""
 
-    def show(doing: str) -> None:
+    def say(doing: str) -> None:
         nonlocal said
-        bar.start()  # once there is something to say
-        bar.reset(task, description=doing)
         now = time.monotonic()
         if bar.disable and now - said >= MOST:
             said = now
             typer.echo(f"{doing} ({now - began:.0f} s)", err=True)
 
+    def show(doing: str) -> None:
+        nonlocal stage
+        stage = doing
+        if not doing:
+            bar.stop()
+            return
+        bar.start()  # once there is something to say
+        bar.reset(task, description=doing)
+        say(doing)
+
+    def follow(path: PathProgress) -> None:
+        if stage:
+            bar.update(task, description=f"{stage}: {path}")
+            say(f"{stage}: {path}")
+
     try:
-        yield show
+        with paths_watched(follow, keeps=keeps):
+            yield show
     finally:
         bar.stop()
 
 
 @contextmanager
-def motion_bars() -> Generator[Observer]:
-    """On a terminal, a progress bar for each motion: over its schedule; the time to come to rest is unknown."""
+def motion_bars(*, keeps: bool = False) -> Generator[Observer]:
+    """On a terminal, a progress bar for each motion: over its schedule; the time to come to rest is unknown. keeps: as
+    of `paths_watched`.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -75,7 +95,8 @@ def motion_bars() -> Generator[Observer]:
         bars.update(tasks[label], completed=time, moved=moved)
 
     try:
-        yield show
+        with paths_watched(lambda path: None, keeps=keeps):
+            yield show
         end()
     finally:
         if tasks:

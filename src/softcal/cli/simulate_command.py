@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,6 +11,9 @@ from softcal.cli.app import ProjectFile, app, exit_on_error
 from softcal.cli.running import clock, motion_bars
 from softcal.cli.values import Engine, Values, parsed_values
 from softcal.errors import Fault, InputError
+
+if TYPE_CHECKING:
+    from softcal.twin.response import Response
 
 
 @app.command()
@@ -54,14 +57,28 @@ def simulate(
         raise InputError(Fault("other engines compute states at rest only", "--in-time", f"--engine {engine}"))
     chosen = cases(loaded, pull or (), experiment)
     if in_time:
-        with motion_bars() as show:
+        with motion_bars(keeps=True) as show:
             responses = simulate_to_folder(loaded, chosen, out, in_time=True, progress=show)
+        for name, response in responses.items():
+            _print_status(name, response)
     else:
-        with clock() as show:
-            responses = simulate_to_folder(loaded, chosen, out, engine=engine, stage=show)
-    for name, response in responses.items():
-        text = f"{name}: {response.status}"
-        typer.echo(text if response.succeeded else f"Error: {text}", err=not response.succeeded)
+        with clock(keeps=True) as show:
+
+            def print_status(name: str, response: Response) -> None:
+                show("")
+                _print_status(name, response)
+
+            responses = simulate_to_folder(loaded, chosen, out, engine=engine, stage=show, ready=print_status)
     typer.echo(f"Wrote {out}")
+    for response in responses.values():
+        if response.stopped_by is not None:
+            raise response.stopped_by
     if not all(response.succeeded for response in responses.values()):
         raise typer.Exit(1)
+
+
+def _print_status(name: str, response: Response) -> None:
+    text = f"{name}: {response.status}"
+    if response.stopped_by is None and not response.succeeded:
+        text = f"Error: {text}"
+    typer.echo(text, err=not response.succeeded)

@@ -143,7 +143,7 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
                 path = replace(path, nodes=path.nodes[: first + 1])
                 node = node_at(statics, line, path.nodes[-1].c, path.nodes[-1].state, (), mixed=False)
             elif not path.reached:
-                raise SimulationError(f"no equilibrium beyond {100 * node.c / end:.3g} % of the step: {path.status}.")
+                raise SimulationError(f"{path.ended} {100 * node.c / end:.3g} % of the step: {path.status}.")
             snaps |= any(node.is_snapped for node in path.nodes[1:])
             commanded = CommandPath(line, path.nodes[-2:])
         state, here = node.state, line.at(node.c)

@@ -11,9 +11,12 @@ from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.node import Line, Node, node_at, pushing
+from softcal.mechanics.path_limits import PathWork
+from softcal.mechanics.path_watch import path_watch
 from softcal.mechanics.snap_through import is_nearly_free, is_no_snap, settled, snapped, why_unlike
 from softcal.mechanics.state import State, difference, distance, moved
 from softcal.mechanics.statics import Statics
+from softcal.mechanics.term import Failing
 
 SMALLEST_STEP = 1e-4  # of the whole range: smallest step, at a limit point
 CLOSE = 1e-3  # of the path so far: accuracy with which a loss of stability is located
@@ -22,17 +25,42 @@ MOST_SNAPS = 20  # of a path: more are unphysical, and each costs as much as man
 GROWTH, CUT = 2.0, 0.4  # of a step, after fast convergence, and after a failure
 CUTS = 1  # of a step, before relaxation by `settled`: Newton's method may converge in a shorter step
 SHORTER, SHORTEST = 0.7, 0.05  # of a predicted step: near square-root branches a part of it is a better guess
+ADVICE = (
+    "Try a plate where a force acts, or a via point with a radius, larger elements there, contact where surfaces meet, "
+    "or a law that stiffens in compression"
+)
 EASY, HARD = 7, 12  # iterations (with kept factorisations) below which steps grow, above which they shrink
 
 
 @dataclass(frozen=True)
 class Path:
-    """Nodes in the order of c, and whether its end was reached. status: a sentence."""
+    """Nodes in the order of c, and whether its end was reached.
+
+    Attributes
+    ----------
+    status
+        Why it was not, as part of a sentence.
+    is_cut
+        Whether it ends at a limit of its work, or by a stop, and not where no equilibrium was found.
+    stopped_by
+        The signal that stopped it, where what is ready is kept.
+    """
 
     nodes: tuple[Node, ...]
     reached: bool
     status: str = ""
     names: tuple[str, ...] = field(default=())
+    is_cut: bool = False
+    stopped_by: KeyboardInterrupt | None = None
+
+    @property
+    def ended(self) -> str:
+        """What is known beyond its end, where that was not reached."""
+        return "the load path was ended at" if self.is_cut else "no equilibrium beyond"
+
+    def stopped(self, by: KeyboardInterrupt) -> Path:
+        """The path as far as it is, where a signal stops the work on it."""
+        return replace(self, reached=False, status=f"stopped by {str(by) or 'the user'}", is_cut=True, stopped_by=by)
 
 
 @dataclass(frozen=True)
@@ -50,7 +78,8 @@ class _Continuation:
     """A path under construction: its nodes, the length of the next step, and the failed attempts since the last node.
 
     before: earlier nodes, for the curvature of the path; unstable: the nearest equilibrium ahead that was found
-    unstable.
+    unstable; work: so far; failing: the element that failed first in the last attempt, if that failed; is_cut: whether
+    a limit of the work ended the path.
     """
 
     statics: Statics
@@ -65,8 +94,13 @@ class _Continuation:
     length: float = field(init=False)
     tried: list[_Attempt] = field(default_factory=list[_Attempt])
     unstable: Node | None = None
+    work: PathWork = field(init=False)
+    failing: Failing | None = None
+    is_cut: bool = False
 
     def __post_init__(self) -> None:
+        self.work = PathWork(self.statics.limits, self.statics.n_factorisations)
+        self.work.gain(0.0, self.statics.n_factorisations)
         self.length = min(self.first_step, self.largest_step, self.end - self.last.c)
 
     @property
@@ -82,7 +116,12 @@ class _Continuation:
         return self.last.c < self.end - 1e-12 * self.whole
 
     def advance(self) -> str:
-        """Attempt a step, and recover where it fails; returns why it cannot, or ""."""
+        """Attempt a step, and recover where it fails; returns why it cannot, or why the path ends, or ""."""
+        statics = self.statics
+        over = self.work.why_over(statics.n_factorisations, statics.begun, fails=self.failing is not None)
+        if over:
+            self.is_cut = True
+            return over
         attempt, last = self._attempt(), self.last
         solved = self.statics.equilibrium(attempt.begin, self.line.at(attempt.c))
         node = None
@@ -95,6 +134,7 @@ class _Continuation:
             if node.is_stable:
                 self._add(node, _next_length(attempt.step, solved.n_iterations))
                 return ""
+        self.failing = None if node is not None else statics.system.failing(solved.state)
         self.tried.append(attempt if node is None else replace(attempt, begin=node.state))
         return "" if self._settle() or self._shorten(attempt, node) else self._snap(attempt, node, solved.status)
 
@@ -157,7 +197,9 @@ class _Continuation:
     def _add(self, node: Node, length: float) -> None:
         """Append a node, and set the length of the step from there."""
         self.nodes.append(replace(node, has_snapped=self.last.has_snapped or self.last.is_snapped))
+        self.work.gain(node.c - self.nodes[0].c, self.statics.n_factorisations)
         self.length = length
+        self.failing = None
         self.tried.clear()
         if self.unstable is not None and self.unstable.c - node.c < self._close(node.c):
             self.unstable = None
@@ -174,21 +216,31 @@ def follow(  # noqa: PLR0913 (one keyword for each option)
     *,
     first_step: float,
     names: tuple[str, ...] = (),
-    stop: Callable[[Node], bool] = lambda node: False,
+    share: Callable[[Node], float] | None = None,
     largest_step: float = np.inf,
     mixed: bool = True,
+    keeps: bool = False,
 ) -> Path:
-    """Stable equilibria from a node to c = end, or to where `stop` is true. A failed step is shortened and repeated.
+    """Stable equilibria from a node to c = end. A failed step is shortened and repeated. The path ends early at a limit
+    of its work, with a status.
 
     start: the node, or several of which it is the last: the others give the curvature of the path. At a limit point or
-    a loss of stability the robot snaps through: the next node is the stable equilibrium that it reaches. mixed: as in
-    `node_at`.
+    a loss of stability the robot snaps through: the next node is the stable equilibrium that it reaches. share: of
+    another aim than the end, as reached at a node; the path ends at one. mixed: as in `node_at`. keeps: whether Ctrl-C
+    ends the path, instead of being raised.
     """
     before, start = (start[:-1], start[-1]) if isinstance(start, tuple) else ((), start)
     way = _Continuation(statics, line, names, before, [start], end, first_step, largest_step, mixed)
-    while way.goes_on and not (way.last is not start and stop(way.last)):
-        if status := way.advance():
-            return _ended(statics, way.nodes, status, names)
+    watch, reached = path_watch(), share or (lambda node: (node.c - start.c) / way.whole)
+    try:
+        while way.goes_on and (way.last is start or share is None or share(way.last) < 1.0):
+            if status := way.advance():
+                return _ended(way, status)
+            watch.tell(reached(way.last), statics.n_factorisations)
+    except KeyboardInterrupt as stop:
+        if not keeps:
+            raise
+        return Path(tuple(way.nodes), False, names=names).stopped(stop)
     return Path(tuple(way.nodes), True, names=names)
 
 
@@ -204,10 +256,12 @@ def go_on_from(statics: Statics, node: Node) -> None:
     statics.free_modes, statics.seeks_free_modes = node.free, node.has_snapped or node.is_snapped
 
 
-def _ended(statics: Statics, nodes: list[Node], status: str, names: tuple[str, ...]) -> Path:
-    """A path that ends early, with the physical cause where it is known."""
-    limit = statics.system.at_limit(nodes[-1].state.x)
-    return Path(tuple(nodes), False, f"{status}; {limit}" if limit else status, names)
+def _ended(way: _Continuation, status: str) -> Path:
+    """A path that ends early, with the physical cause, and the place, where they are known."""
+    system = way.statics.system
+    limit = system.at_limit(way.last.state.x)
+    place = "" if way.failing is None else f"{system.place(way.failing)}. {ADVICE}"
+    return Path(tuple(way.nodes), False, "; ".join(filter(None, (status, limit, place))), way.names, way.is_cut)
 
 
 def strays(statics: Statics, before: State, guess: State, found: State) -> bool:

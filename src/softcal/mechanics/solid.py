@@ -35,8 +35,10 @@ from softcal.mechanics.solid_kernels import Places
 from softcal.mechanics.solid_law import SolidLaw
 from softcal.mechanics.solid_remark import remark
 from softcal.mechanics.state import State
-from softcal.mechanics.term import Connectivity, Given, Sum, Term, Theta, part_theta
+from softcal.mechanics.term import Connectivity, Failing, Given, Sum, Term, Theta, part_theta
 from softcal.mechanics.viscosity import ViscousTerm
+
+FAILS = 0.3  # of its volume: more compressed elements are about to fold, whatever their law
 
 Kinematics = tuple[Floats, Floats, Floats, Floats]
 
@@ -164,6 +166,14 @@ class SolidTerm(Term):
     def why_not(self, known: Kinematics) -> str:
         J_min = float(known[3].min())
         return "" if J_min > 0.0 else f"it inverts an element (J = {J_min:.2g})"
+
+    def failing(self, known: Kinematics, X: Floats) -> Failing | None:
+        least = known[3].min(axis=1)
+        tet = int(least.argmin())
+        if not least[tet] < FAILS:
+            return None
+        corners = X[self.conn[tet]]
+        return Failing(self.name, float(least[tet]), corners.mean(axis=0), float(np.ptp(corners, axis=0).max()))
 
     def add(self, into: Sum, given: Given) -> None:
         """J must be positive."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -11,6 +12,7 @@ from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.dense import Dense, dense_tangent
 from softcal.mechanics.linear_solve import Factorisation, factorisation
+from softcal.mechanics.path_limits import PathLimits
 from softcal.mechanics.redundancy import require_independent
 from softcal.mechanics.state import State, moved
 from softcal.mechanics.system import NO_BORDER, Controls, Linearisation, System
@@ -72,10 +74,13 @@ class Statics:
         [ R^T D ] [dw] = [c]    =>  dw = (R^T K^-1 C - D)^-1 (R^T K^-1 b - c),  dz = K^-1 (b - C dw)
 
     so the factorisation has no zeros on the diagonal.
+
+    limits: of the work on each load path; the processor time counts from here on.
     """
 
-    def __init__(self, system: System, theta: Mapping[str, float]) -> None:
+    def __init__(self, system: System, theta: Mapping[str, float], limits: PathLimits | None = None) -> None:
         self.system = system
+        self.limits, self.begun = limits or PathLimits(), time.process_time()
         self.theta = dict(theta)
         self.n_factorisations = 0
         self._planned: Factorisation = factorisation(system.pattern.indptr, system.pattern.indices)

@@ -25,10 +25,12 @@ from softcal.mechanics.neighbours import Neighbours
 from softcal.mechanics.pattern import Pattern, build_pattern
 from softcal.mechanics.scales import Sizes
 from softcal.mechanics.state import State, rest_state
-from softcal.mechanics.term import NOTHING, BlockColumns, Controls, Given, Sum, Term, Theta
+from softcal.mechanics.term import NOTHING, BlockColumns, Controls, Failing, Given, Sum, Term, Theta
 from softcal.mechanics.wire_contact import WireContactTerm
 
 Kind = TypeVar("Kind", bound=Term)
+
+NEAR = 3.0  # times its size: an element within that distance of a point on which a force acts fails by that force
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,8 @@ class System:
         Summands of the total potential.
     neighbours
         By the name of each parameter of the undeformed shape, what has such a system at values next to its own.
+    landmarks
+        Points (3,) [m] at rest on which forces act, by what they are called.
     """
 
     layout: Layout
@@ -54,6 +58,7 @@ class System:
     motion: Motion
     terms: tuple[Term, ...]
     neighbours: Mapping[str, Neighbours] = field(default_factory=dict[str, Neighbours])
+    landmarks: Mapping[str, Floats] = field(default_factory=dict[str, Floats])
 
     def of(self, kind: type[Kind]) -> tuple[Kind, ...]:
         """The terms of one kind, for callers that need that kind; the assembly does not."""
@@ -199,6 +204,18 @@ class System:
     def why_not(self, state: State) -> str:
         """Why a state is inadmissible, as part of a sentence; "" where it is admissible."""
         return self._why_not([term.kinematics(state) for term in self.terms])
+
+    def failing(self, state: State) -> Failing | None:
+        """The element that fails first at a state; None where none is near to it."""
+        each = (term.failing(term.kinematics(state), self.layout.X) for term in self.terms)
+        return min((one for one in each if one is not None), key=lambda one: one.J, default=None)
+
+    def place(self, failing: Failing) -> str:
+        """Where an element fails, as part of a sentence."""
+        away = {name: float(np.linalg.norm(at - failing.at)) for name, at in self.landmarks.items()}
+        near = min((name for name in away if away[name] < NEAR * failing.size), key=lambda name: away[name], default="")
+        beside = f", at {near} {_millimetres(self.landmarks[near])}" if near else ""
+        return f"the elements of {failing.part} at {_millimetres(failing.at)}{beside}, fail first: J = {failing.J:.2g}"
 
     def remarks(self, state: State, theta: Theta) -> str:
         """Remarks on a solution for the user: sentences with a blank before each, or ""."""
@@ -347,12 +364,16 @@ class System:
         return sp.triu(P.T @ sp.csr_matrix((values, (rows, columns)), shape=(n, n)) @ P, format="csr")
 
 
-def build_system(layout: Layout, terms: Sequence[Term]) -> System:
-    """Plan the pattern of all terms together."""
+def _millimetres(at: Floats) -> str:
+    return "(" + ", ".join(f"{round(1e3 * x, 2) + 0.0:g}" for x in at) + ") mm"
+
+
+def build_system(layout: Layout, terms: Sequence[Term], landmarks: Mapping[str, Floats] | None = None) -> System:
+    """Plan the pattern of all terms together; landmarks as of `System`."""
     terms = numbered(terms, layout)
     connected = [term.connectivity(layout) for term in terms]
     none = np.zeros((0, 2), dtype=np.int64)
     pairs = np.concatenate([none, *(moving_pairs(layout, frames) for one in connected for frames in one.frames)])
     pattern = build_pattern(layout, [conn for one in connected for conn in one.entities], pairs)
     planned = tuple(term.plan(layout, pattern) for term in terms)
-    return System(layout, pattern, build_motion(layout, pattern), planned)
+    return System(layout, pattern, build_motion(layout, pattern), planned, landmarks=landmarks or {})

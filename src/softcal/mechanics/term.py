@@ -129,6 +129,25 @@ class LowRank(NamedTuple):
     rows: Callable[[Floats, Ints], BlockColumns]
 
 
+class Failing(NamedTuple):
+    """The element of a body that fails first at a state.
+
+    Attributes
+    ----------
+    part
+        Name of its material.
+    J
+        Its least volume ratio [-].
+    at, size
+        Its centre at rest (3,), and its extent [m].
+    """
+
+    part: str
+    J: float
+    at: Floats
+    size: float
+
+
 class Sum:
     """Accumulator of the terms' gradients and tangents, zero at first.
 
@@ -205,6 +224,10 @@ class Term(ABC):
     def why_not(self, known: Any) -> str:
         """Why the state is inadmissible, as part of a sentence; "" where it is admissible."""
         return ""
+
+    def failing(self, known: Any, X: Floats) -> Failing | None:
+        """The element that fails first, of points at rest at X (n_points, 3); None where none is near to it."""
+        return None
 
     @abstractmethod
     def add(self, into: Sum, given: Given) -> None:

@@ -67,6 +67,7 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
             loads=tuple(load for load in loads if load),
             gravity=gravity,
             contact=section.contact,
+            limits=section.limits,
             rods=(*(given.rods if given else ()), *(rod for rod in rods if rod)),
             ties=tuple(tie for tie in ties if tie),
             markers=(*(given.markers if given else ()), *(marker for marker in markers if marker)),

@@ -21,6 +21,7 @@ from softcal.geometry.placement import Placement
 from softcal.geometry.ring import Ring
 from softcal.limits import LIMITS
 from softcal.mechanics.elements import ElementName
+from softcal.mechanics.path_limits import PathLimits
 from softcal.project.constants import ConstantsSection, LawSection
 from softcal.project.mesh_schema import Mesh, MeshShape, RegionSection
 from softcal.project.rod_schema import RodSection
@@ -233,6 +234,7 @@ class RobotSection(Section):
     loads: Mapping[str, LoadSection] = Field(default_factory=dict)
     markers: Mapping[str, MarkerSection] = Field(default_factory=dict)
     contact: Annotated[Contact | None, Reading(_contact)] = None
+    limits: PathLimits = Field(default_factory=PathLimits)
     sensors: Mapping[str, SensorSection] = Field(default_factory=dict)
     gravity: Gravity = Field(default_factory=lambda: np.zeros(3))
 

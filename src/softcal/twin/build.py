@@ -31,7 +31,7 @@ from softcal.twin.channels import channels_of, require_sensors, sensors_of
 from softcal.twin.contacts import build_contacts, disc_skin
 from softcal.twin.crossings import build_skins
 from softcal.twin.joints import join_ties, nodes_in_use, number_frames
-from softcal.twin.loads import PointForce, Weights, build_loads, build_moments, surface_forces
+from softcal.twin.loads import PointForce, Weights, build_loads, build_moments, points_of_forces, surface_forces
 from softcal.twin.markers import MarkerPlace, directions_in
 from softcal.twin.nearby_twins import neighbours_of
 from softcal.twin.parameters import MARKER_OFFSETS, robot_parameters, with_shape
@@ -265,7 +265,7 @@ def build_twin(robot: Robot) -> Twin:
     speeds = [cable.line.friction_speed for cable in robot.cables]
     slowness = np.array([0.0 if speed is None else 1.0 / speed for speed in speeds]) if any(speeds) else None
     cables = build_cables(layout.X, via, pulled_last, placed_by, stated, slowness)
-    system = build_system(layout, (*solids, *rod_terms, cables, loads, moments, *contacts))
+    system = build_system(layout, (*solids, *rod_terms, cables, loads, moments, *contacts), points_of_forces(robot))
     return Twin(robot, system, builder.first, meshes, frames.of_plate, via, markers, pressure_nodes)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.mechanics.node import Node, node_at
 from softcal.mechanics.path import Path, go_on_from, interpolated, neighbours
+from softcal.mechanics.path_watch import part_of_series
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.equilibrium_path import SAME, EquilibriumPath
 from softcal.twin.start import slack_line
@@ -54,11 +55,12 @@ def by_shortening(along: EquilibriumPath, start: Node, d: Floats) -> Samples:
     taut = d > start.c
     if not _snaps_on(path):
         path, _ = along.refined(path, d[taut & (d <= path.nodes[-1].c)])
-    if snaps := _snaps_on(path):  # beyond a snap-through the curve is neither smooth nor reached from both sides
+    snaps = _snaps_on(path) and path.stopped_by is None
+    if snaps:  # beyond a snap-through the curve is neither smooth nor reached from both sides
         path = _through(along, start, np.unique(d[taut]))
     reached = path.nodes[-1].c
     n = len(d) if path.reached else int(np.argmax(np.append(d, np.inf) > reached))
-    if along.tolerance <= 0.0 and not snaps:
+    if along.tolerance <= 0.0 and not snaps and path.stopped_by is None:
         path = along.with_nodes(path, along.missing(path, d[:n][taut[:n]]))
     c = np.maximum(d[:n], start.c)
     values, slopes, by_parameter = along.curve(path.nodes).at(c)
@@ -90,12 +92,13 @@ def by_tension(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: bo
         return Samples(path, at, np.zeros(len(T)), *curve.at(at), "Solved: no tension.", True, start.c)
     is_wound = path.reached and path.nodes[-1].c >= along.wound_up * (1.0 - 1e-9)
     c = curve.first_passage(i_tension, T)
-    if along.tolerance <= 0.0:
+    if along.tolerance <= 0.0 and path.stopped_by is None:
         path = _with_tensions(along, path, c, T)
         curve = along.curve(path.nodes)
         c = curve.first_passage(i_tension, T)
     # The rest: tensions that the solved curve reaches at another shortening than the interpolated one.
-    while along.tolerance <= 0.0 and len(missing := along.missing(path, c[np.isfinite(c)])):
+    exact = along.tolerance <= 0.0 and path.stopped_by is None
+    while exact and len(missing := along.missing(path, c[np.isfinite(c)])):
         path = along.with_nodes(path, missing)
         curve = along.curve(path.nodes)
         c = curve.first_passage(i_tension, T)
@@ -114,7 +117,7 @@ def by_tension(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: bo
         limit = float(curve.values[:, i_tension].max())
         status += f" Cable {along.cable} is wound up to zero length from {limit:.4g} N on."
     last = float(at.max(initial=start.c))
-    if ends_there:
+    if ends_there and path.stopped_by is None:
         path = _up_to(along, path, last)
     # Where the path ends early, crossings up to its end may be the cause.
     reached = n == len(T)
@@ -129,8 +132,9 @@ def _snaps_on(path: Path) -> bool:
 def _through(along: EquilibriumPath, start: Node, c: Floats) -> Path:
     """The path through every value of c, in their order."""
     path = Path((start,), True, names=along.names)
-    for value in c:
-        leg = along.follow(path.nodes[-1], float(value))
+    for i, value in enumerate(c):
+        with part_of_series(i, len(c)):
+            leg = along.follow(path.nodes[-1], float(value))
         path = replace(leg, nodes=(*path.nodes, *leg.nodes[1:]))
         if not leg.reached:
             break

@@ -11,6 +11,7 @@ from softcal.checks import Floats
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.node import Line, Node, node_at
 from softcal.mechanics.path import Path, between, follow
+from softcal.mechanics.path_watch import path_watch
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.sensing.kind import ChannelKind
@@ -126,10 +127,20 @@ class EquilibriumPath:
 
     def refined(self, path: Path, samples: Floats, *, of_tension: bool = False) -> tuple[Path, Curve]:
         """The path, refined until the curve is within tolerance at the samples (n,): shortenings [m], by nodes at some
-        of them, or tensions [N], wherever it may reach them.
+        of them, or tensions [N], wherever it may reach them. It stays as it is where it was stopped.
 
         A kink, as where surfaces meet, is within no tolerance: there every shortening becomes a node.
         """
+        if path.stopped_by is None:
+            try:
+                return self._refined(path, samples, of_tension=of_tension)
+            except KeyboardInterrupt as stop:
+                if not path_watch().keeps:
+                    raise
+                path = path.stopped(stop)
+        return path, self.curve(path.nodes)
+
+    def _refined(self, path: Path, samples: Floats, *, of_tension: bool) -> tuple[Path, Curve]:
         curve = self.curve(path.nodes)
         most = np.inf  # nodes; known once the values are exact enough
         for _ in range(MAX_REFINEMENTS):
@@ -197,8 +208,9 @@ class EquilibriumPath:
             end,
             first_step=step,
             names=self.names,
-            stop=lambda node: bool(node.state.effort[i] >= until),
+            share=(lambda node: float(node.state.effort[i]) / until) if np.isfinite(until) else None,
             largest_step=3.0 * FIRST_STEP * self.length if not np.isfinite(until) else max(step, 0.25 * self.length),
+            keeps=path_watch().keeps,
         )
 
     def sentence(self, path: Path, n: int, n_samples: int) -> str:
@@ -206,11 +218,9 @@ class EquilibriumPath:
         if path.reached:
             solved = f"Solved: {len(path.nodes)} equilibria, {self.statics.n_factorisations} factorisations."
             return solved + self._met(path)
-        end = 1e3 * path.nodes[-1].c
-        return (
-            f"No equilibrium beyond {end:.4g} mm of shortening of {self.cable} "
-            f"({n} of {n_samples} samples reached): {path.status}."
-        )
+        end = f"{1e3 * path.nodes[-1].c:.4g} mm of shortening of {self.cable}"
+        ended = path.ended[0].upper() + path.ended[1:]
+        return f"{ended} {end} ({n} of {n_samples} samples reached): {path.status}."
 
     def _met(self, path: Path) -> str:
         """Sentence, after a blank, on the shortening from which on via points coincide; not for a wound-up cable."""

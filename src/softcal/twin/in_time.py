@@ -11,6 +11,7 @@ from softcal.checks import Floats
 from softcal.errors import Fault, InputError, ParameterError, SimulationError
 from softcal.mechanics.crossing import Crossings
 from softcal.mechanics.dynamics import Dynamics
+from softcal.mechanics.path_watch import path_watch
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
@@ -96,6 +97,10 @@ def simulate_in_time(
         run.to_the_end(dynamics, at_rest(start.state))
     except SimulationError as error:
         run.fail(str(error))
+    except KeyboardInterrupt as stop:
+        if not path_watch().keeps:
+            raise
+        run.stop(stop)
     finally:
         dynamics.release()
     return run.response(dynamics)
@@ -114,7 +119,7 @@ def _one_solve_faults(cable: Cable) -> list[Fault]:
 def _start(twin: Twin, theta: Mapping[str, float], schedule: Schedule, settings: TimeSettings) -> Start:
     if settings.start == "undeformed":
         return Start(rest_state(twin.system.layout))
-    statics = Statics(twin.system, theta)
+    statics = Statics(twin.system, theta, twin.robot.limits)
     try:
         return pretensioned(
             twin, statics, [name for name, command in schedule.commands.items() if command.control == "tension"]
@@ -140,6 +145,7 @@ class _Motion:
     instabilities: str = ""
     crossed: list[tuple[str, Crossings]] = field(default_factory=list[tuple[str, Crossings]])
     succeeded: bool = True
+    stopped_by: KeyboardInterrupt | None = None
 
     def to_the_end(self, dynamics: Dynamics, now: Instant) -> None:
         """Step until the schedule is over, and then, if requested, until the robot is at rest."""
@@ -177,6 +183,13 @@ class _Motion:
         """End the run: no motion was found."""
         self.status, self.succeeded = why, False
 
+    def stop(self, by: KeyboardInterrupt) -> None:
+        """End the run with the steps that are ready."""
+        n = min(len(self.times), len(self.rows))
+        self.times, self.rows = self.times[:n], self.rows[:n]
+        self.fail(f"Stopped by {str(by) or 'the user'} after {self.times[-1] if n else 0.0:.6g} s.")
+        self.stopped_by = by
+
     def response(self, dynamics: Dynamics) -> Response:
         """The response so far."""
         units = {"time": "s", **channel_units(self.twin)}
@@ -193,6 +206,7 @@ class _Motion:
             n_factorisations=dynamics.n_factorisations,
             snapshots=tuple(self.shapes),
             tets={name: mesh.tets for name, mesh in self.twin.meshes.items()} if self.shapes else {},
+            stopped_by=self.stopped_by,
         )
 
     @property

@@ -17,11 +17,17 @@ from softcal.mechanics.layout import Layout
 from softcal.mechanics.loads import Loads
 from softcal.mechanics.moments import Moments
 from softcal.mechanics.rod_points import place_on_rod
-from softcal.twin.robot import Moment, Robot, SurfaceLoad
+from softcal.twin.robot import Moment, PointLoad, Robot, SurfaceLoad
 
 Weights = list[tuple[int, float]]
 # The parameter a force is per unit of (None: none), the weighted points it acts on, the force.
 PointForce = tuple[str | None, Weights, Floats]
+
+
+def points_of_forces(robot: Robot) -> dict[str, Floats]:
+    """The points (3,) [m] at rest on which cables and loads act, by what they are called in sentences."""
+    via = {f"via point {i + 1} of {c.name}": p.at for c in robot.cables for i, p in enumerate(c.via_points)}
+    return via | {load.name: load.at for load in robot.loads if isinstance(load, PointLoad)}
 
 
 def surface_forces(

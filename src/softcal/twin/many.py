@@ -14,6 +14,7 @@ from softcal.errors import SimulationError
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.crossing import Crossings
 from softcal.mechanics.march import Reached, Target, by_command, reach
+from softcal.mechanics.path_watch import part_of_series, path_watch
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.sensing.channel import ChannelName, kinds
@@ -56,6 +57,7 @@ def simulate_many(
     failed: dict[int, str] = {}
     crossed: list[tuple[str, Crossings]] = []
     out: list[tuple[str, dict[str, float]]] = []
+    stopped: KeyboardInterrupt | None = None
     try:
         loads = loaded(twin, statics, names)
         state = loads.state
@@ -68,21 +70,26 @@ def simulate_many(
             target = controls_at(twin.system, protocol.commands, protocol.at(i), slack.coordinate)
             target = replace(target, elapsed=protocol.elapsed(i))
             aim = Target(target, names, protocol.rates(i, actuators, names))
+            if late := statics.limits.why_late(statics.begun):
+                failed[i] = f"{late}."
+                continue
             if why := _beyond(protocol, i, failed, remembers=twin.system.remembers):
                 failed[i] = why
                 continue
-            try:
-                reached = reach(statics, reached, aim)
-            except SimulationError as error:
-                if twin.system.remembers:  # a sample is reached through those before it alone
-                    failed[i] = str(error)
-                    continue
-                # The line from the sample before may pass commands without an equilibrium.
+            with part_of_series(i, protocol.n_samples):
                 try:
-                    reached = reach(statics, begun, aim)
+                    reached = reach(statics, reached, aim)
                 except SimulationError as error:
-                    failed[i] = str(error)
-                    continue
+                    if twin.system.remembers:  # a sample is reached through those before it alone
+                        failed[i] = str(error)
+                        continue
+                    # The line from the sample before may pass commands without an equilibrium.
+                    try:
+                        reached = reach(statics, begun, aim)
+                    except SimulationError as error:
+                        failed[i] = str(error)
+                        continue
+                path_watch().tell(1.0, statics.n_factorisations)
             solved.append(i)
             state = reached.state
             if sizes[i] >= furthest:
@@ -104,9 +111,16 @@ def simulate_many(
                 shapes.append(snapshot(twin, state, protocol.at(i), i + 1, ""))
     except SimulationError as error:
         failed[0] = str(error)
+    except KeyboardInterrupt as stop:
+        if not path_watch().keeps:
+            raise
+        stopped, n_ready = stop, min(len(solved), len(values), len(rates))
+        solved, values, rates = solved[:n_ready], values[:n_ready], rates[:n_ready]
     status = f"Solved: {protocol.n_samples} equilibria, {statics.n_factorisations} factorisations.{met}"
     if failed:
         status = _not_reached(protocol, failed, len(solved))
+    if stopped is not None:
+        status = f"Stopped by {str(stopped) or 'the user'}: {len(solved)} of {protocol.n_samples} samples are solved."
     if snaps_at:
         later = f" and {len(snaps_at) - 1} later ones" if len(snaps_at) > 1 else ""
         instabilities += instability(f"before sample {snaps_at[0] + 1}{_pulls(protocol, snaps_at[0])}{later}")
@@ -118,7 +132,7 @@ def simulate_many(
         channels=by_column(units, table),
         units=units,
         status=status + instabilities + told + slid + remarks,
-        succeeded=not failed,
+        succeeded=not failed and stopped is None,
         instabilities=instabilities.strip(),
         crossings=told.strip(),
         drawn_out=slid.strip(),
@@ -127,7 +141,8 @@ def simulate_many(
         sensitivities=derivatives_by_column(units, labels, by_parameter),
         snapshots=tuple(shapes),
         tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
-        samples=tuple(solved) if failed else None,
+        samples=tuple(solved) if failed or stopped is not None else None,
+        stopped_by=stopped,
     )
 
 

@@ -94,6 +94,8 @@ class Response:
     samples
         Numbers, from 0, of the protocol's samples in the channels. None: all, or those before the first one that could
         not be reached.
+    stopped_by
+        The signal that stopped it, such as Ctrl-C; the samples that were ready are there.
     """
 
     channels: Mapping[str, Floats]
@@ -110,6 +112,7 @@ class Response:
     drawn_out: str = ""
     remarks: str = ""
     samples: tuple[int, ...] | None = None
+    stopped_by: KeyboardInterrupt | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:

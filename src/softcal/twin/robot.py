@@ -32,6 +32,7 @@ from softcal.materials.law import Law, with_least_shift
 from softcal.materials.parameter import Parameter
 from softcal.mechanics.elements import DEFAULT, ElementName
 from softcal.mechanics.mesh_motion import MeshMotion
+from softcal.mechanics.path_limits import PathLimits
 from softcal.quantities import Clearance, Density, Direction, Mass, MomentOfInertia, Size
 from softcal.sensing.sensor import NamedSensor
 from softcal.twin.barrier import Contact
@@ -355,6 +356,7 @@ class Robot(Checked):
     bodies, plates, cables, loads, rods, ties, markers, sensors : The parts; no two share a name
     gravity : Acceleration (3,) [m/s^2]
     contact : Contact of the parts, its omitted values chosen for them; None: they may overlap
+    limits : Limits of the work on each of its load paths
     """
 
     bodies: tuple[Body, ...] = ()
@@ -367,6 +369,7 @@ class Robot(Checked):
     markers: tuple[Marker, ...] = ()
     contact: Contact | None = None
     sensors: tuple[NamedSensor, ...] = ()
+    limits: PathLimits = field(default_factory=PathLimits)
 
     def __post_init__(self) -> None:
         super().__post_init__()

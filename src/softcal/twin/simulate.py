@@ -128,7 +128,7 @@ def respond(
     if commanded and twin.system.remembers:
         got, why = ", ".join(sensitivities), "a state depends on the commands of all samples before it, too"
         raise ParameterError(Fault(why, "sensitivities", got, "parameters of the robot"))
-    statics = Statics(twin.system, theta)
+    statics = Statics(twin.system, theta, twin.robot.limits)
     try:
         driven = [
             name

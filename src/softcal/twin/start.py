@@ -77,7 +77,7 @@ def _loaded(twin: Twin, statics: Statics) -> Start:
     path = follow(statics, ramp, start, 1.0, first_step=0.2)
     if not path.reached:
         reached = 100.0 * path.nodes[-1].c
-        raise SimulationError(f"No equilibrium under the dead loads beyond {reached:.3g} % of them: {path.status}.")
+        raise SimulationError(f"Under the dead loads {path.ended} {reached:.3g} % of them: {path.status}.")
     return Start(path.nodes[-1].state, any(node.is_snapped for node in path.nodes))
 
 

@@ -90,6 +90,7 @@ class Sweep:
             slopes=by_column(units, samples.slopes),
             snapshots=tuple(shapes),
             tets={name: mesh.tets for name, mesh in along.twin.meshes.items()} if shapes else {},
+            stopped_by=path.stopped_by,
         )
 
     def _failed(self, why: str) -> Response:

@@ -56,6 +56,7 @@ def calibrate(
     engine: str = SOFTCAL,
     progress: Observer | None = None,
     storage: str | None = None,
+    ready: Callable[[str, CalibrationResult], None] = lambda label, result: None,
     **changes: object,
 ) -> Calibrations:
     """Find a project's free parameters.
@@ -75,6 +76,8 @@ def calibrate(
     storage
         Where several processes share the search, each with an `out` of its own: `journal:FILE`, or the URL of a
         PostgreSQL or MySQL database. The method is tpe; the study is named after the project and the calibration.
+    ready
+        Called with a calibration's label and result where others are still to come.
     changes
         Any of the project's `calibration` section, in the place of what it says: `method`, `fit` ("each", "joint" or
         "both"), `trials`, `seed`, `starts`, `loss`, `hold_out` (experiments that are not fitted but predicted), `split`
@@ -125,6 +128,8 @@ def calibrate(
                     raise
             if stop.by is not None:
                 break
+            if len(results) < len(problems):
+                ready(label, results[label])
     if folder is not None and results:
         finish_run(project, results, folder)
     return Calibrations(results, folder=folder, stopped_by=stop.by)

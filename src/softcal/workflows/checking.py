@@ -27,7 +27,7 @@ from softcal.twin.robot import Body, Plate, Rod
 from softcal.units import AS_WRITTEN, format_quantity, format_range, plain
 from softcal.workflows.checked_cables import cable_rows, off_course
 from softcal.workflows.output import require_writable
-from softcal.workflows.start_states import start_states
+from softcal.workflows.start_states import BlockObserver, start_states
 
 # The measured stiffness is implausible beyond this factor of the twin's stiffness at the bounds of its moduli.
 STIFFNESS_MARGIN = 2.0
@@ -49,6 +49,7 @@ def check(
     *,
     solve: bool = True,
     progress: Callable[[str], None] = lambda stage: None,
+    ready: BlockObserver = lambda rows, warnings: None,
 ) -> CheckReport:
     """Check a loaded project: build the twin, solve it at rest and at the end of each experiment at the start values,
     compare it with the data, draw the pictures.
@@ -60,8 +61,8 @@ def check(
         None draws nothing.
     solve
         Whether states are solved, drawn and compared with the data.
-    progress
-        Called with the name of each stage.
+    progress, ready
+        Called with the name of each stage; with rows and warnings as soon as they are known.
 
     Raises
     ------
@@ -70,6 +71,7 @@ def check(
     StorageError
         Where the folder cannot be written.
     """
+    progress("Building the twin")
     twin_of(project.robot)
     if out_dir is not None:
         require_writable(Path(out_dir))
@@ -78,14 +80,14 @@ def check(
         warnings.append("no parameter is free: there is nothing to calibrate")
     warnings += [*_beyond_bounds(project), *off_course(project.robot)]
     warnings += [*_unstable_at_rest(project), *_refusals(project)]
-    states = start_states(project, progress) if solve else None
-    if states is not None:
-        warnings += states.warnings
-        against = (_against_twin(project, name, response) for name, response in states.responses.items())
-        warnings += [sentence for sentence in against if sentence]
     parts = (*_body_rows(project), *_rod_rows(project), *_part_rows(project))
-    solved = () if states is None else states.rows
-    rows = (*parts, *_bench_rows(project), *solved, *_search_rows(project))
+    rows = (*parts, *_bench_rows(project), *_search_rows(project))
+    ready(rows, warnings)
+    states = start_states(project, progress, ready) if solve else None
+    if states is not None:
+        against = (_against_twin(project, name, response) for name, response in states.responses.items())
+        ready((), stiffness := [sentence for sentence in against if sentence])
+        rows, warnings = (*rows, *states.rows), [*warnings, *states.warnings, *stiffness]
     if out_dir is None:
         return CheckReport(rows, tuple(warnings))
     from softcal.report.check_figures import draw_check

@@ -30,11 +30,16 @@ Observer = Callable[[str, float, float], None]
 
 
 def simulate_each_in_time(
-    project: Project, cases: Mapping[str, Case], shapes: int = SNAPSHOTS, *, progress: Observer | None = None
+    project: Project,
+    cases: Mapping[str, Case],
+    shapes: int = SNAPSHOTS,
+    *,
+    progress: Observer | None = None,
+    ready: Callable[[str, Response], None] = lambda name, response: None,
 ) -> dict[str, Response]:
     """Case name -> transient response by the project's `dynamics`; see `schedule_of`.
 
-    shapes: number of shapes to keep. progress: called with the progress of each case.
+    shapes: number of shapes to keep. progress: called with the progress of each case; ready: as by `simulate_each`.
 
     Raises
     ------
@@ -58,7 +63,7 @@ def simulate_each_in_time(
         observer = None if progress is None else partial(progress, name)
         return simulate_in_time(cases[name].robot, schedules[name], settings, snapshots=shapes, progress=observer)
 
-    return simulate_each({name: name for name in cases}, moved)
+    return simulate_each({name: name for name in cases}, moved, ready=ready)
 
 
 def schedule_of(project: Project, case: Case) -> Schedule:

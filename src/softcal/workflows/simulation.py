@@ -13,6 +13,7 @@ from softcal.calibration.observation import protocol_told
 from softcal.calibration.problem import Simulate
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, ParameterError, SimulationError
+from softcal.mechanics.path_watch import path_watch
 from softcal.project.project import Project
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Command, Protocol, let_go_faults
@@ -113,23 +114,48 @@ def simulate_each(
     *,
     partly: bool = False,
     stage: Callable[[str], None] = keep_silent,
+    ready: Callable[[str, Response], None] = lambda name, response: None,
 ) -> dict[str, Response]:
     """Case name -> response. partly: accept a case of which only some samples were reached; stage: called at the start
-    of each case.
+    of each case, and ready at its end.
+
+    Where the watch of the load paths keeps what is ready, a stop ends them: the last response has `stopped_by`.
 
     Raises
     ------
     SimulationError
         If one of them has no solution.
+    KeyboardInterrupt
+        Where it is stopped and nothing is ready, or to be kept.
     """
     responses: dict[str, Response] = {}
+    failed: dict[str, Response] = {}
+    stopped: KeyboardInterrupt | None = None
     for i, (name, case) in enumerate(cases.items(), start=1):
         stage(f"Simulating {name or 'the robot'} ({i} of {len(cases)})")
-        responses[name] = simulated(case)
-    for name, response in responses.items():
-        some = partly and any(len(values) for values in response.channels.values())
-        if not response.succeeded and not some:
+        try:
+            response = simulated(case)
+        except KeyboardInterrupt as stop:
+            stopped = stop
+            break
+        stopped = response.stopped_by
+        some = any(len(values) for values in response.channels.values())
+        if response.succeeded or (some and (partly or stopped is not None)):
+            responses[name] = response
+            ready(name, response)
+        else:
+            failed[name] = response
+        if stopped is not None:
+            break
+    if stopped is not None and not (path_watch().keeps and responses):
+        raise stopped
+    for name, response in failed.items():
+        if stopped is None:
             raise SimulationError(f"{name}: {response.status}")
+        ready(name, response)
+    if stopped is not None:
+        last = next(reversed(responses))
+        responses[last] = replace(responses[last], stopped_by=stopped)
     return responses
 
 

@@ -28,11 +28,13 @@ def simulate_to_folder(
     engine: str = SOFTCAL,
     progress: Observer | None = None,
     stage: Callable[[str], None] = keep_silent,
+    ready: Callable[[str, Response], None] = lambda name, response: None,
 ) -> dict[str, Response]:
     """Simulate each case and write the results into a new folder, completely or not at all.
 
     in_time: transient by the project's `dynamics` instead of equilibria. engine: computes the equilibria.
-    progress: called with the progress of each motion; stage: called with the name of each stage.
+    progress: called with the progress of each motion; stage: with the name of each stage; ready: with each response.
+    Where the watch of the load paths keeps what is ready, a stop leaves out what is not: see `simulate_each`.
 
     Raises
     ------
@@ -47,13 +49,14 @@ def simulate_to_folder(
     require_free_folder(folder)
     simulator = engine_for(engine, project.robot, project.engines)
     if in_time:
-        responses = simulate_each_in_time(project, cases, progress=progress)
+        responses = simulate_each_in_time(project, cases, progress=progress, ready=ready)
     else:
         responses = simulate_each(
             cases,
             lambda case: response_to(case.robot, case.protocol, snapshots=True, engine=simulator),
             partly=True,
             stage=stage,
+            ready=ready,
         )
     stage("Drawing and writing")
     with new_folder(folder) as part:

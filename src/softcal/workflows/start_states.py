@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,6 +27,8 @@ TURNED, MOVED = np.deg2rad(30.0), 0.25
 SLACK = 0.2  # of an experiment's travel: a longer slack phase is suspicious
 
 StageObserver = Callable[[str], None]
+# Called with rows (part, description) and warnings as soon as they are known.
+BlockObserver = Callable[[Sequence[tuple[str, str]], Sequence[str]], None]
 
 
 @dataclass(frozen=True)
@@ -57,8 +59,20 @@ class StartStates:
     tets: Mapping[str, Ints] = field(default_factory=dict[str, Ints])
 
 
-def start_states(project: Project, progress: StageObserver = lambda stage: None) -> StartStates:
-    """Solve the equilibria under the loads alone and at the end of every experiment, at the start values."""
+def start_states(
+    project: Project,
+    progress: StageObserver = lambda stage: None,
+    ready: BlockObserver = lambda rows, warnings: None,
+) -> StartStates:
+    """Solve the equilibria under the loads alone and at the end of every experiment, at the start values.
+
+    progress: called with the name of each stage; ready: with what is known after each.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Where it is stopped; what is known of the state that was being solved is passed on before.
+    """
     project = at_start_values(project)
     twin = twin_of(project.robot)
     undeformed = snapshot(twin, rest_state(twin.system.layout), {}, 0.0, "")
@@ -72,7 +86,9 @@ def start_states(project: Project, progress: StageObserver = lambda stage: None)
         response = response_to(project.robot, Protocol({}), snapshots=True)
         if not response.succeeded:
             warnings.append(f"the robot has no equilibrium under its loads at the start values: {response.status}")
-            return StartStates((("under its loads", "no equilibrium"),), tuple(warnings), {}, undeformed)
+            rows.append(("under its loads", "no equilibrium"))
+            ready(rows, warnings)
+            return StartStates(tuple(rows), tuple(warnings), {}, undeformed)
         shapes["Under its loads"] = response.snapshots[0]
         text, far = _moved(undeformed, response.snapshots[0])
         tensions = {name: response.snapshots[0].tensions[name] for name in pretensioned}
@@ -90,13 +106,18 @@ def start_states(project: Project, progress: StageObserver = lambda stage: None)
                 "the masses and the start of the modulus"
             )
         warnings += [f"under its loads: {sentence}" for sentence in response.warnings]
+        ready(rows, warnings)
     responses: dict[str, Response] = {}
     for i, (name, experiment) in enumerate(project.experiments.items(), start=1):
         progress(f"Solving the end of {name} ({i} of {len(project.experiments)})")
         responses[name] = response = _end_of(project, name)
         row, about = _end_summary(experiment, response, undeformed)
         rows.append((f"end of {name}", row))
-        warnings += [f"{name}: {sentence}" for sentence in about]
+        about = [f"{name}: {sentence}" for sentence in about]
+        warnings += about
+        ready(rows[-1:], about)
+        if response.stopped_by is not None:
+            raise response.stopped_by
         if response.succeeded and response.snapshots:
             shapes[f"{name}\n{_pulls(response.snapshots[-1])}".strip()] = response.snapshots[-1]
     return StartStates(tuple(rows), tuple(warnings), responses, undeformed, shapes, _tets(project))

@@ -26,7 +26,7 @@ from softcal.mechanics.system import Controls
 
 SLOW = 0.3  # a residual that shrinks by less in two iterations needs another tangent; of forces and coordinates in turn
 ACCURATE = 0.1  # of the tolerance: a residual below it needs no last substitution
-MOST = 12  # iterations of a step
+MOST = 8  # iterations of a step
 MANY = 5  # iterations: a step that needs more leaves a new factorisation to the next one
 JUDGED = 0.05  # of the robot's extent: the longest way on which its stability is not judged
 
@@ -86,13 +86,14 @@ class WarmSteps:
         SimulationError
             Where there is no equilibrium, or none was found.
         """
+        self._release(aim.controls)
         try:
             reached = self._warm(aim)
         except SimulationError:
             reached = None
         if reached is None:
-            self._kept, self.n_iterations = None, 0
             reached = self._marched(aim)
+            self.n_iterations = 0
         self.last = reached
         return reached
 
@@ -116,8 +117,6 @@ class WarmSteps:
         """The step with a kept tangent, or with that of the last equilibrium; None where the march must do it."""
         statics, last, target = self.statics, self.last, aim.controls
         controls = held_at(target, last.controls.is_held, last.controls.effort)
-        if np.any(target.is_held & ~controls.is_held):
-            return None
         before = replace(last.controls, elapsed=target.elapsed)
         kept = self._serving(controls) or self._judged(last.state, before)
         solved = None if kept is None else self._solved(kept, controls)
@@ -134,16 +133,38 @@ class WarmSteps:
             return None
         return remembered(statics, state, controls, aim, (False, last.has_snapped))
 
+    def _release(self, target: Controls) -> None:
+        """Hold at their present efforts the actuators that are commanded by these from now on."""
+        state, controls = self.last.state, self.last.controls
+        released = target.is_held & ~controls.is_held
+        if released.any():
+            effort = np.where(released, state.effort, controls.effort)
+            controls = replace(controls, is_held=controls.is_held | released, effort=effort)
+            self.last = replace(self.last, controls=controls, commanded=None)
+
     def _marched(self, aim: Target) -> Reached:
         """The step along a load path: from the last equilibrium, or from the beginning where its line passes commands
         without one. What remembers has no second way.
         """
+        self._kept = None
+        remembers = self.statics.system.remembers
         try:
-            return reach(self.statics, self.last, aim)
+            reached = reach(self.statics, self.last, aim)
         except SimulationError:
-            if self.statics.system.remembers or self.last is self.begin:
+            if remembers or self.last is self.begin:
                 raise
-            return reach(self.statics, self.begin, aim)
+            reached = reach(self.statics, self.begin, aim)
+        if remembers:
+            return reached
+        # A warm step to the same commands makes it as accurate as others, and leaves its factorisation to the next one.
+        before, self.last = self.last, reached
+        try:
+            again = self._warm(aim)
+        except SimulationError:
+            again = None
+        finally:
+            self.last = before
+        return reached if again is None else replace(again, snaps=reached.snaps, has_snapped=reached.has_snapped)
 
     def _serving(self, controls: Controls) -> _Kept | None:
         """The kept tangent, where it is factorised still and has the same actuators driven."""

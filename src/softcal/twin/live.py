@@ -174,12 +174,12 @@ class LiveTwin:
         if faults:
             raise ParameterError(faults)
         self.robot = with_shape(robot, theta or {})
-        cables = [cable.name for cable in self.robot.cables]
-        by_cable = controls if isinstance(controls, Mapping) else {cable: controls for cable in cables}
-        at_rest = Protocol({name: Command(control, np.zeros(1)) for name, control in by_cable.items()})
+        self._controls: dict[str, Control] = {}
+        for cable in controls if isinstance(controls, Mapping) else [one.name for one in self.robot.cables]:
+            self._controls[cable] = controls[cable] if isinstance(controls, Mapping) else controls
+        at_rest = Protocol({name: Command(control, np.zeros(1)) for name, control in self._controls.items()})
         if faults := command_faults(self.robot, at_rest):
             raise ParameterError(faults)
-        self._controls = by_cable
         built = twin_of(robot, theta)
         statics = Statics(built.system, values)
         self._names = names if built.system.remembers else ()
@@ -212,8 +212,8 @@ class LiveTwin:
         Parameters
         ----------
         commands
-            Cable -> shortening [m] or tension [N], by the twin's controls. As in a `Protocol`, a cable without a command
-            is slack, or at zero shortening where it has a pretension.
+            Cable -> shortening [m] or tension [N], by the twin's controls. As in a `Protocol`, a cable without a
+            command is slack, or at zero shortening where it has a pretension.
         elapsed
             Time since the last state [s], for materials that relax or flow; infinity: held for long.
 

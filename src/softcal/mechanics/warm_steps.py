@@ -25,9 +25,9 @@ from softcal.mechanics.statics import TOLERANCE, Statics
 from softcal.mechanics.system import Controls
 
 SLOW = 0.3  # a residual that shrinks by less in two iterations needs another tangent; of forces and coordinates in turn
-ACCURATE = 0.1  # of the tolerance: a residual below it needs no last substitution
-MOST = 8  # iterations of a step
-MANY = 5  # iterations: a step that needs more leaves a new factorisation to the next one
+ACCURATE = 0.1  # of the tolerance, or the tolerance twice in turn: so a state does not depend on the step to it
+MOST = 12  # iterations of a step
+MANY = 5  # iterations: a step that needs more gets a new factorisation, and leaves one to the next step
 JUDGED = 0.05  # of the robot's extent: the longest way on which its stability is not judged
 
 
@@ -120,16 +120,13 @@ class WarmSteps:
         before = replace(last.controls, elapsed=target.elapsed)
         kept = self._serving(controls) or self._judged(last.state, before)
         solved = None if kept is None else self._solved(kept, controls)
-        if solved is None and kept is not None and kept.state is not last.state:
-            kept = self._judged(last.state, before)
-            solved = None if kept is None else self._solved(kept, controls)
-        if solved is None or kept is None:
+        if kept is None or solved is None:
             return None
         state, self.n_iterations = solved
         if self._switches(state, controls, target):
             return None
         is_due = self.n_iterations > MANY or kept.way > JUDGED * statics.length or aim.names
-        if is_due and self._judged(state, controls) is None:
+        if (is_due or self._serving(controls) is None) and self._judged(state, controls) is None:
             return None
         return remembered(statics, state, controls, aim, (False, last.has_snapped))
 
@@ -207,13 +204,7 @@ class WarmSteps:
         for iteration in range(MOST):
             at = statics.system.linearise(state, controls, statics.theta, tangent=False)
             residual = statics.norm(at) if at.is_admissible else np.inf
-            if not residual < SLOW * before:
-                return None
-            if residual >= ACCURATE * TOLERANCE:
-                dz = kept.changed @ at.reduced[first:] - statics.solve(at.reduced)
-                correction += dz
-                state = statics.reachable(state, dz)
-            if residual < TOLERANCE:
+            if residual < ACCURATE * TOLERANCE or max(residual, previous) < TOLERANCE:
                 if self._strays(state, ahead, correction):
                     return None
                 way = statics.reach(ahead)
@@ -221,6 +212,16 @@ class WarmSteps:
                 if way > SAME * statics.length:  # a shorter step shows rounding errors
                     kept.learn(change, correction)
                 return state, iteration + 1
+            if not residual < SLOW * before or (iteration > MANY and statics.n_factorisations == kept.number):
+                if statics.n_factorisations != kept.number or not residual < 1.0:
+                    return None
+                statics.factorise(statics.system.linearise(state, controls, statics.theta))
+                residual, previous = np.inf, np.inf
+            dz = -statics.solve(at.reduced)
+            if statics.n_factorisations == kept.number:
+                dz += kept.changed @ at.reduced[first:]
+            correction += dz
+            state = statics.reachable(state, dz)
             before, previous = previous, residual
         return None
 

@@ -25,9 +25,10 @@ from softcal.mechanics.statics import TOLERANCE, Statics
 from softcal.mechanics.system import Controls
 
 SLOW = 0.3  # a residual that shrinks by less in two iterations needs another tangent; of forces and coordinates in turn
-ACCURATE = 0.1  # of the tolerance, or the tolerance twice in turn: so a state does not depend on the step to it
-MOST = 12  # iterations of a step
-MANY = 5  # iterations: a step that needs more gets a new factorisation, and leaves one to the next step
+ACCURATE = 0.1  # of the tolerance, where rounding admits it: so a state does not depend on the step to it
+MOST = 12  # iterations of a step in all
+MANY = 5  # iterations: a step that needs more leaves a new factorisation to the next one
+KEPT = 8  # iterations with a kept tangent at most; then follow some with that of the last iterate
 JUDGED = 0.05  # of the robot's extent: the longest way on which its stability is not judged
 
 
@@ -204,7 +205,8 @@ class WarmSteps:
         for iteration in range(MOST):
             at = statics.system.linearise(state, controls, statics.theta, tangent=False)
             residual = statics.norm(at) if at.is_admissible else np.inf
-            if residual < ACCURATE * TOLERANCE or max(residual, previous) < TOLERANCE:
+            is_slow = not residual < SLOW * before
+            if residual < ACCURATE * TOLERANCE or (is_slow and residual < TOLERANCE):
                 if self._strays(state, ahead, correction):
                     return None
                 way = statics.reach(ahead)
@@ -212,7 +214,7 @@ class WarmSteps:
                 if way > SAME * statics.length:  # a shorter step shows rounding errors
                     kept.learn(change, correction)
                 return state, iteration + 1
-            if not residual < SLOW * before or (iteration > MANY and statics.n_factorisations == kept.number):
+            if is_slow or (iteration > KEPT and statics.n_factorisations == kept.number):
                 if statics.n_factorisations != kept.number or not residual < 1.0:
                     return None
                 statics.factorise(statics.system.linearise(state, controls, statics.theta))

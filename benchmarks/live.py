@@ -20,7 +20,7 @@ SEED = 0
 
 
 def measure(quick: bool) -> Section:
-    n = 100 if quick else 800
+    n = 60 if quick else 800
     sine = 0.5 * PULL * (1.0 + 0.975 * np.sin(2.0 * np.pi * np.arange(n) / (PERIOD * SAMPLING)))
     walk = np.cumsum(np.random.default_rng(SEED).normal(0.0, WALK, n)) + 0.5 * PULL
     walk = PULL - np.abs(PULL - np.abs(walk))  # reflected at both ends

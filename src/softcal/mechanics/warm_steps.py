@@ -25,9 +25,9 @@ from softcal.mechanics.statics import TOLERANCE, Statics
 from softcal.mechanics.system import Controls
 
 SLOW = 0.3  # a residual that shrinks by less in two iterations needs another tangent; of forces and coordinates in turn
-ACCURATE = 0.1  # of the tolerance, where rounding admits it: so a state does not depend on the step to it
+ACCURATE = 0.01  # of the tolerance, where rounding admits it: so a state does not depend on the step to it
 MOST = 12  # iterations of a step in all
-MANY = 5  # iterations: a step that needs more leaves a new factorisation to the next one
+MANY = 6  # iterations: a step that needs more leaves a new factorisation to the next one
 KEPT = 8  # iterations with a kept tangent at most; then follow some with that of the last iterate
 JUDGED = 0.05  # of the robot's extent: the longest way on which its stability is not judged
 

@@ -85,6 +85,9 @@ if TYPE_CHECKING:
     from softcal.twin.cables import RoutingAxis as RoutingAxis
     from softcal.twin.clamp import Clamp as Clamp
     from softcal.twin.in_time import simulate_in_time as simulate_in_time
+    from softcal.twin.live import Jacobian as Jacobian
+    from softcal.twin.live import LiveState as LiveState
+    from softcal.twin.live import LiveTwin as LiveTwin
     from softcal.twin.manipulator import Manipulator as Manipulator
     from softcal.twin.manipulator import Springs as Springs
     from softcal.twin.manipulator import manipulator as manipulator
@@ -163,9 +166,12 @@ _HOMES = {
     "FreeParameter": "softcal.calibration.parameters",
     "GivenSection": "softcal.geometry.section",
     "InputError": "softcal.errors",
+    "Jacobian": "softcal.twin.live",
     "Law": "softcal.materials.law",
     "LawComparison": "softcal.coupons.comparison",
     "Limit": "softcal.limits",
+    "LiveState": "softcal.twin.live",
+    "LiveTwin": "softcal.twin.live",
     "Loss": "softcal.calibration.loss",
     "Manipulator": "softcal.twin.manipulator",
     "Marker": "softcal.twin.robot",
@@ -285,9 +291,12 @@ __all__ = [
     "FreeParameter",
     "GivenSection",
     "InputError",
+    "Jacobian",
     "Law",
     "LawComparison",
     "Limit",
+    "LiveState",
+    "LiveTwin",
     "Loss",
     "Manipulator",
     "Marker",

@@ -152,8 +152,9 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
         returns = by_coordinate & start.is_held & returning(statics, state.effort, target.coordinate - coordinates)
         returns &= node.c == end
         if not pushes.any() and not returns.any():
-            controls = _held(target, start.is_held, start.effort)
-            return _reached(statics, node, controls, aim, (snaps, last.has_snapped or snaps), commanded)
+            controls = held_at(target, start.is_held, start.effort)
+            snapped = snaps, last.has_snapped or snaps
+            return remembered(statics, node.state, controls, aim, snapped, commanded)
         if snaps:
             break  # the snap-through was found with fixed taut and slack states; with switching ones it ends elsewhere
         is_held = (start.is_held | pushes) & ~returns
@@ -216,7 +217,7 @@ def _fallen(statics: Statics, last: Reached, aim: Target) -> Reached:
     least, most = system.effort_limits
 
     def with_held(is_held: np.ndarray, state: State) -> Controls:
-        return _held(target, is_held, np.clip(state.effort, least, most))
+        return held_at(target, is_held, np.clip(state.effort, least, most))
 
     def switched(state: State, controls: Controls) -> Controls:
         returns = by_coordinate & returning(
@@ -233,28 +234,35 @@ def _fallen(statics: Statics, last: Reached, aim: Target) -> Reached:
     controls = switched(state, with_held(~by_coordinate | at_limit, state))
     statics.seeks_free_modes = True
     node = stable_node_at(statics, _line(controls, controls), 1.0, state, ())
-    return _reached(statics, node, controls, aim, (True, True))
+    return remembered(statics, node.state, controls, aim, (True, True))
 
 
-def _held(target: Controls, is_held: np.ndarray, effort: Floats) -> Controls:
+def held_at(target: Controls, is_held: np.ndarray, effort: Floats) -> Controls:
     """The target with some of the actuators that are commanded by their coordinate held at these efforts instead."""
     return replace(target, is_held=is_held, effort=np.where(target.is_held, target.effort, effort))
 
 
-def _reached(
+def remembered(
     statics: Statics,
-    node: Node,
+    state: State,
     controls: Controls,
     aim: Target,
     snaps: tuple[bool, bool],
     commanded: CommandPath | None = None,
 ) -> Reached:
-    """The sample that ends at a node: converged, and remembered. snaps: as `Reached.snaps` and `has_snapped`."""
-    by_parameter, rates = by_parameters(statics, node.state, controls, aim.names), aim.rates
+    """The sample that ends at an equilibrium: converged, and remembered. Its derivatives are by the tangent factorised
+    last. snaps: as `Reached.snaps` and `has_snapped`.
+
+    Raises
+    ------
+    SimulationError
+        Where the tangent is singular.
+    """
+    by_parameter, rates = by_parameters(statics, state, controls, aim.names), aim.rates
     if rates is not None and rates.any():
         acting = np.flatnonzero(rates.any(axis=1))
-        by_parameter = by_parameter + by_command(statics, node.state, controls, aim.controls, acting) @ rates[acting]
-    state = statics.system.advanced(node.state, controls, statics.theta, by_parameter, aim.names)
+        by_parameter = by_parameter + by_command(statics, state, controls, aim.controls, acting) @ rates[acting]
+    state = statics.system.advanced(state, controls, statics.theta, by_parameter, aim.names)
     # The nodes on the line there have the memory of its start, and are no part of what follows.
     commanded = None if statics.system.remembers else commanded
     return Reached(state, controls, by_parameter, *snaps, commanded, statics.n_factorisations)

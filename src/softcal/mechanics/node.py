@@ -132,9 +132,11 @@ def by_parameters(statics: Statics, state: State, controls: Controls, names: tup
         Where the tangent is singular.
     """
     moving = _moving(statics, state, names)
+    if not moving:
+        return np.zeros((statics.system.layout.n_unknowns, len(names)))
     moved = tuple(names[k] for k in moving)
     by_theta = statics.system.gradient_by_parameters(statics.system.given(state, controls, statics.theta), moved)
-    return _at(moving, -statics.solve(by_theta) if moved else by_theta, len(names))
+    return _at(moving, -statics.solve(by_theta), len(names))
 
 
 def _moving(statics: Statics, state: State, names: tuple[str, ...]) -> list[int]:

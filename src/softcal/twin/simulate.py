@@ -77,17 +77,7 @@ def simulate(
     if snapshots not in (False, True, "samples"):
         faults.append(Fault("there are no such snapshots", "snapshots", repr(snapshots), "True, False or 'samples'"))
     values = {**{name: info.value for name, info in known.items()}, **theta}
-    faults += value_faults(known, values)
-    if robot.contact is not None and robot.contact.friction_coefficient > 0.0:
-        faults.append(
-            Fault(
-                "the state of a robot with friction depends on the load path",
-                where="contact.friction_coefficient",
-                got=f"{robot.contact.friction_coefficient:g}",
-                allowed="0 without time",
-                attempt="motion in time",
-            )
-        )
+    faults += statics_faults(robot, values)
     faults += command_faults(robot if faults else with_shape(robot, theta), protocol)
     if faults:
         raise ParameterError(faults)
@@ -100,6 +90,24 @@ def simulate(
         curve_tolerance=curve_tolerance,
         crossings=crossings,
     )
+
+
+def statics_faults(robot: Robot, values: Mapping[str, float]) -> list[Fault]:
+    """Why a robot has no statics at values [SI] of its parameters: a name or value that it cannot have, or friction of
+    contact.
+    """
+    faults = value_faults(robot_parameters(robot), values)
+    if robot.contact is not None and robot.contact.friction_coefficient > 0.0:
+        faults.append(
+            Fault(
+                "the state of a robot with friction depends on the load path",
+                where="contact.friction_coefficient",
+                got=f"{robot.contact.friction_coefficient:g}",
+                allowed="0 without time",
+                attempt="motion in time",
+            )
+        )
+    return faults
 
 
 def respond(

@@ -10,6 +10,7 @@ from pathlib import Path
 from softcal.calibration.result import CalibrationResult, Estimate, SearchResult, SweepResult
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project
+from softcal.twin.robot import Robot
 from softcal.workflows.watching import WatchedPage, watch_run
 
 SWEEP = "sweep"
@@ -45,6 +46,13 @@ class Run(ABC):
     @abstractmethod
     def headline(self) -> SearchResult:
         """The result whose values are the run's."""
+
+    @property
+    def robot(self) -> Robot:
+        """The robot at the values of the headline."""
+        from softcal.workflows.calibration import calibrated
+
+        return calibrated(self.project, self.headline).robot
 
     def watch(self) -> WatchedPage:
         """Its page, without waiting; see `watch_run`.

@@ -1,0 +1,246 @@
+"""Steps from equilibrium to equilibrium in a loop, at the cost of substitutions: one factorisation serves many of them.
+
+Where commands change little, so does the tangent. The chord method with a kept tangent K0,
+
+    z <- z - K0^-1 r(z),    from z + (dz/dcommand) dcommand,
+
+shrinks the residual by about the relative change of the tangent in each iteration, and an iteration needs neither a
+tangent nor a factorisation. A new factorisation is made where the residual shrinks too slowly, and where the robot has
+moved on since its stability was judged, which needs one. What such steps do not reach, the march does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import SimulationError
+from softcal.mechanics.march import Reached, Target, by_command, held_at, reach, remembered
+from softcal.mechanics.node import pushing, returning
+from softcal.mechanics.path import SAME
+from softcal.mechanics.state import State
+from softcal.mechanics.statics import TOLERANCE, Statics
+from softcal.mechanics.system import Controls
+
+SLOW = 0.3  # a residual that shrinks by less in two iterations needs another tangent; of forces and coordinates in turn
+ACCURATE = 0.01  # of the tolerance, where rounding admits it: so a state does not depend on the step to it
+MOST = 12  # iterations of a step in all
+MANY = 6  # iterations: a step that needs more leaves a new factorisation to the next one
+KEPT = 8  # iterations with a kept tangent at most; then follow some with that of the last iterate
+JUDGED = 0.05  # of the robot's extent: the longest way on which its stability is not judged
+
+
+@dataclass
+class _Kept:
+    """A factorised tangent at a stable state, for the steps near it.
+
+    number: of the factorisation among those of the statics; by_command (n_unknowns, n_actuators): dz / d command there;
+    changed: what the steps since then added to it; way: how far the robot moved since then [m].
+    """
+
+    state: State
+    is_held: np.ndarray
+    number: int
+    by_command: Floats
+    changed: Floats
+    way: float = 0.0
+
+    def learn(self, change: Floats, correction: Floats) -> None:
+        """Update dz / d command by Broyden's formula: `correction` (n_unknowns,) was missing in the prediction for a
+        change of the commands, each of which is weighed by the motion that it causes.
+        """
+        weighed = np.square(np.linalg.norm(self.by_command, axis=0)) * change
+        self.changed += correction[:, None] * (weighed / (weighed @ change))
+
+
+class WarmSteps:
+    """A robot's equilibrium, moved from commands to commands.
+
+    Attributes
+    ----------
+    statics
+        The statics; what else is solved with them costs a factorisation here.
+    begin
+        The equilibrium to which `reset` returns.
+    last
+        The last equilibrium, from which the next step starts.
+    n_iterations
+        Number of iterations of the last step; 0 where the march was needed.
+    """
+
+    def __init__(self, statics: Statics, begin: Reached) -> None:
+        self.statics, self.begin = statics, begin
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the equilibrium of the beginning."""
+        self.last, self.n_iterations = self.begin, 0
+        self._kept: _Kept | None = None
+
+    def to(self, aim: Target) -> Reached:
+        """The equilibrium at other commands; the last one stays where this raises.
+
+        Raises
+        ------
+        SimulationError
+            Where there is no equilibrium, or none was found.
+        """
+        self._release(aim.controls)
+        try:
+            reached = self._warm(aim)
+        except SimulationError:
+            reached = None
+        if reached is None:
+            reached = self._marched(aim)
+            self.n_iterations = 0
+        self.last = reached
+        return reached
+
+    def factorise(self, state: State, controls: Controls) -> None:
+        """The tangent of an equilibrium, for derivatives, unless it is the one factorised last.
+
+        Raises
+        ------
+        SimulationError
+            Where the tangent is singular.
+        """
+        kept = self._serving(controls)
+        if kept is not None and kept.state is state:
+            return
+        if state is self.last.state:
+            self._judged(state, controls)
+        else:
+            self.statics.factorise(self.statics.system.linearise(state, controls, self.statics.theta))
+
+    def _warm(self, aim: Target) -> Reached | None:
+        """The step with a kept tangent, or with that of the last equilibrium; None where the march must do it."""
+        statics, last, target = self.statics, self.last, aim.controls
+        controls = held_at(target, last.controls.is_held, last.controls.effort)
+        before = replace(last.controls, elapsed=target.elapsed)
+        kept = self._serving(controls) or self._judged(last.state, before)
+        solved = None if kept is None else self._solved(kept, controls)
+        if kept is None or solved is None:
+            return None
+        state, self.n_iterations = solved
+        if self._switches(state, controls, target):
+            return None
+        is_due = self.n_iterations > MANY or kept.way > JUDGED * statics.length or aim.names
+        if (is_due or self._serving(controls) is None) and self._judged(state, controls) is None:
+            return None
+        return remembered(statics, state, controls, aim, (False, last.has_snapped))
+
+    def _release(self, target: Controls) -> None:
+        """Hold at their present efforts the actuators that are commanded by these from now on."""
+        state, controls = self.last.state, self.last.controls
+        released = target.is_held & ~controls.is_held
+        if released.any():
+            effort = np.where(released, state.effort, controls.effort)
+            controls = replace(controls, is_held=controls.is_held | released, effort=effort)
+            self.last = replace(self.last, controls=controls, commanded=None)
+
+    def _marched(self, aim: Target) -> Reached:
+        """The step along a load path: from the last equilibrium, or from the beginning where its line passes commands
+        without one. What remembers has no second way.
+        """
+        self._kept = None
+        remembers = self.statics.system.remembers
+        try:
+            reached = reach(self.statics, self.last, aim)
+        except SimulationError:
+            if remembers or self.last is self.begin:
+                raise
+            reached = reach(self.statics, self.begin, aim)
+        if remembers:
+            return reached
+        # A warm step to the same commands makes it as accurate as others, and leaves its factorisation to the next one.
+        before, self.last = self.last, reached
+        try:
+            again = self._warm(aim)
+        except SimulationError:
+            again = None
+        finally:
+            self.last = before
+        return reached if again is None else replace(again, snaps=reached.snaps, has_snapped=reached.has_snapped)
+
+    def _serving(self, controls: Controls) -> _Kept | None:
+        """The kept tangent, where it is factorised still and has the same actuators driven."""
+        kept = self._kept
+        if kept is None or kept.number != self.statics.n_factorisations:
+            return None
+        return kept if np.all(kept.is_held == controls.is_held) else None
+
+    def _judged(self, state: State, controls: Controls) -> _Kept | None:
+        """The tangent of an equilibrium, factorised and kept; None where it is not stable.
+
+        Raises
+        ------
+        SimulationError
+            Where the tangent is singular.
+        """
+        statics = self.statics
+        statics.factorise(statics.system.linearise(state, controls, statics.theta))
+        if statics.n_unstable() != 0:
+            return None
+        every = np.arange(len(controls.is_held))
+        rates = by_command(statics, state, controls, controls, every)
+        self._kept = _Kept(state, controls.is_held, statics.n_factorisations, rates, np.zeros_like(rates))
+        return self._kept
+
+    def _solved(self, kept: _Kept, controls: Controls) -> tuple[State, int] | None:
+        """The equilibrium and the number of iterations; None where these converge too slowly, or may lead to another
+        branch.
+        """
+        statics, now = self.statics, self.last.controls
+        change = np.where(controls.is_held, controls.effort - now.effort, controls.coordinate - now.coordinate)
+        first = statics.system.layout.first_effort_unknown
+        ahead = (kept.by_command + kept.changed) @ change
+        if statics.limited(ahead) < 1.0:
+            return None
+        state = statics.reachable(self.last.state, ahead)
+        state = replace(state, effort=np.where(controls.is_held, controls.effort, state.effort))
+        correction = np.zeros_like(ahead)
+        before = previous = np.inf
+        for iteration in range(MOST):
+            at = statics.system.linearise(state, controls, statics.theta, tangent=False)
+            residual = statics.norm(at) if at.is_admissible else np.inf
+            is_slow = not residual < SLOW * before
+            if residual < ACCURATE * TOLERANCE or (is_slow and residual < TOLERANCE):
+                if self._strays(state, ahead, correction):
+                    return None
+                way = statics.reach(ahead)
+                kept.way += way
+                if way > SAME * statics.length:  # a shorter step shows rounding errors
+                    kept.learn(change, correction)
+                return state, iteration + 1
+            if is_slow or (iteration > KEPT and statics.n_factorisations == kept.number):
+                if statics.n_factorisations != kept.number or not residual < 1.0:
+                    return None
+                statics.factorise(statics.system.linearise(state, controls, statics.theta))
+                residual, previous = np.inf, np.inf
+            dz = -statics.solve(at.reduced)
+            if statics.n_factorisations == kept.number:
+                dz += kept.changed @ at.reduced[first:]
+            correction += dz
+            state = statics.reachable(state, dz)
+            before, previous = previous, residual
+        return None
+
+    def _switches(self, state: State, controls: Controls, target: Controls) -> bool:
+        """Whether an actuator commanded by its coordinate must be held at a limit of its effort, or no longer."""
+        if (~controls.is_held & pushing(self.statics.system, state)).any():
+            return True
+        at_limit = controls.is_held & ~target.is_held
+        if not at_limit.any():
+            return False
+        gap = target.coordinate - self.statics.system.coordinates(state, self.statics.theta)
+        return bool((at_limit & returning(self.statics, state.effort, gap)).any())
+
+    def _strays(self, found: State, ahead: Floats, correction: Floats) -> bool:
+        """As `path.strays`, by the steps themselves."""
+        statics = self.statics
+        moving = slice(statics.system.layout.first_pressure_unknown)
+        way, off = (float(np.linalg.norm(dz[moving])) for dz in (ahead, correction))
+        is_reversed = any(term.is_reversed(self.last.state.x, found.x) for term in statics.system.actuated)
+        return is_reversed or off > way + SAME * statics.length

@@ -1,0 +1,360 @@
+"""A twin that holds its state and moves from commands to commands, for whoever drives it in a loop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Protocol as Shape
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import Fault, ParameterError, SimulationError, nearest
+from softcal.mechanics.cable import cables_of
+from softcal.mechanics.march import Reached, Target, by_command
+from softcal.mechanics.node import by_parameters
+from softcal.mechanics.state import State
+from softcal.mechanics.statics import Statics
+from softcal.mechanics.warm_steps import WarmSteps
+from softcal.sensing.channel import ChannelName, kinds
+from softcal.sensing.sensors.cable import SHORTENING
+from softcal.twin.build import Twin, twin_of
+from softcal.twin.crossings import crossed_at
+from softcal.twin.drawn_out import drawn_out, drawn_out_at
+from softcal.twin.parameters import parameter_values, robot_parameters, unknown_name, with_shape
+from softcal.twin.protocol import Command, Protocol, command_faults, controls_at
+from softcal.twin.response import Snapshot
+from softcal.twin.robot import Control, Robot
+from softcal.twin.sensors import angle_columns, channel_units, sense, sense_rates
+from softcal.twin.simulate import statics_faults
+from softcal.twin.start import UNDER_LOADS, instability, loaded, slack_line, snapshot
+from softcal.units import format_quantity
+
+
+class HasRobot(Shape):
+    """What has a robot: a project, or a run with its calibrated values."""
+
+    @property
+    def robot(self) -> Robot: ...
+
+
+@dataclass(frozen=True)
+class Jacobian:
+    """Derivatives of channels, in SI.
+
+    Attributes
+    ----------
+    channels
+        Names of the rows.
+    names
+        Names of the columns: commands such as `front.shortening`, or parameters.
+    values
+        The derivatives (n_channels, n_names).
+    """
+
+    channels: tuple[str, ...]
+    names: tuple[str, ...]
+    values: Floats
+
+    def __getitem__(self, entry: tuple[str, str]) -> float:
+        """One derivative, by channel and name."""
+        channel, name = entry
+        return float(self.values[self.channels.index(channel), self.names.index(name)])
+
+    def of(self, channels: Sequence[str]) -> Floats:
+        """The rows of some channels (n, n_names), in their order."""
+        return self.values[[self.channels.index(channel) for channel in channels]]
+
+
+@dataclass(frozen=True, eq=False)
+class LiveState:
+    """An equilibrium of a live twin.
+
+    Attributes
+    ----------
+    commands
+        Cable -> its shortening [m] or tension [N] there.
+    channels
+        Channel -> value [SI], as of `Response.channels`.
+    succeeded
+        Whether the commands were reached; if not, this is the last equilibrium, where the twin stays.
+    status
+        How the step ended, in sentences.
+    n_iterations
+        Iterations with a kept factorisation; 0 where the load path to the commands had to be followed.
+    n_factorisations
+        Factorisations of the step.
+    """
+
+    commands: Mapping[str, float]
+    channels: Mapping[str, float]
+    succeeded: bool
+    status: str
+    n_iterations: int
+    n_factorisations: int
+    _place: _Place = field(repr=False)
+
+    def by_commands(self) -> Jacobian:
+        """Exact derivatives of the channels by the commands of all driven cables, at the cost of one factorisation.
+
+        Of a robot that remembers: by the commands of this state alone, from the state before it.
+
+        Raises
+        ------
+        SimulationError
+            Where the tangent is singular.
+        """
+        return self._place.by_commands()
+
+    def by_parameters(self, *names: str) -> Jacobian:
+        """Exact derivatives of the channels by parameters of the robot, at the cost of one factorisation.
+
+        Raises
+        ------
+        ParameterError
+            For a parameter that the robot does not have, or, where it remembers, that is not among the sensitivities of
+            its live twin.
+        SimulationError
+            Where the tangent is singular.
+        """
+        return self._place.by_parameters(names)
+
+    @cached_property
+    def shape(self) -> Snapshot:
+        """The shape: positions of every body's points, cables, plates, rods and markers."""
+        return self._place.shape(self.commands)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings of the shape, a sentence each: crossings, cables drawn out, laws beyond their stability."""
+        return self._place.warnings()
+
+
+class LiveTwin:
+    """A robot's equilibrium that follows commands, one state after the other, at the cost of a kept factorisation.
+
+    A state is that of `simulate` at its commands. Where the robot snaps, or remembers (friction with a memory,
+    histories of materials), the states are a load path in the order of the calls; along cables whose friction has no
+    memory each is the state reached by pulling from rest. Angles are continuous from state to state. Stability is
+    judged at every factorisation, and at least once on a way of a twentieth of the robot's size.
+
+    Parameters
+    ----------
+    twin
+        A robot, a project, or a run with its calibrated values.
+    controls
+        What each cable is driven by: "shortening", "tension", or one of these by cable name, of the driven cables.
+    theta
+        Values [SI] of robot parameters by dotted name, replacing the robot's own.
+    sensitivities
+        Of a robot that remembers: the parameters by which derivatives are wanted, carried from state to state; each
+        state then costs a factorisation.
+
+    Raises
+    ------
+    ParameterError
+        For a parameter, a cable or a control that there is not, or a value out of range.
+    SimulationError
+        Where the robot has no equilibrium under its loads.
+    """
+
+    def __init__(
+        self,
+        twin: Robot | HasRobot,
+        controls: Control | Mapping[str, Control] = "shortening",
+        theta: Mapping[str, float] | None = None,
+        *,
+        sensitivities: Sequence[str] = (),
+    ) -> None:
+        robot = twin if isinstance(twin, Robot) else twin.robot
+        known, values = robot_parameters(robot), parameter_values(robot, theta)
+        names = tuple(sensitivities)
+        faults = statics_faults(robot, values) + [unknown_name(name, known) for name in names if name not in known]
+        if faults:
+            raise ParameterError(faults)
+        self.robot = with_shape(robot, theta or {})
+        self._controls: dict[str, Control] = {}
+        for cable in controls if isinstance(controls, Mapping) else [one.name for one in self.robot.cables]:
+            self._controls[cable] = controls[cable] if isinstance(controls, Mapping) else controls
+        at_rest = Protocol({name: Command(control, np.zeros(1)) for name, control in self._controls.items()})
+        if faults := command_faults(self.robot, at_rest):
+            raise ParameterError(faults)
+        built = twin_of(robot, theta)
+        statics = Statics(built.system, values)
+        self._names = names if built.system.remembers else ()
+        start = loaded(built, statics, self._names)
+        coordinate = built.system.coordinates(start.state, statics.theta)
+        slack = replace(slack_line(built).at(0.0), coordinate=coordinate)
+        begin = Reached(start.state, slack, np.zeros((0, 0)), has_snapped=start.snaps)
+        self._steps = WarmSteps(statics, begin)
+        self._twin, self._slack = built, coordinate
+        self._at_rest = instability(UNDER_LOADS) if start.snaps else ""
+        self.units = channel_units(built)
+        self.reset()
+
+    @property
+    def state(self) -> LiveState:
+        """The present equilibrium."""
+        return self._state
+
+    def reset(self) -> LiveState:
+        """Return to rest: under the loads, all cables slack, nothing remembered."""
+        self._steps.reset()
+        n, last = self._steps.statics.n_factorisations, self._steps.last
+        place = _Place(self._twin, self._steps, last.state, Target(last.controls), last, {}, self._names)
+        status = f"At rest, all cables slack.{self._at_rest}"
+        return self._moved_to(place, {}, self._values(place, None), status, n)
+
+    def at(self, commands: Mapping[str, float], elapsed: float = np.inf) -> LiveState:
+        """Move to commands.
+
+        Parameters
+        ----------
+        commands
+            Cable -> shortening [m] or tension [N], by the twin's controls. As in a `Protocol`, a cable without a
+            command is slack, or at zero shortening where it has a pretension.
+        elapsed
+            Time since the last state [s], for materials that relax or flow; infinity: held for long.
+
+        Returns
+        -------
+        LiveState
+            With `succeeded` False and a sentence in `status` where the commands have no equilibrium.
+
+        Raises
+        ------
+        ParameterError
+            For a cable that is not driven, or a command that no cable can follow.
+        """
+        named = self._commands(commands, elapsed)
+        values = {name: float(command.values[0]) for name, command in named.items()}
+        steps, n = self._steps, self._steps.statics.n_factorisations
+        before = steps.last.state
+        target = replace(controls_at(self._twin.system, named, values, self._slack), elapsed=elapsed)
+        try:
+            reached = steps.to(Target(target, self._names))
+        except SimulationError as error:
+            told = f"Not reached{self._told(values)}: {str(error).rstrip('.')}. The twin stays where it was."
+            return replace(
+                self._state,
+                succeeded=False,
+                status=told,
+                n_iterations=0,
+                n_factorisations=steps.statics.n_factorisations - n,
+            )
+        # Derivatives are at the memory before the step.
+        state = replace(reached.state, memory=before.memory) if self._twin.system.remembers else reached.state
+        shortenings = {name: values[name] for name, one in named.items() if one.control == SHORTENING.name}
+        place = _Place(self._twin, steps, state, Target(target), reached, shortenings, self._names)
+        status = f"Solved: {steps.n_iterations} iterations." if steps.n_iterations else "Solved along the load path."
+        if reached.snaps:
+            status += instability(f"before these commands{self._told(values)}")
+        return self._moved_to(place, values, self._values(place, self._state), status, n)
+
+    def _moved_to(
+        self, place: _Place, commands: Mapping[str, float], values: Floats, status: str, n_before: int
+    ) -> LiveState:
+        steps = self._steps
+        channels = dict(zip(self.units, values.tolist(), strict=True))
+        n = steps.statics.n_factorisations - n_before
+        self._state = LiveState(commands, channels, True, status, steps.n_iterations, n, place)
+        return self._state
+
+    def _values(self, place: _Place, last: LiveState | None) -> Floats:
+        """The channels' values (n_channels,), angles continued from the last state."""
+        values = sense(self._twin, place.reached.state, self._steps.statics.theta, place.shortenings)
+        if last is not None:
+            turns = angle_columns(self._twin)
+            before = np.array(list(last.channels.values()))[turns]
+            values[turns] += 2.0 * np.pi * np.round((before - values[turns]) / (2.0 * np.pi))
+        return values
+
+    def _commands(self, commands: Mapping[str, float], elapsed: float) -> dict[str, Command]:
+        """The commands of all driven cables, checked."""
+        driven = ", ".join(self._controls) or "none"
+        faults = [
+            Fault("this cable is not driven", name, allowed=driven, attempt=nearest(name, self._controls))
+            for name in commands
+            if name not in self._controls
+        ]
+        if not elapsed >= 0.0:
+            faults.append(Fault("time does not go back", "elapsed", f"{elapsed:g} s", ">= 0 s"))
+        if faults:
+            raise ParameterError(faults)
+        protocol = Protocol({name: Command(self._controls[name], np.array([v])) for name, v in commands.items()})
+        if faults := command_faults(self.robot, protocol):
+            raise ParameterError(faults)
+        return dict(protocol.completed(self.robot, 1).commands)
+
+    def _told(self, commands: Mapping[str, float]) -> str:
+        """Commands in brackets, after a blank."""
+        units = {name: kinds()[control].unit for name, control in self._controls.items()}
+        each = ", ".join(f"{name} {format_quantity(value, units.get(name, 'm'))}" for name, value in commands.items())
+        return f" ({each})" if each else ""
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a live twin is, or was: the equilibrium with the memory before its step, and what was reached by it.
+
+    names: parameters by which the memory has derivatives.
+    """
+
+    twin: Twin
+    steps: WarmSteps
+    state: State
+    aim: Target
+    reached: Reached
+    shortenings: Mapping[str, float]
+    names: tuple[str, ...]
+
+    def by_commands(self) -> Jacobian:
+        statics, now, target = self.steps.statics, self.reached.controls, self.aim.controls
+        cables = cables_of(self.twin.system).names
+        first = cables_of(self.twin.system).first
+        numbers = np.arange(len(cables)) + first
+        labels = tuple(self._label(name, bool(target.is_held[i])) for name, i in zip(cables, numbers, strict=True))
+        self.steps.factorise(self.state, now)
+        dz = by_command(statics, self.state, now, target, numbers)
+        own = {name: (np.array(labels) == self._label(name, False)).astype(float) for name in self.shortenings}
+        return self._jacobian(labels, sense_rates(self.twin, self.state, statics.theta, dz, (), own))
+
+    def by_parameters(self, names: tuple[str, ...]) -> Jacobian:
+        known = robot_parameters(self.twin.robot)
+        faults = [unknown_name(name, known) for name in names if name not in known]
+        if self.twin.system.remembers:
+            faults += [
+                Fault(
+                    "the memory has no derivative by this parameter",
+                    name,
+                    allowed=", ".join(self.names) or "none",
+                    attempt=f'LiveTwin(..., sensitivities=["{name}"])',
+                )
+                for name in names
+                if name in known and name not in self.names
+            ]
+        if faults:
+            raise ParameterError(faults)
+        statics, now = self.steps.statics, self.reached.controls
+        self.steps.factorise(self.state, now)
+        dz = by_parameters(statics, self.state, now, names)
+        own = {name: np.zeros(len(names)) for name in self.shortenings}
+        return self._jacobian(names, sense_rates(self.twin, self.state, statics.theta, dz, names, own))
+
+    def shape(self, commands: Mapping[str, float]) -> Snapshot:
+        return snapshot(self.twin, self.state, dict(commands), 0.0, "")
+
+    def warnings(self) -> tuple[str, ...]:
+        system, theta, x = self.twin.system, self.steps.statics.theta, self.state.x
+        begin = cables_of(system).lengths(self.steps.begin.state.x)
+        skins = self.twin.skins
+        crossed = "" if skins is None else crossed_at([("these commands", skins.crossings(x))])
+        out = drawn_out_at([("these commands", drawn_out(system, theta, begin, self.state))])
+        return tuple(told.strip() for told in (crossed, out, system.remarks(self.state, theta)) if told)
+
+    def _label(self, cable: str, is_held: bool) -> str:
+        return str(ChannelName(kinds()["tension" if is_held else "shortening"], cable))
+
+    def _jacobian(self, names: tuple[str, ...], values: Floats) -> Jacobian:
+        return Jacobian(tuple(channel_units(self.twin)), names, values)

@@ -19,6 +19,7 @@ BENCHMARKS = (
     "newton_iteration",
     "laws",
     "curve",
+    "growth",
     "least_squares",
     "tpe",
     "manipulator",

@@ -11,6 +11,8 @@ state and the border as it is now, the same substitution is a preconditioner.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from softcal.checks import Floats
@@ -27,7 +29,7 @@ AS_MANY = 0.3  # of the unknowns: as many products of low rank make the tangent 
 # Unknowns from which factors are kept and in single precision. Below, a factorisation is cheaper than the iterations
 # that it saves: neck, P2P1, one core: 7k unknowns 12 ms, and 1 ms an iteration; 28k 180 (single 110) and 10; 75k 1,310
 # (750) and 35.
-LARGE = 10_000
+LARGE = 20_000
 EXACT = 1e-11  # relative error of solutions for slopes and derivatives
 CERTAIN = 1e-5  # relative error of a random solution: a random vector's share in a mode is above that
 SIGN = 0.01  # of an eigenvalue of the tangent over its factors: below, its sign is found by factorisation
@@ -42,8 +44,7 @@ class BorderedTangent:
     def __init__(self, system: System, unit: Floats) -> None:
         self.system, self.unit = system, unit
         self.n_factorisations = self.n_tangents = self.n_iterations = 0
-        self._double = TouchedPattern(system.pattern, unit)
-        self._single = TouchedPattern(system.pattern, unit, single=True)
+        self._patterns: dict[bool, TouchedPattern] = {}  # by whether in single precision, from their first use on
         self._factors: Factorisation | None = None
         self._border = NO_BORDER
         self._columns_solved: Floats | None = None
@@ -73,7 +74,8 @@ class BorderedTangent:
             whole, self._border = dense_tangent(self.system.pattern, data, at.touch, border)
             self._factors = Dense(self.unit[:, None] * whole * self.unit)
         else:
-            self._factors = self._double.factorise(data, at.touch)
+            self._factors = self._factorised(data, at.touch, single=False)
+        self._spent = 0.0
         self.n_factorisations += 1
 
     @property
@@ -90,7 +92,8 @@ class BorderedTangent:
             Where the tangent is singular.
         """
         few = len(at.border.corner) - len(at.border.driven) <= AS_MANY * len(self.unit)
-        if len(self.unit) < LARGE or not few:
+        # Where surfaces touch, the set of contacts changes from step to step, and every change costs iterations.
+        if len(self.unit) < LARGE or not few or at.touch is not None:
             self.factorise(at)
         else:
             self._take(at, at)
@@ -106,9 +109,14 @@ class BorderedTangent:
         """Factorise the tangent in single precision."""
         if at.data is None:
             raise SimulationError("There is no tangent to factorise.")
-        self._factors = self._single.factorise(at.data, at.touch)
+        self._factors = self._factorised(at.data, at.touch, single=True)
         self._columns_solved, self._is_own, self._spent = None, True, 0.0
         self.n_factorisations += 1
+
+    def _factorised(self, data: Floats, touch: Any, *, single: bool) -> Factorisation:
+        if single not in self._patterns:
+            self._patterns[single] = TouchedPattern(self.system.pattern, self.unit, single=single)
+        return self._patterns[single].factorise(data, touch)
 
     def exclude(self, modes: Floats) -> None:
         """Exclude modes, see `Statics.exclude`, from solutions of the tangent that was factorised last."""
@@ -171,8 +179,8 @@ class BorderedTangent:
 
     def release(self) -> None:
         """Release the factors' memory."""
-        self._double.release()
-        self._single.release()
+        for pattern in self._patterns.values():
+            pattern.release()
         self._factors = None
 
     def _n_unstable(self) -> int:
@@ -194,6 +202,9 @@ class BorderedTangent:
             return self._substituted(b), np.ones(1)
         cost = 0.5 * (1 + b.shape[1])  # of an iteration, over that of one column
         at_least = np.log(accuracy) / np.log(OWN)  # iterations, also with the tangent's own factors
+        if cost * at_least > own.solves_per_factorisation:  # such as for many derivatives
+            self.factorise(at)
+            return self._iterated(b, accuracy)
         left = own.solves_per_factorisation - self._spent
         most = MOST if self._is_own else int(at_least + left / cost)
         if most >= FIRST and (left > 0.0 or self._is_own):

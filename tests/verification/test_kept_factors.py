@@ -142,7 +142,7 @@ def test_single_precision_has_the_same_inertia_in_half_the_digits():
 
 
 @pytest.mark.usefixtures("kept")
-def test_a_singular_tangent_is_a_sentence():
+def test_a_missing_tangent_is_a_sentence():
     robot = column_robot("P1", divisions=(1, 1, 4), parameters=elastic(1e6, 0.3))
     twin = build_twin(robot)
     statics = Statics(twin.system, parameter_values(robot))

@@ -13,7 +13,7 @@ from benchmarks.neck_case import PULL, standard_robot
 from benchmarks.section import Goal, Section, run_alone
 from benchmarks.timing import interleaved, milliseconds, mkl_threads
 from softcal.checks import Floats, Ints
-from softcal.mechanics import statics as statics_module
+from softcal.mechanics import touched_pattern
 from softcal.mechanics.linear_solve import Pardiso
 from softcal.mechanics.node import Line, node_at
 from softcal.mechanics.path import follow
@@ -133,13 +133,13 @@ def _parts(case: Midway, repeats: int) -> tuple[Floats, Floats]:
     factors: list[Watch] = []
     motion = Watch(case.twin.system.motion)
 
-    def watched(indptr: Ints, indices: Ints) -> Watch:
-        factors.append(Watch(Pardiso(indptr, indices)))
+    def watched(indptr: Ints, indices: Ints, *, single: bool) -> Watch:
+        factors.append(Watch(Pardiso(indptr, indices, single=single)))
         return factors[-1]
 
-    with mock.patch.object(statics_module, "factorisation", watched):
-        statics = Statics(replace(case.twin.system, motion=motion), case.theta)  # type: ignore[arg-type]
-    case.iterate(statics)
+    statics = Statics(replace(case.twin.system, motion=motion), case.theta)  # type: ignore[arg-type]
+    with mock.patch.object(touched_pattern, "factorisation", watched):
+        case.iterate(statics)
     rows: list[list[float]] = []
     for _ in range(repeats):
         motion.seconds.clear()

@@ -19,6 +19,7 @@ BENCHMARKS = (
     "newton_iteration",
     "laws",
     "curve",
+    "growth",
     "live",
     "least_squares",
     "tpe",

@@ -19,6 +19,7 @@ from softcal.calibration.uncertain import MESH_ERROR, UncertainParameter
 from softcal.errors import MeshError
 from softcal.mechanics.elements import DEFAULT
 from softcal.twin.finer import elevated, halved, has_lower, size
+from softcal.twin.robot import Robot
 
 UNKNOWNS = 150_000  # a minute or two per trajectory
 
@@ -70,9 +71,19 @@ def on_finer_mesh(problem: Problem, theta: Mapping[str, float], *, max_unknowns:
     if (n := size(raised, 0 if is_lower else 1).unknowns) > max_unknowns:
         return unknown(f"a finer one would have {n:,} unknowns, more than the limit of {max_unknowns:,}")
     try:
-        return replace(problem, robot=raised if is_lower else halved(raised)).evaluate(theta)
+        return replace(problem, robot=raised if is_lower else _halved(raised)).evaluate(theta)
     except MeshError as error:
         return unknown(str(error))
+
+
+def _halved(robot: Robot) -> Robot:
+    """The robot halved: one for all fits of it, so that its twin is built once."""
+    if not (_LAST and _LAST[0][0] is robot):
+        _LAST[:] = [(robot, halved(robot))]
+    return _LAST[0][1]
+
+
+_LAST: list[tuple[Robot, Robot]] = []  # the robot halved last, with the result
 
 
 def unknown(reason: str) -> str:

@@ -54,6 +54,11 @@ class Dense:
             return int(np.count_nonzero(np.linalg.eigvals(self._matrix).real < 0.0))
         return 0
 
+    @property
+    def solves_per_factorisation(self) -> float:
+        """None: a small matrix is factorised for every tangent."""
+        return 0.0
+
     def release(self) -> None:
         """Nothing is held outside of Python."""
 

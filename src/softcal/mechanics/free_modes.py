@@ -21,6 +21,8 @@ def exclude_free_modes(statics: Statics, at: Linearisation) -> Floats:
 
     Returns them as arguments of `Statics.exclude`, (n_unknowns - n_actuators, k).
     """
+    if not statics.tangent.is_factorised:
+        statics.factorise(at)
     moving = slice(statics.system.layout.first_pressure_unknown)
     force = statics.force_scale(at)
     random = np.random.default_rng(2)

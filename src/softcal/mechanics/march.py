@@ -63,8 +63,8 @@ class Reached:
         Whether the robot snapped through on the line to it, and whether there or before.
     commanded
         The line to it; None where the next one cannot continue it.
-    factorisation
-        Number of the factorisation of its tangent, among those of its statics.
+    tangent
+        Number of its tangent, among those of its statics.
     """
 
     state: State
@@ -73,7 +73,7 @@ class Reached:
     snaps: bool = False
     has_snapped: bool = False
     commanded: CommandPath | None = None
-    factorisation: int = -1
+    tangent: int = -1
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def _at_once(statics: Statics, line: Line, state: State, last: Reached) -> Node 
     """
     controls = line.at(1.0)
     here = replace(state, effort=np.where(controls.is_held, controls.effort, state.effort))
-    is_kept = state is last.state and last.factorisation == statics.n_factorisations and not last.has_snapped
+    is_kept = state is last.state and last.tangent == statics.tangent.n_tangents and not last.has_snapped
     is_kept = is_kept and bool(np.all(last.controls.is_held == controls.is_held))
     at = statics.system.linearise(here, controls, statics.theta, tangent=not is_kept)
     if not at.is_admissible:
@@ -265,7 +265,7 @@ def remembered(
     state = statics.system.advanced(state, controls, statics.theta, by_parameter, aim.names)
     # The nodes on the line there have the memory of its start, and are no part of what follows.
     commanded = None if statics.system.remembers else commanded
-    return Reached(state, controls, by_parameter, *snaps, commanded, statics.n_factorisations)
+    return Reached(state, controls, by_parameter, *snaps, commanded, statics.tangent.n_tangents)
 
 
 def by_command(statics: Statics, state: State, now: Controls, target: Controls, which: Ints) -> Floats:

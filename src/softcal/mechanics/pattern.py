@@ -15,7 +15,7 @@ from functools import cached_property
 import numba
 import numpy as np
 
-from softcal.checks import Ints
+from softcal.checks import Floats, Ints
 from softcal.mechanics.layout import Layout
 
 
@@ -195,3 +195,17 @@ def _expand(red_ptr: Ints, red_col: Ints, sizes: Ints, first: Ints) -> tuple[Int
                     indices[at] = first[c] + j
                     at += 1
     return indptr, indices, offset
+
+
+@numba.njit(cache=True, error_model="numpy")
+def add_products(indptr: Ints, indices: Ints, data: Floats, x: Floats, out: Floats) -> None:
+    """Add to each row of out (k, n) the product of a symmetric matrix, given by its upper triangle, with that of x."""
+    for k in range(len(x)):
+        for i in range(len(indptr) - 1):
+            x_i, own = x[k, i], 0.0
+            for place in range(indptr[i], indptr[i + 1]):
+                j, value = indices[place], data[place]
+                own += value * x[k, j]
+                if j != i:
+                    out[k, j] += value * x_i
+            out[k, i] += own

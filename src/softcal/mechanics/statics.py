@@ -10,13 +10,10 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.dense import Dense, dense_tangent
-from softcal.mechanics.linear_solve import Factorisation, factorisation
+from softcal.mechanics.bordered import EXACT, BorderedTangent
 from softcal.mechanics.path_limits import PathLimits
-from softcal.mechanics.redundancy import require_independent
 from softcal.mechanics.state import State, moved
-from softcal.mechanics.system import NO_BORDER, Controls, Linearisation, System
-from softcal.mechanics.touched_pattern import TouchedPattern
+from softcal.mechanics.system import Controls, Linearisation, System
 from softcal.mechanics.wire_contact import CLEARANCE
 
 TOLERANCE = 1e-9  # residual over its scale
@@ -31,7 +28,7 @@ SMALL_START = 1e-3  # and from a first residual as small as this
 FARTHEST = 10.0  # of the robot's extent
 TORN = f"the robot would stretch to more than {FARTHEST:.0f} times its size"
 NO_MODES: Floats = np.zeros((0, 0))
-AS_MANY = 0.3  # of the unknowns: as many products of low rank make the tangent a dense matrix
+FORCING, LEAST_FORCING = 1e-2, 1e-4  # relative error of a step: at first as the tangent changes along it, in the end
 MAX_CUTS = 8  # halvings of a step that would invert an element
 TURN_PER_STEP = 1.0  # [rad] of a plate, or of a rod's section, at most
 MOVE_PER_STEP = 0.33  # of the robot's extent, at most
@@ -66,14 +63,7 @@ class Equilibrium:
 
 
 class Statics:
-    """A system at parameters theta, and the factorisation of its tangent kept from solve to solve.
-
-    The tangent of all unknowns but the efforts is sparse and symmetric, K; efforts and friction border it:
-
-        [ K   C ] [dz]   [b]
-        [ R^T D ] [dw] = [c]    =>  dw = (R^T K^-1 C - D)^-1 (R^T K^-1 b - c),  dz = K^-1 (b - C dw)
-
-    so the factorisation has no zeros on the diagonal.
+    """A system at parameters theta, and its tangent, whose factorisation is kept from solve to solve.
 
     limits: of the work on each load path; the processor time counts from here on.
     """
@@ -82,11 +72,9 @@ class Statics:
         self.system = system
         self.limits, self.begun = limits or PathLimits(), time.process_time()
         self.theta = dict(theta)
-        self.n_factorisations = 0
-        self._planned: Factorisation = factorisation(system.pattern.indptr, system.pattern.indices)
-        self._touched = TouchedPattern(system.pattern)
-        self._factors = self._planned
         sizes = system.sizes(theta)
+        self.unit = sizes.units()
+        self.tangent = BorderedTangent(system, self.unit)
         self._force_floor = 1e-4 * sizes.force
         self.length = sizes.extent
         self._farthest = float(np.abs(system.layout.X).max())
@@ -96,15 +84,14 @@ class Statics:
         self._volume = sizes.meshed / max(system.layout.n_pressures, 1)
         scales = (term.coordinate_scales(sizes.extent) for term in system.actuated)
         self._coordinates = np.concatenate([np.zeros(0), *scales])
-        self.unit = sizes.units()
-        entries = self.unit[system.pattern.rows] * self.unit[system.pattern.indices]
-        self._unit_places = np.flatnonzero(entries != 1.0)  # most are one: points are in metres
-        self._unit_entries = entries[self._unit_places]
-        self._border = NO_BORDER
-        self._columns_solved: Floats | None = None
         # Modes (n_unknowns - n_actuators, k) excluded from the steps of `equilibrium`, see `exclude`: they appear with
         # the first buckling, and are not computed before.
         self.free_modes, self.seeks_free_modes = NO_MODES, False
+
+    @property
+    def n_factorisations(self) -> int:
+        """Number of factorisations so far."""
+        return self.tangent.n_factorisations
 
     def norm(self, at: Linearisation) -> float:
         """The residual over its scale: forces over the reactions, volumes over a node's, coordinates over theirs.
@@ -156,85 +143,47 @@ class Statics:
         SimulationError
             Where the tangent is singular.
         """
-        if at.data is None:
-            raise SimulationError("There is no tangent to factorise.")
-        self._factors = self._planned
-        data = at.data.copy()
-        if drag > 0.0:
-            moving = slice(self.system.layout.first_pressure_unknown)
-            data[self.system.pattern.indptr[:-1][moving]] += drag / self.unit[moving] ** 2
-        border = at.border
-        if len(border.corner) - len(border.driven) > AS_MANY * len(self.unit):
-            whole, border = dense_tangent(self.system.pattern, data, at.touch, border)
-            self._factors = Dense(self.unit[:, None] * whole * self.unit)
-        elif at.touch is None:
-            data[self._unit_places] *= self._unit_entries
-            self._factors.factorise(data)
-        else:
-            self._factors = self._touched.factorise(data, at.touch, self.unit)
-        self._rounding = ROUNDING * self._farthest * float(np.linalg.norm(at.data[self._diagonal]))
-        self.n_factorisations += 1
-        self._border = border
-        self._columns_solved = None
+        moving = slice(self.system.layout.first_pressure_unknown)
+        self.tangent.factorise(at, drag / self.unit[moving] ** 2 if drag > 0.0 else None)
+        self._rounding = self._rounding_of(at)
         if free.size:
             self.exclude(free)
+
+    def take(self, at: Linearisation) -> None:
+        """Solve with the tangent of a linearisation from now on, by factors that are kept where these serve.
+
+        Raises
+        ------
+        SimulationError
+            Where the tangent is singular.
+        """
+        self.tangent.take(at)
+        self._rounding = self._rounding_of(at)
+
+    def _rounding_of(self, at: Linearisation) -> float:
+        """Forces due to the rounding of the positions [N]."""
+        if at.data is None:
+            return 0.0
+        return ROUNDING * self._farthest * float(np.linalg.norm(at.data[self._diagonal]))
 
     def exclude(self, modes: Floats) -> None:
         """Exclude modes (n_unknowns - n_actuators, k) from solutions dz of the factorised tangent: modes^T dz = 0.
 
         Their multipliers are forces along the modes; for free modes of the robot, they are zero.
         """
-        border = self._border
-        solved = self._sparse_solve(border.columns.reshape(len(modes), -1), modes)
-        k = len(border.corner)
-        require_independent(self.system, border, self.unit, solved)
-        # A free mode would give entries of the multipliers' matrix that are too large beside the others.
-        size = np.sqrt(np.abs(np.einsum("nk,nk->k", modes, solved[:, k:])))
-        solved[:, k:] /= size
-        self._border = replace(
-            border,
-            columns=np.concatenate([border.columns.reshape(len(modes), -1), modes / size], axis=1),
-            rows=np.concatenate([border.rows.reshape(len(modes), -1), modes / size], axis=1),
-            corner=np.concatenate([border.corner, np.zeros(modes.shape[1])]),
-        )
-        self._columns_solved = solved
+        self.tangent.exclude(modes)
 
-    def solve(self, b: Floats) -> Floats:
-        """The unknowns' response to b (n_unknowns,) or (n_unknowns, k), with the tangent factorised last.
+    def solve(self, b: Floats, accuracy: float = EXACT) -> Floats:
+        """The unknowns' response to b (n_unknowns,) or (n_unknowns, k), with the tangent of the last linearisation.
+
+        accuracy: relative error, where the tangent's own factors are not there.
 
         Raises
         ------
         SimulationError
             Where the bordered tangent is singular, or actuators are driven to coordinates that depend on each other.
         """
-        n = self.system.layout.first_effort_unknown
-        columns = b.reshape(len(b), -1)
-        out = np.zeros_like(columns)
-        border = self._border
-        k = len(border.corner)
-        columns_solved, y = self._with_border_solved(columns[:n])
-        if k:
-            rows_y = border.rows.T @ y
-            rows_y[: len(border.driven)] -= columns[n + border.driven]
-            try:
-                w = np.linalg.solve(border.rows.T @ columns_solved - np.diag(border.corner), rows_y)
-            except np.linalg.LinAlgError as error:
-                raise SimulationError("The tangent is singular.") from error
-            y -= columns_solved @ w
-            out[n + border.driven] = w[: len(border.driven)]
-        out[:n] = y
-        return out.reshape(b.shape)
-
-    def _with_border_solved(self, b: Floats) -> tuple[Floats, Floats]:
-        """K^-1 of the border's columns, and of b (n, m): of the first one in one pass over the factors, not two."""
-        k = len(self._border.corner)
-        if k == 0 or self._columns_solved is not None:
-            columns = self._border.columns if self._columns_solved is None else self._columns_solved
-            return columns, self._sparse_solve(b) if b.shape[1] else b
-        both = self._sparse_solve(self._border.columns, b)
-        require_independent(self.system, self._border, self.unit, both)
-        self._columns_solved = both[:, :k]
-        return self._columns_solved, both[:, k:]
+        return self.tangent.solve(b, accuracy)
 
     def equilibrium(self, guess: State, controls: Controls) -> Equilibrium:
         """Newton's method from a guess. Never raises where it fails: the status says why."""
@@ -265,15 +214,19 @@ class Statics:
                 free = NO_MODES  # the modes need a force after all: the remaining residual is along them
             is_fresh = at.data is not None
             try:
-                if is_fresh:
+                if is_fresh and free.size:
                     self.factorise(at, free=free)
-                dz = -self.solve(at.reduced)
+                elif is_fresh:
+                    self.take(at)
+                dz = -self.solve(at.reduced, min(max(0.1 * residual, LEAST_FORCING), FORCING))
             except SimulationError as error:
                 return Equilibrium(
                     state, False, iteration, residual, f"the tangent is singular: {str(error).rstrip('.')}"
                 )
             step = self.limited(dz)
-            serves = step == 1.0 and residual < (SMALL_START if np.isinf(previous) else REUSE_BELOW * previous)
+            # Solved by iteration, a step costs more than the assembly of its tangent.
+            is_kept = step == 1.0 and self.tangent.is_factorised
+            serves = is_kept and residual < (SMALL_START if np.isinf(previous) else REUSE_BELOW * previous)
             work = float(dz @ at.reduced)
             for _ in range(MAX_CUTS):
                 candidate, part = self._before_touch(state, step * dz)
@@ -334,7 +287,7 @@ class Statics:
         return float(np.ptp(state.x, axis=0).max()) > FARTHEST * self.length
 
     def tangent_at(self, state: State, controls: Controls) -> Linearisation:
-        """Linearise and factorise at an equilibrium, for predictors and sensitivities.
+        """Linearise at an equilibrium, and take the tangent, for predictors and sensitivities.
 
         Raises
         ------
@@ -342,47 +295,26 @@ class Statics:
             Where the tangent is singular.
         """
         at = self.system.linearise(state, controls, self.theta)
-        self.factorise(at)
+        self._take_or_factorise(at)
         if at.touch is not None and self.n_unstable() > 0:
             # A point on a ridge between triangles has a negative stiffness across, as wide as the ridge is blunt.
             at = self.system.linearise(state, controls, self.theta, convex=True)
-            self.factorise(at)
+            self._take_or_factorise(at)
         return at
 
-    def n_unstable(self) -> int:
-        """Number of unstable directions of the state whose tangent was factorised last; zero where it is stable.
+    def _take_or_factorise(self, at: Linearisation) -> None:
+        if self.seeks_free_modes:
+            self.factorise(at)
+        else:
+            self.take(at)
 
-        The potential has a minimum among the states with these coordinates where the bordered tangent has as many
-        negative eigenvalues as it has multipliers: pressures, efforts of driven actuators. Friction makes the border
-        unsymmetric; its sign changes where the tangent becomes singular, as without friction. Dead moments have no
-        potential, and the symmetric part of the tangent depends on how rotations are parametrised: there statics show
-        only whether the determinant has the sign of a stable state (divergence), so that the number is 0 or 1.
-        """
-        border = self._border
-        n = self.system.layout.first_effort_unknown
-        n_negative = self._factors.n_negative
-        if len(border.corner):
-            columns_solved, _ = self._with_border_solved(np.zeros((n, 0)))
-            schur = border.rows.T @ columns_solved - np.diag(border.corner)
-            n_negative += int(np.count_nonzero(np.linalg.eigvals(schur).real > 0.0))
-        n_unstable = n_negative - self.system.layout.n_pressures - len(border.corner)
-        return n_unstable % 2 if border.has_moments else n_unstable
+    def n_unstable(self) -> int:
+        """Number of unstable directions of the state whose tangent was taken last, see `BorderedTangent`."""
+        return self.tangent.n_unstable()
 
     def release(self) -> None:
         """Release the factors' memory."""
-        self._touched.release()
-        self._planned.release()
-
-    def _sparse_solve(self, *blocks: Floats) -> Floats:
-        """K^-1 of the blocks' columns, side by side, in column order as the factors require."""
-        scaled = np.empty((len(self.unit), sum(block.shape[1] for block in blocks)), order="F")
-        first = 0
-        for block in blocks:
-            np.multiply(block, self.unit[:, None], out=scaled[:, first : first + block.shape[1]])
-            first += block.shape[1]
-        solved = self._factors.solve(scaled)
-        solved *= self.unit[:, None]
-        return solved
+        self.tangent.release()
 
     def reach(self, dz: Floats) -> float:
         """The largest displacement by a step [m]; a frame turns an arm as long as the robot."""

@@ -22,7 +22,7 @@ from softcal.mechanics.low_rank import low_rank_product
 from softcal.mechanics.memory import Memory
 from softcal.mechanics.motion import Motion, build_motion
 from softcal.mechanics.neighbours import Neighbours
-from softcal.mechanics.pattern import Pattern, build_pattern
+from softcal.mechanics.pattern import Pattern, add_products, build_pattern
 from softcal.mechanics.scales import Sizes
 from softcal.mechanics.state import State, rest_state
 from softcal.mechanics.term import NOTHING, BlockColumns, Controls, Failing, Given, Sum, Term, Theta
@@ -240,17 +240,18 @@ class System:
         SimulationError
             Where the state is inadmissible and has no tangent.
         """
-        import scipy.sparse as sp
-
         if at.data is None:
             raise SimulationError("There is no tangent.")
         n, driven = self.layout.first_effort_unknown, at.border.driven
-        upper: Any = sp.csr_matrix((at.data, self.pattern.indices, self.pattern.indptr), shape=(n, n))
-        if at.touch is not None:
-            upper = upper + at.touch
         x, columns, rows = dz[:n], at.border.columns, at.border.rows
+        each = np.ascontiguousarray(x.T)
+        products = np.zeros_like(each)
+        add_products(self.pattern.indptr, self.pattern.indices, at.data, each, products)
+        if at.touch is not None:
+            indptr, indices = (np.asarray(part, dtype=np.int64) for part in (at.touch.indptr, at.touch.indices))
+            add_products(indptr, indices, at.touch.data, each, products)
         out = np.zeros_like(dz)
-        out[:n] = upper @ x + upper.T @ x - upper.diagonal()[:, None] * x
+        out[:n] = products.T
         if len(at.border.corner):
             k = len(driven)
             out[:n] += columns[:, :k] @ dz[n + driven] + columns[:, k:] @ (rows[:, k:].T @ x)

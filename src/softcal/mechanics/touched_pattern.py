@@ -1,4 +1,4 @@
-"""Factors of a tangent whose pattern grows with what touches: analysed anew only where entries are new."""
+"""Factors of a tangent, and of one whose pattern grows with what touches: analysed anew only where entries are new."""
 
 from __future__ import annotations
 
@@ -12,36 +12,52 @@ from softcal.mechanics.pattern import Pattern
 
 
 class TouchedPattern:
-    """The union of the planned pattern and all entries of contacts so far, with its factorisation."""
+    """The planned pattern, and its union with all entries of contacts so far, with the factorisations of both.
 
-    def __init__(self, pattern: Pattern) -> None:
+    unit (n,): of the unknowns, in which the matrix is factorised; single: whether in single precision.
+    """
+
+    def __init__(self, pattern: Pattern, unit: Floats, *, single: bool = False) -> None:
+        self._unit, self._single = unit, single
+        entries = unit[pattern.rows] * unit[pattern.indices]
+        self._unit_places = np.flatnonzero(entries != 1.0)  # most are one: points are in metres
+        self._unit_entries = entries[self._unit_places]
+        self._without = factorisation(pattern.indptr, pattern.indices, single=single)
         self._n = len(pattern.indptr) - 1
         self._planned = pattern.rows * self._n + pattern.indices
         self._keys = self._planned
         self._own = np.arange(len(self._planned))
         self._factors: Factorisation | None = None
 
-    def factorise(self, data: Floats, touch: Any, unit: Floats) -> Factorisation:
-        """The factors of the planned entries `data` (nnz,), in any units, and of `touch`, a sparse upper triangle; both
-        are scaled by the unknowns' units.
+    def factorise(self, data: Floats, touch: Any) -> Factorisation:
+        """The factors of the planned entries `data` (nnz,) and of `touch`, a sparse upper triangle, or None.
 
         Raises
         ------
         SimulationError
             Where the tangent is singular.
         """
+        data = data.copy()
+        data[self._unit_places] *= self._unit_entries
+        if touch is None:
+            self._without.factorise(data)
+            return self._without
         rows = np.repeat(np.arange(self._n), np.diff(touch.indptr))
         places = self._places(rows * np.int64(self._n) + touch.indices)
         whole = np.zeros(len(self._keys))
         whole[self._own] = data
-        np.add.at(whole, places, touch.data)
+        np.add.at(whole, places, touch.data * self._unit[rows] * self._unit[touch.indices])
         factors = self._factors or self._analysed()
-        factors.factorise(whole * unit[self._keys // self._n] * unit[self._keys % self._n])
+        factors.factorise(whole)
         self._factors = factors
         return factors
 
     def release(self) -> None:
         """Release the factors' memory."""
+        self._without.release()
+        self._forget()
+
+    def _forget(self) -> None:
         if self._factors is not None:
             self._factors.release()
             self._factors = None
@@ -52,7 +68,7 @@ class TouchedPattern:
         new = self._keys[places] != keys
         if not new.any():
             return places
-        self.release()
+        self._forget()
         fresh = np.unique(keys[new])
         self._keys = np.insert(self._keys, np.searchsorted(self._keys, fresh), fresh)
         self._own = np.searchsorted(self._keys, self._planned)
@@ -60,4 +76,4 @@ class TouchedPattern:
 
     def _analysed(self) -> Factorisation:
         indptr = np.searchsorted(self._keys, np.arange(self._n + 1) * np.int64(self._n))
-        return factorisation(indptr.astype(np.int64), self._keys % self._n)
+        return factorisation(indptr.astype(np.int64), self._keys % self._n, single=self._single)

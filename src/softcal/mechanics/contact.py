@@ -133,10 +133,13 @@ class ContactTerm(Term):
 
     def overlap(self, x: Floats) -> float:
         """The largest overlap [m] of a point at positions x (n_points, 3); zero where nothing touches."""
+        return float(self.overlaps(x)[2].max(initial=0.0))
+
+    def overlaps(self, x: Floats) -> tuple[Ints, Ints, Floats]:
+        """The points (m,) and simplices (m, 3) that touch at positions x (n_points, 3), and their overlaps (m,) [m]."""
         V = self.vertices(x)
-        pairs = self.touching(V)
-        deep = self.reach[pairs.points] - distances(V, pairs.points, pairs.simplices)
-        return float(deep.max(initial=0.0))
+        points, simplices, _ = self.touching(V)
+        return points, simplices, self.reach[points] - distances(V, points, simplices)
 
     def in_words(self) -> str:
         """What presses, and how many points do so from a shorter distance than the others, for a table."""

@@ -1,6 +1,8 @@
 """Detection of skins of bodies that pass through themselves or each other, where no contact keeps them apart.
 
-Every skin is first inset by a small part of its edges: skins that only touch, or are bonded face to face, do not cross.
+They do from where contact would begin to press, and as long as an edge passes through a face: deep in another body, no
+point may be near the surface any more. For the latter, every skin is inset by a small part of its edges: skins that
+only touch, or are bonded face to face, do not cross.
 """
 
 from __future__ import annotations
@@ -13,7 +15,10 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.geometry.surface import edges_of
+from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.wire_contact import collision_mesh
+
+TOUCH = 1e-3  # of the contact's depth: overlaps below are rounding
 
 Crossings = dict[tuple[str, str], float]
 """Names of two bodies, or of one twice, and about how deep [m] one is in the other."""
@@ -37,6 +42,8 @@ class Skins:
         Distance by which the vertices are moved inwards [m].
     apart, patch
         See `softcal.mechanics.wire_contact.WireContactTerm`.
+    touch, touch_owner
+        The contact that the bodies would have, and the number of each of its vertices' body.
     """
 
     points: Ints
@@ -48,19 +55,32 @@ class Skins:
     inset: float
     apart: Ints
     patch: Ints
+    touch: ContactTerm
+    touch_owner: Ints
 
     def crossings(self, x: Floats) -> Crossings:
         """The bodies that cross at positions x (n_points, 3) [m], except those that cross at rest already."""
         found = self._crossings(self._vertices(x))
+        for pair, depth in self._overlaps(x).items():
+            found[pair] = max(found.get(pair, 0.0), depth)
         return {pair: depth for pair, depth in found.items() if pair not in self.at_rest}
 
     def pairs(self, x: Floats) -> frozenset[tuple[str, str]]:
         """The same without depths, which for one body is found much faster."""
         if len(self.names) == 1 and not self.at_rest:
-            return frozenset(
-                [(self.names[0], self.names[0])] if self._intersect(self._taken_in(self._vertices(x))) else []
-            )
+            crosses = self._overlaps(x) or self._intersect(self._taken_in(self._vertices(x)))
+            return frozenset([(self.names[0], self.names[0])] if crosses else [])
         return frozenset(self.crossings(x))
+
+    def _overlaps(self, x: Floats) -> Crossings:
+        """The bodies of which points would press, and how far [m] they are beyond the other's surface."""
+        points, simplices, depths = self.touch.overlaps(x)
+        found: Crossings = {}
+        for k in np.flatnonzero(depths > TOUCH * self.touch.depth):
+            one, other = sorted((int(self.touch_owner[points[k]]), int(self.touch_owner[simplices[k, 0]])))
+            pair = (self.names[one], self.names[other])
+            found[pair] = max(found.get(pair, 0.0), float(depths[k]))
+        return found
 
     @cached_property
     def at_rest(self) -> Crossings:

@@ -18,7 +18,7 @@ from softcal.mechanics.contact_kernels import distances
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.mechanics.wire_contact import WireContactTerm, passes_through
 from softcal.twin.barrier import Contact, edge_lengths, wire_diameter
-from softcal.twin.cores import body_skin, columns, joined, numbers, pressing, rigid_skin
+from softcal.twin.cores import CoredSkin, body_skin, columns, joined, numbers, pressing, rigid_skin
 from softcal.twin.robot import Disc, Plate, Robot, Rod
 
 NEIGHBOURS = 4.0  # wire diameters along a rod within which it does not touch itself
@@ -80,17 +80,28 @@ def build_contacts(
 def _surfaces(
     robot: Robot, contact: Contact, layout: Layout, meshes: dict[str, TetMesh], first: dict[str, int]
 ) -> ContactTerm:
-    """The contact of bodies and discs: every point on a surface presses, and has a core below it."""
-    import scipy.sparse as sp
-
+    """The contact of bodies and discs, see `pressing_skins`."""
     discs = {plate.name: rigid_skin(*disc_skin(plate.disc)) for plate in robot.plates if plate.disc is not None}
     skins = {name: body_skin(mesh) for name, mesh in meshes.items()} | discs
     skin = joined(skins, first, len(layout.X))
+    bonded = bonded_pairs(robot, numbers(skins), skin.X)
+    term = pressing_skins(skin, contact, layout, bonded)
+    if passes_through(term.X[len(term.reach) :], skin.triangles, bonded):
+        raise MeshError(Fault("surfaces pass through each other at rest", where="contact"))
+    return term
+
+
+def pressing_skins(skin: CoredSkin, contact: Contact, layout: Layout, bonded: Ints) -> ContactTerm:
+    """The contact of skins by the layout's points: every point on a surface presses, and has a core below it.
+
+    bonded: pairs of the skin's points that do not touch (n, 2).
+    """
+    import scipy.sparse as sp
+
     press = pressing(skin, contact.depth)
     n, faces = len(press.base), skin.triangles
     cores = skin.weights + contact.depth * skin.core
     points, weights = columns(sp.vstack([press.weights @ skin.weights, cores], format="csr"))
-    bonded = bonded_pairs(robot, numbers(skins), skin.X)
     term = ContactTerm(
         points=points,
         weights=weights,
@@ -105,8 +116,6 @@ def _surfaces(
         friction_coefficient=contact.friction_coefficient,
         creep=contact.creep,
     )
-    if passes_through(term.X[n:], faces, bonded):
-        raise MeshError(Fault("surfaces pass through each other at rest", where="contact"))
     return _from_where_it_is(term, press.normals, skin.X)
 
 

@@ -12,7 +12,7 @@ from softcal.mechanics.layout import Layout
 from softcal.mechanics.node import Node
 from softcal.mechanics.path import interpolated
 from softcal.twin.barrier import Contact
-from softcal.twin.contacts import bonded_pairs, moving_together, rigid_groups
+from softcal.twin.contacts import bonded_pairs, moving_together, pressing_skins, rigid_groups
 from softcal.twin.cores import body_skin, columns, joined, numbers
 from softcal.twin.robot import Robot
 from softcal.units import format_quantity
@@ -27,10 +27,15 @@ def build_skins(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first:
     """The skins that are checked for crossings; None where there is no body, or contact prevents crossings."""
     if robot.contact is not None or not meshes:
         return None
-    depth = Contact().fitted(robot.bodies, (), ()).depth
+    contact = Contact().fitted(robot.bodies, (), ())
     skins = {name: body_skin(mesh) for name, mesh in meshes.items()}
     skin, on_skin = joined(skins, first, len(layout.X)), numbers(skins)
     points, weights = columns(skin.weights)
+    bonded = bonded_pairs(robot, on_skin, skin.X)
+    touch = pressing_skins(skin, contact, layout, bonded)
+    begin = np.array([first[name] for name in skins])
+    order = np.argsort(begin)
+    own = touch.points[touch.weights.indices[touch.weights.indptr[:-1]]]
     return Skins(
         points=points,
         weights=weights,
@@ -38,9 +43,11 @@ def build_skins(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first:
         faces=skin.triangles,
         owner=np.repeat(np.arange(len(skins)), [len(own) for own in on_skin.values()]),
         names=tuple(skins),
-        inset=INSET * depth,
-        apart=np.sort(bonded_pairs(robot, on_skin, skin.X), axis=1),
+        inset=INSET * contact.depth,
+        apart=np.sort(bonded, axis=1),
         patch=rigid_groups(weights, moving_together(layout, points)),
+        touch=touch,
+        touch_owner=order[np.searchsorted(begin[order], own, side="right") - 1],
     )
 
 

@@ -36,7 +36,7 @@ def knotted_block() -> Robot:
     mesh = box_mesh([0.012, 0.012, 0.012], [4, 4, 4], origin=[-0.006, -0.006, 0.0])
     elastic = {"youngs_modulus": 0.9e6, "poissons_ratio": 0.45}
     body = Body("block", mesh, np.flatnonzero(mesh.points[:, 2] < 1e-9), elastic, element="P2P1")
-    knot = ViaPoint(np.array([0.001, 0.0005, 0.0115]), "block")
+    knot = ViaPoint(np.array([0.001, 0.0005, 0.0115]), "block", radius=0.0)
     return Robot((body,), cables=(Cable("tendon", (knot, ViaPoint(np.array([0.001, 0.0005, -0.02]), ""))),))
 
 

@@ -87,8 +87,3 @@ def test_no_class_name_stands_for_two_things():
                 if isinstance(node, ast.ClassDef):
                     of.setdefault(node.name, []).append(path.name)
     assert {name: files for name, files in of.items() if len(files) > 1} == {}
-
-
-def test_no_file_needs_scrolling():
-    long = {path.name: n for path in SOURCE.rglob("*.py") if (n := path.read_text(encoding="utf-8").count("\n")) > 400}
-    assert not long

@@ -14,6 +14,8 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quadratic import to_quadratic
 from softcal.geometry.section import RoundBar
+from softcal.mechanics.contact import ONSET, ContactTerm
+from softcal.mechanics.contact_kernels import push
 from softcal.mechanics.state import moved
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
@@ -298,3 +300,59 @@ def test_friction_without_time_is_refused():
     assert robot.contact is not None
     with pytest.raises(ParameterError, match="depends on the load path"):
         simulate(replace(robot, contact=replace(robot.contact, friction_coefficient=0.2)), lifted(0.0))
+
+
+def ridge(n: int) -> TetMesh:
+    """A block whose upper side is a cylinder's, about y through x = 0: elements are the smaller the nearer to there."""
+    mesh = to_quadratic(box_mesh((2.0, 1.0, 1.0), (n, 1, n // 3), origin=(-1.0, 0.0, 0.0)))
+    x, y, z = mesh.points.T
+    x, z = np.sign(x) * np.abs(x) ** 1.7, 1.0 - (1.0 - z) ** 1.6
+    sagged = z - 0.5 * WIDE / ROUND * x**2 * z
+    return TetMesh(np.column_stack([WIDE * x, WIDE * y, WIDE * sagged]), mesh.tets)
+
+
+WIDE, ROUND = 0.01, 0.02  # half of the block's width, and the cylinder's radius [m]
+
+
+def pressed_ridges(n: int) -> tuple[float, float]:
+    """Half of the width of the contact of two cylinders [m], and Hertz's at the same force."""
+    low = ridge(n)
+    other = ridge(n + 4)
+    high = TetMesh(other.points * [-1.0, 1.0, -1.0] + [0.0, 0.0, 2 * WIDE + 1e-5], other.tets)
+    below = Body("below", low, [], SOFT, element="P2")
+    above = Body("above", high, np.flatnonzero(high.points[:, 2] > 2 * WIDE + 0.9e-5), SOFT, element="P2")
+    centre = np.array([0.0, 0.5 * WIDE, 0.0])
+    plate = Plate("lift", {"below": np.flatnonzero(low.points[:, 2] < 1e-9)}, centre)
+    line = straight(tuple(centre - [0.0, 0.0, 0.1]), tuple(centre), 4)
+    material = {"youngs_modulus": 5e7, "poissons_ratio": 0.3}
+    guide = Rod("guide", line, RoundBar(0.02), material, clamped={"lift": np.array([4])}, fixed=np.array([0]))
+    pull = Cable("pull", (ViaPoint(centre + [0.0, 0.0, 0.1]), ViaPoint(centre, "lift")), pulled_end="first")
+    robot = Robot((below, above), (plate,), (pull,), rods=(guide,), contact=Contact(depth=1.2e-4 / n, stiffness=8 * E))
+    response = simulate(robot, lifted(1e-4), curve_tolerance=0.0, snapshots=True)
+    assert response.succeeded, response.status
+    twin = build_twin(robot)
+    (term,) = twin.system.of(ContactTerm)
+    x = twin.system.layout.X.copy()
+    for name, points in response.snapshots[-1].points.items():
+        x[twin.first_point[name] + np.arange(len(points))] = points
+    V = term.vertices(x)
+    force = np.abs(push_of(term, V)[: len(term.reach), 2])  # of the points of either, on the other's core
+    width = 2.0 * np.sqrt(float(force @ V[: len(term.reach), 0] ** 2) / force.sum())
+    load = force.sum() / WIDE
+    return float(width), float(np.sqrt(4.0 * load * 0.5 * ROUND / (np.pi * 0.5 * E)))
+
+
+def push_of(term: ContactTerm, V: np.ndarray) -> np.ndarray:
+    """The gradient of the contact's energy by its vertices (n, 3) [N]."""
+    near = term.touching(V)
+    scale = term.stiffness * term.area[near.points] * near.shares
+    return push(V, near.points, near.simplices, scale, term.reach[near.points], term.depth, ONSET * term.depth, False)[
+        1
+    ]
+
+
+def test_cylinders_press_as_hertz_says():
+    """The width, by the second moment of the pressure, b^2 / 4, in plane strain at nu = 0; the meshes do not match."""
+    errors = [abs(width / hertz - 1.0) for width, hertz in map(pressed_ridges, (12, 24))]
+    assert errors[1] < 0.02
+    assert errors[1] < 0.5 * errors[0]

@@ -168,7 +168,7 @@ class ContactTerm(Term):
         scale = self.stiffness * self.area[near.points] * near.shares
         reach, onset = self.reach[near.points], ONSET * self.depth
         pushed = push(V, near.points, near.simplices, scale, reach, self.depth, onset, tangent)
-        if convex:
+        if tangent and convex:
             make_convex(V, near.points, near.simplices, *pushed[2:])
         return near, *pushed
 

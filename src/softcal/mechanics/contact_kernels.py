@@ -231,7 +231,7 @@ def _free_part(V: Floats, to: Floats, p: int, face: Ints, most: float, four: Flo
         if d <= NEAREST * first:
             return t
         t += (1.0 - NEAREST) * d / fastest
-        if t >= most:
+        if not t < most:  # also where no motion is a number
             break
     return most
 

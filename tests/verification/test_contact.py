@@ -39,8 +39,8 @@ SOFT = {"youngs_modulus": E, "poissons_ratio": 0.0}
 
 def two_blocks(element: str = "P2") -> Robot:
     """A block on a rigid plate that a cable lifts, along a guide, against a block that hangs from above."""
-    low = box_mesh((SIDE, SIDE, SIDE), (2, 2, 2))
-    high = box_mesh((SIDE, SIDE, SIDE), (3, 3, 3))
+    low = box_mesh((SIDE, SIDE, SIDE), (3, 3, 3))
+    high = box_mesh((SIDE, SIDE, SIDE), (4, 4, 4))
     high = TetMesh(high.points + [0.0, 0.0, SIDE + APART], high.tets)
     below = Body("below", low, [], SOFT, element=element)
     ceiling = np.flatnonzero(np.isclose(high.points[:, 2], 2 * SIDE + APART))

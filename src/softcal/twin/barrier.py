@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from softcal.twin.robot import Body, Plate, Rod
 
 DEPTH = 0.04  # of a surface's mean edge or a disc's thickness
-STIFF = 8.0  # of the largest modulus: the neck's tension is then within 1 % of that without overlap
+STIFF = 4.0  # of the largest modulus: the neck's tension is then within 1 % of the limit of small overlaps
 GAP = 0.02  # of a wire's diameter
 FITTED: Any = None  # a value that a robot chooses for its parts
 
@@ -31,12 +31,12 @@ class Contact(Declared):
     """Contact between surfaces of bodies, discs and wires of rods, which prevents interpenetration.
 
     depth, stiffness and gap set how far touching surfaces overlap, or wires stay apart, not their contact force. Where
-    omitted, a `Robot` chooses lengths small relative to its meshes and wires, and eight times its largest modulus.
+    omitted, a `Robot` chooses lengths small relative to its meshes and wires, and four times its largest modulus.
 
     Attributes
     ----------
     gap : Distance [m] at which wires of rods begin to push each other, or discs; surfaces need none
-    stiffness : Pressure [Pa] of surfaces that overlap by the depth; of the barrier of wires, 160 times that
+    stiffness : Pressure [Pa] of surfaces that overlap by the depth; of the barrier of wires, 80 times that
     friction_coefficient : Coulomb's [-], in dynamics alone: equilibria with friction depend on the load path
     creep : Sliding speed [m/s] below which the friction is reduced
     depth : Overlap [m] of surfaces at which their pressure is the stiffness

@@ -26,7 +26,7 @@ RIM = 32  # straight pieces of a disc's rim
 DISC_POINTS = 2 + 2 * RIM  # of a disc's skin
 SEAM = 2.0  # longest edges around a tied node within which the bodies it joins do not touch each other
 FACING = 0.3  # least cosine between a normal and the other's opposite, of surfaces near at rest that may touch
-WIRES = 1.0 / 160.0  # of the surfaces' stiffness: that of the barrier between wires
+WIRES = 1.0 / 80.0  # of the surfaces' stiffness: that of the barrier between wires
 NO_PAIRS: Ints = np.zeros((0, 2), dtype=np.int64)
 
 

@@ -157,7 +157,9 @@ class EquilibriumPath:
                 break
             is_coarse = is_read & (curve.error() > self.tolerance * scale[:, 0]).any(axis=1)
             if not is_coarse.any():
-                most = min(most, FEW_NODES + NODES_FOR_DERIVATIVES * len(path.nodes))
+                # With contact derivatives jump wherever a point meets a surface: the curve's nodes must do.
+                more = 0 if self.twin.system.contacts else FEW_NODES + (NODES_FOR_DERIVATIVES - 1) * len(path.nodes)
+                most = min(most, len(path.nodes) + more)
             if self.names and not is_coarse.any() and len(path.nodes) < most:
                 by_parameter = np.abs(curve.by_parameter).max(axis=0)
                 least = LEAST_SENSITIVITY * scale * (by_parameter / scale).max(axis=0)

@@ -128,13 +128,14 @@ def test_the_channels_of_the_neck_follow_its_lengths(key, monkeypatch):
 def test_the_channels_follow_a_length_in_contact(key, monkeypatch):
     """A column that is pulled against a block, without which the tension would be smaller by a quarter.
 
-    The force of contact curves within its gap, so that both differences lose digits.
+    The pressure curves where contact begins, so that both differences lose digits. Between 7.8 and 8.05 mm a point
+    passes over a ridge between two triangles: the step of the difference by which the mesh moves is wider than that.
     """
     block = box_mesh((0.02, 0.03, 0.03), (2, 2, 2), origin=(0.018, -0.015, 0.07))
     beside = Body("block", block, block.node_sets["x1"], elastic(1e6, 0.4), element="P1")
     free = drawn(column_robot("P1", parameters=elastic(1e6, 0.4), divisions=(2, 2, 8)))
     robot = replace(free, bodies=(*free.bodies, beside), contact=Contact())
-    protocol = pulled(0.005, 0.008)
+    protocol = pulled(0.005, 0.0075)
     alone, touching = (simulate(one, protocol).channels["front.tension"] for one in (free, robot))
     assert np.all(touching > 1.25 * alone)
     require_derivatives(robot, protocol, f"neck.{key}", 1e-6 if key == "scale" else 1e-7, monkeypatch, error=2e-5)

@@ -74,13 +74,17 @@ class Skins:
 
     def _overlaps(self, x: Floats) -> Crossings:
         """The bodies of which points would press, and how far [m] they are beyond the other's surface."""
-        points, simplices, depths = self.touch.overlaps(x)
-        found: Crossings = {}
-        for k in np.flatnonzero(depths > TOUCH * self.touch.depth):
-            one, other = sorted((int(self.touch_owner[points[k]]), int(self.touch_owner[simplices[k, 0]])))
-            pair = (self.names[one], self.names[other])
-            found[pair] = max(found.get(pair, 0.0), float(depths[k]))
-        return found
+        points, simplices, depth = self.touch.overlaps(x)
+        press = depth > TOUCH * self.touch.depth
+        return self._deepest(self.touch_owner[points[press]], self.touch_owner[simplices[press, 0]], depth[press])
+
+    def _deepest(self, one: Ints, other: Ints, depth: Floats) -> Crossings:
+        """The largest depth (n,) [m] of each pair of bodies, by the numbers of both (n,)."""
+        deepest: Crossings = {}
+        for i, k, d in zip(np.minimum(one, other), np.maximum(one, other), depth.tolist(), strict=True):
+            pair = (self.names[i], self.names[k])
+            deepest[pair] = max(deepest.get(pair, 0.0), d)
+        return deepest
 
     @cached_property
     def at_rest(self) -> Crossings:
@@ -93,12 +97,9 @@ class Skins:
             return {}
         edges, faces = self._candidates(V)
         depth = _depth(V[edges], V[faces])
-        found: Crossings = {}
-        for i in np.flatnonzero(depth > 0.0):
-            one, other = sorted((int(self.owner[edges[i, 0]]), int(self.owner[faces[i, 0]])))
-            pair = (self.names[one], self.names[other])
-            found[pair] = max(found.get(pair, 0.0), float(depth[i] + 2.0 * self.inset))
-        return found
+        cross = depth > 0.0
+        edges, faces, depth = edges[cross, 0], faces[cross, 0], depth[cross]
+        return self._deepest(self.owner[edges], self.owner[faces], depth + 2.0 * self.inset)
 
     def _vertices(self, x: Floats) -> Floats:
         return self.weights @ x[self.points]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
+from softcal.checks import Ints
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.crossing import Skins
 from softcal.mechanics.layout import Layout
@@ -29,25 +31,30 @@ def build_skins(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first:
         return None
     contact = Contact().fitted(robot.bodies, (), ())
     skins = {name: body_skin(mesh) for name, mesh in meshes.items()}
-    skin, on_skin = joined(skins, first, len(layout.X)), numbers(skins)
+    skin = joined(skins, first, len(layout.X))
     points, weights = columns(skin.weights)
-    bonded = bonded_pairs(robot, on_skin, skin.X)
+    bonded = bonded_pairs(robot, numbers(skins), skin.X)
     touch = pressing_skins(skin, contact, layout, bonded)
     begin = np.array([first[name] for name in skins])
     order = np.argsort(begin)
-    own = touch.points[touch.weights.indices[touch.weights.indptr[:-1]]]
+
+    def owner(points: Ints, weights: Any) -> Ints:
+        """The number of the body of each weighted sum of points."""
+        own = points[weights.indices[weights.indptr[:-1]]]
+        return order[np.searchsorted(begin[order], own, side="right") - 1]
+
     return Skins(
         points=points,
         weights=weights,
         X=skin.X,
         faces=skin.triangles,
-        owner=np.repeat(np.arange(len(skins)), [len(own) for own in on_skin.values()]),
+        owner=owner(points, weights),
         names=tuple(skins),
         inset=INSET * contact.depth,
         apart=np.sort(bonded, axis=1),
         patch=rigid_groups(weights, moving_together(layout, points)),
         touch=touch,
-        touch_owner=order[np.searchsorted(begin[order], own, side="right") - 1],
+        touch_owner=owner(touch.points, touch.weights),
     )
 
 

@@ -21,6 +21,7 @@ from softcal.mechanics.contact import ContactTerm
 from softcal.project.project import load
 from softcal.twin.barrier import Contact
 from softcal.twin.build import twin_of
+from softcal.twin.parameters import parameter_values
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 
@@ -58,7 +59,8 @@ def _of_element(robot: Robot, element: str) -> str:
     free = replace(robot, bodies=(replace(body, element=element),), contact=None)
     usual = replace(free, contact=Contact())
     assert usual.contact is not None
-    stiffer = replace(free, contact=replace(usual.contact, stiffness=STIFFER * usual.contact.stiffness))
+    pressure = usual.contact.pressure(usual.bodies).at(parameter_values(usual))
+    stiffer = replace(free, contact=replace(usual.contact, stiffness=STIFFER * pressure))
     cases = {"no contact": free, "contact": usual, f"contact, {STIFFER:.0f} times as stiff": stiffer}
     rows: list[list[str]] = []
     for name, case in cases.items():

@@ -114,7 +114,8 @@ def test_the_necks_force_does_not_depend_on_depth_and_stiffness(element: str):
     np.testing.assert_allclose(usual[:2], free[:2], rtol=1e-3)
     contact = touching(robot).contact
     assert contact is not None
-    other = replace(contact, stiffness=4.0 * contact.stiffness)
+    pressure = contact.pressure(robot.bodies).at(parameter_values(robot))
+    other = replace(contact, stiffness=4.0 * pressure)
     changed = simulate(replace(robot, contact=other), protocol).channels["front.tension"]
     np.testing.assert_allclose(changed, usual, rtol=0.01)
 
@@ -130,11 +131,26 @@ def test_closing_and_opening_cost_no_energy():
     assert abs(work) < 1e-6 * float(np.sum(tension)) * 1e-3
 
 
-def test_derivatives_through_closing_are_those_of_finite_differences():
-    robot, name = touching(grooved(element="P2P1")), "block.poissons_ratio"
-    protocol, h = pulled(1e-3, 3e-3), 1e-4
+def test_the_tension_is_in_proportion_to_the_modulus():
+    """The default stiffness of contact follows it; a stiffness that is stated does not."""
+    robot, protocol = touching(grooved()), pulled(1e-3, 3e-3, 5e-3)
+    E = ELASTIC["youngs_modulus"]
+    tension = simulate(robot, protocol).channels["front.tension"]
+    softer = simulate(robot, protocol, {"block.youngs_modulus": 0.1 * E}).channels["front.tension"]
+    np.testing.assert_allclose(softer, 0.1 * tension, rtol=1e-7)
+    stated = replace(robot, contact=Contact(stiffness=4.0 * E))
+    np.testing.assert_allclose(simulate(stated, protocol).channels["front.tension"], tension, rtol=1e-7)
+    softer = simulate(stated, protocol, {"block.youngs_modulus": 0.1 * E}).channels["front.tension"]
+    assert softer[-1] > 0.1001 * tension[-1]
+
+
+@pytest.mark.parametrize("constant", ["youngs_modulus", "poissons_ratio"])
+def test_derivatives_through_closing_are_those_of_finite_differences(constant: str):
+    robot, name, value = touching(grooved(element="P2P1")), f"block.{constant}", ELASTIC[constant]
+    protocol, h = pulled(1e-3, 3e-3), 2e-4 * value
     exact = simulate(robot, protocol, sensitivities=(name,), curve_tolerance=0.0)
-    ahead, behind = (simulate(robot, protocol, {name: 0.4 + s * h}, curve_tolerance=0.0) for s in (1, -1))
+    ahead, behind = (simulate(robot, protocol, {name: value + s * h}, curve_tolerance=0.0) for s in (1, -1))
     for channel in ("front.tension", "top.pitch"):
         difference = (ahead.channels[channel] - behind.channels[channel]) / (2 * h)
-        np.testing.assert_allclose(exact.sensitivities[channel][name], difference, rtol=1e-4, atol=1e-9)
+        rounding = 1e-9 * abs(ahead.channels[channel]).max() / value
+        np.testing.assert_allclose(exact.sensitivities[channel][name], difference, rtol=1e-4, atol=rounding)

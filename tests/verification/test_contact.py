@@ -57,8 +57,7 @@ def two_blocks(element: str = "P2") -> Robot:
         fixed=np.array([0]),
     )
     pull = Cable("pull", (ViaPoint(centre + [0.0, 0.0, 0.1]), ViaPoint(centre, "lift")), pulled_end="first")
-    robot = Robot(bodies=(below, above), plates=(plate,), cables=(pull,), rods=(guide,))
-    return replace(robot, contact=Robot(bodies=(below, above), contact=Contact()).contact)
+    return Robot((below, above), (plate,), (pull,), rods=(guide,), contact=Contact())
 
 
 def lifted(*shortening: float) -> Protocol:
@@ -343,9 +342,9 @@ def pressed_ridges(n: int) -> tuple[float, float]:
 
 
 def push_of(term: ContactTerm, V: np.ndarray) -> np.ndarray:
-    """The gradient of the contact's energy by its vertices (n, 3) [N]."""
+    """The gradient of the contact's energy by its vertices (n, 3) [N], of a stiffness without laws."""
     near = term.touching(V)
-    scale = term.stiffness * term.area[near.points] * near.shares
+    scale = term.stiffness.factor * term.area[near.points] * near.shares
     return push(V, near.points, near.simplices, scale, term.reach[near.points], term.depth, ONSET * term.depth, False)[
         1
     ]

@@ -1,8 +1,8 @@
 """Loss landscape over two parameters, the others fixed: along a flat valley the two cannot be distinguished.
 
-With a hyperelastic law whose energy is proportional to Young's modulus, neither dead load nor contact, and every cable
-driven by its shortening, the shape does not depend on the modulus and every tension is proportional to it. Then one
-trajectory for each value of the other parameter gives a whole row of the landscape.
+With a hyperelastic law whose energy is proportional to Young's modulus, no dead load, no stiffness of contact of its
+own, and every cable driven by its shortening, the shape does not depend on the modulus and every tension is
+proportional to it. Then one trajectory for each value of the other parameter gives a whole row of the landscape.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def scales_with_modulus(problem: Problem) -> bool:
     return (
         len(robot.bodies) == 1
         and not robot.rods
-        and robot.contact is None
+        and (robot.contact is None or robot.contact.follows_moduli)
         and robot.bodies[0].law in PROPORTIONAL_LAWS
         and not dead
         and all(_is_pulled_in(experiment) for experiment in problem.experiments)

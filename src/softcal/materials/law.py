@@ -29,6 +29,7 @@ from softcal.materials.parameter import Parameter
 INVARIANTS = ("I1", "I2", "J")
 ALONG = "I4"  # squared stretch along the direction of a law that has one
 STRETCHES = ("lambda1", "lambda2", "lambda3")
+COMPLEX_STEP = 1e-20  # of a constant: no difference is taken, so nothing is lost
 
 
 @dataclass(frozen=True)
@@ -100,6 +101,17 @@ class Law:
         """Small-strain Young's modulus [Pa] at constants theta [SI]."""
         mu, K = self.shear_modulus(theta), self._compressed(theta)
         return 9.0 * K * mu / (3.0 * K + mu)
+
+    def youngs_modulus_rates(self, theta: Mapping[str, float]) -> dict[str, float]:
+        """Derivatives of the small-strain Young's modulus by each constant at theta [SI], by a complex step: exact."""
+        compiled, values = compile_law(self), self._ordered(theta)
+        rates: dict[str, float] = {}
+        for i, name in enumerate(self.names):
+            step = COMPLEX_STEP * max(abs(values[i]), 1.0)
+            at = [*values[:i], complex(values[i], step), *values[i + 1 :]]
+            mu, K = compiled.shear(*at), compiled.compressed(*at)
+            rates[name] = float(np.imag(9.0 * K * mu / (3.0 * K + mu)) / step)
+        return rates
 
     def poissons_ratio(self, theta: Mapping[str, float]) -> float:
         """Small-strain Poisson's ratio at constants theta [SI]."""

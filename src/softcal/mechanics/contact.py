@@ -13,7 +13,7 @@ modulus: with a depth of a small part of an element, the overlap changes forces 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -22,6 +22,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.mechanics.contact_kernels import Meeting, distances, free_part, law, make_convex, nearest, push, touching
+from softcal.mechanics.contact_stiffness import ContactStiffness
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.moving_boxes import order_of
 from softcal.mechanics.term import Given, Sum, Term
@@ -74,7 +75,7 @@ class ContactTerm(Term):
     depth
         Of the cores below their surfaces [m].
     stiffness
-        Pressure at an overlap of `depth` [Pa].
+        Pressure at an overlap of `depth`.
     apart
         Pairs of a pressing point and a core's vertex that never touch (n_pairs, 2).
     group
@@ -83,8 +84,9 @@ class ContactTerm(Term):
         Coulomb's [-]; without effect outside a time step. The normal forces are those at the step's start.
     creep
         Speed of sliding below which friction decreases to zero [m/s], which makes it smooth.
-    before, step
-        Vertices at the step's start (n_vertices, 3) [m], None outside a time step, and its length [s].
+    before, pressure_before, step
+        Vertices (n_vertices, 3) [m], None outside a time step, and the stiffness [Pa] at the step's start, and its
+        length [s].
     """
 
     points: Ints
@@ -94,18 +96,26 @@ class ContactTerm(Term):
     faces: Ints
     reach: Floats
     depth: float
-    stiffness: float
+    stiffness: ContactStiffness
     apart: Ints
     group: Ints
     friction_coefficient: float = 0.0
     creep: float = 1e-3
     before: Floats | None = None
+    pressure_before: float = 0.0
     step: float = 0.0
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return self.stiffness.parameters
 
     def add(self, into: Sum, given: Given) -> None:
         """Which points touch changes from state to state, so the tangent is outside the pattern."""
         V = self.vertices(given.state.x)
-        pairs, _, gradient, pressed, blocks = self._push(V, tangent=into.data is not None, convex=into.convex)
+        stiffness = self.stiffness.at(given.theta)
+        pairs, _, gradient, pressed, blocks = self._push(
+            V, stiffness, tangent=into.data is not None, convex=into.convex
+        )
         parts = [(pairs.points[pressed], pairs.simplices[pressed], blocks)]
         if self.before is not None and len(self._rubbing.force):
             _, rubbed, blocks = self._friction(V)
@@ -117,15 +127,25 @@ class ContactTerm(Term):
                 if len(part):
                     into.outside.append(self._on_points(points, simplices, part))
 
+    def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
+        rates = {name: rate for name, rate in self.stiffness.rates(given.theta).items() if name in into}
+        if rates:
+            gradient = self.weights.T @ self._push(self.vertices(given.state.x), 1.0, tangent=False)[2]
+            for name, rate in rates.items():
+                into[name].points[self.points] += rate * gradient
+
     def energy(self, given: Given) -> float:
         V = self.vertices(given.state.x)
-        energy = self._push(V, tangent=False)[1]
+        energy = self._push(V, self.stiffness.at(given.theta), tangent=False)[1]
         return energy if self.before is None else energy + self._friction(V)[0]
 
     def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
         """The term with friction, where there is any."""
         rubs = self.friction_coefficient > 0.0
-        return (replace(self, before=self.vertices(before.state.x), step=step.length) if rubs else self,)
+        if not rubs:
+            return (self,)
+        pressure = self.stiffness.at(before.theta)
+        return (replace(self, before=self.vertices(before.state.x), pressure_before=pressure, step=step.length),)
 
     def free_way(self, x: Floats, to: Floats) -> float:
         """Fraction of the straight line from x to `to` on which no point passes through a core (one: all of it)."""
@@ -144,7 +164,7 @@ class ContactTerm(Term):
     def in_words(self) -> str:
         """What presses, and how many points do so from a shorter distance than the others, for a table."""
         n, near = len(self.reach), int(np.count_nonzero(self.reach < self.depth))
-        pressure, depth = format_quantity(self.stiffness, "Pa"), format_quantity(self.depth, "m", digits=2)
+        pressure, depth = self.stiffness.in_words(), format_quantity(self.depth, "m", digits=2)
         return f"{n:,} points, {near:,} of them near a surface at rest; {pressure} at an overlap of {depth}"
 
     def vertices(self, x: Floats) -> Floats:
@@ -162,10 +182,14 @@ class ContactTerm(Term):
         order = order_of(self.X[self.faces].mean(axis=1))
         return Meeting(self.faces, order, begin, apart[:, 1].astype(np.int64), self.group)
 
-    def _push(self, V: Floats, *, tangent: bool, convex: bool = False) -> tuple[Pairs, float, Floats, Ints, Floats]:
-        """The pairs near, the energy [J], the gradient (n_vertices, 3) [N], which pairs touch, and their tangents."""
+    def _push(
+        self, V: Floats, stiffness: float, *, tangent: bool, convex: bool = False
+    ) -> tuple[Pairs, float, Floats, Ints, Floats]:
+        """The pairs near, the energy [J], the gradient (n_vertices, 3) [N], which pairs touch, and their tangents, at a
+        stiffness [Pa].
+        """
         near = self.touching(V)
-        scale = self.stiffness * self.area[near.points] * near.shares
+        scale = stiffness * self.area[near.points] * near.shares
         reach, onset = self.reach[near.points], ONSET * self.depth
         pushed = push(V, near.points, near.simplices, scale, reach, self.depth, onset, tangent)
         if tangent and convex:
@@ -202,7 +226,7 @@ class ContactTerm(Term):
         for k, (point, corners) in enumerate(zip(near.points, near.simplices, strict=True)):
             d = nearest(V, int(point), corners, w[k], n[k])
             pressure = law(float(self.reach[point] - d), self.depth, ONSET * self.depth)[1]
-            force[k] = self.stiffness * self.area[point] * near.shares[k] * pressure
+            force[k] = self.pressure_before * self.area[point] * near.shares[k] * pressure
         touch = force != 0.0
         return Rubbing(near.points[touch], near.simplices[touch], w[touch], n[touch], force[touch])
 

@@ -10,7 +10,7 @@ nearest alone instead, as the convergent formulation does, has kinks at which Ne
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -19,6 +19,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.geometry.surface import edges_of
+from softcal.mechanics.contact_stiffness import ContactStiffness
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.term import Given, Sum, Term
 from softcal.units import format_quantity
@@ -44,7 +45,7 @@ class WireContactTerm(Term):
     thickness
         What lies between touching vertices, edges and faces [m]: of wires the diameter.
     stiffness
-        The barrier's kappa [Pa].
+        The barrier's kappa.
     apart
         Pairs of vertices (n_pairs, 2), i < j, that never touch, such as neighbours along a rod.
     patch
@@ -53,8 +54,8 @@ class WireContactTerm(Term):
         Coulomb's [-]; without effect outside a time step. The normal forces are those at the step's start.
     creep
         Speed of sliding below which friction decreases to zero [m/s], which makes it smooth.
-    before, step
-        Vertices at the step's start (n, 3) [m], None outside a time step, and its length [s].
+    before, pressure_before, step
+        Vertices (n, 3) [m], None outside a time step, and the stiffness [Pa] at the step's start, and its length [s].
     """
 
     points: Ints
@@ -63,31 +64,45 @@ class WireContactTerm(Term):
     faces: Ints
     gap: float
     thickness: float
-    stiffness: float
+    stiffness: ContactStiffness
     apart: Ints
     patch: Ints
     friction_coefficient: float = 0.0
     creep: float = 1e-3
     before: Floats | None = None
+    pressure_before: float = 0.0
     step: float = 0.0
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return self.stiffness.parameters
 
     def add(self, into: Sum, given: Given) -> None:
         """The set of contacts is found anew at every state, so the tangent is outside the pattern."""
         place = (3 * self.points[:, None] + np.arange(3)).ravel()
-        for potential, contacts, at in self._pushing(self._vertices(given.state.x)):
+        for potential, contacts, at in self._pushing(given):
             into.points[self.points] += potential.gradient(contacts, self._mesh, at).reshape(-1, 3)
             if into.data is not None:
                 H = potential.hessian(contacts, self._mesh, at).tocoo()
                 into.outside.append((H.data, place[H.row], place[H.col]))
 
-    def energy(self, given: Given) -> float:
+    def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
         V = self._vertices(given.state.x)
-        return float(sum(potential(contacts, self._mesh, at) for potential, contacts, at in self._pushing(V)))
+        for name, rate in self.stiffness.rates(given.theta).items():
+            if name in into:
+                gradient = self._barrier(1.0).gradient(self._collisions(V), self._mesh, V)
+                into[name].points[self.points] += rate * gradient.reshape(-1, 3)
+
+    def energy(self, given: Given) -> float:
+        return float(sum(potential(contacts, self._mesh, at) for potential, contacts, at in self._pushing(given)))
 
     def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
         """The term with friction, where there is any."""
         rubs = self.friction_coefficient > 0.0
-        return (replace(self, before=self._vertices(before.state.x), step=step.length) if rubs else self,)
+        if not rubs:
+            return (self,)
+        pressure = self.stiffness.at(before.theta)
+        return (replace(self, before=self._vertices(before.state.x), pressure_before=pressure, step=step.length),)
 
     def free_way(self, x: Floats, to: Floats) -> float:
         """Fraction of the straight line from x to `to` that is free of contact (one: all of it)."""
@@ -130,17 +145,17 @@ class WireContactTerm(Term):
         if len(collisions) == 0:
             return None
         rubbing = ipctk.TangentialCollisions()
-        rubbing.build(self._mesh, self.before, collisions, self._potential, self.friction_coefficient)
+        barrier = self._barrier(self.pressure_before)
+        rubbing.build(self._mesh, self.before, collisions, barrier, self.friction_coefficient)
         return rubbing
 
-    def _pushing(self, V: Floats) -> list[tuple[Any, Any, Floats]]:
-        """The active potentials with vertices at V (n, 3), each with its contacts, and the positions or slips of its
-        evaluation.
-        """
+    def _pushing(self, given: Given) -> list[tuple[Any, Any, Floats]]:
+        """The active potentials at a state, each with its contacts, and the positions or slips of its evaluation."""
         import ipctk
 
+        V = self._vertices(given.state.x)
         collisions = self._collisions(V)
-        pushing = [(self._potential, collisions, V)] if len(collisions) else []
+        pushing = [(self._barrier(self.stiffness.at(given.theta)), collisions, V)] if len(collisions) else []
         if self.before is not None and self._rubbing is not None:
             slip = np.asfortranarray(V - self.before)
             pushing.append((ipctk.FrictionPotential(self.creep * self.step), self._rubbing, slip))
@@ -153,12 +168,12 @@ class WireContactTerm(Term):
     def _mesh(self) -> Any:
         return collision_mesh(self.X, self.edges, self.faces, self.patch, self.apart)
 
-    @cached_property
-    def _potential(self) -> Any:
+    def _barrier(self, pressure: float) -> Any:
+        """The barrier between wires of a stiffness [Pa]."""
         import ipctk
 
         # An edge's "area" is its length: wires meet in a strip, about as wide as the gap.
-        stiffness = self.stiffness if len(self.faces) else self.stiffness * self.gap
+        stiffness = pressure if len(self.faces) else pressure * self.gap
         return ipctk.BarrierPotential(self.gap, stiffness, use_physical_barrier=True)
 
 

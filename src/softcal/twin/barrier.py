@@ -14,14 +14,14 @@ from softcal.declare import Declared
 from softcal.errors import Fault, InputError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import boundary_faces, edges_of
-from softcal.materials.catalogue import LAWS
+from softcal.mechanics.contact_stiffness import ContactStiffness
 from softcal.quantities import Friction, Modulus, Size, Speed
 
 if TYPE_CHECKING:
     from softcal.twin.robot import Body, Plate, Rod
 
 DEPTH = 0.04  # of a surface's mean edge or a disc's thickness
-STIFF = 4.0  # of the largest modulus: the neck's tension is then within 1 % of the limit of small overlaps
+STIFF = 4.0  # of the mean modulus: the neck's tension is then within 1 % of the limit of small overlaps
 GAP = 0.02  # of a wire's diameter
 FITTED: Any = None  # a value that a robot chooses for its parts
 
@@ -31,7 +31,8 @@ class Contact(Declared):
     """Contact between surfaces of bodies, discs and wires of rods, which prevents interpenetration.
 
     depth, stiffness and gap set how far touching surfaces overlap, or wires stay apart, not their contact force. Where
-    omitted, a `Robot` chooses lengths small relative to its meshes and wires, and four times its largest modulus.
+    omitted, a `Robot` chooses lengths small relative to its meshes and wires; the stiffness is then four times the
+    mean modulus of the bodies, or of the rods for their contact, at every value of their parameters.
 
     Attributes
     ----------
@@ -49,7 +50,7 @@ class Contact(Declared):
     depth: Size = FITTED
 
     def fitted(self, bodies: Sequence[Body], rods: Sequence[Rod], plates: Sequence[Plate]) -> Contact:
-        """With what is omitted chosen for the parts of a robot.
+        """With the lengths that are omitted chosen for the parts of a robot.
 
         Raises
         ------
@@ -60,17 +61,25 @@ class Contact(Declared):
         attempt = "no contact, or one rod of one section for each piece"
         if varied := [rod.name for rod in rods if not rod.section.is_uniform]:
             raise InputError([Fault(what, name, "a section that varies", allowed, attempt) for name in varied])
-        depth, stiffness, gap = self.depth, self.stiffness, self.gap
+        depth, gap = self.depth, self.gap
         if depth is FITTED:
             thick = [plate.disc.thickness for plate in plates if plate.disc is not None]
             edges = [float(edge_lengths(body.mesh).mean()) for body in bodies]
             depth = DEPTH * min(edges + thick, default=1.0)
-        if stiffness is FITTED:
-            moduli = [LAWS.named(body.law).youngs_modulus(body.parameters) for body in bodies]
-            stiffness = STIFF * max([*moduli, *(rod.parameters["youngs_modulus"] for rod in rods)], default=1.0)
         if gap is FITTED:
             gap = GAP * min([wire_diameter(rod) for rod in rods], default=1.0)
-        return replace(self, gap=gap, stiffness=stiffness, depth=depth)
+        return replace(self, gap=gap, depth=depth)
+
+    @property
+    def follows_moduli(self) -> bool:
+        """Whether the surfaces' pressure is in proportion to the moduli."""
+        return self.stiffness is FITTED
+
+    def pressure(self, parts: Sequence[Body | Rod]) -> ContactStiffness:
+        """The stiffness; where it is omitted, that for parts that touch."""
+        if not self.follows_moduli:
+            return ContactStiffness(self.stiffness)
+        return ContactStiffness(STIFF, {part.name: part.elasticity for part in parts})
 
 
 def wire_diameter(rod: Rod) -> float:

@@ -15,6 +15,7 @@ from softcal.geometry.ring import across, ring_points
 from softcal.geometry.surface import edges_of
 from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.contact_kernels import distances
+from softcal.mechanics.contact_stiffness import ContactStiffness
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.mechanics.wire_contact import WireContactTerm, passes_through
 from softcal.twin.barrier import Contact, edge_lengths, wire_diameter
@@ -60,18 +61,19 @@ def build_contacts(
     discs = [first[plate.name] + disc_skin(plate.disc)[1] for plate in robot.plates if plate.disc is not None]
     if meshes or discs:
         terms.append(_surfaces(robot, robot.contact, layout, meshes, first))
+    stiffness = robot.contact.pressure(robot.rods)
     for diameter in sorted({wire_diameter(rod) for rod in robot.rods}):
         rods = [rod for rod in robot.rods if wire_diameter(rod) == diameter]
         wires = np.concatenate([first[r.name] + np.arange(len(r.centreline.nodes) - 1)[:, None] + [0, 1] for r in rods])
         apart = [first[r.name] + _neighbours(r, NEIGHBOURS * diameter) for r in rods]
         apart.append(_around_plates(rods, first, NEIGHBOURS * diameter))
         none = np.zeros((0, 3), dtype=np.int64)
-        terms.append(_wires(robot.contact, layout, wires, none, diameter, np.concatenate(apart)))
+        terms.append(_wires(robot.contact, stiffness, layout, wires, none, diameter, np.concatenate(apart)))
         if discs:
             faces = np.concatenate(discs)
             near = [_ends_on_disc(rod, plate, first, NEIGHBOURS * diameter) for rod in rods for plate in robot.plates]
             edges = np.concatenate([wires, edges_of(faces)])
-            term = _wires(robot.contact, layout, edges, faces, 0.5 * diameter, np.concatenate(near))
+            term = _wires(robot.contact, stiffness, layout, edges, faces, 0.5 * diameter, np.concatenate(near))
             # Contact between discs, and between wires, is in other terms.
             terms.append(replace(term, patch=np.isin(term.points, faces).astype(np.int64)))
     return tuple(terms)
@@ -85,13 +87,15 @@ def _surfaces(
     skins = {name: body_skin(mesh) for name, mesh in meshes.items()} | discs
     skin = joined(skins, first, len(layout.X))
     bonded = bonded_pairs(robot, numbers(skins), skin.X)
-    term = pressing_skins(skin, contact, layout, bonded)
+    term = pressing_skins(skin, contact, contact.pressure(robot.bodies or robot.rods), layout, bonded)
     if passes_through(term.X[len(term.reach) :], skin.triangles, bonded):
         raise MeshError(Fault("surfaces pass through each other at rest", where="contact"))
     return term
 
 
-def pressing_skins(skin: CoredSkin, contact: Contact, layout: Layout, bonded: Ints) -> ContactTerm:
+def pressing_skins(
+    skin: CoredSkin, contact: Contact, stiffness: ContactStiffness, layout: Layout, bonded: Ints
+) -> ContactTerm:
     """The contact of skins by the layout's points: every point on a surface presses, and has a core below it.
 
     bonded: pairs of the skin's points that do not touch (n, 2).
@@ -110,7 +114,7 @@ def pressing_skins(skin: CoredSkin, contact: Contact, layout: Layout, bonded: In
         faces=n + faces,
         reach=np.full(n, contact.depth),
         depth=contact.depth,
-        stiffness=contact.stiffness,
+        stiffness=stiffness,
         apart=_apart(press.base, faces, bonded),
         group=rigid_groups(weights, moving_together(layout, points)),
         friction_coefficient=contact.friction_coefficient,
@@ -165,7 +169,13 @@ def _from_where_it_is(term: ContactTerm, normals: Floats, skin: Floats) -> Conta
 
 
 def _wires(
-    contact: Contact, layout: Layout, edges: Ints, faces: Ints, thickness: float, apart: Ints
+    contact: Contact,
+    stiffness: ContactStiffness,
+    layout: Layout,
+    edges: Ints,
+    faces: Ints,
+    thickness: float,
+    apart: Ints,
 ) -> WireContactTerm:
     """The contact of rods with each other, or with discs; wires that are near at rest push from where they are."""
     points = np.unique(np.concatenate([edges.ravel(), faces.ravel()]))
@@ -176,7 +186,7 @@ def _wires(
         faces=np.searchsorted(points, faces),
         gap=contact.gap,
         thickness=thickness,
-        stiffness=WIRES * contact.stiffness,
+        stiffness=replace(stiffness, factor=WIRES * stiffness.factor),
         apart=np.sort(np.searchsorted(points, apart), axis=1),
         patch=moving_together(layout, points),
         friction_coefficient=contact.friction_coefficient,

@@ -34,7 +34,7 @@ def build_skins(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first:
     skin = joined(skins, first, len(layout.X))
     points, weights = columns(skin.weights)
     bonded = bonded_pairs(robot, numbers(skins), skin.X)
-    touch = pressing_skins(skin, contact, layout, bonded)
+    touch = pressing_skins(skin, contact, contact.pressure(robot.bodies), layout, bonded)
     begin = np.array([first[name] for name in skins])
     order = np.argsort(begin)
 

@@ -29,6 +29,7 @@ from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.materials.histories import history_of
 from softcal.materials.inelastic import History
 from softcal.materials.law import Law, with_least_shift
+from softcal.materials.neo_hooke import NEO_HOOKE
 from softcal.materials.parameter import Parameter
 from softcal.mechanics.elements import DEFAULT, ElementName
 from softcal.mechanics.mesh_motion import MeshMotion
@@ -190,6 +191,11 @@ class Rod(NamedPart):
     def materials(self) -> tuple[Material, ...]:
         """Every material, named as its parameters are: the rod's own, by its name, then `rod.inclusion`."""
         return materials_of(self, len(self.centreline.lengths))
+
+    @property
+    def elasticity(self) -> Law:
+        """A law with its constants, of the same moduli at small strain."""
+        return NEO_HOOKE
 
     @property
     def past(self) -> History:

@@ -47,8 +47,8 @@ def test_a_block_that_falls_does_not_bounce(step: float):
     response = simulate_in_time(robot, Schedule(np.array([0.0, 0.3]), {}), settings)
     assert response.succeeded, response.status
     z = response.channels["middle.z"] - FLOOR - 0.5 * EDGE
-    assert robot.contact is not None
-    near = 0.75 * robot.contact.depth
+    assert robot.fitted_contact is not None
+    near = 0.75 * robot.fitted_contact.depth
     lands = int(np.argmax(z < near))
     assert 0 < lands < len(z) - 1
     assert z[lands:].max() < near

@@ -105,9 +105,10 @@ def test_the_force_hardly_depends_on_the_depth():
     exact_stretch = 1.0 - (0.004 - APART) / (2 * SIDE)
     exact = 0.5 * E * (1.0 / exact_stretch - exact_stretch) * SIDE**2
     alone = simulate(replace(robot, contact=None), lifted(0.004), curve_tolerance=0.0)
-    assert robot.contact is not None
+    contact = robot.fitted_contact
+    assert contact is not None
     for factor in (1.0, 0.5):
-        closer = replace(robot, contact=replace(robot.contact, depth=factor * robot.contact.depth))
+        closer = replace(robot, contact=replace(contact, depth=factor * contact.depth))
         force = simulate(closer, lifted(0.004), curve_tolerance=0.0).channels["pull.tension"]
         errors.append(abs(float(force[0] - alone.channels["pull.tension"][0]) - exact) / exact)
     assert max(errors) < 1e-2
@@ -161,8 +162,8 @@ def test_rims_of_discs_meet_and_stay_apart():
         tension.append(response.channels["pull.tension"][-1])
         rims.append(lowest_rim(response.snapshots[-1], plates[1]) - 0.5 * thick)
     assert rims[0] < -1e-3
-    assert touching.contact is not None
-    assert -touching.contact.depth < rims[1] < 0.0
+    assert touching.fitted_contact is not None
+    assert -touching.fitted_contact.depth < rims[1] < 0.0
     assert tension[1] > 1.5 * tension[0]
 
 

@@ -29,6 +29,7 @@ from softcal.materials.parameter import Parameter
 INVARIANTS = ("I1", "I2", "J")
 ALONG = "I4"  # squared stretch along the direction of a law that has one
 STRETCHES = ("lambda1", "lambda2", "lambda3")
+SOME_INVARIANTS, SOME_STRETCHES = (3.2, 3.3, 1.05, 1.1), (0.1, -0.06, 0.03)  # of a deformation like any other
 COMPLEX_STEP = 1e-20  # of a constant: no difference is taken, so nothing is lost
 
 
@@ -117,6 +118,19 @@ class Law:
         """Small-strain Poisson's ratio at constants theta [SI]."""
         mu, K = self.shear_modulus(theta), self._compressed(theta)
         return (3.0 * K - 2.0 * mu) / (2.0 * (3.0 * K + mu))
+
+    def is_proportional(self, theta: Mapping[str, float]) -> bool:
+        """Whether the energy is proportional to all moduli among its constants together, at constants theta [SI]."""
+        compiled = compile_law(self)
+        twice = {p.name: (2.0 if p.quantity.unit == "Pa" else 1.0) * theta[p.name] for p in self.parameters}
+        of = SOME_STRETCHES if self.variables == STRETCHES else SOME_INVARIANTS[: len(self.variables)]
+
+        def sizes(at: Mapping[str, float]) -> Floats:
+            values = self._ordered(at)
+            parts = (compiled.rows(*of, *values), compiled.bulk(*values), compiled.shifted(*values)[0])
+            return np.concatenate([np.ravel(part).astype(float) for part in parts])
+
+        return bool(np.allclose(sizes(twice), 2.0 * sizes(theta), rtol=1e-12, atol=0.0))
 
     def _compressed(self, theta: Mapping[str, float]) -> float:
         """The small-strain bulk modulus [Pa], of both parts of the energy."""

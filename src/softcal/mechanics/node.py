@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -41,6 +42,12 @@ class Line:
     load: float = 1.0
     load_rate: float = 0.0
     elapsed: float = np.inf
+
+    @property
+    def key(self) -> Hashable:
+        """Equal for equal lines."""
+        arrays = (self.is_held, self.effort, self.coordinate, self.effort_rate, self.coordinate_rate)
+        return (*(array.tobytes() for array in arrays), self.load, self.load_rate, self.elapsed)
 
     def at(self, c: float) -> Controls:
         """Controls at the line's parameter c."""

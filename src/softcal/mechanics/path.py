@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ SMALLEST_STEP = 1e-4  # of the whole range: smallest step, at a limit point
 CLOSE = 1e-3  # of the path so far: accuracy with which a loss of stability is located
 SAME = 1e-6  # of the robot's extent: closer states count as equal
 MOST_SNAPS = 20  # of a path: more are unphysical, and each costs as much as many steps
+LAST = 1.3  # of a step: the last one may be that long, so that it is not much shorter than others
 GROWTH, CUT = 2.0, 0.4  # of a step, after fast convergence, and after a failure
 CUTS = 1  # of a step, before relaxation by `settled`: Newton's method may converge in a shorter step
 SHORTER, SHORTEST = 0.7, 0.05  # of a predicted step: near square-root branches a part of it is a better guess
@@ -79,7 +80,8 @@ class _Continuation:
 
     before: earlier nodes, for the curvature of the path; unstable: the nearest equilibrium ahead that was found
     unstable; work: so far; failing: the element that failed first in the last attempt, if that failed; is_cut: whether
-    a limit of the work ended the path.
+    a limit of the work ended the path; begun: key of the step since the last node, and the number of factorisations
+    before it.
     """
 
     statics: Statics
@@ -97,6 +99,7 @@ class _Continuation:
     work: PathWork = field(init=False)
     failing: Failing | None = None
     is_cut: bool = False
+    begun: tuple[Hashable, int] | None = None
 
     def __post_init__(self) -> None:
         self.work = PathWork(self.statics.limits, self.statics.n_factorisations)
@@ -122,29 +125,48 @@ class _Continuation:
         if over:
             self.is_cut = True
             return over
-        attempt, last = self._attempt(), self.last
+        c, step = self._ahead()
+        if self.begun is None and self._is_plain:
+            key = (self.line.key, self.names, self.mixed, self.last.c, c, step)
+            if (kept := statics.kept_node(key)) is not None:
+                self._add(kept.node, kept.next_step)
+                return ""
+            self.begun = key, statics.n_factorisations
+        attempt, last = self._attempt(c, step), self.last
         solved = self.statics.equilibrium(attempt.begin, self.line.at(attempt.c))
         node = None
         if solved.converged:
-            is_long = CUT * attempt.step >= SMALLEST_STEP * self.whole
+            is_long = CUT * step >= SMALLEST_STEP * self.whole
             if is_long and strays(self.statics, last.state, attempt.guess, solved.state):
-                self.length = CUT * attempt.step
+                self.length = CUT * step
                 return ""
-            node = node_at(self.statics, self.line, attempt.c, solved.state, self.names, mixed=self.mixed)
+            node = node_at(self.statics, self.line, c, solved.state, self.names, mixed=self.mixed)
             if node.is_stable:
-                self._add(node, _next_length(attempt.step, solved.n_iterations))
+                self._add(node, _next_length(step, solved.n_iterations))
                 return ""
         self.failing = None if node is not None else statics.system.failing(solved.state)
         self.tried.append(attempt if node is None else replace(attempt, begin=node.state))
         return "" if self._settle() or self._shorten(attempt, node) else self._snap(attempt, node, solved.status)
 
-    def _attempt(self) -> _Attempt:
-        """The next step, with its prediction; steps divide the remaining range evenly."""
+    @property
+    def _is_plain(self) -> bool:
+        """Whether the next node depends on the controls' line and the next step alone."""
+        last = self.last
+        return not (self.before or self.tried or self.unstable or last.is_snapped or last.has_snapped)
+
+    def _ahead(self) -> tuple[float, float]:
+        """The next c, and the step to it. Steps do not depend on the end, except the last one, which is not short."""
         last, remaining = self.last, self.end - self.last.c
-        step = min(remaining / max(1, int(np.ceil(remaining / self.length - 1e-9))), self.largest_step)
+        step = min(self.length, self.largest_step)
+        if remaining < LAST * step:
+            step = min(remaining, self.largest_step)
         if self.unstable is not None:
             step = min(step, 0.5 * (self.unstable.c - last.c))
-        c = self.end if abs(last.c + step - self.end) < 1e-12 * self.whole else last.c + step
+        return (self.end if abs(last.c + step - self.end) < 1e-12 * self.whole else last.c + step), step
+
+    def _attempt(self, c: float, step: float) -> _Attempt:
+        """The step to c, with its prediction."""
+        last = self.last
         go_on_from(self.statics, last)
         ahead = _predicted_step(self.statics.system.layout, [*self.before, *self.nodes], c)
         guess = self.statics.reachable(last.state, ahead)
@@ -196,13 +218,18 @@ class _Continuation:
 
     def _add(self, node: Node, length: float) -> None:
         """Append a node, and set the length of the step from there."""
-        self.nodes.append(replace(node, has_snapped=self.last.has_snapped or self.last.is_snapped))
+        has_snapped = self.last.has_snapped or self.last.is_snapped
+        self.nodes.append(replace(node, has_snapped=has_snapped) if has_snapped else node)
         self.work.gain(node.c - self.nodes[0].c, self.statics.n_factorisations)
         self.length = length
         self.failing = None
         self.tried.clear()
         if self.unstable is not None and self.unstable.c - node.c < self._close(node.c):
             self.unstable = None
+        if self.begun is not None and self._is_plain:
+            key, before = self.begun
+            self.statics.keep(key, self.last, length, since=before)
+        self.begun = None
 
     def _close(self, c: float) -> float:
         return CLOSE * max(c - self.nodes[0].c, SMALLEST_STEP * self.whole)
@@ -286,15 +313,26 @@ def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
         Where no equilibrium was found from there.
     """
     before, after = neighbours(path, c)
+    key, n = (line.key, path.names, before.c, after.c, c), statics.n_factorisations
+    is_plain = not (before.has_snapped or before.is_snapped)
+    if is_plain and (kept := statics.kept_node(key)) is not None:
+        return kept.node
+    node = _between(statics, line, before, after, c, path.names)
+    if is_plain and not node.is_snapped:
+        statics.keep(key, node, 0.0, since=n)
+    return node
+
+
+def _between(statics: Statics, line: Line, before: Node, after: Node, c: float, names: tuple[str, ...]) -> Node:
     go_on_from(statics, before)
     guess = interpolated(statics.system.layout, before, after, c)
     if statics.system.free_way(before.state, guess) == 1.0:
         solved = statics.equilibrium(guess, line.at(c))
         if solved.converged:
-            node = node_at(statics, line, c, solved.state, path.names)
+            node = node_at(statics, line, c, solved.state, names)
             if node.is_stable:
                 return replace(node, has_snapped=before.has_snapped or before.is_snapped)
-    way = follow(statics, line, before, c, first_step=0.3 * (c - before.c), names=path.names)
+    way = follow(statics, line, before, c, first_step=0.3 * (c - before.c), names=names)
     if not way.reached:
         raise SimulationError(f"No equilibrium between two neighbouring ones: {way.status}.")
     return replace(way.nodes[-1], is_snapped=any(node.is_snapped for node in way.nodes[1:]))

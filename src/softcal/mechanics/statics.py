@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.bordered import EXACT, BorderedTangent
+from softcal.mechanics.kept_nodes import Kept, KeptNodes
 from softcal.mechanics.path_limits import PathLimits
 from softcal.mechanics.state import State, moved
 from softcal.mechanics.system import Controls, Linearisation, System
 from softcal.mechanics.wire_contact import CLEARANCE
+
+if TYPE_CHECKING:
+    from softcal.mechanics.node import Node
 
 TOLERANCE = 1e-9  # residual over its scale
 FREE = 1e-6  # of the forces: largest force along a free mode, for a motion as long as the robot; less counts as zero
@@ -65,11 +70,19 @@ class Equilibrium:
 class Statics:
     """A system at parameters theta, and its tangent, whose factorisation is kept from solve to solve.
 
-    limits: of the work on each load path; the processor time counts from here on.
+    limits: of the work on each load path; the processor time counts from here on. kept: nodes of other
+    paths at theta, where these are kept.
     """
 
-    def __init__(self, system: System, theta: Mapping[str, float], limits: PathLimits | None = None) -> None:
+    def __init__(
+        self,
+        system: System,
+        theta: Mapping[str, float],
+        limits: PathLimits | None = None,
+        kept: KeptNodes | None = None,
+    ) -> None:
         self.system = system
+        self._kept, self._n_repeated = kept, 0
         self.limits, self.begun = limits or PathLimits(), time.process_time()
         self.theta = dict(theta)
         sizes = system.sizes(theta)
@@ -90,8 +103,19 @@ class Statics:
 
     @property
     def n_factorisations(self) -> int:
-        """Number of factorisations so far."""
-        return self.tangent.n_factorisations
+        """Number of factorisations so far, with those of kept nodes."""
+        return self.tangent.n_factorisations + self._n_repeated
+
+    def kept_node(self, key: Hashable) -> Kept | None:
+        """A node that was kept, whose factorisations count again."""
+        kept = None if self._kept is None else self._kept.get(key)
+        self._n_repeated += 0 if kept is None else kept.n_factorisations
+        return kept
+
+    def keep(self, key: Hashable, node: Node, next_step: float, *, since: int) -> None:
+        """Keep a node, where nodes are kept, that took the factorisations since a number of them."""
+        if self._kept is not None:
+            self._kept.keep(key, Kept(node, next_step, self.n_factorisations - since))
 
     def norm(self, at: Linearisation) -> float:
         """The residual over its scale: forces over the reactions, volumes over a node's, coordinates over theirs.

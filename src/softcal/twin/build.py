@@ -17,6 +17,7 @@ from softcal.mechanics.attachment import attach_ball, attach_point, attach_rate
 from softcal.mechanics.cable_routes import build_cables
 from softcal.mechanics.crossing import Skins
 from softcal.mechanics.elements import ELEMENTS
+from softcal.mechanics.kept_nodes import KeptPaths
 from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
 from softcal.mechanics.mesh_motion import MeshMotion
 from softcal.mechanics.rod import build_rod
@@ -78,6 +79,11 @@ class Twin:
     def column(self, carrier: str, kind: ChannelKind) -> int:
         """The column of one channel."""
         return self.columns[ChannelName(kind, carrier)]
+
+    @cached_property
+    def kept(self) -> KeptPaths:
+        """The nodes of its load paths so far."""
+        return KeptPaths()
 
     @cached_property
     def skins(self) -> Skins | None:

@@ -55,25 +55,25 @@ def build_contacts(
     MeshError
         Where surfaces pass through each other at rest.
     """
-    if robot.contact is None:
+    if (contact := robot.fitted_contact) is None:
         return ()
     terms: list[ContactTerm | WireContactTerm] = []
     discs = [first[plate.name] + disc_skin(plate.disc)[1] for plate in robot.plates if plate.disc is not None]
     if meshes or discs:
-        terms.append(_surfaces(robot, robot.contact, layout, meshes, first))
-    stiffness = robot.contact.pressure(robot.rods)
+        terms.append(_surfaces(robot, contact, layout, meshes, first))
+    stiffness = contact.pressure(robot.rods)
     for diameter in sorted({wire_diameter(rod) for rod in robot.rods}):
         rods = [rod for rod in robot.rods if wire_diameter(rod) == diameter]
         wires = np.concatenate([first[r.name] + np.arange(len(r.centreline.nodes) - 1)[:, None] + [0, 1] for r in rods])
         apart = [first[r.name] + _neighbours(r, NEIGHBOURS * diameter) for r in rods]
         apart.append(_around_plates(rods, first, NEIGHBOURS * diameter))
         none = np.zeros((0, 3), dtype=np.int64)
-        terms.append(_wires(robot.contact, stiffness, layout, wires, none, diameter, np.concatenate(apart)))
+        terms.append(_wires(contact, stiffness, layout, wires, none, diameter, np.concatenate(apart)))
         if discs:
             faces = np.concatenate(discs)
             near = [_ends_on_disc(rod, plate, first, NEIGHBOURS * diameter) for rod in rods for plate in robot.plates]
             edges = np.concatenate([wires, edges_of(faces)])
-            term = _wires(robot.contact, stiffness, layout, edges, faces, 0.5 * diameter, np.concatenate(near))
+            term = _wires(contact, stiffness, layout, edges, faces, 0.5 * diameter, np.concatenate(near))
             # Contact between discs, and between wires, is in other terms.
             terms.append(replace(term, patch=np.isin(term.points, faces).astype(np.int64)))
     return tuple(terms)

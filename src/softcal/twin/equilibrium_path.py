@@ -29,6 +29,7 @@ DERIVATIVES = 10.0  # times the curve's tolerance: that of the channels' derivat
 FEW_NODES, NODES_FOR_DERIVATIVES = 16, 4  # limit for derivatives, and per node for the values: kinks never converge
 LEAST_MOTION = 1e-4  # [rad], or of the robot's extent: lower limit of a channel's scale
 LEAST_SENSITIVITY = 1e-3  # of the most sensitive channel's: the same for derivatives
+FEW = 2  # samples in an interval of the curve, of which one becomes a node
 MAX_REFINEMENTS = 24  # a region of high curvature may be a thousandth of the curve's length
 
 
@@ -126,8 +127,8 @@ class EquilibriumPath:
         return self.readings[node]
 
     def refined(self, path: Path, samples: Floats, *, of_tension: bool = False) -> tuple[Path, Curve]:
-        """The path, refined until the curve is within tolerance at the samples (n,): shortenings [m], by nodes at some
-        of them, or tensions [N], wherever it may reach them. It stays as it is where it was stopped.
+        """The path, refined until the curve is within tolerance at the samples (n,): shortenings [m], by nodes between
+        many or at some of them, or tensions [N], wherever it may reach them. It stays as it is where it was stopped.
 
         A kink, as where surfaces meet, is within no tolerance: there every shortening becomes a node.
         """
@@ -151,8 +152,10 @@ class EquilibriumPath:
             if of_tension:
                 is_read = curve.may_pass(self.column(TENSION), samples)
             elif len(left := self.missing(path, samples)):
-                new = left[np.abs(left[:, None] - new).argmin(axis=0)]
-                is_read = (curve.c[:-1] < new) & (new < curve.c[1:])
+                # Among many samples a node is independent of their places, as of the slack, and is kept for others.
+                inside = np.diff(np.searchsorted(left, curve.c))
+                new = np.where(inside > FEW, new, left[np.abs(left[:, None] - new).argmin(axis=0)])
+                is_read = inside > 0
             else:
                 break
             is_coarse = is_read & (curve.error() > self.tolerance * scale[:, 0]).any(axis=1)

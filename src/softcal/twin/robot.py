@@ -361,7 +361,7 @@ class Robot(Checked):
     ----------
     bodies, plates, cables, loads, rods, ties, markers, sensors : The parts; no two share a name
     gravity : Acceleration (3,) [m/s^2]
-    contact : Contact of the parts, its omitted values chosen for them; None: they may overlap
+    contact : Contact of the parts; None: they may overlap
     limits : Limits of the work on each of its load paths
     """
 
@@ -387,7 +387,12 @@ class Robot(Checked):
         if not self.bodies and not self.rods:
             raise InputError(Fault("the robot has nothing that bends", got="no body and no rod", allowed="one or more"))
         if self.contact is not None:
-            object.__setattr__(self, "contact", self.contact.fitted(self.bodies, self.rods, self.plates))
+            self.contact.fitted(self.bodies, self.rods, self.plates)  # refuses rods that it does not fit
+
+    @property
+    def fitted_contact(self) -> Contact | None:
+        """The contact with the lengths that are omitted chosen for the parts; None: they may overlap."""
+        return None if self.contact is None else self.contact.fitted(self.bodies, self.rods, self.plates)
 
     @property
     def deformable(self) -> tuple[Body | Rod, ...]:

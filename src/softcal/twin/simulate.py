@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 
 from softcal.errors import Fault, ParameterError
+from softcal.mechanics.kept_nodes import KeptNodes
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.equilibrium_path import EquilibriumPath
 from softcal.twin.many import simulate_many
 from softcal.twin.parameters import robot_parameters, unknown_name, value_faults, with_shape
+from softcal.twin.proportional import at_moduli, at_own_moduli
 from softcal.twin.protocol import Protocol, command_faults
 from softcal.twin.response import Response, Shown
 from softcal.twin.robot import Robot
@@ -136,21 +139,31 @@ def respond(
     if commanded and twin.system.remembers:
         got, why = ", ".join(sensitivities), "a state depends on the commands of all samples before it, too"
         raise ParameterError(Fault(why, "sensitivities", got, "parameters of the robot"))
-    statics = Statics(twin.system, theta, twin.robot.limits)
-    try:
-        driven = [
-            name
-            for name, command in protocol.commands.items()
-            if command.control == "shortening" or np.any(command.values != 0.0)
-        ]
-        if len(driven) > 1 or twin.system.remembers:
+    driven = [
+        name
+        for name, command in protocol.commands.items()
+        if command.control == "shortening" or np.any(command.values != 0.0)
+    ]
+    if len(driven) > 1 or twin.system.remembers:
+        with _statics(twin, theta) as statics:
             return simulate_many(
                 twin, statics, protocol, names, snapshots=snapshots, crossings=crossings, commanded=commanded
             )
+    is_pulled_in = len(driven) == 1 and protocol.commands[driven[0]].control == "shortening"
+    own, s = at_own_moduli(twin, theta) if is_pulled_in and not snapshots else (theta, 1.0)
+    with _statics(twin, own, twin.kept.at(own)) as statics:
         tolerance = 0.0 if snapshots == "samples" else curve_tolerance
         along = EquilibriumPath(twin, statics, names, driven[0] if driven else None, tolerance)
         response = Sweep(along, snapshots, crossings).response(protocol)
-        return _with_commands(response, driven, commanded)
+    return at_moduli(twin, _with_commands(response, driven, commanded), s)
+
+
+@contextmanager
+def _statics(twin: Twin, theta: Mapping[str, float], kept: KeptNodes | None = None) -> Generator[Statics]:
+    """Statics whose factors are released at the end."""
+    statics = Statics(twin.system, theta, twin.robot.limits, kept)
+    try:
+        yield statics
     finally:
         statics.release()
 

@@ -1,0 +1,63 @@
+"""Nodes of load paths, kept for further simulations at the same parameters.
+
+A search, a grid or a second test comes back to the same parameters with other samples. A node depends on the nodes
+before it and not on the samples, so that with kept nodes a path is the same to the last digit. Their factorisations
+count again, as part of the path's work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from softcal.mechanics.node import Node
+
+ROOM = 256e6  # [bytes] of all nodes of one twin
+
+
+class Kept(NamedTuple):
+    """A node, the length of the step that follows it, and the number of factorisations that it took."""
+
+    node: Node
+    next_step: float
+    n_factorisations: int
+
+    @property
+    def size(self) -> int:
+        """Of its arrays [bytes]."""
+        node, state = self.node, self.node.state
+        arrays = (state.x, state.pressure, node.slope, node.by_parameter, node.mixed, node.free)
+        return sum(array.nbytes for array in arrays)
+
+
+class KeptNodes:
+    """The nodes at one theta, by what each depends on."""
+
+    def __init__(self) -> None:
+        self._nodes: dict[Hashable, Kept] = {}
+        self.size = 0
+
+    def get(self, key: Hashable) -> Kept | None:
+        return self._nodes.get(key)
+
+    def keep(self, key: Hashable, kept: Kept) -> None:
+        self._nodes[key] = kept
+        self.size += kept.size
+
+
+class KeptPaths:
+    """The kept nodes of a twin at each theta, the least recent of which are dropped where they need too much room."""
+
+    def __init__(self, room: float = ROOM) -> None:
+        self.room = room
+        self._at: dict[Hashable, KeptNodes] = {}
+
+    def at(self, theta: Mapping[str, float]) -> KeptNodes:
+        """The nodes at theta."""
+        key = tuple(sorted(theta.items()))
+        nodes = self._at.pop(key, None) or KeptNodes()
+        while self._at and nodes.size + sum(other.size for other in self._at.values()) > self.room:
+            self._at.pop(next(iter(self._at)), None)
+        self._at[key] = nodes
+        return nodes

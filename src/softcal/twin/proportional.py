@@ -1,0 +1,64 @@
+"""Robots whose forces are those of their materials alone: at moduli s times as large their shapes are the same, and
+their forces s times as large. One load path then serves every value of the modulus.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from softcal.checks import Floats
+from softcal.mechanics.term import part_theta
+from softcal.twin.build import Twin
+from softcal.twin.parameters import robot_parameters
+from softcal.twin.response import Response
+
+MODULUS = "Pa"
+WITHOUT_FORCE = ("1", "m", "rad", "rad/m", "kg", "kg/m^3")  # units of parameters that scale no force, without gravity
+DEGREES = {"N": 1, "m": 0, "rad": 0}  # of the channels of cables, plates and markers
+
+
+def at_own_moduli(twin: Twin, theta: Mapping[str, float]) -> tuple[dict[str, float], float]:
+    """theta with all moduli divided by s, so that the first has the robot's own value, and s; theta itself, and one,
+    where the robot's forces are not proportional to its moduli.
+    """
+    infos = robot_parameters(twin.robot)
+    moduli = [name for name, info in infos.items() if info.unit == MODULUS]
+    if not moduli or not _is_proportional(twin, theta):
+        return dict(theta), 1.0
+    first = moduli[0]
+    own = infos[first].value
+    s = theta[first] / own
+    return {**theta, **{name: theta[name] / s for name in moduli}, first: own}, s
+
+
+def at_moduli(twin: Twin, response: Response, s: float) -> Response:
+    """A response at moduli s times as large."""
+    moduli = {name for name, info in robot_parameters(twin.robot).items() if info.unit == MODULUS}
+
+    def scaled(channel: str, values: Floats, by: str = "") -> Floats:
+        return values * s ** (DEGREES[response.units[channel]] - (by in moduli))
+
+    return replace(
+        response,
+        channels={channel: scaled(channel, values) for channel, values in response.channels.items()},
+        slopes={channel: scaled(channel, values) for channel, values in response.slopes.items()},
+        sensitivities={
+            channel: {name: scaled(channel, values, name) for name, values in each.items()}
+            for channel, each in response.sensitivities.items()
+        },
+    )
+
+
+def _is_proportional(twin: Twin, theta: Mapping[str, float]) -> bool:
+    """Whether all forces are proportional to the moduli, by what the robot consists of."""
+    robot = twin.robot
+    return (
+        all(type(each.sensor).__module__.startswith("softcal.sensing.") for each in twin.sensors)
+        and not robot.loads
+        and not robot.remembers
+        and not (robot.gravity.any() and any(theta[n] for n in theta if n.endswith((".density", ".mass"))))
+        and (robot.contact is None or robot.contact.follows_moduli)
+        and all(info.unit in (MODULUS, *WITHOUT_FORCE) for info in robot_parameters(robot).values())
+        and all(body.elasticity.is_proportional(part_theta(theta, body.name)) for body in robot.bodies)
+    )

@@ -1,0 +1,127 @@
+"""Robots whose forces are those of their materials: one load path serves every modulus, and every set of samples."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softcal.materials.catalogue import LAWS
+from softcal.materials.law import Law
+from softcal.materials.neo_hooke import NEO_HOOKE
+from softcal.mechanics.statics import Statics
+from softcal.twin.barrier import Contact
+from softcal.twin.build import build_twin, twin_of
+from softcal.twin.parameters import parameter_values
+from softcal.twin.proportional import at_own_moduli
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import PointLoad, Robot
+from softcal.twin.simulate import simulate
+from tests.verification.test_closing_grooves import grooved, touching
+
+NAMES = ("block.youngs_modulus", "block.poissons_ratio")
+
+
+def pulled(*shortening: float) -> Protocol:
+    return Protocol({"front": Command("shortening", np.array(shortening))})
+
+
+def afresh(robot: Robot) -> Robot:
+    """An equal robot, of which no twin was built."""
+    return replace(robot)
+
+
+@pytest.mark.parametrize("robot", [grooved(), touching(grooved())], ids=["bends", "touches itself"])
+def test_a_path_at_another_modulus_costs_nothing(robot: Robot, monkeypatch: pytest.MonkeyPatch):
+    """And gives the same to the last digits, with its derivatives, as one that is followed there."""
+    samples = np.linspace(0.5e-3, 4e-3, 40)
+    simulate(robot, pulled(*samples), sensitivities=NAMES)
+    solved = list[int]()
+    solve = Statics.equilibrium
+    monkeypatch.setattr(Statics, "equilibrium", lambda *args: (solved.append(1), solve(*args))[1])
+    theta = {"block.youngs_modulus": 0.37e6}
+    again = simulate(robot, pulled(*samples), theta, sensitivities=NAMES)
+    assert not solved
+    fresh = simulate(afresh(robot), pulled(*samples), theta, sensitivities=NAMES)
+    assert solved
+    for channel, values in fresh.channels.items():
+        assert np.array_equal(again.channels[channel], values)
+        assert np.array_equal(again.slopes[channel], fresh.slopes[channel])
+        for name in NAMES:
+            assert np.array_equal(again.sensitivities[channel][name], fresh.sensitivities[channel][name])
+    assert again.status == fresh.status
+    assert again.n_factorisations == fresh.n_factorisations
+
+
+def test_other_samples_are_those_of_a_fresh_path():
+    robot, samples = touching(grooved()), np.linspace(0.2e-3, 4e-3, 60)
+    simulate(robot, pulled(*samples), sensitivities=NAMES)
+    later = pulled(*(samples - 0.13e-3))
+    again, fresh = (simulate(one, later, sensitivities=NAMES) for one in (robot, afresh(robot)))
+    for channel, values in fresh.channels.items():
+        assert np.array_equal(again.channels[channel], values)
+
+
+def test_derivatives_at_another_modulus_are_those_of_finite_differences():
+    robot, protocol, E = touching(grooved(element="P2P1")), pulled(1e-3, 3e-3), 3.1e6
+    at = {"block.youngs_modulus": E}
+    exact = simulate(robot, protocol, at, sensitivities=NAMES)
+    for name, value in zip(NAMES, (E, 0.4), strict=True):
+        h = 2e-4 * value
+        ahead, behind = (simulate(robot, protocol, {**at, name: value + s * h}) for s in (1, -1))
+        for channel in ("front.tension", "top.pitch"):
+            difference = (ahead.channels[channel] - behind.channels[channel]) / (2 * h)
+            rounding = 1e-8 * abs(ahead.channels[channel]).max() / value
+            np.testing.assert_allclose(exact.sensitivities[channel][name], difference, rtol=2e-3, atol=rounding)
+
+
+def factor(robot: Robot) -> float:
+    """Of the moduli, at twice the robot's own."""
+    theta = parameter_values(robot)
+    twice = {name: 2.0 * value if name.endswith("youngs_modulus") else value for name, value in theta.items()}
+    return at_own_moduli(build_twin(robot), twice)[1]
+
+
+def test_only_what_is_proportional_is_scaled():
+    robot = grooved()
+    (body,), (cable,) = robot.bodies, robot.cables
+    heavy = replace(robot, bodies=(replace(body, density=1000.0),))
+    down = np.array([0.0, 0.0, -9.81])
+    assert factor(robot) == factor(replace(robot, gravity=down)) == factor(heavy) == factor(touching(robot)) == 2.0
+    force = PointLoad("push", "block", body.mesh.points[-1], np.array([0.1, 0.0, 0.0]))
+    stretches = replace(cable, line=replace(cable.line, stiffness=1e4))
+    for other in (
+        replace(heavy, gravity=down),
+        replace(robot, loads=(force,)),
+        replace(robot, cables=(stretches,)),
+        replace(robot, contact=Contact(stiffness=1e6)),
+    ):
+        assert factor(other) == 1.0
+
+
+def test_a_law_with_a_force_of_its_own_is_not_proportional():
+    theta = {"youngs_modulus": 1e6, "poissons_ratio": 0.4}
+    own = replace(NEO_HOOKE, name="own", distortional=f"({NEO_HOOKE.distortional}) + 1e4*(I1 - 3)")
+    assert NEO_HOOKE.is_proportional(theta)
+    assert not own.is_proportional(theta)
+    assert not replace(NEO_HOOKE, name="own", bulk=f"({NEO_HOOKE.bulk}) + 1e4").is_proportional(theta)
+
+
+@pytest.mark.parametrize("name", list(LAWS))
+def test_every_law_of_the_catalogue_is_proportional(name: str):
+    law: Law = LAWS.named(name)
+    theta = {p.name: 1e6 * (1 + k) if p.quantity.unit == "Pa" else 0.3 + 0.01 * k for k, p in enumerate(law.parameters)}
+    theta |= {p.name: 3.0 for p in law.parameters if p.quantity.upper > 10.0 and p.quantity.unit == "1"}
+    assert law.is_proportional(theta)
+
+
+def test_nodes_are_kept_within_their_room():
+    twin = twin_of(grooved())
+    for k in range(4):
+        simulate(twin.robot, pulled(1e-3), {"block.poissons_ratio": 0.3 + 0.02 * k})
+    sizes = [nodes.size for nodes in twin.kept._at.values()]
+    assert len(sizes) == 4
+    twin.kept.room = 2.5 * max(sizes)
+    simulate(twin.robot, pulled(1e-3), {"block.poissons_ratio": 0.45})
+    assert 1 <= len(twin.kept._at) <= 3

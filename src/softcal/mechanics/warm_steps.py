@@ -2,7 +2,7 @@
 
 Where commands change little, so does the tangent. The chord method with a kept tangent K0,
 
-    z <- z - K0^-1 r(z),    from z + (dz/dcommand) dcommand,
+    z <- z - K0^-1 r(z),    from what the last equilibria predict (see `Trail`),
 
 shrinks the residual by about the relative change of the tangent in each iteration, and an iteration needs neither a
 tangent nor a factorisation. A new factorisation is made where the residual shrinks too slowly, and where the robot has
@@ -20,15 +20,17 @@ from softcal.errors import SimulationError
 from softcal.mechanics.march import Reached, Target, by_command, held_at, reach, remembered
 from softcal.mechanics.node import pushing, returning
 from softcal.mechanics.path import SAME
-from softcal.mechanics.state import State
+from softcal.mechanics.state import State, difference
 from softcal.mechanics.statics import TOLERANCE, Statics
 from softcal.mechanics.system import Controls
+from softcal.mechanics.trail import Trail
 
 SLOW = 0.3  # a residual that shrinks by less in two iterations needs another tangent; of forces and coordinates in turn
 ACCURATE = 0.01  # of the tolerance, where rounding admits it: so a state does not depend on the step to it
 MOST = 12  # iterations of a step in all
 MANY = 6  # iterations: a step that needs more leaves a new factorisation to the next one
 KEPT = 8  # iterations with a kept tangent at most; then follow some with that of the last iterate
+BENT = 0.5  # of a step, by which at most a prediction is off the tangent; a kink is no polynomial
 JUDGED = 0.05  # of the robot's extent: the longest way on which its stability is not judged
 
 
@@ -37,22 +39,15 @@ class _Kept:
     """A factorised tangent at a stable state, for the steps near it.
 
     number: of the factorisation among those of the statics; by_command (n_unknowns, n_actuators): dz / d command there;
-    changed: what the steps since then added to it; way: how far the robot moved since then [m].
+    trail: the last equilibria, also those before; way: how far the robot moved since then [m].
     """
 
     state: State
     is_held: np.ndarray
     number: int
     by_command: Floats
-    changed: Floats
+    trail: Trail
     way: float = 0.0
-
-    def learn(self, change: Floats, correction: Floats) -> None:
-        """Update dz / d command by Broyden's formula: `correction` (n_unknowns,) was missing in the prediction for a
-        change of the commands, each of which is weighed by the motion that it causes.
-        """
-        weighed = np.square(np.linalg.norm(self.by_command, axis=0)) * change
-        self.changed += correction[:, None] * (weighed / (weighed @ change))
 
 
 class WarmSteps:
@@ -185,17 +180,17 @@ class WarmSteps:
             return None
         every = np.arange(len(controls.is_held))
         rates = by_command(statics, state, controls, controls, every)
-        self._kept = _Kept(state, controls.is_held, statics.n_factorisations, rates, np.zeros_like(rates))
+        before, is_held = self._kept, controls.is_held
+        trail = before.trail if before is not None and np.all(before.is_held == is_held) else self._trail(state, controls)
+        self._kept = _Kept(state, is_held, statics.n_factorisations, rates, trail)
         return self._kept
 
     def _solved(self, kept: _Kept, controls: Controls) -> tuple[State, int] | None:
         """The equilibrium and the number of iterations; None where these converge too slowly, or may lead to another
         branch.
         """
-        statics, now = self.statics, self.last.controls
-        change = np.where(controls.is_held, controls.effort - now.effort, controls.coordinate - now.coordinate)
-        first = statics.system.layout.first_effort_unknown
-        ahead = (kept.by_command + kept.changed) @ change
+        statics = self.statics
+        ahead = self._ahead(kept, controls)
         if statics.limited(ahead) < 1.0:
             return None
         state = statics.reachable(self.last.state, ahead)
@@ -212,7 +207,7 @@ class WarmSteps:
                 way = statics.reach(ahead)
                 kept.way += way
                 if way > SAME * statics.length:  # a shorter step shows rounding errors
-                    kept.learn(change, correction)
+                    kept.trail = self._longer(kept.trail, state, controls)
                 return state, iteration + 1
             if is_slow or (iteration > KEPT and statics.n_factorisations == kept.number):
                 if statics.n_factorisations != kept.number or not residual < 1.0:
@@ -220,12 +215,35 @@ class WarmSteps:
                 statics.factorise(statics.system.linearise(state, controls, statics.theta))
                 residual, previous = np.inf, np.inf
             dz = -statics.solve(at.reduced)
-            if statics.n_factorisations == kept.number:
-                dz += kept.changed @ at.reduced[first:]
             correction += dz
             state = statics.reachable(state, dz)
             before, previous = previous, residual
         return None
+
+    def _ahead(self, kept: _Kept, controls: Controls) -> Floats:
+        """The step dz (n_unknowns,) that is predicted from the last equilibrium to other commands."""
+        statics, last = self.statics, self.last
+        commands = _commands(controls)
+        tangent = kept.by_command @ (commands - _commands(last.controls))
+        way = statics.reach(tangent)
+        if way <= SAME * statics.length:  # a polynomial would show rounding errors
+            return tangent
+        predicted = kept.trail.beyond(commands, kept.by_command)
+        ahead = difference(statics.system.layout, predicted, last.state)
+        if statics.reach(ahead - tangent) <= BENT * way:
+            return ahead
+        kept.trail = self._trail(last.state, last.controls)
+        return tangent
+
+    def _longer(self, trail: Trail, state: State, controls: Controls) -> Trail:
+        """The trail with one more equilibrium. It begins there where the last ones do not tell of the next: where the
+        robot remembers, or has turned too far from the first of them.
+        """
+        far = self.statics.limited(trail.add(_commands(controls), state)) < 1.0
+        return self._trail(state, controls) if far or self.statics.system.remembers else trail
+
+    def _trail(self, state: State, controls: Controls) -> Trail:
+        return Trail(self.statics.system.layout, _commands(controls), state)
 
     def _switches(self, state: State, controls: Controls, target: Controls) -> bool:
         """Whether an actuator commanded by its coordinate must be held at a limit of its effort, or no longer."""
@@ -244,3 +262,8 @@ class WarmSteps:
         way, off = (float(np.linalg.norm(dz[moving])) for dz in (ahead, correction))
         is_reversed = any(term.is_reversed(self.last.state.x, found.x) for term in statics.system.actuated)
         return is_reversed or off > way + SAME * statics.length
+
+
+def _commands(controls: Controls) -> Floats:
+    """The prescribed values (n_actuators,), of each actuator its effort or its coordinate."""
+    return np.where(controls.is_held, controls.effort, controls.coordinate)

@@ -48,10 +48,13 @@ def _weights(away: Floats) -> Floats:
     """Weights (k,) of values at points (k, m) for the value at the origin of a polynomial through them."""
     away = away[:, away.any(axis=0)]
     away = away / np.abs(away).max(initial=1e-300)
-    moments = [PRIORITY ** (DEGREE - d) * away[:, each].prod(axis=2) for d, each in enumerate(_monomials(away.shape[1]))]
+    moments = [
+        PRIORITY ** (DEGREE - d) * away[:, each].prod(axis=2) for d, each in enumerate(_monomials(away.shape[1]))
+    ]
     first = np.zeros(sum(block.shape[1] for block in moments))
     first[0] = PRIORITY**DEGREE
-    return np.linalg.lstsq(np.hstack(moments).T, first, rcond=None)[0]
+    weights = np.linalg.lstsq(np.hstack(moments).T, first, rcond=None)[0]
+    return weights / weights.sum()
 
 
 @cache

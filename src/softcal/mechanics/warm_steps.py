@@ -181,7 +181,9 @@ class WarmSteps:
         every = np.arange(len(controls.is_held))
         rates = by_command(statics, state, controls, controls, every)
         before, is_held = self._kept, controls.is_held
-        trail = before.trail if before is not None and np.all(before.is_held == is_held) else self._trail(state, controls)
+        trail = (
+            before.trail if before is not None and np.all(before.is_held == is_held) else self._trail(state, controls)
+        )
         self._kept = _Kept(state, is_held, statics.n_factorisations, rates, trail)
         return self._kept
 
@@ -236,11 +238,9 @@ class WarmSteps:
         return tangent
 
     def _longer(self, trail: Trail, state: State, controls: Controls) -> Trail:
-        """The trail with one more equilibrium. It begins there where the last ones do not tell of the next: where the
-        robot remembers, or has turned too far from the first of them.
-        """
+        """The trail with one more equilibrium, where it begins anew if the robot has turned far from the first one."""
         far = self.statics.limited(trail.add(_commands(controls), state)) < 1.0
-        return self._trail(state, controls) if far or self.statics.system.remembers else trail
+        return self._trail(state, controls) if far else trail
 
     def _trail(self, state: State, controls: Controls) -> Trail:
         return Trail(self.statics.system.layout, _commands(controls), state)

@@ -16,32 +16,47 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.state import State, difference, moved
+from softcal.mechanics.term import Controls
 
 MOST = 8  # equilibria
 DEGREE = 4  # of the polynomial
+SAME = 1e-9  # of the largest command: closer commands count as equal
 PRIORITY = 100.0  # weight of a degree over that of the next one
 
 
 class Trail:
-    """Equilibria with the same actuators driven, each at commands (n_actuators,)."""
+    """Equilibria under controls with the same actuators driven."""
 
-    def __init__(self, layout: Layout, commands: Floats, state: State) -> None:
-        self._layout, self._origin = layout, state
-        self._commands = commands[None]
+    def __init__(self, layout: Layout, controls: Controls, state: State) -> None:
+        self._layout, self._is_held, self._origin = layout, controls.is_held, state
+        self._commands = prescribed(controls)[None]
         self._steps = np.zeros((1, layout.n_unknowns))  # dz from the origin
 
-    def add(self, commands: Floats, state: State) -> Floats:
-        """Go on to a state; its distance dz (n_unknowns,) from the first one."""
-        step = difference(self._layout, state, self._origin)
-        self._commands = np.vstack([self._commands[1 - MOST :], commands])
-        self._steps = np.vstack([self._steps[1 - MOST :], step])
+    def leads_to(self, controls: Controls) -> bool:
+        """Whether these drive the same actuators."""
+        return bool(np.all(self._is_held == controls.is_held))
+
+    def add(self, controls: Controls, state: State) -> Floats:
+        """Go on to a state, in place of the last one where it has the same commands; its dz (n_unknowns,) from the
+        first one.
+        """
+        commands, step = prescribed(controls), difference(self._layout, state, self._origin)
+        is_same = np.abs(commands - self._commands[-1]).max() <= SAME * np.abs(commands).max()
+        kept = slice(None, -1) if is_same else slice(1 - MOST, None)
+        self._commands = np.vstack([self._commands[kept], commands])
+        self._steps = np.vstack([self._steps[kept], step])
         return step
 
-    def beyond(self, commands: Floats, by_command: Floats) -> State:
+    def beyond(self, controls: Controls, by_command: Floats) -> State:
         """The state predicted at other commands, with dz/dcommand (n_unknowns, n_actuators) of a tangent nearby."""
-        away = self._commands - commands
+        away = self._commands - prescribed(controls)
         weights = _weights(away * np.linalg.norm(by_command, axis=0))
         return moved(self._layout, self._origin, weights @ self._steps - by_command @ (weights @ away))
+
+
+def prescribed(controls: Controls) -> Floats:
+    """The prescribed values (n_actuators,), of each actuator its effort or its coordinate."""
+    return np.where(controls.is_held, controls.effort, controls.coordinate)
 
 
 def _weights(away: Floats) -> Floats:

@@ -23,7 +23,7 @@ from softcal.mechanics.path import SAME
 from softcal.mechanics.state import State, difference
 from softcal.mechanics.statics import TOLERANCE, Statics
 from softcal.mechanics.system import Controls
-from softcal.mechanics.trail import Trail
+from softcal.mechanics.trail import Trail, prescribed
 
 SLOW = 0.3  # a residual that shrinks by less in two iterations needs another tangent; of forces and coordinates in turn
 ACCURATE = 0.01  # of the tolerance, where rounding admits it: so a state does not depend on the step to it
@@ -39,14 +39,13 @@ class _Kept:
     """A factorised tangent at a stable state, for the steps near it.
 
     number: of the factorisation among those of the statics; by_command (n_unknowns, n_actuators): dz / d command there;
-    trail: the last equilibria, also those before; way: how far the robot moved since then [m].
+    way: how far the robot moved since then [m].
     """
 
     state: State
     is_held: np.ndarray
     number: int
     by_command: Floats
-    trail: Trail
     way: float = 0.0
 
 
@@ -72,6 +71,7 @@ class WarmSteps:
     def reset(self) -> None:
         """Return to the equilibrium of the beginning."""
         self.last, self.n_iterations = self.begin, 0
+        self._trail = self._begun(self.begin)
         self._kept: _Kept | None = None
 
     def to(self, aim: Target) -> Reached:
@@ -90,7 +90,7 @@ class WarmSteps:
         if reached is None:
             reached = self._marched(aim)
             self.n_iterations = 0
-        self.last = reached
+        self.last, self._trail = reached, self._followed(reached)
         return reached
 
     def factorise(self, state: State, controls: Controls) -> None:
@@ -134,6 +134,7 @@ class WarmSteps:
             effort = np.where(released, state.effort, controls.effort)
             controls = replace(controls, is_held=controls.is_held | released, effort=effort)
             self.last = replace(self.last, controls=controls, commanded=None)
+            self._trail = self._begun(self.last)
 
     def _marched(self, aim: Target) -> Reached:
         """The step along a load path: from the last equilibrium, or from the beginning where its line passes commands
@@ -180,11 +181,7 @@ class WarmSteps:
             return None
         every = np.arange(len(controls.is_held))
         rates = by_command(statics, state, controls, controls, every)
-        before, is_held = self._kept, controls.is_held
-        trail = (
-            before.trail if before is not None and np.all(before.is_held == is_held) else self._trail(state, controls)
-        )
-        self._kept = _Kept(state, is_held, statics.n_factorisations, rates, trail)
+        self._kept = _Kept(state, controls.is_held, statics.n_factorisations, rates)
         return self._kept
 
     def _solved(self, kept: _Kept, controls: Controls) -> tuple[State, int] | None:
@@ -203,13 +200,11 @@ class WarmSteps:
             at = statics.system.linearise(state, controls, statics.theta, tangent=False)
             residual = statics.norm(at) if at.is_admissible else np.inf
             is_slow = not residual < SLOW * before
-            if residual < ACCURATE * TOLERANCE or (is_slow and residual < TOLERANCE):
+            at_end = is_slow or iteration == MOST - 1
+            if residual < ACCURATE * TOLERANCE or (at_end and residual < TOLERANCE):
                 if self._strays(state, ahead, correction):
                     return None
-                way = statics.reach(ahead)
-                kept.way += way
-                if way > SAME * statics.length:  # a shorter step shows rounding errors
-                    kept.trail = self._longer(kept.trail, state, controls)
+                kept.way += statics.reach(ahead)
                 return state, iteration + 1
             if is_slow or (iteration > KEPT and statics.n_factorisations == kept.number):
                 if statics.n_factorisations != kept.number or not residual < 1.0:
@@ -225,25 +220,29 @@ class WarmSteps:
     def _ahead(self, kept: _Kept, controls: Controls) -> Floats:
         """The step dz (n_unknowns,) that is predicted from the last equilibrium to other commands."""
         statics, last = self.statics, self.last
-        commands = _commands(controls)
-        tangent = kept.by_command @ (commands - _commands(last.controls))
+        tangent = kept.by_command @ (prescribed(controls) - prescribed(last.controls))
         way = statics.reach(tangent)
         if way <= SAME * statics.length:  # a polynomial would show rounding errors
             return tangent
-        predicted = kept.trail.beyond(commands, kept.by_command)
+        predicted = self._trail.beyond(controls, kept.by_command)
         ahead = difference(statics.system.layout, predicted, last.state)
         if statics.reach(ahead - tangent) <= BENT * way:
             return ahead
-        kept.trail = self._trail(last.state, last.controls)
+        self._trail = self._begun(last)
         return tangent
 
-    def _longer(self, trail: Trail, state: State, controls: Controls) -> Trail:
-        """The trail with one more equilibrium, where it begins anew if the robot has turned far from the first one."""
-        far = self.statics.limited(trail.add(_commands(controls), state)) < 1.0
-        return self._trail(state, controls) if far else trail
+    def _followed(self, reached: Reached) -> Trail:
+        """The trail to an equilibrium; it begins there where the robot snapped, where other actuators are driven, or
+        where the robot has turned far from the first one.
+        """
+        controls = reached.controls
+        if reached.snaps or not self._trail.leads_to(controls):
+            return self._begun(reached)
+        step = self._trail.add(controls, reached.state)
+        return self._begun(reached) if self.statics.limited(step) < 1.0 else self._trail
 
-    def _trail(self, state: State, controls: Controls) -> Trail:
-        return Trail(self.statics.system.layout, _commands(controls), state)
+    def _begun(self, reached: Reached) -> Trail:
+        return Trail(self.statics.system.layout, reached.controls, reached.state)
 
     def _switches(self, state: State, controls: Controls, target: Controls) -> bool:
         """Whether an actuator commanded by its coordinate must be held at a limit of its effort, or no longer."""
@@ -262,8 +261,3 @@ class WarmSteps:
         way, off = (float(np.linalg.norm(dz[moving])) for dz in (ahead, correction))
         is_reversed = any(term.is_reversed(self.last.state.x, found.x) for term in statics.system.actuated)
         return is_reversed or off > way + SAME * statics.length
-
-
-def _commands(controls: Controls) -> Floats:
-    """The prescribed values (n_actuators,), of each actuator its effort or its coordinate."""
-    return np.where(controls.is_held, controls.effort, controls.coordinate)

@@ -182,6 +182,13 @@ def test_a_failure_is_a_sentence_and_the_twin_goes_on():
     assert_same(after, simulated(robot, {"front": "shortening"}, {"front": 0.0101}), live.units)
 
 
+def test_a_robot_without_cables_stays_at_rest():
+    live = LiveTwin(column_robot("P1", divisions=(1, 1, 3), cables=()))
+    rest = live.state
+    assert_same(live.at({}), rest.channels, live.units)
+    assert_same(live.at({}), rest.channels, live.units)
+
+
 def test_reset_returns_to_rest():
     live = LiveTwin(TWO)
     rest = live.state

@@ -41,7 +41,8 @@ class Trail:
         first one.
         """
         commands, step = prescribed(controls), difference(self._layout, state, self._origin)
-        is_same = np.abs(commands - self._commands[-1]).max() <= SAME * np.abs(commands).max()
+        change = np.abs(commands - self._commands[-1]).max(initial=0.0)
+        is_same = change <= SAME * np.abs(commands).max(initial=0.0)
         kept = slice(None, -1) if is_same else slice(1 - MOST, None)
         self._commands = np.vstack([self._commands[kept], commands])
         self._steps = np.vstack([self._steps[kept], step])

@@ -1,15 +1,21 @@
 """The live twin: states as those of `simulate`, in any order, and what it does where there is none."""
 
+from dataclasses import replace
 from unittest import mock
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from manipulator_case import CABLES, manipulator
 from mechanics_cases import column_robot, elastic, mirrored_box, side_cable
 
 from softcal.errors import ParameterError
 from softcal.mechanics import statics
+from softcal.mechanics.state import moved, rest_state
+from softcal.mechanics.term import Controls
+from softcal.mechanics.trail import Trail
+from softcal.twin.build import build_twin
 from softcal.twin.cables import Cable, CableLine, ViaPoint
 from softcal.twin.live import LiveTwin
 from softcal.twin.protocol import Command, Protocol
@@ -61,6 +67,78 @@ def test_small_steps_need_no_factorisation():
     assert all(0 < state.n_iterations < 6 and "iterations" in state.status for state in states)
 
 
+def test_the_last_equilibria_predict_the_next_one():
+    live = LiveTwin(ROBOT)
+    states = [live.at({"front": d}) for d in 0.01 + 0.001 * np.sin(np.arange(40) / 12.0)]
+    assert np.mean([state.n_iterations for state in states[8:]]) < 2.5
+
+
+def test_they_predict_it_by_several_commands_too():
+    live = LiveTwin(TWO, {"front": "tension", "back": "shortening"})
+    angles = np.arange(60) / 15.0
+    each = [{"front": 2.0 + 0.5 * np.sin(a), "back": 0.006 + 0.001 * np.cos(a)} for a in angles]
+    states = [live.at(commands) for commands in each]
+    assert np.mean([state.n_iterations for state in states[8:]]) < 3.5
+    controls = {"front": "tension", "back": "shortening"}
+    assert_same(states[-1], simulated(TWO, controls, each[-1]), live.units)
+
+
+def test_they_are_counted_on_after_load_paths():
+    """Six cables bend slender rods so far in a step that the first ones follow load paths."""
+    live = LiveTwin(manipulator(), "tension")
+    each = [{name: 6.0 + 5.0 * np.sin(k / 25.0 + j) for j, name in enumerate(CABLES)} for k in range(40)]
+    states = [live.at(commands) for commands in each]
+    assert sum(state.n_iterations == 0 for state in states) <= 6
+    assert_same(states[-1], simulated(manipulator(), dict.fromkeys(CABLES, "tension"), each[-1]), live.units)
+
+
+def test_equilibria_beyond_a_kink_are_not_counted_on():
+    live = LiveTwin(ROBOT)
+    for d in (0.01, 0.0101):
+        live.at({"front": d})
+    steps = live._steps
+    steps._trail.add(replace(steps.last.controls, coordinate=np.array([0.01005])), steps.begin.state)
+    state = live.at({"front": 0.0102})
+    assert 0 < state.n_iterations <= 6
+    assert_same(state, simulated(ROBOT, {"front": "shortening"}, {"front": 0.0102}), live.units)
+    after = [live.at({"front": d}) for d in 0.0102 + np.arange(1, 9) * 5e-5]
+    assert max(state.n_iterations for state in after[5:]) <= 2
+
+
+@pytest.mark.parametrize(
+    ("n", "m", "degree", "error"), [(8, 1, 4, 1e-9), (5, 1, 4, 1e-9), (6, 2, 2, 1e-3), (1, 2, 1, 1e-9)]
+)
+def test_a_trail_is_a_polynomial_of_the_commands(n, m, degree, error):
+    """From n states of as high a degree as these determine; from one by dz/dcommand. error: relative."""
+    rng = np.random.default_rng(n)
+    layout = build_twin(TWO).system.layout
+    terms = [rng.normal(0.0, 1e-3, (layout.n_unknowns, m**d)) for d in range(degree + 1)]
+    for own in terms:
+        own[layout.first_frame_unknown : layout.first_pressure_unknown] = 0.0  # turns do not add
+
+    def state_at(commands):
+        powers = [np.ones(1)]
+        for _ in range(degree):
+            powers.append(np.kron(powers[-1], commands[:m]))
+        dz = sum(own @ power for own, power in zip(terms, powers, strict=True))
+        return moved(layout, rest_state(layout), dz)
+
+    def controls_at(commands):
+        return Controls(np.array([True, False]), commands * [1.0, 0.0], commands * [0.0, 1.0])
+
+    nodes = np.zeros((n, 2))
+    nodes[:, :m] = rng.uniform(-1.0, 1.0, (n, m))
+    trail = Trail(layout, controls_at(nodes[0]), state_at(nodes[0]))
+    for commands in nodes[1:]:
+        trail.add(controls_at(commands), state_at(commands))
+    by_command = np.zeros((layout.n_unknowns, 2))
+    by_command[:, :m] = terms[1]
+    target = np.array([0.3, 0.7 if m == 2 else 0.0])
+    predicted, expected = trail.beyond(controls_at(target), by_command), state_at(target)
+    np.testing.assert_allclose(predicted.x, expected.x, rtol=0.0, atol=1e-3 * error)
+    np.testing.assert_allclose(predicted.effort, expected.effort, rtol=0.0, atol=1e-3 * error)
+
+
 def test_stability_is_judged_on_a_long_way():
     live = LiveTwin(ROBOT)
     live.at({"front": 0.01})
@@ -102,6 +180,13 @@ def test_a_failure_is_a_sentence_and_the_twin_goes_on():
     assert live.state is before
     after = live.at({"front": 0.0101})
     assert_same(after, simulated(robot, {"front": "shortening"}, {"front": 0.0101}), live.units)
+
+
+def test_a_robot_without_cables_stays_at_rest():
+    live = LiveTwin(column_robot("P1", divisions=(1, 1, 3), cables=()))
+    rest = live.state
+    assert_same(live.at({}), rest.channels, live.units)
+    assert_same(live.at({}), rest.channels, live.units)
 
 
 def test_reset_returns_to_rest():

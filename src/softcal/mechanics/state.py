@@ -10,6 +10,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.memory import Memory
+from softcal.mechanics.rotation_kernels import rotation_vector
 
 
 @dataclass(frozen=True)
@@ -120,8 +121,12 @@ def _move_frames(position: Floats, rotation: Floats, step: Floats) -> None:
 
 def logarithm(rotation: Floats) -> Floats:
     """Rotation vectors (n, 3) [rad] of rotation matrices (n, 3, 3)."""
-    from scipy.spatial.transform import Rotation
+    vectors = np.empty((len(rotation), 3))
+    _take_logarithms(np.ascontiguousarray(rotation), vectors)
+    return vectors
 
-    if len(rotation) == 0:
-        return np.zeros((0, 3))
-    return Rotation.from_matrix(rotation).as_rotvec()
+
+@numba.njit(cache=True, error_model="numpy")
+def _take_logarithms(rotation: Floats, out: Floats) -> None:
+    for k in range(len(out)):
+        rotation_vector(rotation[k], out[k])

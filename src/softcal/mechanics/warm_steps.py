@@ -2,7 +2,7 @@
 
 Where commands change little, so does the tangent. The chord method with a kept tangent K0,
 
-    z <- z - K0^-1 r(z),    from z + (dz/dcommand) dcommand,
+    z <- z - K0^-1 r(z),    from what the last equilibria predict (see `Trail`),
 
 shrinks the residual by about the relative change of the tangent in each iteration, and an iteration needs neither a
 tangent nor a factorisation. A new factorisation is made where the residual shrinks too slowly, and where the robot has
@@ -20,15 +20,17 @@ from softcal.errors import SimulationError
 from softcal.mechanics.march import Reached, Target, by_command, held_at, reach, remembered
 from softcal.mechanics.node import pushing, returning
 from softcal.mechanics.path import SAME
-from softcal.mechanics.state import State
+from softcal.mechanics.state import State, difference
 from softcal.mechanics.statics import TOLERANCE, Statics
 from softcal.mechanics.system import Controls
+from softcal.mechanics.trail import Trail, prescribed
 
 SLOW = 0.3  # a residual that shrinks by less in two iterations needs another tangent; of forces and coordinates in turn
 ACCURATE = 0.01  # of the tolerance, where rounding admits it: so a state does not depend on the step to it
 MOST = 12  # iterations of a step in all
 MANY = 6  # iterations: a step that needs more leaves a new factorisation to the next one
 KEPT = 8  # iterations with a kept tangent at most; then follow some with that of the last iterate
+BENT = 0.5  # of a step, by which at most a prediction is off the tangent; a kink is no polynomial
 JUDGED = 0.05  # of the robot's extent: the longest way on which its stability is not judged
 
 
@@ -37,22 +39,14 @@ class _Kept:
     """A factorised tangent at a stable state, for the steps near it.
 
     number: of the factorisation among those of the statics; by_command (n_unknowns, n_actuators): dz / d command there;
-    changed: what the steps since then added to it; way: how far the robot moved since then [m].
+    way: how far the robot moved since then [m].
     """
 
     state: State
     is_held: np.ndarray
     number: int
     by_command: Floats
-    changed: Floats
     way: float = 0.0
-
-    def learn(self, change: Floats, correction: Floats) -> None:
-        """Update dz / d command by Broyden's formula: `correction` (n_unknowns,) was missing in the prediction for a
-        change of the commands, each of which is weighed by the motion that it causes.
-        """
-        weighed = np.square(np.linalg.norm(self.by_command, axis=0)) * change
-        self.changed += correction[:, None] * (weighed / (weighed @ change))
 
 
 class WarmSteps:
@@ -77,6 +71,7 @@ class WarmSteps:
     def reset(self) -> None:
         """Return to the equilibrium of the beginning."""
         self.last, self.n_iterations = self.begin, 0
+        self._trail = self._begun(self.begin)
         self._kept: _Kept | None = None
 
     def to(self, aim: Target) -> Reached:
@@ -95,7 +90,7 @@ class WarmSteps:
         if reached is None:
             reached = self._marched(aim)
             self.n_iterations = 0
-        self.last = reached
+        self.last, self._trail = reached, self._followed(reached)
         return reached
 
     def factorise(self, state: State, controls: Controls) -> None:
@@ -139,6 +134,7 @@ class WarmSteps:
             effort = np.where(released, state.effort, controls.effort)
             controls = replace(controls, is_held=controls.is_held | released, effort=effort)
             self.last = replace(self.last, controls=controls, commanded=None)
+            self._trail = self._begun(self.last)
 
     def _marched(self, aim: Target) -> Reached:
         """The step along a load path: from the last equilibrium, or from the beginning where its line passes commands
@@ -185,17 +181,15 @@ class WarmSteps:
             return None
         every = np.arange(len(controls.is_held))
         rates = by_command(statics, state, controls, controls, every)
-        self._kept = _Kept(state, controls.is_held, statics.n_factorisations, rates, np.zeros_like(rates))
+        self._kept = _Kept(state, controls.is_held, statics.n_factorisations, rates)
         return self._kept
 
     def _solved(self, kept: _Kept, controls: Controls) -> tuple[State, int] | None:
         """The equilibrium and the number of iterations; None where these converge too slowly, or may lead to another
         branch.
         """
-        statics, now = self.statics, self.last.controls
-        change = np.where(controls.is_held, controls.effort - now.effort, controls.coordinate - now.coordinate)
-        first = statics.system.layout.first_effort_unknown
-        ahead = (kept.by_command + kept.changed) @ change
+        statics = self.statics
+        ahead = self._ahead(kept, controls)
         if statics.limited(ahead) < 1.0:
             return None
         state = statics.reachable(self.last.state, ahead)
@@ -206,13 +200,11 @@ class WarmSteps:
             at = statics.system.linearise(state, controls, statics.theta, tangent=False)
             residual = statics.norm(at) if at.is_admissible else np.inf
             is_slow = not residual < SLOW * before
-            if residual < ACCURATE * TOLERANCE or (is_slow and residual < TOLERANCE):
+            at_end = is_slow or iteration == MOST - 1
+            if residual < ACCURATE * TOLERANCE or (at_end and residual < TOLERANCE):
                 if self._strays(state, ahead, correction):
                     return None
-                way = statics.reach(ahead)
-                kept.way += way
-                if way > SAME * statics.length:  # a shorter step shows rounding errors
-                    kept.learn(change, correction)
+                kept.way += statics.reach(ahead)
                 return state, iteration + 1
             if is_slow or (iteration > KEPT and statics.n_factorisations == kept.number):
                 if statics.n_factorisations != kept.number or not residual < 1.0:
@@ -220,12 +212,37 @@ class WarmSteps:
                 statics.factorise(statics.system.linearise(state, controls, statics.theta))
                 residual, previous = np.inf, np.inf
             dz = -statics.solve(at.reduced)
-            if statics.n_factorisations == kept.number:
-                dz += kept.changed @ at.reduced[first:]
             correction += dz
             state = statics.reachable(state, dz)
             before, previous = previous, residual
         return None
+
+    def _ahead(self, kept: _Kept, controls: Controls) -> Floats:
+        """The step dz (n_unknowns,) that is predicted from the last equilibrium to other commands."""
+        statics, last = self.statics, self.last
+        tangent = kept.by_command @ (prescribed(controls) - prescribed(last.controls))
+        way = statics.reach(tangent)
+        if way <= SAME * statics.length:  # a polynomial would show rounding errors
+            return tangent
+        predicted = self._trail.beyond(controls, kept.by_command)
+        ahead = difference(statics.system.layout, predicted, last.state)
+        if statics.reach(ahead - tangent) <= BENT * way:
+            return ahead
+        self._trail = self._begun(last)
+        return tangent
+
+    def _followed(self, reached: Reached) -> Trail:
+        """The trail to an equilibrium; it begins there where the robot snapped, where other actuators are driven, or
+        where the robot has turned far from the first one.
+        """
+        controls = reached.controls
+        if reached.snaps or not self._trail.leads_to(controls):
+            return self._begun(reached)
+        step = self._trail.add(controls, reached.state)
+        return self._begun(reached) if self.statics.limited(step) < 1.0 else self._trail
+
+    def _begun(self, reached: Reached) -> Trail:
+        return Trail(self.statics.system.layout, reached.controls, reached.state)
 
     def _switches(self, state: State, controls: Controls, target: Controls) -> bool:
         """Whether an actuator commanded by its coordinate must be held at a limit of its effort, or no longer."""

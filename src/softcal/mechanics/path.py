@@ -30,6 +30,7 @@ ADVICE = (
     "Try a plate where a force acts, or a via point with a radius, larger elements there, contact where surfaces meet, "
     "or a law that stiffens in compression"
 )
+HALVINGS = 3  # of the distance between nodes, before a node between them is sought by small steps from the first
 EASY, HARD = 7, 12  # iterations (with kept factorisations) below which steps grow, above which they shrink
 
 
@@ -324,18 +325,36 @@ def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
 
 
 def _between(statics: Statics, line: Line, before: Node, after: Node, c: float, names: tuple[str, ...]) -> Node:
+    """See `between`; where the cubic is too far from the equilibrium, first between nodes that are closer."""
+    low, high = before, after
+    for _ in range(HALVINGS):
+        node = _corrected(statics, line, low, high, c, names)
+        if node is not None:
+            return node
+        closer = [_corrected(statics, line, low, high, 0.5 * (c + end.c), names) for end in (low, high)]
+        low, high = closer[0] or low, closer[1] or high
+        if closer == [None, None]:
+            break
     go_on_from(statics, before)
-    guess = interpolated(statics.system.layout, before, after, c)
-    if statics.system.free_way(before.state, guess) == 1.0:
-        solved = statics.equilibrium(guess, line.at(c))
-        if solved.converged:
-            node = node_at(statics, line, c, solved.state, names)
-            if node.is_stable:
-                return replace(node, has_snapped=before.has_snapped or before.is_snapped)
     way = follow(statics, line, before, c, first_step=0.3 * (c - before.c), names=names)
     if not way.reached:
         raise SimulationError(f"No equilibrium between two neighbouring ones: {way.status}.")
     return replace(way.nodes[-1], is_snapped=any(node.is_snapped for node in way.nodes[1:]))
+
+
+def _corrected(
+    statics: Statics, line: Line, before: Node, after: Node, c: float, names: tuple[str, ...]
+) -> Node | None:
+    """The stable node that Newton's method reaches from the cubic between two nodes; None where it reaches none."""
+    go_on_from(statics, before)
+    guess = interpolated(statics.system.layout, before, after, c)
+    if statics.system.free_way(before.state, guess) < 1.0:
+        return None
+    solved = statics.equilibrium(guess, line.at(c))
+    node = node_at(statics, line, c, solved.state, names) if solved.converged else None
+    if node is None or not node.is_stable:
+        return None
+    return replace(node, has_snapped=before.has_snapped or before.is_snapped)
 
 
 def neighbours(path: Path, c: float) -> tuple[Node, Node]:

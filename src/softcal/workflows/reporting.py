@@ -179,7 +179,11 @@ def _twin(project: Project, result: SearchResult, furthest: Response) -> TwinVie
 def _landscapes(
     project: Project, results: Mapping[str, CalibrationResult], settings: CalibrationSection
 ) -> dict[str, Landscape]:
-    """Loss over modulus and ratio of each calibration, if it is cheap and the trials do not already show it."""
+    """Loss over modulus and ratio of each calibration, if it is cheap and the trials do not already show it. A search
+    by derivatives needs no map: its intervals say more.
+    """
+    if settings.method == "least-squares":
+        return {}
     problem = make_problem(project, settings)
     if not scales_with_modulus(problem):
         return {}

@@ -1,8 +1,8 @@
 """Nodes of load paths, kept for further simulations at the same parameters.
 
-A search, a grid or a second test comes back to the same parameters with other samples. A node depends on the nodes
-before it and not on the samples, so that with kept nodes a path is the same to the last digit. Their factorisations
-count again, as part of the path's work.
+A search, a grid or a second test comes back to the same parameters with other samples. Where the nodes of a path are
+placed depends on its own nodes and samples alone, so that the path is the same with kept nodes, within the tolerance of
+Newton's method. Their factorisations count again, as part of the path's work.
 """
 
 from __future__ import annotations
@@ -35,15 +35,22 @@ class KeptNodes:
     """The nodes at one theta, by what each depends on."""
 
     def __init__(self) -> None:
-        self._nodes: dict[Hashable, Kept] = {}
+        self._kept: dict[Hashable, Kept] = {}
+        self._along: dict[Hashable, list[Node]] = {}
         self.size = 0
 
     def get(self, key: Hashable) -> Kept | None:
-        return self._nodes.get(key)
+        return self._kept.get(key)
 
-    def keep(self, key: Hashable, kept: Kept) -> None:
-        self._nodes[key] = kept
+    def keep(self, key: Hashable, kept: Kept, along: Hashable) -> None:
+        """Keep a node by its key; along: what all nodes of its path have in common."""
+        self._kept[key] = kept
+        self._along.setdefault(along, []).append(kept.node)
         self.size += kept.size
+
+    def nearest(self, along: Hashable, c: float) -> Node | None:
+        """The node of a path that is nearest to c."""
+        return min(self._along.get(along, ()), key=lambda node: abs(node.c - c), default=None)
 
 
 class KeptPaths:

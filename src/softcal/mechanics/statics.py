@@ -112,10 +112,14 @@ class Statics:
         self._n_repeated += 0 if kept is None else kept.n_factorisations
         return kept
 
-    def keep(self, key: Hashable, node: Node, next_step: float, *, since: int) -> None:
-        """Keep a node, where nodes are kept, that took the factorisations since a number of them."""
+    def keep(self, key: Hashable, node: Node, next_step: float, *, along: Hashable, since: int) -> None:
+        """Keep a node of a path `along`, where nodes are kept, that took the factorisations since a number of them."""
         if self._kept is not None:
-            self._kept.keep(key, Kept(node, next_step, self.n_factorisations - since))
+            self._kept.keep(key, Kept(node, next_step, self.n_factorisations - since), along)
+
+    def nearest_kept(self, along: Hashable, c: float) -> Node | None:
+        """The kept node of a path that is nearest to c; None where there is none."""
+        return None if self._kept is None else self._kept.nearest(along, c)
 
     def norm(self, at: Linearisation) -> float:
         """The residual over its scale: forces over the reactions, volumes over a node's, coordinates over theirs.

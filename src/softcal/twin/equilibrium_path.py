@@ -29,6 +29,7 @@ DERIVATIVES = 10.0  # times the curve's tolerance: that of the channels' derivat
 FEW_NODES, NODES_FOR_DERIVATIVES = 16, 4  # limit for derivatives, and per node for the values: kinks never converge
 LEAST_MOTION = 1e-4  # [rad], or of the robot's extent: lower limit of a channel's scale
 LEAST_SENSITIVITY = 1e-3  # of the most sensitive channel's: the same for derivatives
+ASIDE = 0.1  # of an interval of the curve: how far from its middle a node may be, for a round number
 FEW = 2  # samples in an interval of the curve, of which one becomes a node
 MAX_REFINEMENTS = 24  # a region of high curvature may be a thousandth of the curve's length
 
@@ -154,7 +155,10 @@ class EquilibriumPath:
             elif len(left := self.missing(path, samples)):
                 # Among many samples a node is independent of their places, as of the slack, and is kept for others.
                 inside = np.diff(np.searchsorted(left, curve.c))
-                new = np.where(inside > FEW, new, left[np.abs(left[:, None] - new).argmin(axis=0)])
+                round_ones = [
+                    _roundest(m - ASIDE * h, m + ASIDE * h) for m, h in zip(new, np.diff(curve.c), strict=True)
+                ]
+                new = np.where(inside > FEW, round_ones, left[np.abs(left[:, None] - new).argmin(axis=0)])
                 is_read = inside > 0
             else:
                 break
@@ -233,3 +237,11 @@ class EquilibriumPath:
             if node.c < self.wound_up * (1.0 - SAME) and (limit := self.twin.system.at_limit(node.state.x)):
                 return f" From {1e3 * node.c:.4g} mm of shortening of {self.cable} on {limit}."
         return ""
+
+
+def _roundest(low: float, high: float) -> float:
+    """The number between two others with the fewest binary digits."""
+    digit = 2.0 ** np.ceil(np.log2(high - low))
+    while (number := np.ceil(low / digit) * digit) > high:
+        digit *= 0.5
+    return float(number)

@@ -235,6 +235,17 @@ def test_check_prints_what_it_knew_before_it_is_stopped(tmp_path: Path, monkeypa
     assert done.stderr.endswith("Stopped.\n")
 
 
+def test_check_prints_the_bodies_before_the_twin_is_built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(robot: Robot) -> None:
+        raise KeyboardInterrupt
+
+    path = write_project(tmp_path)
+    whole = CliRunner().invoke(app, ["check", str(path), "--no-pictures", "--no-solve"])
+    monkeypatch.setattr("softcal.workflows.checking.twin_of", stop)
+    done = CliRunner().invoke(app, ["check", str(path), "--no-pictures"])
+    assert done.stdout == whole.stdout[: whole.stdout.index("plate ")]
+
+
 def test_simulate_writes_the_samples_that_are_ready(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, out = write_project(tmp_path), tmp_path / "out"
     press_in(monkeypatch, 0.2)

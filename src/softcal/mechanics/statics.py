@@ -71,6 +71,7 @@ class Statics:
     def __init__(self, system: System, theta: Mapping[str, float], limits: PathLimits | None = None) -> None:
         self.system = system
         self.limits, self.begun = limits or PathLimits(), time.process_time()
+        self.path_begin: int | None = None  # factorisations before the present load path, where there is one
         self.theta = dict(theta)
         sizes = system.sizes(theta)
         self.unit = sizes.units()
@@ -92,6 +93,11 @@ class Statics:
     def n_factorisations(self) -> int:
         """Number of factorisations so far."""
         return self.tangent.n_factorisations
+
+    def why_over(self) -> str:
+        """The limit of the work that is exceeded, as part of a sentence; else "". Solves end there, and load paths."""
+        n = 0 if self.path_begin is None else self.n_factorisations - self.path_begin
+        return self.limits.why_over(n, self.begun)
 
     def norm(self, at: Linearisation) -> float:
         """The residual over its scale: forces over the reactions, volumes over a node's, coordinates over theirs.
@@ -210,6 +216,8 @@ class Statics:
                 return Equilibrium(
                     state, False, iteration, residual, f"Newton's method diverged (residual {residual:.1e})"
                 )
+            if over := self.why_over():
+                return Equilibrium(state, False, iteration, residual, over)
             if free.size and across < TOLERANCE:
                 free = NO_MODES  # the modes need a force after all: the remaining residual is along them
             is_fresh = at.data is not None

@@ -295,7 +295,8 @@ class Statics:
         return float(np.ptp(state.x, axis=0).max()) > FARTHEST * self.length
 
     def tangent_at(self, state: State, controls: Controls) -> Linearisation:
-        """Linearise at an equilibrium, and take the tangent, for predictors and sensitivities.
+        """Linearise at an equilibrium, and take the tangent that shows whether it is stable: the exact one, or where
+        surfaces touch on ridges the one with these flat (`is_convex`), which serves no derivatives.
 
         Raises
         ------

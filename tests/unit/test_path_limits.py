@@ -23,6 +23,8 @@ from softcal.geometry.centreline import straight
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.section import RectangularBar
 from softcal.mechanics import path_watch
+from softcal.mechanics.node import Node
+from softcal.mechanics.path import between
 from softcal.mechanics.path_limits import PathLimits
 from softcal.mechanics.path_watch import PathProgress, part_of_series, paths_watched
 from softcal.mechanics.stability import overdamped_equilibrium
@@ -186,6 +188,19 @@ def test_a_stop_while_a_curve_is_refined_keeps_it(monkeypatch: pytest.MonkeyPatc
     with paths_watched(lambda path: None, keeps=True):
         response = simulate(robot, pull(robot, "front", "shortening", 0.04), curve_tolerance=1e-12)
     assert response.stopped_by is not None
+    assert len(response.channels["front.tension"]) == 41
+
+
+def test_a_curve_is_kept_where_its_refinement_takes_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    def late(statics: Statics, *arguments: Any) -> Node:
+        statics.begun = -np.inf
+        return between(statics, *arguments)
+
+    monkeypatch.setattr("softcal.twin.equilibrium_path.between", late)
+    robot = limited(cpu_time=1e4)
+    response = simulate(robot, pull(robot, "front", "shortening", 0.04), curve_tolerance=1e-12)
+    assert response.status.startswith("The load path was ended at 40 mm")
+    assert "(limits.cpu_time)" in response.status
     assert len(response.channels["front.tension"]) == 41
 
 

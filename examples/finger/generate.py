@@ -1,6 +1,6 @@
 """Write the data of this example again, from a finer twin and the truth below; always the same.
 
-python generate.py --out runs/again         half a minute; needs Gmsh
+python generate.py --out runs/again         a minute; needs Gmsh
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from softcal.twin.simulate import simulate
 
 HERE = Path(__file__).parent
 TRUTH = {"finger.youngs_modulus": 9.2e6, "finger.poissons_ratio": 0.44}
-SIZE = 3e-3  # [m], of the finer twin's elements; the project's are 5 mm
+SIZE = 3e-3  # [m], of the finer twin's elements; the project's are 4 mm
 TESTS = {"pull-7mm": (7.0, 0.6, 1), "pull-10mm": (10.0, 0.9, 2)}  # target and slack [mm], seed
 NOISE_N, NOISE_DEG, SAMPLES = 0.05, 0.3, 41
 

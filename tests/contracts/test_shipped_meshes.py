@@ -22,9 +22,7 @@ def robot(request: pytest.FixtureRequest) -> Robot:
     return load(request.param).robot
 
 
-def test_a_shipped_mesh_has_no_slivers(robot: Robot, request: pytest.FixtureRequest):
-    if "finger" in request.node.callspec.id:
-        request.applymarker(pytest.mark.xfail(reason="Gmsh fills the .stl with 3 slivers of 3.5 deg", strict=True))
+def test_a_shipped_mesh_has_no_slivers(robot: Robot):
     for body in robot.bodies:
         report = check_quality(body.mesh)
         assert not report.inverted, body.name

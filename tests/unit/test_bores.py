@@ -18,10 +18,13 @@ from project_case import write_project
 from softcal.cli import main
 from softcal.errors import InputError, MeshError
 from softcal.export.sofa_robot import scene_faults
+from softcal.geometry import faces
 from softcal.geometry.bore import wall_around
 from softcal.geometry.generate import mesh_file
+from softcal.geometry.locate import barycentric_in, distances_to_triangles, nearest_tets, tets_holding
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import to_quadratic
+from softcal.geometry.surface import boundary_faces
 from softcal.geometry.write import write_mesh
 from softcal.mechanics.attachment import attach_point
 from softcal.project.project import load
@@ -62,6 +65,33 @@ def test_points_at_the_mouth_and_beside_it():
 @pytest.mark.parametrize("at", [[0.7 * WIDE, 0.0, 0.03], [0.0, -0.52 * WIDE, 0.03], [0.0, 0.0, -0.001]])
 def test_no_wall_surrounds_what_is_beside_the_body(at: list[float]):
     assert wall_around(BAR, np.array(at)) is None
+
+
+def test_points_are_located_as_by_all_tets_and_all_triangles():
+    low, high = BAR.points.min(axis=0), BAR.points.max(axis=0)
+    points = np.random.default_rng(3).uniform(low - 0.002, high + 0.002, (200, 3))
+    coordinates = np.stack([[barycentric_in(BAR, tet, at) for tet in range(BAR.n_tets)] for at in points])
+    inside = coordinates.min(axis=2).max(axis=1) >= 0.0
+    assert 20 < inside.sum() < 180
+    holding = tets_holding(BAR, points)
+    np.testing.assert_array_equal(holding, np.where(inside, coordinates.min(axis=2).argmax(axis=1), -1))
+    triangles = BAR.points[boundary_faces(BAR)[:, :3]]
+    far = [distances_to_triangles(at, triangles).min() for at in points]
+    np.testing.assert_array_equal(nearest_tets(BAR, points)[1], far)
+
+
+def test_the_faces_of_a_mesh_are_searched_once(monkeypatch: pytest.MonkeyPatch):
+    n, mesh = 0, drilled_bar(4)
+
+    def outer_faces(tets: np.ndarray) -> np.ndarray:
+        nonlocal n
+        n += 1
+        return faces.outer_faces(tets)
+
+    monkeypatch.setattr("softcal.geometry.mesh.outer_faces", outer_faces)
+    for z in (0.01, 0.02, 0.03):
+        assert attach_point(mesh, np.array([AT, 0.0, z])).bore > 0.0
+    assert n == 1
 
 
 def test_no_wall_surrounds_what_is_in_an_open_groove():

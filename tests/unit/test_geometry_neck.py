@@ -278,8 +278,8 @@ def test_a_wrong_target_is_refused(target, told):
         Neck(**target).mesh()
 
 
-def tetrahedron_stl(path: Path, *, faces: int = 4) -> Path:
-    corners = ((0, 0, 0), (30, 0, 0), (0, 30, 0), (0, 0, 30))
+def tetrahedron_stl(path: Path, *, faces: int = 4, height: float = 30) -> Path:
+    corners = ((0, 0, 0), (30, 0, 0), (0, 30, 0), (0, 0, height))
     lines = ["solid t"]
     for face in ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))[:faces]:
         lines += ["facet normal 0 0 0", "outer loop"]
@@ -298,6 +298,27 @@ def test_a_closed_surface_is_filled(tmp_path, order):
     assert len(mesh.face_sets["surface"]) == len(boundary_faces(mesh))
     in_centimetres = mesh_file(tmp_path / "t.stl", size=0.05, unit="cm")
     assert check_quality(in_centimetres).volume == pytest.approx(0.3**3 / 6, rel=1e-6)
+
+
+@needs_gmsh
+@pytest.mark.parametrize(
+    ("size", "most"),
+    [(5e-3, 2600), (4e-3, 3400), (3.75e-3, 3450), (3.25e-3, 7100)],
+    ids=["as generated", "another algorithm", "with nodes moved", "with more nodes"],
+)
+def test_a_mesh_with_slivers_is_made_again_by_other_recipes(size, most, repository):
+    report = check_quality(mesh_file(repository / "examples/finger/finger.stl", size=size))
+    assert not report.slivers
+    assert report.n_tets < most
+
+
+@needs_gmsh
+def test_slivers_in_a_sharp_edge_remain(tmp_path):
+    """No recipe helps: the mesh is that of the first one, which has the fewest tets."""
+    path = tetrahedron_stl(tmp_path / "wedge.stl", height=1.0)
+    mesh = mesh_file(path, size=0.004)
+    assert check_quality(mesh).slivers
+    assert mesh.n_tets < 250
 
 
 @needs_gmsh

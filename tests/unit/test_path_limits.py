@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from mechanics_cases import column_robot
+from mechanics_cases import column_robot, elastic
 from project_case import write_project
 from typer.testing import CliRunner
 
@@ -18,14 +19,24 @@ from softcal.cli.calibration_lines import CalibrationLines
 from softcal.cli.calibration_table import result_line, value_text
 from softcal.cli.running import clock
 from softcal.errors import SimulationError
+from softcal.geometry.centreline import straight
 from softcal.geometry.primitives import box_mesh
+from softcal.geometry.section import RectangularBar
 from softcal.mechanics import path_watch
+from softcal.mechanics.node import Node
+from softcal.mechanics.path import between
 from softcal.mechanics.path_limits import PathLimits
 from softcal.mechanics.path_watch import PathProgress, part_of_series, paths_watched
+from softcal.mechanics.stability import overdamped_equilibrium
+from softcal.mechanics.state import rest_state
+from softcal.mechanics.statics import Equilibrium, Statics
+from softcal.mechanics.system import Controls
 from softcal.project.project import load
+from softcal.twin.build import build_twin
+from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
-from softcal.twin.robot import Body, Cable, Robot, ViaPoint
+from softcal.twin.robot import Body, Cable, Plate, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
 from softcal.workflows.calibration import calibrate
 from softcal.workflows.simulation import pull, simulate_each
@@ -43,6 +54,15 @@ def knotted_block() -> Robot:
 def with_two_tendons() -> Robot:
     robot, side = knotted_block(), ViaPoint(np.array([-0.004, 0.0, 0.012]), "block")
     return replace(robot, cables=(*robot.cables, Cable("other", (side, ViaPoint(np.array([-0.03, 0.0, 0.01]), "")))))
+
+
+def buckling_column() -> Robot:
+    """A rod on the ground with a plate on top, which a cable pulls to the foot."""
+    top = np.array([0.0, 0.0, 0.2])
+    line, section = straight((0, 0, 0), tuple(top), 20), RectangularBar(0.01, 0.004)
+    rod = Rod("column", line, section, elastic(5e7, 0.3), clamped={"top": [20]}, fixed=[0])
+    cable = Cable("front", (ViaPoint(np.zeros(3)), ViaPoint(top, "top")), pulled_end="first")
+    return Robot(plates=(Plate("top", {}, top),), rods=(rod,), cables=(cable,))
 
 
 def limited(**limits: float) -> Robot:
@@ -95,6 +115,40 @@ def test_a_path_ends_at_its_other_limits(limits: dict[str, float], why: str) -> 
     assert why in response.status
 
 
+def test_a_snap_through_ends_at_the_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, seen = buckling_column(), list[tuple[int, int]]()
+
+    def watched(statics: Statics, *arguments: Any) -> Equilibrium:
+        begin = statics.n_factorisations
+        ended = overdamped_equilibrium(statics, *arguments)
+        seen.append((begin, statics.n_factorisations))
+        return ended
+
+    monkeypatch.setattr("softcal.mechanics.snap_through.overdamped_equilibrium", watched)
+    assert simulate(robot, pull(robot, "front", "shortening", 0.02)).succeeded
+    begin, end = seen[0]
+    assert end > begin + 12
+    limited = replace(robot, limits=PathLimits(factorisations=begin + 4))
+    response = simulate(limited, pull(robot, "front", "shortening", 0.02))
+    assert response.status.startswith("The load path was ended at ")
+    assert "(limits.factorisations)" in response.status
+    assert response.n_factorisations < begin + 8
+
+
+@pytest.mark.parametrize(("limits", "n"), [({"factorisations": 2}, 2), ({"cpu_time": 1e-6}, 0)])
+def test_a_solve_ends_at_the_limits(limits: dict[str, float], n: int) -> None:
+    robot = column_robot("P1", divisions=(1, 1, 4))
+    twin = build_twin(robot)
+    statics = Statics(twin.system, parameter_values(robot), PathLimits(**limits))
+    statics.path_begin = 0
+    far = Controls(np.array([False]), np.zeros(1), np.array([0.02]))
+    solved = statics.equilibrium(rest_state(twin.system.layout), far)
+    statics.release()
+    assert not solved.converged
+    assert "(limits." in solved.status
+    assert statics.n_factorisations == n
+
+
 def test_a_path_that_creeps_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = limited(creeping=1)
     monkeypatch.setattr("softcal.mechanics.path.strays", lambda *_: True)
@@ -134,6 +188,19 @@ def test_a_stop_while_a_curve_is_refined_keeps_it(monkeypatch: pytest.MonkeyPatc
     with paths_watched(lambda path: None, keeps=True):
         response = simulate(robot, pull(robot, "front", "shortening", 0.04), curve_tolerance=1e-12)
     assert response.stopped_by is not None
+    assert len(response.channels["front.tension"]) == 41
+
+
+def test_a_curve_is_kept_where_its_refinement_takes_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    def late(statics: Statics, *arguments: Any) -> Node:
+        statics.begun = -np.inf
+        return between(statics, *arguments)
+
+    monkeypatch.setattr("softcal.twin.equilibrium_path.between", late)
+    robot = limited(cpu_time=1e4)
+    response = simulate(robot, pull(robot, "front", "shortening", 0.04), curve_tolerance=1e-12)
+    assert response.status.startswith("The load path was ended at 40 mm")
+    assert "(limits.cpu_time)" in response.status
     assert len(response.channels["front.tension"]) == 41
 
 
@@ -233,6 +300,17 @@ def test_check_prints_what_it_knew_before_it_is_stopped(tmp_path: Path, monkeypa
     assert done.stdout.startswith(known)
     assert "stopped by the user" in done.stdout[len(known) :].splitlines()[0]
     assert done.stderr.endswith("Stopped.\n")
+
+
+def test_check_prints_the_bodies_before_the_twin_is_built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(robot: Robot) -> None:
+        raise KeyboardInterrupt
+
+    path = write_project(tmp_path)
+    whole = CliRunner().invoke(app, ["check", str(path), "--no-pictures", "--no-solve"])
+    monkeypatch.setattr("softcal.workflows.checking.twin_of", stop)
+    done = CliRunner().invoke(app, ["check", str(path), "--no-pictures"])
+    assert done.stdout == whole.stdout[: whole.stdout.index("plate ")]
 
 
 def test_simulate_writes_the_samples_that_are_ready(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

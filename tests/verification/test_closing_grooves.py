@@ -12,7 +12,10 @@ from hypothesis import strategies as st
 
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
-from softcal.mechanics.state import rest_state
+from softcal.mechanics.linearisation import Linearisation
+from softcal.mechanics.node import Line, node_at
+from softcal.mechanics.state import State, difference, rest_state
+from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
 from softcal.project.project import load
 from softcal.twin.barrier import Contact
@@ -154,3 +157,35 @@ def test_derivatives_through_closing_are_those_of_finite_differences(constant: s
         difference = (ahead.channels[channel] - behind.channels[channel]) / (2 * h)
         rounding = 1e-9 * abs(ahead.channels[channel]).max() / value
         np.testing.assert_allclose(exact.sensitivities[channel][name], difference, rtol=1e-4, atol=rounding)
+
+
+def test_derivatives_where_ridges_count_as_flat_are_exact(monkeypatch: pytest.MonkeyPatch):
+    """At equilibria that are stable only with the ridges flat, of tension and shape."""
+    robot, name, h = touching(grooved()), "block.poissons_ratio", 1e-6
+    tangent_at, on_ridges = Statics.tangent_at, list[tuple[State, Controls]]()
+
+    def watched(statics: Statics, state: State, controls: Controls) -> Linearisation:
+        at = tangent_at(statics, state, controls)
+        if at.is_convex and statics.n_unstable() == 0:
+            on_ridges.append((state, controls))
+        return at
+
+    monkeypatch.setattr(Statics, "tangent_at", watched)
+    assert simulate(robot, pulled(1e-3, 3e-3)).succeeded
+    (state, controls), *_ = on_ridges
+    system, theta = twin_of(robot).system, parameter_values(robot)
+
+    def solver(ratio: float = 0.4) -> Statics:
+        return Statics(system, {**theta, name: ratio})
+
+    line = Line(controls.is_held, controls.effort, controls.coordinate, np.zeros(1), np.ones(1))
+    node = node_at(solver(), line, 0.0, state, (name,))
+    assert node.is_stable
+    ahead, behind = (solver(0.4 + sign * h).equilibrium(state, controls) for sign in (1, -1))
+    assert ahead.converged
+    assert behind.converged
+    numerical = difference(system.layout, ahead.state, behind.state) / (2 * h)
+    np.testing.assert_allclose(node.by_parameter[:, 0], numerical, rtol=1e-4, atol=1e-5 * np.abs(numerical).max())
+    further, nearer = (solver().equilibrium(state, line.at(sign * h)) for sign in (1e-3, -1e-3))
+    numerical = difference(system.layout, further.state, nearer.state) / (2e-3 * h)
+    np.testing.assert_allclose(node.slope, numerical, rtol=1e-4, atol=1e-5 * np.abs(numerical).max())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import replace
 
 import numpy as np
@@ -12,13 +13,14 @@ from softcal.errors import SimulationError
 from softcal.mechanics import bordered, linear_solve
 from softcal.mechanics.krylov import gmres
 from softcal.mechanics.linear_solve import Pardiso, SuperLU
-from softcal.mechanics.node import Line
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
+from softcal.mechanics.system import Controls
 from softcal.twin.build import build_twin
 from softcal.twin.parameters import parameter_values
 from softcal.twin.simulate import simulate
 
+SLACK, TAUT = (Controls(np.array([is_held]), np.zeros(1), np.zeros(1)) for is_held in (True, False))
 PARAMETERS = {"neck.youngs_modulus": 1e6, "neck.poissons_ratio": 0.45}
 
 
@@ -31,6 +33,15 @@ def kept(monkeypatch: pytest.MonkeyPatch) -> None:
 def keep(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bordered, "LARGE", 0)
     monkeypatch.setattr(linear_solve, "SOLVES", 1.0)  # a factorisation costs as much as in a large robot
+
+
+@pytest.fixture
+def column(kept: None) -> Generator[Statics]:
+    """The solver of a column of P2P1 elements, whose factors are kept."""
+    robot = column_robot("P2P1", divisions=(2, 2, 8), parameters=elastic(1e6, 0.45))
+    statics = Statics(build_twin(robot).system, parameter_values(robot))
+    yield statics
+    statics.release()
 
 
 def response(element: str, d: float = 0.03):
@@ -57,44 +68,30 @@ def test_curves_and_derivatives_are_those_of_fresh_factors(element, monkeypatch)
             np.testing.assert_allclose(theirs, own, atol=1e-8 * (np.abs(own).max() + scale / value), rtol=0)
 
 
-@pytest.mark.usefixtures("kept")
-def test_solutions_are_exact_with_factors_of_another_state():
+def test_solutions_are_exact_with_factors_of_another_state(column: Statics):
     """The response by the tangent's own factors is that by factors of the state at rest."""
-    robot = column_robot("P2P1", divisions=(2, 2, 8), parameters=elastic(1e6, 0.45))
-    twin = build_twin(robot)
-    statics = Statics(twin.system, parameter_values(robot))
-    line = Line(np.array([False]), np.zeros(1), np.zeros(1), np.zeros(1), np.ones(1))
-    at = statics.tangent_at(rest_state(twin.system.layout), line.at(0.0))
-    statics.n_unstable()
-    statics.tangent.take(replace(at, data=1.3 * at.data))
-    b = np.random.default_rng(1).standard_normal((twin.system.layout.n_unknowns, 2))
-    x = statics.solve(b)
-    assert statics.n_factorisations == 1
-    statics.factorise(replace(at, data=1.3 * at.data))
-    exact = statics.solve(b)
-    for part in (
-        slice(twin.system.layout.first_pressure_unknown),
-        slice(twin.system.layout.first_effort_unknown, None),
-    ):
+    layout = column.system.layout
+    at = column.tangent_at(rest_state(layout), TAUT)
+    column.n_unstable()
+    column.tangent.take(replace(at, data=1.3 * at.data))
+    b = np.random.default_rng(1).standard_normal((layout.n_unknowns, 2))
+    x = column.solve(b)
+    assert column.n_factorisations == 1
+    column.factorise(replace(at, data=1.3 * at.data))
+    exact = column.solve(b)
+    for part in (slice(layout.first_pressure_unknown), slice(layout.first_effort_unknown, None)):
         assert np.abs(x - exact)[part].max() < 1e-9 * np.abs(exact[part]).max()
-    statics.release()
 
 
-@pytest.mark.usefixtures("kept")
-def test_a_loss_of_stability_is_seen_by_kept_factors():
+def test_a_loss_of_stability_is_seen_by_kept_factors(column: Statics):
     """A tangent of which one mode is reversed has one unstable direction, also with factors that have none."""
-    robot = column_robot("P1", divisions=(2, 2, 8), parameters=elastic(1e6, 0.3))
-    twin = build_twin(robot)
-    statics = Statics(twin.system, parameter_values(robot))
-    line = Line(np.array([True]), np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1))
-    at = statics.tangent_at(rest_state(twin.system.layout), line.at(0.0))
-    assert statics.n_unstable() == 0
+    at = column.tangent_at(rest_state(column.system.layout), SLACK)
+    assert column.n_unstable() == 0
     assert at.data is not None
     lower = at.data.copy()
-    lower[twin.system.pattern.indptr[:1]] *= -0.5
-    statics.tangent.take(replace(at, data=lower))
-    assert statics.n_unstable() == 1
-    statics.release()
+    lower[column.system.pattern.indptr[:1]] *= -0.5
+    column.tangent.take(replace(at, data=lower))
+    assert column.n_unstable() == 1
 
 
 @pytest.mark.parametrize("columns", [1, 3])
@@ -141,13 +138,7 @@ def test_single_precision_has_the_same_inertia_in_half_the_digits():
         factors.release()
 
 
-@pytest.mark.usefixtures("kept")
-def test_a_missing_tangent_is_a_sentence():
-    robot = column_robot("P1", divisions=(1, 1, 4), parameters=elastic(1e6, 0.3))
-    twin = build_twin(robot)
-    statics = Statics(twin.system, parameter_values(robot))
-    line = Line(np.array([True]), np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1))
-    at = twin.system.linearise(rest_state(twin.system.layout), line.at(0.0), statics.theta, tangent=False)
+def test_a_missing_tangent_is_a_sentence(column: Statics):
+    at = column.system.linearise(rest_state(column.system.layout), SLACK, column.theta, tangent=False)
     with pytest.raises(SimulationError, match="no tangent"):
-        statics.take(at)
-    statics.release()
+        column.take(at)

@@ -59,6 +59,7 @@ def check(
 
         show("Reading the project")
         loaded = load(project)
+        width = max(width, *(len(f"free {one.name}") for one in loaded.space.parameters)) if loaded.space else width
         from softcal.workflows.checking import check as check_project
 
         folder = (out if out is not None else project.parent / "check") if pictures else None

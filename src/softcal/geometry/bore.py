@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.geometry.locate import distances_to_triangles
+from softcal.geometry.locate import circles_around, nearest_tets
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.ring import across, ring_points
 from softcal.geometry.surface import boundary_faces, boundary_owners
@@ -19,6 +19,8 @@ PROBES, RAYS, EACH = 96, 32, 4
 ALONG = (0.0, 0.1, -0.1, 0.25, -0.25, 0.5, -0.5)
 # Largest distance of the wall over the distance of its nearest part.
 REACH = 20.0
+# Rays are first intersected with what is within as many distances of the nearest triangle's centre.
+NEARBY = 4.0
 # Tolerance of barycentric coordinates for hits on an edge shared by two triangles.
 EDGE = 1e-9
 
@@ -42,7 +44,9 @@ def wall_around(mesh: TetMesh, point: Floats) -> Wall | None:
     across the axis, on one ring through the point, or on two adjacent rings if the point is in the bore's mouth.
     """
     triangles, owners = mesh.points[boundary_faces(mesh)[:, :3]], boundary_owners(mesh)
-    near = _near(triangles, point)
+    centres, radii = circles_around(triangles)
+    away = np.linalg.norm(centres - point, axis=1) - radii
+    near = away <= REACH * nearest_tets(mesh, point[None])[1]
     triangles, owners = triangles[near], owners[near]
     distance, hit = _first_hits(triangles, point, _sphere(PROBES))
     seen = hit >= 0
@@ -68,14 +72,6 @@ def wall_around(mesh: TetMesh, point: Floats) -> Wall | None:
     return None
 
 
-def _near(triangles: Floats, point: Floats) -> Ints:
-    """Triangles that may have a part within reach of the point."""
-    centres = triangles.mean(axis=1)
-    radii = np.linalg.norm(triangles - centres[:, None], axis=2).max(axis=1)
-    away = np.linalg.norm(centres - point, axis=1) - radii
-    return np.flatnonzero(away <= REACH * distances_to_triangles(point, triangles).min())
-
-
 def _ring(triangles: Floats, centre: Floats, axis: Floats) -> tuple[Floats, Ints] | None:
     """First intersections of rays across the axis with the surface, and their triangles; None if a ray has none."""
     rays = ring_points(np.zeros(3), axis, across(axis), 1.0, RAYS)
@@ -92,27 +88,36 @@ def _diameter(points: Floats, axis: Floats) -> float:
 
 
 def _first_hits(triangles: Floats, origin: Floats, rays: Floats) -> tuple[Floats, Ints]:
-    """Distance of the first intersection along each ray (k, 3) [m], and its triangle; -1 if there is none.
+    """Distance of the first intersection along each unit ray (k, 3) [m], and its triangle; -1 if there is none."""
+    centres, radii = circles_around(triangles)
+    to_centres = np.linalg.norm(centres - origin, axis=1)
+    distance, hit = np.full(len(rays), np.inf), np.full(len(rays), -1, dtype=np.int64)
+    left = np.arange(len(rays))
+    for reach in (NEARBY * to_centres.min(), np.inf):  # all triangles only for rays without a hit nearby
+        near = np.flatnonzero(to_centres - radii <= reach)
+        t = _hits(triangles[near], origin, rays[left])
+        first = np.argmin(t, axis=1)
+        distance[left] = t[np.arange(len(left)), first]
+        hit[left] = np.where(np.isfinite(distance[left]), near[first], -1)
+        left = np.flatnonzero(distance > reach)
+    return distance, hit
+
+
+def _hits(triangles: Floats, origin: Floats, rays: Floats) -> Floats:
+    """Distances (k, n) along unit rays (k, 3) to the triangles (n, 3, 3) [m]; infinite where a ray misses one.
 
     Intersection of a ray o + t d with a triangle a + u e1 + v e2 (Möller and Trumbore, 1997).
     """
     a, e1, e2 = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     s = origin - a
     q = np.cross(s, e1)
-    distance, hit = np.full(len(rays), np.inf), np.full(len(rays), -1, dtype=np.int64)
-    for i, d in enumerate(rays):
-        p = np.cross(d, e2)
-        det = np.einsum("ij,ij->i", e1, p)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u = np.einsum("ij,ij->i", s, p) / det
-            v = q @ d / det
-            t = np.einsum("ij,ij->i", e2, q) / det
-            meets = (u >= -EDGE) & (v >= -EDGE) & (u + v <= 1.0 + EDGE) & (t > 0.0)
-        if meets.any():
-            t = np.where(meets, t, np.inf)
-            hit[i] = int(np.argmin(t))
-            distance[i] = t[hit[i]]
-    return distance, hit
+    p = np.cross(rays[:, None], e2)
+    det = np.einsum("nj,knj->kn", e1, p)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u, v = np.einsum("nj,knj->kn", s, p) / det, rays @ q.T / det
+        t = np.einsum("nj,nj->n", e2, q) / det
+        meets = (u >= -EDGE) & (v >= -EDGE) & (u + v <= 1.0 + EDGE) & (t > 0.0)
+    return np.where(meets, t, np.inf)
 
 
 def _sphere(n: int) -> Floats:

@@ -33,7 +33,6 @@ OPTIONS = {
     "Mesh.MaxNumThreads2D": 1,
     "Mesh.MaxNumThreads3D": 1,
     "Mesh.RandomSeed": 1,
-    "Mesh.Algorithm": 6,
     "Mesh.Algorithm3D": 1,
     "Mesh.Optimize": 1,
     "Mesh.OptimizeNetgen": 0,

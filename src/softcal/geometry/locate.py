@@ -75,9 +75,9 @@ class Places:
 
 def nearest_places(mesh: TetMesh, points: Floats, *, tolerance: float | None = None) -> Places:
     """As `locate_points`, for points at any distance outside the mesh."""
-    tets, weights = _least_negative(mesh, points)
+    tets, weights = _containing(mesh, points)
     distances, allowed = np.zeros(len(points)), np.zeros(len(points))
-    outside = np.flatnonzero(weights.min(axis=1) < -INSIDE)
+    outside = np.flatnonzero(tets < 0)
     if len(outside):
         nearest, distances[outside] = nearest_tets(mesh, points[outside])
         allowed[outside] = OUTSIDE * mean_edges(mesh, nearest) if tolerance is None else tolerance
@@ -89,15 +89,12 @@ def nearest_places(mesh: TetMesh, points: Floats, *, tolerance: float | None = N
 
 def barycentric_in(mesh: TetMesh, tet: int, point: Floats) -> Floats:
     """Barycentric coordinates (4,) of a point in one tet, by its corners."""
-    corners = mesh.points[mesh.tets[tet, :4]]
-    inverse = np.linalg.inv((corners[1:] - corners[0]).T)
-    return _barycentric(point, corners[:1], inverse[None])[0]
+    return _barycentric(point, mesh.points[mesh.tets[tet, :1]], mesh.to_barycentric[tet][None])[0]
 
 
 def tets_holding(mesh: TetMesh, points: Floats) -> Ints:
     """Containing tet of each point (n, 3), -1 outside, by the straight-sided tets between the corners."""
-    tets, weights = _least_negative(mesh, points)
-    return np.where(weights.min(axis=1) >= -INSIDE, tets, -1)
+    return _containing(mesh, points)[0]
 
 
 def mean_edges(mesh: TetMesh, tets: Ints) -> Floats:
@@ -110,24 +107,37 @@ def nearest_tets(mesh: TetMesh, points: Floats) -> tuple[Ints, Floats]:
     """Tet of the surface triangle nearest to each point (n, 3), and the distance to it [m]."""
     triangles = mesh.points[boundary_faces(mesh)[:, :3]]
     owners = boundary_owners(mesh)
+    centres, radii = circles_around(triangles)
     nearest = np.zeros(len(points), dtype=np.int64)
     distances = np.zeros(len(points))
     for i, point in enumerate(points):
-        to_faces = distances_to_triangles(point, triangles)
+        to_centres = np.linalg.norm(centres - point, axis=1)
+        near = np.flatnonzero(to_centres - radii <= to_centres.min())
+        to_faces = distances_to_triangles(point, triangles[near])
         closest = int(np.argmin(to_faces))
-        nearest[i], distances[i] = owners[closest], to_faces[closest]
+        nearest[i], distances[i] = owners[near[closest]], to_faces[closest]
     return nearest, distances
 
 
-def _least_negative(mesh: TetMesh, points: Floats) -> tuple[Ints, Floats]:
-    """Of each point (n, 3) the tet in which its smallest barycentric coordinate is largest, and those (n, 4)."""
-    corners = mesh.points[mesh.tets[:, :4]]
-    inverse = np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)).astype(np.float64)
-    tets, weights = np.zeros(len(points), dtype=np.int64), np.zeros((len(points), 4))
+def circles_around(triangles: Floats) -> tuple[Floats, Floats]:
+    """Centres (n, 3) and radii (n,) of spheres around triangles (n, 3, 3) [m]."""
+    centres = triangles.mean(axis=1)
+    return centres, (1.0 + INSIDE) * np.linalg.norm(triangles - centres[:, None], axis=2).max(axis=1)
+
+
+def _containing(mesh: TetMesh, points: Floats) -> tuple[Ints, Floats]:
+    """The tet that contains each point (n, 3), by its least barycentric coordinate the furthest, and the coordinates
+    (n, 4); -1 and zeros outside.
+    """
+    origins, (lower, upper) = mesh.points[mesh.tets[:, 0]], mesh.boxes
+    tets, weights = np.full(len(points), -1, dtype=np.int64), np.zeros((len(points), 4))
     for i, point in enumerate(points):
-        coordinates = _barycentric(point, corners[:, 0], inverse)
-        tets[i] = np.argmax(coordinates.min(axis=1))
-        weights[i] = coordinates[tets[i]]
+        near = np.flatnonzero(((lower <= point) & (point <= upper)).all(axis=1))
+        coordinates = _barycentric(point, origins[near], mesh.to_barycentric[near])
+        least = coordinates.min(axis=1)
+        if least.max(initial=-np.inf) >= -INSIDE:
+            best = int(np.argmax(least))
+            tets[i], weights[i] = near[best], coordinates[best]
     return tets, weights
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
@@ -11,6 +12,9 @@ import numpy as np
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.cell import CELLS, Cell, cell_of
+from softcal.geometry.faces import outer_faces
+
+ROUNDING = 1e-8  # of a tet's extent
 
 
 @dataclass(frozen=True)
@@ -68,3 +72,24 @@ class TetMesh:
     def corners(self) -> Ints:
         """Numbers of the nodes that are a corner of some tet, ascending."""
         return np.unique(self.tets[:, :4])
+
+    @cached_property
+    def outer_faces(self) -> Ints:
+        """Numbers of the faces, four of each tet in order, that belong to it alone, ascending."""
+        return outer_faces(self.tets)
+
+    @cached_property
+    def to_barycentric(self) -> Floats:
+        """Of each tet the matrix (n_tets, 3, 3) [1/m] from a place, less the first corner, to its last three
+        barycentric coordinates, by the straight-sided tet between the corners.
+        """
+        corners = self.points[self.tets[:, :4]]
+        return np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)).astype(np.float64)
+
+    @cached_property
+    def boxes(self) -> tuple[Floats, Floats]:
+        """Lower and upper corners (n_tets, 3) [m] of boxes around the corners of each tet, wider by rounding."""
+        corners = self.points[self.tets[:, :4]]
+        lower, upper = corners.min(axis=1), corners.max(axis=1)
+        margin = ROUNDING * (upper - lower).max(axis=1, keepdims=True)
+        return lower - margin, upper + margin

@@ -66,7 +66,7 @@ def check_quality(mesh: TetMesh) -> MeshReport:
 
     corners = mesh.points[mesh.tets[:, :4]]
     lower, upper = mesh.points.min(axis=0), mesh.points.max(axis=0)
-    dihedral = _least_dihedral(corners)
+    dihedral = least_dihedral(corners)
     quality = _mean_ratio(corners)
     inverted = inverted_tets(mesh)
     used = np.zeros(mesh.n_points, dtype=bool)
@@ -172,7 +172,8 @@ def _mean_ratio(corners: Floats) -> Floats:
     return 12.0 * (3.0 * volumes) ** (2.0 / 3.0) / np.maximum(squares, np.finfo(float).tiny)
 
 
-def _least_dihedral(corners: Floats) -> Floats:
+def least_dihedral(corners: Floats) -> Floats:
+    """The smallest dihedral angle [rad] of each tet (n,), by corners (n, 4, 3)."""
     normals: list[Floats] = []
     for a, b, c in TET_FACES:
         normal = np.cross(corners[:, b] - corners[:, a], corners[:, c] - corners[:, a])

@@ -7,13 +7,13 @@ import numpy as np
 from softcal.checks import Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.cell import cell_of
+from softcal.geometry.faces import all_faces, face_keys, outer_faces
 from softcal.geometry.mesh import TetMesh
 
 
 def boundary_faces(mesh: TetMesh) -> Ints:
     """Triangles of a single tet (the boundary), oriented outwards, shape (k, 3 or 6)."""
-    faces = _all_faces(mesh.tets)
-    return faces[_outer(faces, mesh.n_points)]
+    return all_faces(mesh.tets)[mesh.outer_faces]
 
 
 def edges_of(faces: Ints) -> Ints:
@@ -24,14 +24,13 @@ def edges_of(faces: Ints) -> Ints:
 
 def boundary_triangles(tets: Ints) -> Ints:
     """Outward flat triangles (k, 3) of the boundary of linear or quadratic tets; a quadratic face gives four."""
-    faces = _all_faces(tets)
-    faces = faces[_outer(faces, int(tets.max(initial=-1)) + 1)]
+    faces = all_faces(tets)[outer_faces(tets)]
     return np.concatenate([faces[:, part] for part in cell_of(tets).flat_faces])
 
 
 def boundary_owners(mesh: TetMesh) -> Ints:
     """Tet of each row of `boundary_faces(mesh)`."""
-    return _outer(_all_faces(mesh.tets), mesh.n_points) // 4
+    return mesh.outer_faces // 4
 
 
 def matching_faces(mesh: TetMesh, triangles: Ints, *, where: str = "") -> Ints:
@@ -45,10 +44,10 @@ def matching_faces(mesh: TetMesh, triangles: Ints, *, where: str = "") -> Ints:
         If a triangle is not a face of any tet.
     """
     triangles = np.asarray(triangles, dtype=np.int64)
-    faces = _all_faces(mesh.tets)
-    keys = _face_keys(faces, mesh.n_points)
+    faces = all_faces(mesh.tets)
+    keys = face_keys(faces, mesh.n_points)
     order = np.argsort(keys, kind="stable")
-    wanted = _face_keys(triangles, mesh.n_points)
+    wanted = face_keys(triangles, mesh.n_points)
     left = np.searchsorted(keys[order], wanted, side="left")
     right = np.searchsorted(keys[order], wanted, side="right")
     strangers = np.flatnonzero(left == right)
@@ -66,23 +65,6 @@ def matching_faces(mesh: TetMesh, triangles: Ints, *, where: str = "") -> Ints:
     turn = (right - left > 1) & (_handedness(found) != _handedness(triangles))
     found[turn] = second[turn]
     return found
-
-
-def _all_faces(tets: Ints) -> Ints:
-    """Four faces of each tet in order, (4 n_tets, 3 or 6)."""
-    faces = cell_of(tets).faces
-    return tets[:, faces].reshape(-1, len(faces[0]))
-
-
-def _outer(faces: Ints, n_points: int) -> Ints:
-    """Rows of the faces that belong to a single tet."""
-    _, first, count = np.unique(_face_keys(faces, n_points), return_index=True, return_counts=True)
-    return np.sort(first[count == 1])
-
-
-def _face_keys(faces: Ints, n_points: int) -> Ints:
-    low, middle, high = np.sort(faces[:, :3], axis=1).T
-    return (low * n_points + middle) * n_points + high
 
 
 def _handedness(faces: Ints) -> Ints:

@@ -55,6 +55,8 @@ class Linearisation:
         Columns and rows added by unknown efforts and by losses.
     touch
         Part of the tangent outside its pattern (sparse, upper triangle), such as contacts, or None.
+    is_convex
+        Whether ridges between triangles in contact count as flat in the tangent, which is then not the exact one.
     """
 
     controls: Controls
@@ -66,6 +68,7 @@ class Linearisation:
     data: Floats | None = None
     border: Border = NO_BORDER
     touch: Any = None
+    is_convex: bool = False
 
     @property
     def is_admissible(self) -> bool:

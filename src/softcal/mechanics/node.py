@@ -101,7 +101,8 @@ class Node:
 def node_at(
     statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...], *, mixed: bool = True
 ) -> Node:
-    """The node of an equilibrium: one factorisation, then a substitution for the slope and two per parameter.
+    """The node of an equilibrium: one factorisation, then a substitution for the slope and two per parameter. Two more
+    factorisations where surfaces touch on ridges, which count as flat for its stability, but not for derivatives.
 
     mixed: whether the mixed derivatives are computed, to interpolate between this node and the next; zero otherwise.
 
@@ -116,6 +117,8 @@ def node_at(
     sought = statics.seeks_free_modes or statics.n_unstable() != 0
     free = exclude_free_modes(statics, at) if sought else NO_MODES
     stable = bool(pushing(statics.system, state).any()) or statics.n_unstable() == 0
+    if stable and at.is_convex:
+        statics.factorise(statics.system.linearise(state, controls, statics.theta), free=free)
     moving = _moving(statics, state, names)
     moved = tuple(names[k] for k in moving)
     given = statics.system.given(state, controls, statics.theta, at.known)

@@ -104,7 +104,7 @@ class _Continuation:
     begun: tuple[Hashable, int] | None = None
 
     def __post_init__(self) -> None:
-        self.work = PathWork(self.statics.limits, self.statics.n_factorisations)
+        self.work = PathWork(self.statics.limits)
         self.work.gain(0.0, self.statics.n_factorisations)
         self.length = min(self.first_step, self.largest_step, self.end - self.last.c)
 
@@ -121,19 +121,24 @@ class _Continuation:
         return self.last.c < self.end - 1e-12 * self.whole
 
     def advance(self) -> str:
-        """Attempt a step, and recover where it fails; returns why it cannot, or why the path ends, or ""."""
+        """Attempt a step within the limits of the work; returns why the path ends, or ""."""
         statics = self.statics
-        over = self.work.why_over(statics.n_factorisations, statics.begun, fails=self.failing is not None)
-        if over:
-            self.is_cut = True
-            return over
+        over = self.work.why_vain(statics.n_factorisations, fails=self.failing is not None) or statics.why_over()
+        why = "" if over else self._step()
+        if why:
+            over = statics.why_over()  # a solve that ends there has no other reason
+        self.is_cut = over != ""
+        return over or why
+
+    def _step(self) -> str:
+        """Attempt a step, and recover where it fails; returns why it cannot, or ""."""
         c, step = self._ahead()
         if self.begun is None and self._is_plain:
             key = (*self.along, self.last.c, c, step)
-            if (kept := statics.kept_node(key)) is not None:
+            if (kept := self.statics.kept_node(key)) is not None:
                 self._add(kept.node, kept.next_step)
                 return ""
-            self.begun = key, statics.n_factorisations
+            self.begun = key, self.statics.n_factorisations
         attempt, last = self._attempt(c, step), self.last
         solved = self.statics.equilibrium(attempt.begin, self.line.at(attempt.c))
         node = None
@@ -146,7 +151,7 @@ class _Continuation:
             if node.is_stable:
                 self._add(node, _next_length(step, solved.n_iterations))
                 return ""
-        self.failing = None if node is not None else statics.system.failing(solved.state)
+        self.failing = None if node is not None else self.statics.system.failing(solved.state)
         self.tried.append(attempt if node is None else replace(attempt, begin=node.state))
         return "" if self._settle() or self._shorten(attempt, node) else self._snap(attempt, node, solved.status)
 
@@ -269,6 +274,7 @@ def follow(  # noqa: PLR0913 (one keyword for each option)
     """
     before, start = (start[:-1], start[-1]) if isinstance(start, tuple) else ((), start)
     way = _Continuation(statics, line, names, before, [start], end, first_step, largest_step, mixed)
+    outer, statics.path_begin = statics.path_begin, statics.n_factorisations
     watch, reached = path_watch(), share or (lambda node: (node.c - start.c) / way.whole)
     try:
         while way.goes_on and (way.last is start or share is None or share(way.last) < 1.0):
@@ -279,6 +285,8 @@ def follow(  # noqa: PLR0913 (one keyword for each option)
         if not keeps:
             raise
         return Path(tuple(way.nodes), False, names=names).stopped(stop)
+    finally:
+        statics.path_begin = outer
     return Path(tuple(way.nodes), True, names=names)
 
 

@@ -43,30 +43,31 @@ class PathLimits(Declared):
             return ""
         return f"the simulation took {format_quantity(self.cpu_time, 's')} (limits.cpu_time)"
 
+    def why_over(self, n: int, begun: float) -> str:
+        """The limit that n factorisations of a path, or the time since `begun`, exceed, as of `why_late`; else ""."""
+        if n >= self.factorisations:
+            return f"it took {n} factorisations (limits.factorisations)"
+        return self.why_late(begun)
+
 
 @dataclass
 class PathWork:
-    """The work on a path so far. begin: number of factorisations before it; gains: length of the path and number of
-    factorisations at each node.
-    """
+    """The gains by the work on a path so far: its length and the number of factorisations at each node."""
 
     limits: PathLimits
-    begin: int
     gains: list[tuple[float, int]] = field(default_factory=list[tuple[float, int]])
 
     def gain(self, length: float, n: int) -> None:
         """Record the path's length after n factorisations."""
         self.gains.append((length, n))
 
-    def why_over(self, n: int, begun: float, *, fails: bool) -> str:
-        """The limit that n factorisations exceed, as part of a sentence; "" where they exceed none. begun: processor
-        time at which the simulation began [s]; fails: whether elements fail in the step that is attempted.
+    def why_vain(self, n: int, *, fails: bool) -> str:
+        """The limit that n factorisations with too small a gain exceed, as part of a sentence; else "". fails: whether
+        elements fail in the step that is attempted.
         """
         limits, length = self.limits, self.gains[-1][0]
         spent = n - next(at for reached, at in self.gains if reached >= (1.0 - GAIN) * length)
         name = "failing" if fails else "creeping"
         if spent >= getattr(limits, name):
             return f"the last {spent} factorisations gained less than {100 * GAIN:.0f} % of it (limits.{name})"
-        if n - self.begin >= limits.factorisations:
-            return f"it took {n - self.begin} factorisations (limits.factorisations)"
-        return limits.why_late(begun)
+        return ""

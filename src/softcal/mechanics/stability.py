@@ -105,9 +105,17 @@ def _at_rest(statics: Statics, state: State, controls: Controls) -> Equilibrium:
 
 
 def _holding(statics: Statics, at: Linearisation, drag: float) -> float:
-    """Factorise with the least drag, from `drag` upwards, at which no direction is unstable."""
+    """Factorise with the least drag, from `drag` upwards, at which no direction is unstable.
+
+    Raises
+    ------
+    SimulationError
+        Where none is enough, or the work is at a limit.
+    """
     most = MOST_DRAG * statics.stiffness(at)
     while drag < most:
+        if over := statics.why_over():
+            raise SimulationError(over)
         statics.factorise(at, drag)
         if statics.n_unstable() == 0:
             return drag
@@ -152,7 +160,7 @@ def _down(statics: Statics, state: State, controls: Controls, at: Linearisation,
     Raises
     ------
     SimulationError
-        Where no drag is enough, or the robot is torn.
+        Where no drag is enough, the robot is torn, or the work is at a limit.
     """
     while True:
         drag = _holding(statics, at, drag)

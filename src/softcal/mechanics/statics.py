@@ -84,6 +84,7 @@ class Statics:
         self.system = system
         self._kept, self._n_repeated = kept, 0
         self.limits, self.begun = limits or PathLimits(), time.process_time()
+        self.path_begin: int | None = None  # factorisations before the present load path, where there is one
         self.theta = dict(theta)
         sizes = system.sizes(theta)
         self.unit = sizes.units()
@@ -120,6 +121,11 @@ class Statics:
     def nearest_kept(self, along: Hashable, c: float) -> Node | None:
         """The kept node of a path that is nearest to c; None where there is none."""
         return None if self._kept is None else self._kept.nearest(along, c)
+
+    def why_over(self) -> str:
+        """The limit of the work that is exceeded, as part of a sentence; else "". Solves end there, and load paths."""
+        n = 0 if self.path_begin is None else self.n_factorisations - self.path_begin
+        return self.limits.why_over(n, self.begun)
 
     def norm(self, at: Linearisation) -> float:
         """The residual over its scale: forces over the reactions, volumes over a node's, coordinates over theirs.
@@ -238,6 +244,8 @@ class Statics:
                 return Equilibrium(
                     state, False, iteration, residual, f"Newton's method diverged (residual {residual:.1e})"
                 )
+            if over := self.why_over():
+                return Equilibrium(state, False, iteration, residual, over)
             if free.size and across < TOLERANCE:
                 free = NO_MODES  # the modes need a force after all: the remaining residual is along them
             is_fresh = at.data is not None
@@ -315,7 +323,8 @@ class Statics:
         return float(np.ptp(state.x, axis=0).max()) > FARTHEST * self.length
 
     def tangent_at(self, state: State, controls: Controls) -> Linearisation:
-        """Linearise at an equilibrium, and take the tangent, for predictors and sensitivities.
+        """Linearise at an equilibrium, and take the tangent that shows whether it is stable: the exact one, or where
+        surfaces touch on ridges the one with these flat (`is_convex`), which serves no derivatives.
 
         Raises
         ------

@@ -116,7 +116,8 @@ class System:
             return at
         self.motion.reduce_tangent(state, total.gradient, total.data)
         data = total.data[: self.pattern.nnz]
-        return replace(at, data=data, border=self._border(state, total), touch=self._outside(state, total))
+        border, touch = self._border(state, total), self._outside(state, total)
+        return replace(at, data=data, border=border, touch=touch, is_convex=convex)
 
     def gradient_by_parameters(self, given: Sequence[Given], names: tuple[str, ...]) -> Floats:
         """d reduced gradient / d parameter, (n_unknowns, n_names), also through their memory; `given` to each term."""

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.errors import SimulationError
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.node import Line, Node, node_at
 from softcal.mechanics.path import Path, between, follow
@@ -140,6 +141,11 @@ class EquilibriumPath:
                 if not path_watch().keeps:
                     raise
                 path = path.stopped(stop)
+            except SimulationError:
+                over = self.statics.why_over()
+                if not over:
+                    raise
+                path = path if path.is_cut else replace(path, reached=False, status=over, is_cut=True)
         return path, self.curve(path.nodes)
 
     def _refined(self, path: Path, samples: Floats, *, of_tension: bool) -> tuple[Path, Curve]:

@@ -71,6 +71,8 @@ def check(
     StorageError
         Where the folder cannot be written.
     """
+    bodies = (*_body_rows(project), *_rod_rows(project))
+    ready(bodies, ())
     progress("Building the twin")
     twin_of(project.robot)
     if out_dir is not None:
@@ -80,9 +82,9 @@ def check(
         warnings.append("no parameter is free: there is nothing to calibrate")
     warnings += [*_beyond_bounds(project), *off_course(project.robot)]
     warnings += [*_unstable_at_rest(project), *_refusals(project)]
-    parts = (*_body_rows(project), *_rod_rows(project), *_part_rows(project))
-    rows = (*parts, *_bench_rows(project), *_search_rows(project))
-    ready(rows, warnings)
+    others = (*_part_rows(project), *_bench_rows(project), *_search_rows(project))
+    ready(others, warnings)
+    rows = (*bodies, *others)
     states = start_states(project, progress, ready) if solve else None
     if states is not None:
         against = (_against_twin(project, name, response) for name, response in states.responses.items())

@@ -138,11 +138,7 @@ def respond(
         raise ParameterError(Fault(why, "sensitivities", got, "parameters of the robot"))
     statics = Statics(twin.system, theta, twin.robot.limits)
     try:
-        driven = [
-            name
-            for name, command in protocol.commands.items()
-            if command.control == "shortening" or np.any(command.values != 0.0)
-        ]
+        driven = protocol.driven
         if len(driven) > 1 or twin.system.remembers:
             return simulate_many(
                 twin, statics, protocol, names, snapshots=snapshots, crossings=crossings, commanded=commanded

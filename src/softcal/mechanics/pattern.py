@@ -54,6 +54,11 @@ class Pattern:
         """The row of every entry of the triangle (nnz,)."""
         return np.repeat(np.arange(len(self.indptr) - 1), np.diff(self.indptr))
 
+    @cached_property
+    def entries(self) -> Ints:
+        """Row times the number of unknowns, plus column, of every entry of the triangle (nnz,), ascending."""
+        return self.rows * np.int64(len(self.indptr) - 1) + self.indices
+
     def pair(self, a: Ints, b: Ints) -> Ints:
         """Start positions (..., 3) of the pairs (a, b), a <= b.
 
@@ -71,8 +76,7 @@ class Pattern:
 
     def entry(self, alpha: Ints, beta: Ints) -> Ints:
         """Places in `data` of the tangent's entries (alpha, beta), alpha <= beta, by numbers of unknowns."""
-        n = np.int64(len(self.indptr) - 1)
-        return _found(self.rows * n + self.indices, alpha * n + beta)
+        return _found(self.entries, alpha * np.int64(len(self.indptr) - 1) + beta)
 
 
 def build_pattern(layout: Layout, connectivities: list[Ints], frame_pairs: Ints) -> Pattern:

@@ -17,8 +17,10 @@ from softcal.calibration.loss import Block
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.uncertain import MESH_ERROR, UncertainParameter
 from softcal.errors import MeshError
+from softcal.geometry.refine import corners_in_parents
 from softcal.mechanics.elements import DEFAULT
 from softcal.twin.finer import elevated, halved, has_lower, size
+from softcal.twin.mesh_change import FinerTwin
 from softcal.twin.robot import Robot
 
 UNKNOWNS = 150_000  # a minute or two per trajectory
@@ -66,24 +68,30 @@ def on_finer_mesh(problem: Problem, theta: Mapping[str, float], *, max_unknowns:
     """The evaluation of a problem at theta on a finer mesh, or a sentence why there is none."""
     if problem.simulate is not None:
         return unknown("the twin is another engine's")
-    is_lower = has_lower(problem.robot, DEFAULT.name)
-    raised = elevated(problem.robot, DEFAULT.name) if is_lower else problem.robot
-    if (n := size(raised, 0 if is_lower else 1).unknowns) > max_unknowns:
+    robot = problem.robot
+    is_lower = has_lower(robot, DEFAULT.name)
+    elements = elevated(robot, DEFAULT.name) if is_lower else robot
+    if (n := size(elements, 0 if is_lower else 1).unknowns) > max_unknowns:
         return unknown(f"a finer one would have {n:,} unknowns, more than the limit of {max_unknowns:,}")
     try:
-        return replace(problem, robot=raised if is_lower else _halved(raised)).evaluate(theta)
+        return replace(problem, simulate=finer_twin(robot)).evaluate(theta)
     except MeshError as error:
         return unknown(str(error))
 
 
-def _halved(robot: Robot) -> Robot:
-    """The robot halved: one for all fits of it, so that its twin is built once."""
+def finer_twin(robot: Robot) -> FinerTwin:
+    """The robot's finer twin: one for all fits of it, so that it is built once."""
     if not (_LAST and _LAST[0][0] is robot):
-        _LAST[:] = [(robot, halved(robot))]
+        if has_lower(robot, DEFAULT.name):
+            same = {body.name: np.tile(np.eye(4), (body.mesh.n_tets, 1, 1)) for body in robot.bodies}
+            finer = FinerTwin(elevated(robot, DEFAULT.name), same)
+        else:
+            finer = FinerTwin(halved(robot), {body.name: corners_in_parents(body.mesh) for body in robot.bodies})
+        _LAST[:] = [(robot, finer)]
     return _LAST[0][1]
 
 
-_LAST: list[tuple[Robot, Robot]] = []  # the robot halved last, with the result
+_LAST: list[tuple[Robot, FinerTwin]] = []  # the last robot, with its finer twin
 
 
 def unknown(reason: str) -> str:

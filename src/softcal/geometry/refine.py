@@ -84,6 +84,12 @@ def refined_mesh(mesh: TetMesh) -> TetMesh:
     return TetMesh(points, fine.tets, dict(fine.node_sets), dict(fine.face_sets), dict(fine.element_sets))
 
 
+def corners_in_parents(mesh: TetMesh) -> Floats:
+    """Barycentric coordinates (8 n_tets, 4, 4) of the corners of the refined mesh's tets in those that they are of."""
+    nodes = to_quadratic(mesh)
+    return QUADRATIC.nodes[_pieces(nodes.points[nodes.tets])].reshape(-1, 4, 4)
+
+
 def refined_centreline(line: Centreline) -> Centreline:
     """The centreline with a node in the middle of every element; node k becomes node 2 k.
 

@@ -101,6 +101,10 @@ class BorderedTangent:
             if self._factors is None or isinstance(self._factors, Dense):
                 self._renew(at)
 
+    def forget(self) -> None:
+        """Forget the factors, so that the next tangent is factorised."""
+        self._factors = None
+
     def _take(self, at: Linearisation, solved: Linearisation | None) -> None:
         self._at, self._border, self._columns_solved, self._is_own = solved, at.border, None, False
         self._unstable = None

@@ -86,11 +86,25 @@ class Element:
         MeshError
             Where an element is inverted at a quadrature point.
         """
+        dX_dxi, det = self._jacobians(points, tets, where)
+        dN_dX = np.einsum("qak,eqkj->eqaj", self._local_gradients, np.linalg.inv(dX_dxi))
+        return np.ascontiguousarray(dN_dX), det * self.quadrature.weights
+
+    @property
+    def _local_gradients(self) -> Floats:
+        """dN_a by (xi, eta, zeta) at the quadrature points (n_q, n_a, 3), with L0 = 1 - xi - eta - zeta."""
         dN_dL = self.cell.gradients(self.quadrature.points)
-        # L0 = 1 - xi - eta - zeta: derivatives by (xi, eta, zeta)
-        dN_dxi = dN_dL[:, :, 1:] - dN_dL[:, :, :1]
-        X = points[tets]
-        dX_dxi = np.einsum("eai,qak->eqik", X, dN_dxi)
+        return dN_dL[:, :, 1:] - dN_dL[:, :, :1]
+
+    def _jacobians(self, points: Floats, tets: Ints, where: str = "mesh") -> tuple[Floats, Floats]:
+        """dX/dxi (n_tets, n_q, 3, 3) [m] and its determinants (n_tets, n_q) [m^3].
+
+        Raises
+        ------
+        MeshError
+            Where an element is inverted at a quadrature point.
+        """
+        dX_dxi = np.einsum("eai,qak->eqik", points[tets], self._local_gradients)
         det = np.linalg.det(dX_dxi)
         bad = np.unique(np.nonzero(det <= 0.0)[0])
         if bad.size:
@@ -102,14 +116,13 @@ class Element:
                     attempt="a finer or straighter mesh",
                 )
             )
-        dN_dX = np.einsum("qak,eqkj->eqaj", dN_dxi, np.linalg.inv(dX_dxi))
-        return np.ascontiguousarray(dN_dX), det * self.quadrature.weights
+        return dX_dxi, det
 
     def nodal_volumes(self, points: Floats, tets: Ints) -> Floats:
         """Integral of each node's shape function over a mesh (n_points,) [m^3]: times density, the consistent nodal
         mass.
         """
-        _, w = self.gradients(points, tets)
+        _, det = self._jacobians(points, tets)
         volumes = np.zeros(len(points))
-        np.add.at(volumes, tets, w @ self.cell.functions(self.quadrature.points))
+        np.add.at(volumes, tets, (det * self.quadrature.weights) @ self.cell.functions(self.quadrature.points))
         return volumes

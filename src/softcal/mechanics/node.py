@@ -9,6 +9,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.mechanics.actuator import NO_EFFORT
+from softcal.mechanics.bordered import EXACT
 from softcal.mechanics.free_modes import exclude_free_modes
 from softcal.mechanics.mixed import mixed_derivatives
 from softcal.mechanics.state import State
@@ -99,12 +100,20 @@ class Node:
 
 
 def node_at(
-    statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...], *, mixed: bool = True
+    statics: Statics,
+    line: Line,
+    c: float,
+    state: State,
+    names: tuple[str, ...],
+    *,
+    mixed: bool = True,
+    accuracy: float = EXACT,
 ) -> Node:
     """The node of an equilibrium: one factorisation, then a substitution for the slope and two per parameter. Two more
     factorisations where surfaces touch on ridges, which count as flat for its stability, but not for derivatives.
 
     mixed: whether the mixed derivatives are computed, to interpolate between this node and the next; zero otherwise.
+    accuracy: relative error of the slope, where it is solved by iteration.
 
     Raises
     ------
@@ -123,7 +132,7 @@ def node_at(
     moved = tuple(names[k] for k in moving)
     given = statics.system.given(state, controls, statics.theta, at.known)
     by_theta = statics.system.gradient_by_parameters(given, moved)
-    dz = -statics.solve(np.column_stack([by_control, by_theta]))
+    dz = -statics.solve(np.column_stack([by_control, by_theta]), accuracy)
     # The effort of a held actuator is prescribed: its rate is the line's.
     efforts = dz[statics.system.layout.first_effort_unknown :]
     efforts[line.is_held, 0] = line.effort_rate[line.is_held]

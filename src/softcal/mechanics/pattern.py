@@ -54,6 +54,11 @@ class Pattern:
         """The row of every entry of the triangle (nnz,)."""
         return np.repeat(np.arange(len(self.indptr) - 1), np.diff(self.indptr))
 
+    @cached_property
+    def entries(self) -> Ints:
+        """Row times the number of unknowns, plus column, of every entry of the triangle (nnz,), ascending."""
+        return self.rows * np.int64(len(self.indptr) - 1) + self.indices
+
     def pair(self, a: Ints, b: Ints) -> Ints:
         """Start positions (..., 3) of the pairs (a, b), a <= b.
 
@@ -71,8 +76,7 @@ class Pattern:
 
     def entry(self, alpha: Ints, beta: Ints) -> Ints:
         """Places in `data` of the tangent's entries (alpha, beta), alpha <= beta, by numbers of unknowns."""
-        n = np.int64(len(self.indptr) - 1)
-        return _found(self.rows * n + self.indices, alpha * n + beta)
+        return _found(self.entries, alpha * np.int64(len(self.indptr) - 1) + beta)
 
 
 def build_pattern(layout: Layout, connectivities: list[Ints], frame_pairs: Ints) -> Pattern:
@@ -83,8 +87,8 @@ def build_pattern(layout: Layout, connectivities: list[Ints], frame_pairs: Ints)
     parts = []
     for conn in connectivities:
         i, j = np.triu_indices(conn.shape[1])
-        parts.append(np.unique(conn[:, i] * n + conn[:, j]))
-    keys = np.unique(np.concatenate([*parts, np.arange(n) * (n + 1)]))
+        parts.append(_ascending((conn[:, i] * n + conn[:, j]).ravel()))
+    keys = _ascending(np.concatenate([*parts, np.arange(n) * (n + 1)]))
     a, b = keys // n, keys % n
 
     # Entities of the reduced problem: free points, frames, scalars, in the order of their unknowns.
@@ -104,7 +108,7 @@ def build_pattern(layout: Layout, connectivities: list[Ints], frame_pairs: Ints)
     moving = ((reduced[a] >= 0) | follows[a]) & ((reduced[b] >= 0) | follows[b])
     side = moving & (follows[a] | follows[b])
     direct = moving & ~side
-    red_keys = np.unique(
+    red_keys = _ascending(
         np.concatenate(
             [
                 reduced[a[direct]] * n_red + reduced[b[direct]],
@@ -143,6 +147,12 @@ def build_pattern(layout: Layout, connectivities: list[Ints], frame_pairs: Ints)
         side_pairs=np.stack([a[side], b[side]], axis=1),
         n_entities=int(n),
     )
+
+
+def _ascending(keys: Ints) -> Ints:
+    """The distinct keys, ascending; `np.unique` hashes them, which takes a hundred times as long."""
+    ordered = np.sort(keys)
+    return ordered[np.append(True, ordered[1:] != ordered[:-1])] if len(keys) else ordered
 
 
 def _side_keys(layout: Layout, reduced: Ints, a: Ints, b: Ints, n_red: np.int64) -> Ints:

@@ -194,6 +194,10 @@ class Statics:
         self.tangent.take(at)
         self._rounding = self._rounding_of(at)
 
+    def forget(self) -> None:
+        """Forget the factors: those of a state far from the next one serve no solution there."""
+        self.tangent.forget()
+
     def _rounding_of(self, at: Linearisation) -> float:
         """Forces due to the rounding of the positions [N]."""
         if at.data is None:
@@ -219,8 +223,10 @@ class Statics:
         """
         return self.tangent.solve(b, accuracy)
 
-    def equilibrium(self, guess: State, controls: Controls) -> Equilibrium:
-        """Newton's method from a guess. Never raises where it fails: the status says why."""
+    def equilibrium(self, guess: State, controls: Controls, tolerance: float = TOLERANCE) -> Equilibrium:
+        """Newton's method from a guess, up to a residual over its scale. Never raises where it fails: the status says
+        why.
+        """
         system, free = self.system, self.free_modes
         state = replace(guess, effort=np.where(controls.is_held, controls.effort, guess.effort))
         at = system.linearise(state, controls, self.theta)
@@ -234,10 +240,10 @@ class Statics:
             if residual < best:
                 best, best_iteration = residual, iteration
             elif iteration - best_iteration >= more * PATIENCE:
-                status = f"Newton's method stalled (residual {best:.1e}, tolerance {TOLERANCE:.0e})"
+                status = f"Newton's method stalled (residual {best:.1e}, tolerance {tolerance:.0e})"
                 return Equilibrium(state, False, iteration, residual, status)
             across = self.measured(self._across(at.reduced, free), self.force_scale(at)) if free.size else residual
-            if residual < TOLERANCE or max(across / TOLERANCE, residual / FREE) < 1.0:
+            if residual < tolerance or max(across / tolerance, residual / FREE) < 1.0:
                 torn = self.is_torn(state)
                 return Equilibrium(state, not torn, iteration, residual, TORN if torn else "")
             if not residual < min(1e3 * previous, 1e6):
@@ -246,7 +252,7 @@ class Statics:
                 )
             if over := self.why_over():
                 return Equilibrium(state, False, iteration, residual, over)
-            if free.size and across < TOLERANCE:
+            if free.size and across < tolerance:
                 free = NO_MODES  # the modes need a force after all: the remaining residual is along them
             is_fresh = at.data is not None
             try:
@@ -288,7 +294,7 @@ class Statics:
             False,
             more * MAX_ITERATIONS,
             residual,
-            f"residual {residual:.1e} after {more * MAX_ITERATIONS} iterations, tolerance {TOLERANCE:.0e}",
+            f"residual {residual:.1e} after {more * MAX_ITERATIONS} iterations, tolerance {tolerance:.0e}",
         )
 
     def _across(self, reduced: Floats, modes: Floats) -> Floats:

@@ -24,7 +24,7 @@ class TouchedPattern:
         self._unit_entries = entries[self._unit_places]
         self._without = factorisation(pattern.indptr, pattern.indices, single=single)
         self._n = len(pattern.indptr) - 1
-        self._planned = pattern.rows * self._n + pattern.indices
+        self._planned = pattern.entries
         self._keys = self._planned
         self._own = np.arange(len(self._planned))
         self._factors: Factorisation | None = None

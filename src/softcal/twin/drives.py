@@ -48,11 +48,12 @@ class Samples:
 
 def by_shortening(along: EquilibriumPath, start: Node, d: Floats) -> Samples:
     """The samples of shortenings d (n,) [m]."""
-    end = float(d.max())
+    end, taut = float(d.max()), d > start.c
+    # Solved first, with the factors of the start: the same tangent.
+    still = None if taut.all() else along.curve((along.slack_node(start),))
     path = Path((start,), True, names=along.names)
     if end > start.c + SAME * along.length:
         path = along.follow(start, end)
-    taut = d > start.c
     if not _snaps_on(path):
         path, _ = along.refined(path, d[taut & (d <= path.nodes[-1].c)])
     snaps = _snaps_on(path) and path.stopped_by is None
@@ -65,8 +66,7 @@ def by_shortening(along: EquilibriumPath, start: Node, d: Floats) -> Samples:
     c = np.maximum(d[:n], start.c)
     values, slopes, by_parameter = along.curve(path.nodes).at(c)
     slack = ~taut[:n]
-    if slack.any():
-        still = along.curve((along.slack_node(start),))
+    if still is not None:
         values[slack], slopes[slack], by_parameter[slack] = still.values, still.slopes, still.by_parameter
     # A slack cable's shortening is the command, not the shortening that would make it taut.
     values[:, along.column(SHORTENING)] = d[:n]

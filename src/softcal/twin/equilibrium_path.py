@@ -154,7 +154,7 @@ class EquilibriumPath:
         for _ in range(MAX_REFINEMENTS):
             if len(path.nodes) < 2 or self.tolerance <= 0.0:
                 break
-            scale = self._scale(np.abs(curve.values).max(axis=0)[:, None], self._least)
+            scale = self.scale(curve.values)[:, None]
             new = 0.5 * (curve.c[1:] + curve.c[:-1])
             if of_tension:
                 is_read = curve.may_pass(self.column(TENSION), samples)
@@ -185,6 +185,19 @@ class EquilibriumPath:
             path = self.with_nodes(path, new[coarse])
             curve = self.curve(path.nodes)
         return path, curve
+
+    def largest(self, values: Floats) -> Floats:
+        """The largest of some values (n, n_channels) in all channels of one unit, for each (n_channels,)."""
+        return self._scale(np.abs(values).max(axis=0)[:, None], np.zeros(1))[:, 0]
+
+    def scale(self, values: Floats) -> Floats:
+        """As `largest`, at least what is above rounding error."""
+        return self._scale(np.abs(values).max(axis=0)[:, None], self._least)[:, 0]
+
+    def at(self, path: Path, c: float) -> Node:
+        """The equilibrium at c, on the path or between its nodes."""
+        nodes = self.with_nodes(path, self.missing(path, np.array([c]))).nodes
+        return min(nodes, key=lambda node: abs(node.c - c))
 
     def _scale(self, largest: Floats, least: Floats) -> Floats:
         """The largest of all channels of one unit, for each (n_channels, k): a roll of 1e-6 needs no 1e-10."""

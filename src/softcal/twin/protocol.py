@@ -77,6 +77,11 @@ class Protocol:
         return {str(ChannelName(of[command.control], cable)): cable for cable, command in self.commands.items()}
 
     @property
+    def driven(self) -> list[str]:
+        """The cables whose commands do more than leave them slack."""
+        return [n for n, one in self.commands.items() if one.control == "shortening" or np.any(one.values != 0.0)]
+
+    @property
     def parameters(self) -> tuple[str, ...]:
         """The parameters by which a command has derivatives."""
         return tuple(dict.fromkeys(name for command in self.commands.values() for name in command.by))

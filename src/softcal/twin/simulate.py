@@ -139,11 +139,7 @@ def respond(
     if commanded and twin.system.remembers:
         got, why = ", ".join(sensitivities), "a state depends on the commands of all samples before it, too"
         raise ParameterError(Fault(why, "sensitivities", got, "parameters of the robot"))
-    driven = [
-        name
-        for name, command in protocol.commands.items()
-        if command.control == "shortening" or np.any(command.values != 0.0)
-    ]
+    driven = protocol.driven
     if len(driven) > 1 or twin.system.remembers:
         with _statics(twin, theta) as statics:
             return simulate_many(

@@ -1,0 +1,184 @@
+"""The twin on a finer mesh, by the change of its channels along a load path.
+
+Along the path of one cable the change from mesh to mesh is far smoother than the channels: a polynomial through two
+equilibria of the finer twin, with their slopes, represents it within some tenths of a per cent of itself. Each of them
+is solved from the equilibrium on the coarse mesh, not by following the path on the finer one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import KroghInterpolator
+
+from softcal.checks import Floats
+from softcal.errors import SimulationError
+from softcal.mechanics.node import Node, node_at
+from softcal.mechanics.path import Path, strays
+from softcal.mechanics.state import State, difference, moved, rest_state
+from softcal.mechanics.statics import Statics
+from softcal.twin.build import twin_of
+from softcal.twin.curve import FINE
+from softcal.twin.drives import by_shortening
+from softcal.twin.equilibrium_path import EquilibriumPath
+from softcal.twin.parameters import robot_parameters
+from softcal.twin.prolongation import Prolongation, prolongation
+from softcal.twin.protocol import Protocol
+from softcal.twin.response import Response, Shown, by_column
+from softcal.twin.robot import Robot
+from softcal.twin.sensors import angle_columns
+from softcal.twin.simulate import CURVE_TOLERANCE, simulate
+
+PLACES = (1.0, 0.5, 0.25, 0.75)  # of equilibria on the finer mesh, over the path's length: two, or all
+CHANGE_TOLERANCE = 0.03  # estimated error over the largest change of all channels of one unit
+ACCURACY = 1e-6  # of equilibria on the finer mesh and their slopes: a change is some thousandths of a channel or more
+
+
+@dataclass(frozen=True)
+class FinerTwin:
+    """The engine that simulates a robot on a finer mesh, with one of the robot's own load paths to begin from.
+
+    Attributes
+    ----------
+    robot
+        The robot on the finer mesh.
+    corners
+        Body -> where the corners of its finer tets lie, as in `prolongation`.
+    """
+
+    robot: Robot
+    corners: Mapping[str, Floats]
+
+    def __call__(
+        self,
+        robot: Robot,
+        protocol: Protocol,
+        theta: Mapping[str, float] | None = None,
+        *,
+        sensitivities: Sequence[str] = (),
+        snapshots: Shown = False,
+    ) -> Response:
+        """The response on the finer mesh: by its change along the path of one cable that is pulled, else as
+        `simulate`.
+        """
+        changed = None if sensitivities or snapshots else self._changed(robot, protocol, theta or {})
+        if changed is not None:
+            return changed
+        return simulate(self.robot, protocol, theta, sensitivities=sensitivities, snapshots=snapshots, crossings=False)
+
+    def _changed(self, robot: Robot, protocol: Protocol, theta: Mapping[str, float]) -> Response | None:
+        """The response by the change; None where the change is no smooth curve, or is not known to be."""
+        driven = protocol.completed(robot).driven
+        if len(driven) != 1 or protocol.commands[driven[0]].control != "shortening":
+            return None
+        own, finer = twin_of(robot, theta), twin_of(self.robot, theta)
+        values = {**{name: info.value for name, info in robot_parameters(robot).items()}, **theta}
+        system = own.system
+        if robot.rods or system.contacts or system.remembers or system.is_loaded(values):
+            return None
+        along, further = (
+            EquilibriumPath(twin, Statics(twin.system, values, robot.limits), (), driven[0], CURVE_TOLERANCE)
+            for twin in (own, finer)
+        )
+        try:
+            samples = by_shortening(along, along.start(), protocol.commands[driven[0]].values)
+            if not samples.succeeded or any(node.is_snapped for node in samples.path.nodes):
+                return None
+            change = _change(along, samples.path, further, prolongation(own, finer, self.corners))
+            if change is None:
+                return None
+            return Response(
+                by_column(along.units, samples.values + change.at(samples.c)),
+                along.units,
+                samples.status,
+                succeeded=True,
+                n_factorisations=along.statics.n_factorisations + further.statics.n_factorisations,
+            )
+        except SimulationError:
+            return None
+        finally:
+            along.statics.release()
+            further.statics.release()
+
+
+@dataclass(frozen=True)
+class _Change:
+    """The change of the channels at some places c (n,) [m] of a path from `start` on, where it is zero.
+
+    values, slopes (n, n_channels): the change, and by c.
+    """
+
+    start: float
+    c: Floats
+    values: Floats
+    slopes: Floats
+
+    def at(self, c: Floats, *, without: int | None = None) -> Floats:
+        """The change (m, n_channels) at c (m,); without: the number of a place whose slope is left out."""
+        length = self.c.max() - self.start
+        places, conditions = [self.start], [np.zeros(self.values.shape[1])]
+        for k, place in enumerate(self.c):
+            places.append(place)
+            conditions.append(self.values[k])
+            if k != without:
+                places.append(place)
+                conditions.append(length * self.slopes[k])
+        polynomial = KroghInterpolator((np.array(places) - self.start) / length, np.array(conditions))
+        return polynomial((c - self.start) / length)
+
+    def error(self) -> Floats:
+        """Estimated error (n_channels,): what the second slope makes of the polynomial."""
+        c = np.linspace(self.start, self.c.max(), FINE)
+        return np.abs(self.at(c) - self.at(c, without=1)).max(axis=0)
+
+
+def _change(along: EquilibriumPath, path: Path, finer: EquilibriumPath, prolong: Prolongation) -> _Change | None:
+    """The change of the channels from a path that begins at rest to the same on a finer mesh; None where no stable
+    equilibrium was found near its own, or the change is no smooth curve.
+    """
+    start, end = path.nodes[0].c, path.nodes[-1].c
+    if end <= start:
+        return None
+    layout = finer.twin.system.layout
+    values: list[Floats] = []
+    slopes: list[Floats] = []
+    moved_at_end = np.zeros(layout.n_unknowns)  # by the finer mesh
+    for n_places in (2, len(PLACES)):
+        for place in PLACES[len(values) : n_places]:
+            own = along.at(path, start + place * (end - start))
+            guess = prolong(own.state)
+            node = _on_finer(finer, own.c, moved(layout, guess, place * moved_at_end))
+            if node is None:
+                return None
+            if place == PLACES[0]:
+                moved_at_end = difference(layout, node.state, guess)
+            here, there = along.curve((own,)), finer.curve((node,))
+            values.append(_turned(there.values[0] - here.values[0], angle_columns(along.twin)))
+            slopes.append(there.slopes[0] - here.slopes[0])
+        c = start + np.array(PLACES[:n_places]) * (end - start)
+        change = _Change(start, c, np.array(values), np.array(slopes))
+        scale = along.scale(along.curve(path.nodes).values)
+        allowed = np.maximum(CHANGE_TOLERANCE * along.largest(change.values), along.tolerance * scale)
+        if np.all(change.error() <= allowed):
+            return change
+    return None
+
+
+def _on_finer(finer: EquilibriumPath, c: float, guess: State) -> Node | None:
+    """The stable equilibrium on a finer mesh at c, near a guess; None where there is none."""
+    statics = finer.statics
+    statics.forget()
+    solved = statics.equilibrium(guess, finer.line.at(c), ACCURACY)
+    if not solved.converged or strays(statics, rest_state(finer.twin.system.layout), guess, solved.state):
+        return None
+    node = node_at(statics, finer.line, c, solved.state, (), accuracy=ACCURACY)
+    return node if node.is_stable else None
+
+
+def _turned(change: Floats, angles: Sequence[int]) -> Floats:
+    """The change (n_channels,) with angles between half a turn to and fro."""
+    out = change.copy()
+    out[angles] -= 2.0 * np.pi * np.round(out[angles] / (2.0 * np.pi))
+    return out

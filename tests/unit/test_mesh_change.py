@@ -1,0 +1,103 @@
+"""The twin on a finer mesh by the change of its channels: against the load path followed on that mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mechanics_cases import side_cable
+from project_case import bar_robot
+
+from softcal.calibration.mesh_error import finer_twin
+from softcal.geometry.quadratic import to_quadratic
+from softcal.mechanics.state import rest_state
+from softcal.twin.build import build_twin
+from softcal.twin.mesh_change import FinerTwin
+from softcal.twin.prolongation import prolongation
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import Contact, PointLoad, Robot
+from softcal.twin.simulate import simulate
+
+PULL = Protocol({"front": Command("shortening", np.linspace(-0.001, 0.02, 43))})
+ACCURACY = 0.01  # of the largest change of all channels of one unit
+EXACT = 1e-7  # tolerance of curves to compare with
+
+
+def robot(element: str, order: int = 1) -> Robot:
+    bar = bar_robot()
+    body = replace(bar.bodies[0], element=element)
+    if order == 2:
+        mesh = to_quadratic(body.mesh)
+        fixed = np.flatnonzero(mesh.points[:, 2] < 1e-9)
+        body = replace(body, mesh=mesh, fixed=fixed)
+    return replace(bar, bodies=(body,))
+
+
+@pytest.mark.parametrize(("element", "order"), [("P1", 1), ("P2", 1), ("P2P1", 1), ("P2P1", 2)])
+def test_the_change_is_that_between_the_load_paths(element: str, order: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    coarse = robot(element, order)
+    finer = finer_twin(coarse)
+    with monkeypatch.context() as without_path:
+        without_path.setattr("softcal.twin.mesh_change.simulate", None)
+        changed = finer(coarse, PULL)
+    here, there = (simulate(r, PULL, curve_tolerance=EXACT) for r in (coarse, finer.robot))
+    changes = {name: there.channels[name] - values for name, values in here.channels.items()}
+    largest = {unit: max(np.abs(changes[n]).max() for n, u in here.units.items() if u == unit) for unit in ("N", "m")}
+    largest["rad"] = max(np.abs(changes[n]).max() for n, u in here.units.items() if u == "rad")
+    assert largest["N"] > 1e-3 * np.abs(there.channels["front.tension"]).max()
+    for name, values in changed.channels.items():
+        unit = here.units[name]
+        # The response on the coarse mesh has the error of its curve.
+        curve = 1e-4 * max(np.abs(there.channels[n]).max() for n, u in here.units.items() if u == unit)
+        assert np.abs(values - there.channels[name]).max() < ACCURACY * largest[unit] + curve, name
+
+
+def test_what_is_no_single_smooth_curve_is_simulated_on_the_finer_mesh() -> None:
+    coarse = robot("P1")
+    load = PointLoad("weight", "plate", np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.1, 0.0]))
+    two = replace(coarse, cables=(*coarse.cables, side_cable("back", [-0.03, 0.0])))
+    both = Protocol({name: Command("shortening", np.array([0.002, 0.004])) for name in ("front", "back")})
+    body = coarse.bodies[0]
+    softening = {"softening_amount": 2.0, "softening_energy": 1e4}
+    softens = replace(body, history=("softening",), parameters={**body.parameters, **softening})
+    cases: list[tuple[Robot, Protocol]] = [
+        (coarse, Protocol({"front": Command("tension", np.array([0.01, 0.02]))})),
+        (coarse, Protocol({"front": Command("shortening", np.array([-0.002, -0.001]))})),
+        (replace(coarse, loads=(load,)), PULL),
+        (two, both),
+        (replace(coarse, contact=Contact()), PULL),
+        (replace(coarse, bodies=(softens,)), PULL.take(np.arange(2, 43, 8))),
+    ]
+    for case, protocol in cases:
+        finer = finer_twin(case)
+        assert_same(finer(case, protocol).channels, simulate(finer.robot, protocol).channels)
+
+
+def test_derivatives_are_those_on_the_finer_mesh() -> None:
+    coarse = robot("P1")
+    finer = finer_twin(coarse)
+    found = finer(coarse, PULL, sensitivities=["bar.youngs_modulus"])
+    wanted = simulate(finer.robot, PULL, sensitivities=["bar.youngs_modulus"])
+    assert_same(found.sensitivities["front.tension"], wanted.sensitivities["front.tension"])
+
+
+def assert_same(found: Mapping[str, np.ndarray], wanted: Mapping[str, np.ndarray]) -> None:
+    assert found.keys() == wanted.keys()
+    for name, values in wanted.items():
+        assert found[name] == pytest.approx(values, rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize(("element", "order"), [("P1", 1), ("P2P1", 1), ("P2P1", 2)])
+def test_a_state_of_constant_strain_is_the_same_on_the_finer_mesh(element: str, order: int) -> None:
+    coarse = robot(element, order)
+    finer: FinerTwin = finer_twin(coarse)
+    own, other = build_twin(coarse), build_twin(finer.robot)
+    F = np.array([[1.1, 0.2, 0.0], [0.0, 0.9, 0.1], [0.0, 0.0, 1.2]])
+    rest = rest_state(own.system.layout)
+    pressure = np.full(len(rest.pressure), 7.0)
+    state = prolongation(own, other, finer.corners)(replace(rest, x=rest.x @ F.T, pressure=pressure))
+    free = other.system.layout.free_points
+    assert state.x[free] == pytest.approx((other.system.layout.X @ F.T)[free], abs=1e-15)
+    assert state.pressure == pytest.approx(np.full(len(state.pressure), 7.0 if own.pressure_nodes else 0.0))

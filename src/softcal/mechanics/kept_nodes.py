@@ -32,19 +32,24 @@ class Kept(NamedTuple):
 
 
 class KeptNodes:
-    """The nodes at one theta, by what each depends on."""
+    """The nodes at one theta, by what each depends on and the parameters of its derivatives."""
 
     def __init__(self) -> None:
-        self._kept: dict[Hashable, Kept] = {}
+        self._kept: dict[Hashable, dict[tuple[str, ...], Kept]] = {}
         self._along: dict[Hashable, list[Node]] = {}
         self.size = 0
 
-    def get(self, key: Hashable) -> Kept | None:
-        return self._kept.get(key)
+    def get(self, key: Hashable, names: tuple[str, ...]) -> Kept | None:
+        """A node by its key, with derivatives by the parameters `names` (k,)."""
+        each = self._kept.get(key, {})
+        if names in each:
+            return each[names]
+        own = next((own for own in each if set(names) <= set(own)), None)
+        return None if own is None else each[own]._replace(node=each[own].node.by([own.index(name) for name in names]))
 
-    def keep(self, key: Hashable, kept: Kept, along: Hashable) -> None:
+    def keep(self, key: Hashable, names: tuple[str, ...], kept: Kept, along: Hashable) -> None:
         """Keep a node by its key; along: what all nodes of its path have in common."""
-        self._kept[key] = kept
+        self._kept.setdefault(key, {})[names] = kept
         self._along.setdefault(along, []).append(kept.node)
         self.size += kept.size
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-from dataclasses import dataclass, field
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -97,6 +97,11 @@ class Node:
     is_snapped: bool = False
     has_snapped: bool = False
     free: Floats = field(default_factory=lambda: NO_MODES)
+
+    def by(self, columns: Sequence[int]) -> Node:
+        """The node with some of its parameters' columns."""
+        own = list(columns)
+        return replace(self, by_parameter=self.by_parameter[:, own], mixed=self.mixed[:, own])
 
 
 def node_at(

@@ -135,7 +135,7 @@ class _Continuation:
         c, step = self._ahead()
         if self.begun is None and self._is_plain:
             key = (*self.along, self.last.c, c, step)
-            if (kept := self.statics.kept_node(key)) is not None:
+            if (kept := self.statics.kept_node(key, self.names)) is not None:
                 self._add(kept.node, kept.next_step)
                 return ""
             self.begun = key, self.statics.n_factorisations
@@ -158,7 +158,7 @@ class _Continuation:
     @property
     def along(self) -> tuple[Hashable, ...]:
         """What kept nodes of this path have in common."""
-        return self.line.key, self.names, self.mixed
+        return self.line.key, self.mixed
 
     @property
     def _is_plain(self) -> bool:
@@ -244,7 +244,7 @@ class _Continuation:
             self.unstable = None
         if self.begun is not None and self._is_plain:
             key, before = self.begun
-            self.statics.keep(key, self.last, length, along=self.along, since=before)
+            self.statics.keep(key, self.names, self.last, length, along=self.along, since=before)
         self.begun = None
 
     def _close(self, c: float) -> float:
@@ -332,14 +332,14 @@ def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
         Where no equilibrium was found from there.
     """
     before, after = neighbours(path, c)
-    along = (line.key, path.names, True)
+    along = (line.key, True)
     key, n = (*along, c), statics.n_factorisations
     is_plain = not (before.has_snapped or before.is_snapped)
-    if is_plain and (kept := statics.kept_node(key)) is not None:
+    if is_plain and (kept := statics.kept_node(key, path.names)) is not None:
         return kept.node
     node = _between(statics, line, before, after, c, path.names)
     if is_plain and not node.is_snapped:
-        statics.keep(key, node, 0.0, along=along, since=n)
+        statics.keep(key, path.names, node, 0.0, along=along, since=n)
     return node
 
 

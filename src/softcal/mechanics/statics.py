@@ -107,16 +107,18 @@ class Statics:
         """Number of factorisations so far, with those of kept nodes."""
         return self.tangent.n_factorisations + self._n_repeated
 
-    def kept_node(self, key: Hashable) -> Kept | None:
-        """A node that was kept, whose factorisations count again."""
-        kept = None if self._kept is None else self._kept.get(key)
+    def kept_node(self, key: Hashable, names: tuple[str, ...]) -> Kept | None:
+        """A node that was kept, with derivatives by parameters `names` (k,); its factorisations count again."""
+        kept = None if self._kept is None else self._kept.get(key, names)
         self._n_repeated += 0 if kept is None else kept.n_factorisations
         return kept
 
-    def keep(self, key: Hashable, node: Node, next_step: float, *, along: Hashable, since: int) -> None:
+    def keep(
+        self, key: Hashable, names: tuple[str, ...], node: Node, next_step: float, *, along: Hashable, since: int
+    ) -> None:
         """Keep a node of a path `along`, where nodes are kept, that took the factorisations since a number of them."""
         if self._kept is not None:
-            self._kept.keep(key, Kept(node, next_step, self.n_factorisations - since), along)
+            self._kept.keep(key, names, Kept(node, next_step, self.n_factorisations - since), along)
 
     def nearest_kept(self, along: Hashable, c: float) -> Node | None:
         """The kept node of a path that is nearest to c; None where there is none."""

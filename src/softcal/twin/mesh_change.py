@@ -33,6 +33,10 @@ from softcal.twin.simulate import CURVE_TOLERANCE, simulate
 
 PLACES = (1.0, 0.5, 0.25, 0.75)  # of equilibria on the finer mesh, over the path's length: two, or all
 CHANGE_TOLERANCE = 0.03  # estimated error over the largest change of all channels of one unit
+WITH_CONTACT = 4.0  # times that, and
+OF_CURVE = (
+    20.0  # times the curve's tolerance, with contact: what touches differs from mesh to mesh, so changes are rough
+)
 ACCURACY = 1e-6  # of equilibria on the finer mesh and their slopes: a change is some thousandths of a channel or more
 
 
@@ -76,10 +80,12 @@ class FinerTwin:
         own, finer = twin_of(robot, theta), twin_of(self.robot, theta)
         values = {**{name: info.value for name, info in robot_parameters(robot).items()}, **theta}
         system = own.system
-        if robot.rods or system.contacts or system.remembers or system.is_loaded(values):
+        if robot.rods or system.remembers or system.is_loaded(values):
             return None
         along, further = (
-            EquilibriumPath(twin, Statics(twin.system, values, robot.limits), (), driven[0], CURVE_TOLERANCE)
+            EquilibriumPath(
+                twin, Statics(twin.system, values, robot.limits, twin.kept.at(values)), (), driven[0], CURVE_TOLERANCE
+            )
             for twin in (own, finer)
         )
         try:
@@ -160,7 +166,10 @@ def _change(along: EquilibriumPath, path: Path, finer: EquilibriumPath, prolong:
         c = start + np.array(PLACES[:n_places]) * (end - start)
         change = _Change(start, c, np.array(values), np.array(slopes))
         scale = along.scale(along.curve(path.nodes).values)
-        allowed = np.maximum(CHANGE_TOLERANCE * along.largest(change.values), along.tolerance * scale)
+        rough, of_curve = (WITH_CONTACT, OF_CURVE) if finer.twin.system.contacts else (1.0, 1.0)
+        allowed = np.maximum(
+            rough * CHANGE_TOLERANCE * along.largest(change.values), of_curve * along.tolerance * scale
+        )
         if np.all(change.error() <= allowed):
             return change
     return None

@@ -21,10 +21,7 @@ from softcal.export.sofa_robot import linear_robot
 from softcal.export.sofa_scene import legacy_vtk, package_name, scene_parameters, schedule_csv
 from softcal.geometry.quadratic import to_quadratic
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.robot import (
-    Contact,
-    SurfaceLoad,
-)
+from softcal.twin.robot import SurfaceLoad
 from softcal.twin.simulate import simulate
 
 
@@ -260,8 +257,6 @@ def test_mesh_file_is_the_mesh_to_the_last_digit(tmp_path):
 
 def test_what_no_scene_can_hold_is_refused():
     robot = column_robot()
-    with pytest.raises(ParameterError, match="contact"):
-        linear_robot(replace(robot, contact=Contact(1e-4, 1e6)))
     with pytest.raises(ParameterError, match=r"no friction; got 0.1"):
         linear_robot(replace(robot, cables=(replace(robot.cables[0], friction_coefficient=0.1),)))
 

@@ -193,6 +193,8 @@ def _notes(
     problem: Problem, parameters: Mapping[str, Estimate], trials: tuple[Trial, ...], n_failed: int
 ) -> list[Note]:
     notes = [bound_note(name, estimate) for name, estimate in parameters.items() if estimate.at_bound]
+    if problem.left_out:
+        notes.append(Note(problem.left_out, "warning"))
     for experiment in problem.experiments:
         rows = missing_rows(experiment)
         if rows:

@@ -123,6 +123,8 @@ class Problem:
         The engine; softcal's own twin where None.
     uncertain
         Parameters that are not fitted, whose standard deviations are carried into the intervals.
+    left_out
+        Sentence on what the engine leaves out of the robot, or "".
 
     Raises
     ------
@@ -138,6 +140,7 @@ class Problem:
     loss: Loss
     simulate: Simulate | None = None
     uncertain: tuple[UncertainParameter, ...] = ()
+    left_out: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "experiments", tuple(self.experiments))

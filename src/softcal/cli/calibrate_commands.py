@@ -164,6 +164,7 @@ def _print_expected(project: Project, engine: str, changes: dict[str, Any], work
     from softcal.workflows.expected_duration import expected_duration
 
     settings, problems = plan(project, engine, **changes)
+    print_warnings(dict.fromkeys(problem.left_out for problem in problems.values() if problem.left_out))
     with clock() as show:
         show(f"Timing one simulation by {engine}")
         expected = expected_duration(problems, settings.search, workers)

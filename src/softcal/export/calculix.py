@@ -22,6 +22,7 @@ from softcal.export.calculix_cables import cable_lines, dead_pulls
 from softcal.export.calculix_format import listed, number, set_name, weighted_sum
 from softcal.export.calculix_laws import CARDS, ISOCHORIC, law_lines
 from softcal.export.history_faults import history_faults
+from softcal.export.left_out_contact import contact_faults, not_exported
 from softcal.export.load_path import load_path
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import ELEMENTS, P1, P2
@@ -32,6 +33,7 @@ from softcal.twin.response import Snapshot
 from softcal.twin.robot import Body, Moment, Robot
 
 DECK = "robot.inp"
+PLACE = "the deck"
 ITS_LAW = ISOCHORIC
 ITS_ELEMENTS = {element.cell: element for element in (P1, P2)}
 # One increment per step, smaller ones if it does not converge; residual forces below a millionth of the average force.
@@ -55,8 +57,8 @@ class Deck:
 
 
 def in_its_law(robot: Robot) -> Robot:
-    """The robot with laws and elements (C3D4, C3D10) that CalculiX has, its meshes ending at the clamps."""
-    return replace(robot, bodies=tuple(_in_its_law(body.as_clamped) for body in robot.bodies))
+    """The robot with laws and elements (C3D4, C3D10) of CalculiX, its meshes ending at the clamps, without contact."""
+    return replace(robot, bodies=tuple(_in_its_law(body.as_clamped) for body in robot.bodies), contact=None)
 
 
 def _in_its_law(body: Body) -> Body:
@@ -81,13 +83,15 @@ def _in_its_law(body: Body) -> Body:
     )
 
 
-def calculix_deck(robot: Robot, shapes: Sequence[Snapshot]) -> Deck:
+def calculix_deck(robot: Robot, shapes: Sequence[Snapshot], notes: Sequence[str] = ()) -> Deck:
     """The deck of a robot under the loads and cable tensions of its shapes, one after the other; see `load_path`.
+
+    robot: of `in_its_law`; notes: sentences for the header.
 
     Raises
     ------
     ParameterError
-        For features that a deck cannot represent: rods, contact, friction and stretch of cables.
+        For features that a deck cannot represent: rods, friction and stretch of cables.
     """
     _require(robot)
     robot = robot.as_clamped
@@ -97,6 +101,7 @@ def calculix_deck(robot: Robot, shapes: Sequence[Snapshot]) -> Deck:
     cables = cable_lines(twin, shapes, last_node, sum(len(mesh.tets) for mesh in twin.meshes.values()))
     lines = [
         "** Written by softcal. Units: m, kg, s, N, Pa. Run it with: ccx -i robot",
+        *(f"** {note}" for note in notes),
         *_nodes(twin),
         *cables.nodes,
         *_elements(twin),
@@ -120,7 +125,7 @@ def _require(robot: Robot) -> None:
 
 
 def deck_faults(robot: Robot) -> list[Fault]:
-    """Faults of features that a deck cannot represent: rods, contact, friction and stretch of cables."""
+    """Faults of features that a deck cannot represent: rods, friction and stretch of cables."""
     faults = [
         Fault("a rod has no solid elements to write", where=rod.name, attempt="a solid mesh") for rod in robot.rods
     ]
@@ -130,9 +135,7 @@ def deck_faults(robot: Robot) -> list[Fault]:
         for load in robot.loads
         if isinstance(load, Moment)
     ]
-    if robot.contact is not None:
-        faults.append(Fault("contact cannot be exported", where="contact", attempt="a project without contact"))
-    return faults
+    return [*faults, *contact_faults(robot, "CalculiX")]
 
 
 def write_calculix(robot: Robot, shape: Snapshot, folder: Path, *, given: Robot | None = None) -> list[Path]:
@@ -146,8 +149,8 @@ def write_calculix(robot: Robot, shape: Snapshot, folder: Path, *, given: Robot 
         As `calculix_deck`.
     """
     _require(robot)
-    deck = calculix_deck(robot, load_path(robot, shape).shapes)
     notes = _notes(given or robot)
+    deck = calculix_deck(robot, load_path(robot, shape).shapes, notes)
     path, readme = folder / DECK, folder / "README.txt"
     path.write_text(deck.text, encoding="utf-8")
     pulls = ", ".join(f"{name} {tension:.6g} N" for name, tension in shape.tensions.items())
@@ -253,7 +256,7 @@ def _point_loads(layout: Layout, force: Floats) -> Iterator[str]:
 
 
 def _notes(robot: Robot) -> tuple[str, ...]:
-    notes: list[str] = []
+    notes = [*not_exported(robot, PLACE)]
     for body in robot.bodies:
         if body.law not in CARDS:
             notes.append(

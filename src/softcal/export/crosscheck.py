@@ -1,7 +1,8 @@
 """Cross-check of softcal's statics with other engines on the same state of the same robot.
 
 Engines have different laws and elements, so each is compared with softcal's twin in that engine's law and elements, on
-the same mesh, at the same parameters and loads: differences are then numerical and not of the model.
+the same mesh, at the same parameters and loads, without contact where the engine leaves it out: differences are then
+numerical and not of the model.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class EngineComparison:
     differences
         Compared quantities.
     changed
-        Changes of the robot's law and elements from the project's, in both programs.
+        Changes of the robot's law, elements and contact from the project's, in both programs.
     instabilities
         Sentence on instabilities along softcal's load path, or "".
     left_out
@@ -234,9 +235,11 @@ def _angle(R: Floats) -> float:
 
 
 def _changes(given: Robot, own: Robot) -> list[str]:
-    return [
+    bodies = [
         f"{a.name}: {what} {getattr(a, what)} becomes {getattr(b, what)}"
         for a, b in zip(given.bodies, own.bodies, strict=True)
         for what in ("law", "element")
         if getattr(a, what) != getattr(b, what)
     ]
+    without = given.contact is not None and own.contact is None
+    return [*bodies, *["no contact, so that parts may pass through each other"] * without]

@@ -60,7 +60,7 @@ class Engine:
     name : str
         By which options and project files know it.
     own : callable
-        Converts the robot to the engine's law and elements.
+        Converts the robot to the engine's law and elements, without contact where the engine leaves it out.
     missing : callable
         Why the engine cannot run here and how to install it, or "".
     solve : callable
@@ -81,6 +81,10 @@ class Engine:
     lacks: Callable[[Robot], list[Fault]] = lambda robot: []
     leaves_out: Callable[[Snapshot], tuple[float, str]] = lambda shape: (0.0, "")
     simulator: Callable[[Any, Robot], Simulate] | None = None
+
+    def leaves_out_contact(self, robot: Robot) -> bool:
+        """Whether the robot has contact, and not in the engine."""
+        return robot.contact is not None and self.own(robot).contact is None
 
     @property
     def module(self) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import ParameterError
+from softcal.export.left_out_contact import left_out_by
 from softcal.export.sofa_install import Sofa, find_sofa
 from softcal.export.sofa_process import ProcessOutcome, run_states
 from softcal.export.sofa_response import SofaSamples, along_one_cable, row_by_row, shapes
@@ -48,7 +49,7 @@ class SofaEngine:
         Raises
         ------
         ParameterError
-            For contact, friction and stretch of cables, and elements and laws that SOFA lacks.
+            For friction and stretch of cables, and elements and laws that SOFA lacks.
         """
         if faults := [*scene_faults(robot), *element_faults(robot)]:
             raise ParameterError(faults)
@@ -62,7 +63,7 @@ class SofaEngine:
         sensitivities: Sequence[str] = (),
         snapshots: bool = False,
     ) -> Response:
-        """The response at rest, as that of `simulate`; `n_factorisations` counts SOFA's steps.
+        """The response at rest without contact, else as that of `simulate`; `n_factorisations` counts SOFA's steps.
 
         Raises
         ------
@@ -80,7 +81,8 @@ class SofaEngine:
         faults += [unknown_name(n, {**known, **commanded}) for n in sensitivities if n not in {**known, **commanded}]
         if faults:
             raise ParameterError(faults)
-        run = _EngineRun(self, protocol, linear_robot(robot))
+        remarks = "" if robot.contact is None else left_out_by("SOFA")
+        run = _EngineRun(self, protocol, linear_robot(robot), remarks)
         return run.response(sensitivities, snapshots)
 
 
@@ -102,6 +104,7 @@ class _EngineRun:
     engine: SofaEngine
     protocol: Protocol
     linear: LinearRobot
+    remarks: str = ""
     steps: int = 0
 
     @property
@@ -137,6 +140,7 @@ class _EngineRun:
             slopes={} if seen.slopes is None else by_column(units, seen.slopes),
             snapshots=shapes(twin, self.protocol, outcome.records, self._states(self.protocol)) if snapshots else (),
             tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
+            remarks=self.remarks,
         )
 
     def _status(self, outcome: ProcessOutcome, seen: SofaSamples) -> str:
@@ -146,7 +150,7 @@ class _EngineRun:
             text += f" Samples: cubic spline, with an error of about {seen.error:.1g} of the largest value."
         elif np.isnan(seen.error):
             text += " Samples: a spline through too few states to estimate its error."
-        return text
+        return f"{text} {self.remarks}".rstrip()
 
     def _along(self, protocol: Protocol) -> Floats:
         """Ascending commands of the driven cable that are run to rest."""

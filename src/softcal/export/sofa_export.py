@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from softcal.errors import InputError
+from softcal.export.left_out_contact import not_exported
 from softcal.export.sofa_identify import Identified, identify
 from softcal.export.sofa_install import CONDA, ROOT
 from softcal.export.sofa_robot import linear_robot
@@ -29,6 +31,8 @@ from softcal.twin.time_settings import TimeSettings
 from softcal.units import format_quantity
 
 README = "README.md"
+PLACE = "the scene"
+_AS_THEY_ARE = "- The bodies are those of the project, element by element."
 
 
 def write_sofa(
@@ -44,21 +48,23 @@ def write_sofa(
 ) -> list[Path]:
     """Write the robot's scene, with a schedule that pulls its cables as the protocol does, into an existing folder.
 
-    Bodies that SOFA does not support become linear tets with re-identified parameters; see `identify`.
+    Bodies that SOFA does not support become linear tets with re-identified parameters; see `identify`. Contact is left
+    out, and the notes say so.
     experiment: name of the protocol's experiment, if selected among several; slack [m]: by cable, travel on the bench
     minus shortening; both for the README. motion: time step and damping of the scene; settings: those of run.py.
 
     Raises
     ------
     InputError
-        For features that a scene cannot represent: contact, friction and stretch of cables; for a pull that no cable
-        can follow, or that does not determine the parameters.
+        For features that a scene cannot represent: friction and stretch of cables; for a pull that no cable can follow,
+        or that does not determine the parameters.
     SimulationError
         If parameters are to be identified, and the protocol has no solution.
     """
     if faults := command_faults(robot, protocol):
         raise InputError(faults)
-    found = identify(robot, linear_robot(robot), protocol)
+    found = identify(replace(robot, contact=None), linear_robot(robot), protocol)
+    contact = not_exported(robot, PLACE)
     parameters = {
         "name": name,
         **scene_parameters(found.linear, protocol, motion, settings),
@@ -68,7 +74,7 @@ def write_sofa(
             key: {"largest_difference": value, "of": largest, "unit": unit}
             for key, (value, unit, largest) in found.differences.items()
         },
-        "notes": list(found.sentences),
+        "notes": [*contact, *found.sentences],
     }
     package = package_name(name)
     written = [*write_scene(found.linear, parameters, folder, package)]
@@ -78,7 +84,7 @@ def write_sofa(
         path.write_text(schedule_csv(protocol), encoding="utf-8")
         written.append(path)
     path = folder / README
-    path.write_text(_readme(name, package, found, protocol, experiment, slack or {}), encoding="utf-8")
+    path.write_text(_readme(name, package, found, protocol, experiment, slack or {}, contact), encoding="utf-8")
     return [*written, path]
 
 
@@ -98,7 +104,13 @@ def _largest(protocol: Protocol, control: Control) -> float:
 
 
 def _readme(
-    name: str, package: str, found: Identified, protocol: Protocol, experiment: str, slack: Mapping[str, float]
+    name: str,
+    package: str,
+    found: Identified,
+    protocol: Protocol,
+    experiment: str,
+    slack: Mapping[str, float],
+    contact: Sequence[str],
 ) -> str:
     robot = found.linear.robot
     pulled = ", ".join(f"{cable} by {command.control}" for cable, command in protocol.commands.items())
@@ -129,7 +141,7 @@ def _readme(
         parameters=PARAMETERS,
         schedule=f"`{package}/{SCHEDULE}` pulls {pulled}, until a key takes over" if pulled else "There is no schedule",
         keys=keys,
-        notes="\n".join(notes) or "- The bodies are those of the project, element by element.",
+        notes="\n".join([*(f"- {sentence}" for sentence in contact), *(notes or [_AS_THEY_ARE])]),
     )
 
 

@@ -10,6 +10,7 @@ from softcal.checks import Ints
 from softcal.errors import Fault, ParameterError
 from softcal.export.cable_faults import cable_faults
 from softcal.export.history_faults import history_faults
+from softcal.export.left_out_contact import contact_faults
 from softcal.export.sofa_laws import MATERIALS
 from softcal.export.sofa_rods import linear_rod
 from softcal.geometry.mesh import TetMesh
@@ -52,9 +53,7 @@ def scene_faults(robot: Robot) -> list[Fault]:
         if isinstance(rod.section, VariedSection)
     ]
     faults += point_faults(robot, "SOFA")
-    if robot.contact is not None:
-        faults.append(Fault("contact cannot be exported to SOFA", where="contact", attempt="a project without contact"))
-    return [*faults, *history_faults(robot, "SOFA"), *law_faults(robot)]
+    return [*faults, *contact_faults(robot, "SOFA"), *history_faults(robot, "SOFA"), *law_faults(robot)]
 
 
 def point_faults(robot: Robot, program: str) -> list[Fault]:
@@ -117,7 +116,7 @@ def element_faults(robot: Robot) -> list[Fault]:
 
 @dataclass(frozen=True)
 class LinearRobot:
-    """A robot of linear tets in laws that SOFA has, without unused nodes and without fixed plates.
+    """A robot of linear tets in laws that SOFA has, without unused nodes, fixed plates and contact.
 
     still: names of the fixed plates; their nodes and points are fixed in space.
     """
@@ -127,7 +126,7 @@ class LinearRobot:
 
 
 def linear_robot(robot: Robot) -> LinearRobot:
-    """The robot with only the corner nodes of its meshes, renumbered; its parameters are unchanged.
+    """The robot with only the corner nodes of its meshes, renumbered, without contact; its parameters are unchanged.
 
     Raises
     ------
@@ -171,7 +170,8 @@ def linear_robot(robot: Robot) -> LinearRobot:
     )
     rods = tuple(linear_rod(rod, still) for rod in robot.rods)
     return LinearRobot(
-        replace(robot, bodies=bodies, rods=rods, plates=plates, ties=ties, loads=loads, cables=cables), still
+        replace(robot, bodies=bodies, rods=rods, plates=plates, ties=ties, loads=loads, cables=cables, contact=None),
+        still,
     )
 
 

@@ -21,6 +21,7 @@ from softcal.units import format_quantity
 
 INSET = 0.02  # of the cores' depth: touching skins do not count as crossing
 BISECTIONS = 6
+REMEDY = ": set contact: true"
 
 Pair = tuple[str, str]
 
@@ -134,4 +135,4 @@ def crossed_at(found: Sequence[tuple[str, dict[Pair, float]]]) -> str:
 def _sentence(pair: Pair, where: str, depth: float) -> str:
     what = f"{pair[0]} intersects itself" if pair[0] == pair[1] else f"{pair[0]} and {pair[1]} intersect"
     how_deep = f", by about {format_quantity(depth, 'm', digits=2)}" if depth > 0.0 else ""
-    return f" {what} {where}{how_deep}: set contact: true."
+    return f" {what} {where}{how_deep}{REMEDY}."

@@ -90,7 +90,8 @@ class Response:
     drawn_out
         Sentence on cables with friction that slide opposite to the modelled direction, or "".
     remarks
-        Sentences on the furthest state: bodies whose law softens or is unstable at the strains reached, or "".
+        Sentences on the furthest state: bodies whose law softens or is unstable at the strains reached; on contact that
+        another engine leaves out; or "".
     samples
         Numbers, from 0, of the protocol's samples in the channels. None: all, or those before the first one that could
         not be reached.

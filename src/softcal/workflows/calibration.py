@@ -27,7 +27,7 @@ from softcal.project.names import JOINT
 from softcal.project.project import Project
 from softcal.project.section import changed
 from softcal.twin.parameters import robot_parameters, with_parameters
-from softcal.workflows.engines import SOFTCAL, engine_for, engine_identity
+from softcal.workflows.engines import SOFTCAL, engine_for, engine_identity, left_out_sentence
 from softcal.workflows.outcome import Outcome
 from softcal.workflows.run_folder import begin_run, calibration_folder, finish_run, reopen_run
 
@@ -154,7 +154,11 @@ def plan(project: Project, engine: str = SOFTCAL, **changes: object) -> tuple[Ca
     options = [name for name in given if name not in fields]
     _require_used(options, settings, fields, where)
     settings = changed(settings, {"hold_out": experiments_named(settings.hold_out, project.experiments)}, where)
-    problem = replace(make_problem(project, settings), simulate=engine_for(engine, project.robot, project.engines))
+    problem = replace(
+        make_problem(project, settings),
+        simulate=engine_for(engine, project.robot, project.engines),
+        left_out=left_out_sentence(engine, project.robot),
+    )
     return settings, _problems(problem, settings.fit, settings.hold_out)
 
 

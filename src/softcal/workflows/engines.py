@@ -36,6 +36,16 @@ def engine_for(name: str, robot: Robot, settings: Engines) -> Simulate | None:
     return simulators[name](getattr(settings, name, None), robot)
 
 
+def left_out_sentence(name: str, robot: Robot) -> str:
+    """A sentence on contact of a robot that the engine leaves out, or ""."""
+    if name == SOFTCAL:
+        return ""
+    from softcal.export.engine import ENGINES
+    from softcal.export.left_out_contact import left_out_by
+
+    return left_out_by(name) if ENGINES[name].leaves_out_contact(robot) else ""
+
+
 def engine_identity(name: str, settings: Engines) -> dict[str, str]:
     """What a run's results owe to its engine, by key of the project file, SI; nothing where that is softcal itself."""
     if name == SOFTCAL:

@@ -14,11 +14,16 @@ def calculix(request: ExportRequest, folder: Path) -> list[Path]:
 
     That state is solved with CalculiX's material law and elements, so that it is in equilibrium there.
     """
-    from softcal.export.calculix import in_its_law, write_calculix
+    from softcal.export.calculix import PLACE, in_its_law, write_calculix
+    from softcal.export.left_out_contact import not_exported
+    from softcal.twin.crossings import REMEDY
 
+    for sentence in not_exported(request.project.robot, PLACE):
+        request.warn(sentence)
     cases = request.cases()
     own = {name: replace(case, robot=in_its_law(case.robot)) for name, case in cases.items()}
-    ends = {name: response.snapshots[-1] for name, response in request.solved(own).items()}
+    asked = replace(request, warn=lambda sentence: request.warn(sentence.replace(REMEDY, "")))  # contact is left out
+    ends = {name: response.snapshots[-1] for name, response in asked.solved(own).items()}
     return each_in_its_folder(
         list(cases),
         folder,

@@ -16,10 +16,14 @@ if TYPE_CHECKING:
 @register_export("scene.py", "run.py", "README.md", "*/*", hint="run it with: runSofa -l SofaPython3 {out}/scene.py")
 def sofa(request: ExportRequest, folder: Path) -> list[Path]:
     """For SOFA: a scene for SofaPython3 and SoftRobots, with meshes, parameters as JSON, keys and a schedule."""
+    from softcal.export.left_out_contact import not_exported
+    from softcal.export.sofa_export import PLACE
     from softcal.twin.protocol import Protocol
     from softcal.workflows.cases import Case
 
     project = request.project
+    for sentence in not_exported(project.robot, PLACE):
+        request.warn(sentence)
     moves = bool(request.pulls or project.experiments)
     return write_scene(project, request.cases() if moves else {"": Case(project.robot, Protocol({}))}, folder)
 

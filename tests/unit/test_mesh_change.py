@@ -17,7 +17,7 @@ from softcal.twin.build import build_twin
 from softcal.twin.mesh_change import FinerTwin
 from softcal.twin.prolongation import prolongation
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.robot import Contact, PointLoad, Robot
+from softcal.twin.robot import PointLoad, Robot
 from softcal.twin.simulate import simulate
 
 PULL = Protocol({"front": Command("shortening", np.linspace(-0.001, 0.02, 43))})
@@ -67,7 +67,6 @@ def test_what_is_no_single_smooth_curve_is_simulated_on_the_finer_mesh() -> None
         (coarse, Protocol({"front": Command("shortening", np.array([-0.002, -0.001]))})),
         (replace(coarse, loads=(load,)), PULL),
         (two, both),
-        (replace(coarse, contact=Contact()), PULL),
         (replace(coarse, bodies=(softens,)), PULL.take(np.arange(2, 43, 8))),
     ]
     for case, protocol in cases:

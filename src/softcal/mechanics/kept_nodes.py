@@ -1,8 +1,8 @@
 """Nodes of load paths, kept for further simulations at the same parameters.
 
-A search, a grid or a second test comes back to the same parameters with other samples. Where the nodes of a path are
-placed depends on its own nodes and samples alone, so that the path is the same with kept nodes, within the tolerance of
-Newton's method. Their factorisations count again, as part of the path's work.
+A search, a grid or a second test comes back to the same parameters with other samples. A node depends on the nodes
+before it and not on the samples, so that with kept nodes a path is the same to the last digit. Their factorisations
+count again, as part of the path's work.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 ROOM = 256e6  # [bytes] of all nodes of one twin
 
 
-class Kept(NamedTuple):
+class KeptNode(NamedTuple):
     """A node, the length of the step that follows it, and the number of factorisations that it took."""
 
     node: Node
@@ -35,11 +35,10 @@ class KeptNodes:
     """The nodes at one theta, by what each depends on and the parameters of its derivatives."""
 
     def __init__(self) -> None:
-        self._kept: dict[Hashable, dict[tuple[str, ...], Kept]] = {}
-        self._along: dict[Hashable, list[Node]] = {}
+        self._kept: dict[Hashable, dict[tuple[str, ...], KeptNode]] = {}
         self.size = 0
 
-    def get(self, key: Hashable, names: tuple[str, ...]) -> Kept | None:
+    def get(self, key: Hashable, names: tuple[str, ...]) -> KeptNode | None:
         """A node by its key, with derivatives by the parameters `names` (k,)."""
         each = self._kept.get(key, {})
         if names in each:
@@ -47,15 +46,10 @@ class KeptNodes:
         own = next((own for own in each if set(names) <= set(own)), None)
         return None if own is None else each[own]._replace(node=each[own].node.by([own.index(name) for name in names]))
 
-    def keep(self, key: Hashable, names: tuple[str, ...], kept: Kept, along: Hashable) -> None:
-        """Keep a node by its key; along: what all nodes of its path have in common."""
+    def keep(self, key: Hashable, names: tuple[str, ...], kept: KeptNode) -> None:
+        """Keep a node by its key."""
         self._kept.setdefault(key, {})[names] = kept
-        self._along.setdefault(along, []).append(kept.node)
         self.size += kept.size
-
-    def nearest(self, along: Hashable, c: float) -> Node | None:
-        """The node of a path that is nearest to c."""
-        return min(self._along.get(along, ()), key=lambda node: abs(node.c - c), default=None)
 
 
 class KeptPaths:

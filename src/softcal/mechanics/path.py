@@ -23,7 +23,6 @@ CLOSE = 1e-3  # of the path so far: accuracy with which a loss of stability is l
 SAME = 1e-6  # of the robot's extent: closer states count as equal
 MOST_SNAPS = 20  # of a path: more are unphysical, and each costs as much as many steps
 LAST = 1.3  # of a step: the last one may be that long, so that it is not much shorter than others
-NEAR = 0.1  # of a step: a kept node so near to its end predicts better than the last one
 GROWTH, CUT = 2.0, 0.4  # of a step, after fast convergence, and after a failure
 CUTS = 1  # of a step, before relaxation by `settled`: Newton's method may converge in a shorter step
 SHORTER, SHORTEST = 0.7, 0.05  # of a predicted step: near square-root branches a part of it is a better guess
@@ -134,7 +133,7 @@ class _Continuation:
         """Attempt a step, and recover where it fails; returns why it cannot, or ""."""
         c, step = self._ahead()
         if self.begun is None and self._is_plain:
-            key = (*self.along, self.last.c, c, step)
+            key = (self.line.key, self.mixed, self.last.c, c, step)
             if (kept := self.statics.kept_node(key, self.names)) is not None:
                 self._add(kept.node, kept.next_step)
                 return ""
@@ -156,11 +155,6 @@ class _Continuation:
         return "" if self._settle() or self._shorten(attempt, node) else self._snap(attempt, node, solved.status)
 
     @property
-    def along(self) -> tuple[Hashable, ...]:
-        """What kept nodes of this path have in common."""
-        return self.line.key, self.mixed
-
-    @property
     def _is_plain(self) -> bool:
         """Whether the next node depends on the controls' line and the next step alone."""
         last = self.last
@@ -177,13 +171,9 @@ class _Continuation:
         return (self.end if abs(last.c + step - self.end) < 1e-12 * self.whole else last.c + step), step
 
     def _attempt(self, c: float, step: float) -> _Attempt:
-        """The step to c, with its prediction: from the last node, or from a kept one near c."""
+        """The step to c, with its prediction."""
         last = self.last
         go_on_from(self.statics, last)
-        near = self.statics.nearest_kept(self.along, c) if self._is_plain else None
-        if near is not None and abs(near.c - c) < NEAR * step:
-            guess = self.statics.reachable(near.state, (c - near.c) * near.slope)
-            return _Attempt(c, step, guess, guess)
         ahead = _predicted_step(self.statics.system.layout, [*self.before, *self.nodes], c)
         guess = self.statics.reachable(last.state, ahead)
         return _Attempt(c, step, guess, _nearer(self.statics, self.line, c, last, guess))
@@ -244,7 +234,7 @@ class _Continuation:
             self.unstable = None
         if self.begun is not None and self._is_plain:
             key, before = self.begun
-            self.statics.keep(key, self.names, self.last, length, along=self.along, since=before)
+            self.statics.keep(key, self.names, self.last, length, since=before)
         self.begun = None
 
     def _close(self, c: float) -> float:
@@ -332,14 +322,13 @@ def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
         Where no equilibrium was found from there.
     """
     before, after = neighbours(path, c)
-    along = (line.key, True)
-    key, n = (*along, c), statics.n_factorisations
+    key, n = (line.key, before.c, after.c, c), statics.n_factorisations
     is_plain = not (before.has_snapped or before.is_snapped)
     if is_plain and (kept := statics.kept_node(key, path.names)) is not None:
         return kept.node
     node = _between(statics, line, before, after, c, path.names)
     if is_plain and not node.is_snapped:
-        statics.keep(key, path.names, node, 0.0, along=along, since=n)
+        statics.keep(key, path.names, node, 0.0, since=n)
     return node
 
 

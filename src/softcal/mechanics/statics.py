@@ -12,7 +12,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.bordered import EXACT, BorderedTangent
-from softcal.mechanics.kept_nodes import Kept, KeptNodes
+from softcal.mechanics.kept_nodes import KeptNode, KeptNodes
 from softcal.mechanics.path_limits import PathLimits
 from softcal.mechanics.state import State, moved
 from softcal.mechanics.system import Controls, Linearisation, System
@@ -107,22 +107,16 @@ class Statics:
         """Number of factorisations so far, with those of kept nodes."""
         return self.tangent.n_factorisations + self._n_repeated
 
-    def kept_node(self, key: Hashable, names: tuple[str, ...]) -> Kept | None:
+    def kept_node(self, key: Hashable, names: tuple[str, ...]) -> KeptNode | None:
         """A node that was kept, with derivatives by parameters `names` (k,); its factorisations count again."""
         kept = None if self._kept is None else self._kept.get(key, names)
         self._n_repeated += 0 if kept is None else kept.n_factorisations
         return kept
 
-    def keep(
-        self, key: Hashable, names: tuple[str, ...], node: Node, next_step: float, *, along: Hashable, since: int
-    ) -> None:
-        """Keep a node of a path `along`, where nodes are kept, that took the factorisations since a number of them."""
+    def keep(self, key: Hashable, names: tuple[str, ...], node: Node, next_step: float, *, since: int) -> None:
+        """Keep a node, where nodes are kept, that took the factorisations since a number of them."""
         if self._kept is not None:
-            self._kept.keep(key, names, Kept(node, next_step, self.n_factorisations - since), along)
-
-    def nearest_kept(self, along: Hashable, c: float) -> Node | None:
-        """The kept node of a path that is nearest to c; None where there is none."""
-        return None if self._kept is None else self._kept.nearest(along, c)
+            self._kept.keep(key, names, KeptNode(node, next_step, self.n_factorisations - since))
 
     def why_over(self) -> str:
         """The limit of the work that is exceeded, as part of a sentence; else "". Solves end there, and load paths."""

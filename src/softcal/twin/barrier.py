@@ -14,10 +14,10 @@ from softcal.declare import Declared
 from softcal.errors import Fault, InputError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import boundary_faces, edges_of
-from softcal.mechanics.contact_stiffness import ContactStiffness
 from softcal.quantities import Friction, Modulus, Size, Speed
 
 if TYPE_CHECKING:
+    from softcal.mechanics.contact_stiffness import ContactStiffness
     from softcal.twin.robot import Body, Plate, Rod
 
 DEPTH = 0.04  # of a surface's mean edge or a disc's thickness
@@ -77,6 +77,8 @@ class Contact(Declared):
 
     def pressure(self, parts: Sequence[Body | Rod]) -> ContactStiffness:
         """The stiffness; where it is omitted, that for parts that touch."""
+        from softcal.mechanics.contact_stiffness import ContactStiffness
+
         if not self.follows_moduli:
             return ContactStiffness(self.stiffness)
         return ContactStiffness(STIFF, {part.name: part.elasticity for part in parts})

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.errors import SimulationError
 from softcal.mechanics.node import Node, node_at
 from softcal.mechanics.path import Path, go_on_from, interpolated, neighbours
 from softcal.mechanics.path_watch import part_of_series
@@ -46,17 +47,21 @@ class Samples:
     end: float = np.inf
 
 
-def by_shortening(along: EquilibriumPath, start: Node, d: Floats) -> Samples:
-    """The samples of shortenings d (n,) [m]."""
+def by_shortening(along: EquilibriumPath, start: Node, d: Floats, *, ends_there: bool) -> Samples:
+    """The samples of shortenings d (n,) [m]. ends_there: whether the path ends at the last of them, and not beyond."""
     end, taut = float(d.max()), d > start.c
     # Solved first, with the factors of the start: the same tangent.
     still = None if taut.all() else along.curve((along.slack_node(start),))
     path = Path((start,), True, names=along.names)
     if end > start.c + SAME * along.length:
-        path = along.follow(start, end)
-    if not _snaps_on(path):
-        path, _ = along.refined(path, d[taut & (d <= path.nodes[-1].c)])
-    snaps = _snaps_on(path) and path.stopped_by is None
+        path = along.follow(start, end) if ends_there or along.tolerance <= 0.0 else along.beyond(start, end)
+    snaps = _snaps_on(path)
+    if not snaps:
+        try:
+            path, _ = along.refined(path, d[taut & (d <= path.nodes[-1].c)])
+        except SimulationError:  # a long step may pass over a part of the path without equilibria
+            snaps = True
+    snaps = (snaps or _snaps_on(path)) and path.stopped_by is None
     if snaps:  # beyond a snap-through the curve is neither smooth nor reached from both sides
         path = _through(along, start, np.unique(d[taut]))
     reached = path.nodes[-1].c
@@ -77,7 +82,7 @@ def by_shortening(along: EquilibriumPath, start: Node, d: Floats) -> Samples:
         low = float(d[:n][np.argmin(tension)])
         status = f"Cable {along.cable} would have to push at {1e3 * low:.4g} mm: the robot snaps through there."
         return Samples(path, c[:0], d[:0], values[:0], slopes[:0], by_parameter[:0], status, False)
-    return Samples(path, c, d[:n], values, slopes, by_parameter, status, path.reached)
+    return Samples(path, c, d[:n], values, slopes, by_parameter, status, path.reached, end if path.reached else np.inf)
 
 
 def by_tension(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: bool) -> Samples:

@@ -13,7 +13,7 @@ from softcal.twin.build import Twin
 
 
 @dataclass(frozen=True)
-class Places:
+class InElements:
     """Where the nodes (n,) of a finer mesh lie: numbers of the coarse tets (n,), barycentric coordinates (n, 4)."""
 
     tets: Ints
@@ -29,7 +29,7 @@ class Prolongation:
 
     coarse: Twin
     fine: Twin
-    places: Mapping[str, Places]
+    places: Mapping[str, InElements]
 
     def __call__(self, state: State) -> State:
         """The finer twin's state."""
@@ -65,9 +65,9 @@ def prolongation(coarse: Twin, fine: Twin, corners: Mapping[str, Floats]) -> Pro
     return Prolongation(coarse, fine, {body: _places(coarse, fine, body, at) for body, at in corners.items()})
 
 
-def _places(coarse: Twin, fine: Twin, body: str, corners: Floats) -> Places:
+def _places(coarse: Twin, fine: Twin, body: str, corners: Floats) -> InElements:
     mesh = fine.meshes[body]
     pieces = mesh.n_tets // coarse.meshes[body].n_tets
     _, first = np.unique(mesh.tets, return_index=True)
     tets, nodes = np.divmod(first, mesh.cell.n_nodes)
-    return Places(tets // pieces, np.einsum("pk,pkj->pj", mesh.cell.nodes[nodes], corners[tets]))
+    return InElements(tets // pieces, np.einsum("pk,pkj->pj", mesh.cell.nodes[nodes], corners[tets]))

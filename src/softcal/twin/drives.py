@@ -55,18 +55,19 @@ def by_shortening(along: EquilibriumPath, start: Node, d: Floats, *, ends_there:
     path = Path((start,), True, names=along.names)
     if end > start.c + SAME * along.length:
         path = along.follow(start, end) if ends_there or along.tolerance <= 0.0 else along.beyond(start, end)
-    snaps = _snaps_on(path)
-    if not snaps:
+    is_curve = not _snaps_on(path)
+    if is_curve:
         try:
             path, _ = along.refined(path, d[taut & (d <= path.nodes[-1].c)])
-        except SimulationError:  # a long step may pass over a part of the path without equilibria
-            snaps = True
-    snaps = (snaps or _snaps_on(path)) and path.stopped_by is None
-    if snaps:  # beyond a snap-through the curve is neither smooth nor reached from both sides
+        except SimulationError:  # a long step has passed over a part of the path that is none
+            is_curve = False
+    # Beyond a snap-through the curve is neither smooth nor reached from both sides.
+    is_curve = (is_curve and not _snaps_on(path)) or path.stopped_by is not None
+    if not is_curve:
         path = _through(along, start, np.unique(d[taut]))
     reached = path.nodes[-1].c
     n = len(d) if path.reached else int(np.argmax(np.append(d, np.inf) > reached))
-    if along.tolerance <= 0.0 and not snaps and path.stopped_by is None:
+    if along.tolerance <= 0.0 and is_curve and path.stopped_by is None:
         path = along.with_nodes(path, along.missing(path, d[:n][taut[:n]]))
     c = np.maximum(d[:n], start.c)
     values, slopes, by_parameter = along.curve(path.nodes).at(c)

@@ -131,7 +131,7 @@ def test_what_was_gained_is_told_and_flagged(content: ReportContent):
     assert first.startswith("The best of 6 cells, E = 800.0000 MPa (95 %: 799.9")
     assert "variance of ν comes from" in largest
     assert "were not computed" not in " ".join(texts)
-    assert last.startswith("The twin reproduces the markers to 0.0002")
+    assert last.startswith("The twin reproduces the markers to 0.0001")
 
 
 def test_shapes_are_those_of_the_strongest_pull(project: Project, content: ReportContent):

@@ -219,11 +219,12 @@ class Statics:
         """
         return self.tangent.solve(b, accuracy)
 
-    def equilibrium(self, guess: State, controls: Controls, tolerance: float = TOLERANCE) -> Equilibrium:
-        """Newton's method from a guess, up to a residual over its scale. Never raises where it fails: the status says
-        why.
+    def equilibrium(self, guess: State, controls: Controls, tolerance: float | None = None) -> Equilibrium:
+        """Newton's method from a guess, up to a residual over its scale, by default TOLERANCE. Never raises where it
+        fails: the status says why.
         """
         system, free = self.system, self.free_modes
+        tolerance = TOLERANCE if tolerance is None else tolerance
         state = replace(guess, effort=np.where(controls.is_held, controls.effort, guess.effort))
         at = system.linearise(state, controls, self.theta)
         if not at.is_admissible:

@@ -47,14 +47,14 @@ class Samples:
     end: float = np.inf
 
 
-def by_shortening(along: EquilibriumPath, start: Node, d: Floats, *, ends_there: bool) -> Samples:
-    """The samples of shortenings d (n,) [m]. ends_there: whether the path ends at the last of them, and not beyond."""
+def by_shortening(along: EquilibriumPath, start: Node, d: Floats) -> Samples:
+    """The samples of shortenings d (n,) [m]."""
     end, taut = float(d.max()), d > start.c
     # Solved first, with the factors of the start: the same tangent.
     still = None if taut.all() else along.curve((along.slack_node(start),))
     path = Path((start,), True, names=along.names)
     if end > start.c + SAME * along.length:
-        path = along.follow(start, end) if ends_there or along.tolerance <= 0.0 else along.beyond(start, end)
+        path = along.follow(start, end)
     is_curve = not _snaps_on(path)
     if is_curve:
         try:
@@ -83,7 +83,7 @@ def by_shortening(along: EquilibriumPath, start: Node, d: Floats, *, ends_there:
         low = float(d[:n][np.argmin(tension)])
         status = f"Cable {along.cable} would have to push at {1e3 * low:.4g} mm: the robot snaps through there."
         return Samples(path, c[:0], d[:0], values[:0], slopes[:0], by_parameter[:0], status, False)
-    return Samples(path, c, d[:n], values, slopes, by_parameter, status, path.reached, end if path.reached else np.inf)
+    return Samples(path, c, d[:n], values, slopes, by_parameter, status, path.reached)
 
 
 def by_tension(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: bool) -> Samples:

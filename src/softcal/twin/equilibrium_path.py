@@ -30,7 +30,6 @@ DERIVATIVES = 10.0  # times the curve's tolerance: that of the channels' derivat
 FEW_NODES, NODES_FOR_DERIVATIVES = 16, 4  # limit for derivatives, and per node for the values: kinks never converge
 LEAST_MOTION = 1e-4  # [rad], or of the robot's extent: lower limit of a channel's scale
 LEAST_SENSITIVITY = 1e-3  # of the most sensitive channel's: the same for derivatives
-BEYOND = 0.06  # of a path to a shortening: how far beyond it may end
 ASIDE = 0.1  # of an interval of the curve: how far from its middle a node may be, for a round number
 FEW = 2  # samples in an interval of the curve, of which one becomes a node
 MAX_REFINEMENTS = 24  # a region of high curvature may be a thousandth of the curve's length
@@ -241,18 +240,6 @@ class EquilibriumPath:
             largest_step=3.0 * FIRST_STEP * self.length if not np.isfinite(until) else max(step, 0.25 * self.length),
             keeps=path_watch().keeps,
         )
-
-    def beyond(self, start: Node, end: float) -> Path:
-        """The path from a node to a shortening [m] or somewhat beyond, to a round one: its last nodes then serve other
-        samples, too, as those of another slack.
-        """
-        path = self.follow(start, min(_roundest(end, (1.0 + BEYOND) * end), max(end, self.wound_up)))
-        n = 1 + sum(node.c < end for node in path.nodes)
-        if path.stopped_by is not None or len(path.nodes) < n:
-            return path
-        if any(node.is_snapped for node in path.nodes[1:n]):
-            return self.follow(start, end)
-        return Path(path.nodes[:n], True, names=path.names)
 
     def sentence(self, path: Path, n: int, n_samples: int) -> str:
         """How the path ended, with n of the samples reached."""

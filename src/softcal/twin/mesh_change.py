@@ -89,7 +89,7 @@ class FinerTwin:
             for twin in (own, finer)
         )
         try:
-            samples = by_shortening(along, along.start(), protocol.commands[driven[0]].values, ends_there=True)
+            samples = by_shortening(along, along.start(), protocol.commands[driven[0]].values)
             if not samples.succeeded or any(node.is_snapped for node in samples.path.nodes):
                 return None
             change = _change(along, samples.path, further, prolongation(own, finer, self.corners))

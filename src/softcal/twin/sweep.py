@@ -34,7 +34,7 @@ class Sweep:
                 return self._at_rest(start, protocol.n_samples)
             command = protocol.commands[along.cable]
             if command.control == "shortening":
-                samples, unit = by_shortening(along, start, command.values, ends_there=bool(self.snapshots)), "m"
+                samples, unit = by_shortening(along, start, command.values), "m"
             else:
                 samples, unit = by_tension(along, start, command.values, ends_there=bool(self.snapshots)), "N"
             return self._response(samples, self._shapes(samples, unit))

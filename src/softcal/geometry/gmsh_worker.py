@@ -215,10 +215,11 @@ def largest_size(gmsh: Any) -> float:
 def mesh_at(gmsh: Any, job: dict[str, Any], size: float) -> int:
     """Number of tets of a mesh of this target size, finer near the circles of job["refine"].
 
-    By the first of `RECIPES` that gives no slivers, or the one with the fewest.
+    Of a surface or CAD model by the first of `RECIPES` that gives no slivers, or the one with the fewest.
     """
+    recipes = RECIPES if job["kind"] in ("stl", "step") else RECIPES[:1]
     slivers: dict[Any, float] = {}
-    for recipe in RECIPES:
+    for recipe in recipes:
         try:
             generate(gmsh, job, size, *recipe)
             slivers[recipe] = count_slivers(gmsh, job)
@@ -229,7 +230,8 @@ def mesh_at(gmsh: Any, job: dict[str, Any], size: float) -> int:
         if slivers[recipe] == 0:
             break
     else:
-        generate(gmsh, job, size, *min(RECIPES, key=lambda recipe: slivers[recipe]))
+        if len(recipes) > 1:
+            generate(gmsh, job, size, *min(recipes, key=lambda recipe: slivers[recipe]))
     return count_tets(gmsh, job)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -11,20 +11,17 @@ from softcal.materials.catalogue import LAWS
 from softcal.materials.law import Law
 from softcal.materials.neo_hooke import NEO_HOOKE
 from softcal.mechanics.statics import Statics
+from softcal.sensing.kind import ChannelKind
+from softcal.sensing.sensor import NamedSensor, Posture, PostureRates, Sensor
 from softcal.twin.barrier import Contact
 from softcal.twin.build import build_twin, twin_of
 from softcal.twin.parameters import parameter_values
 from softcal.twin.proportional import at_own_moduli
-from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import PointLoad, Robot
 from softcal.twin.simulate import simulate
-from tests.verification.test_closing_grooves import grooved, touching
+from tests.verification.test_closing_grooves import grooved, pulled, touching
 
 NAMES = ("block.youngs_modulus", "block.poissons_ratio")
-
-
-def pulled(*shortening: float) -> Protocol:
-    return Protocol({"front": Command("shortening", np.array(shortening))})
 
 
 def afresh(robot: Robot) -> Robot:
@@ -98,6 +95,28 @@ def test_only_what_is_proportional_is_scaled():
         replace(robot, contact=Contact(stiffness=1e6)),
     ):
         assert factor(other) == 1.0
+
+
+@dataclass(frozen=True)
+class Share(Sensor):
+    """A channel in a unit that no part of softcal has."""
+
+    name = "share"
+    kinds = (ChannelKind("share", "N/m"),)
+    cable: str = "front"
+
+    def sense(self, robot: Posture) -> list[float]:
+        return [robot.tension(self.cable)]
+
+    def rates(self, robot: Posture, moving: PostureRates) -> list[np.ndarray]:
+        return [moving.tension(self.cable)]
+
+
+def test_sensors_of_other_makers_read_what_is_solved():
+    robot = replace(grooved(), sensors=(NamedSensor("own", Share()),))
+    response = simulate(robot, pulled(1e-3), {"block.youngs_modulus": 2e6})
+    np.testing.assert_array_equal(response.channels["own.share"], response.channels["front.tension"])
+    assert factor(robot) == 1.0
 
 
 def test_a_law_with_a_force_of_its_own_is_not_proportional():

@@ -21,6 +21,7 @@ from softcal.errors import Fault, ParameterError
 from softcal.sensing.channel import ChannelName, channel_name
 from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.parameters import parameter_values
+from softcal.twin.proportional import is_proportional
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
@@ -44,13 +45,11 @@ class LossGrid:
 def scales_with_modulus(problem: Problem) -> bool:
     """Whether tensions are proportional to the single Young's modulus and all other channels independent of it."""
     robot = problem.robot
-    dead = bool(robot.loads) or (bool(np.any(robot.gravity)) and _has_weight(robot))
     return (
         len(robot.bodies) == 1
         and not robot.rods
-        and (robot.contact is None or robot.contact.follows_moduli)
         and robot.bodies[0].law in PROPORTIONAL_LAWS
-        and not dead
+        and is_proportional(robot, parameter_values(robot))
         and all(_is_pulled_in(experiment) for experiment in problem.experiments)
     )
 
@@ -146,12 +145,6 @@ def _hermite(grid: Floats, values: Floats, slopes: Floats, command: Command) -> 
     from scipy.interpolate import CubicHermiteSpline
 
     return np.asarray(CubicHermiteSpline(grid, values, slopes)(command.values), dtype=np.float64)
-
-
-def _has_weight(robot: Robot) -> bool:
-    return any(material.density for body in robot.bodies for material in body.materials) or any(
-        plate.mass for plate in robot.plates
-    )
 
 
 def _axis(space: SearchSpace, label: str, n: int) -> Floats:

@@ -10,8 +10,10 @@ from dataclasses import replace
 from softcal.checks import Floats
 from softcal.mechanics.term import part_theta
 from softcal.twin.build import Twin
+from softcal.twin.channels import sensors_of
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response
+from softcal.twin.robot import Robot
 
 MODULUS = "Pa"
 WITHOUT_FORCE = ("1", "m", "rad", "rad/m", "kg", "kg/m^3")  # units of parameters that scale no force, without gravity
@@ -24,7 +26,7 @@ def at_own_moduli(twin: Twin, theta: Mapping[str, float]) -> tuple[dict[str, flo
     """
     infos = robot_parameters(twin.robot)
     moduli = [name for name, info in infos.items() if info.unit == MODULUS]
-    if not moduli or not _is_proportional(twin, theta):
+    if not moduli or not is_proportional(twin.robot, theta):
         return dict(theta), 1.0
     first = moduli[0]
     own = infos[first].value
@@ -34,6 +36,8 @@ def at_own_moduli(twin: Twin, theta: Mapping[str, float]) -> tuple[dict[str, flo
 
 def at_moduli(twin: Twin, response: Response, s: float) -> Response:
     """A response at moduli s times as large."""
+    if s == 1.0:
+        return response
     moduli = {name for name, info in robot_parameters(twin.robot).items() if info.unit == MODULUS}
 
     def scaled(channel: str, values: Floats, by: str = "") -> Floats:
@@ -50,11 +54,10 @@ def at_moduli(twin: Twin, response: Response, s: float) -> Response:
     )
 
 
-def _is_proportional(twin: Twin, theta: Mapping[str, float]) -> bool:
-    """Whether all forces are proportional to the moduli, by what the robot consists of."""
-    robot = twin.robot
+def is_proportional(robot: Robot, theta: Mapping[str, float]) -> bool:
+    """Whether all forces are proportional to the moduli at theta [SI], by what the robot consists of."""
     return (
-        all(type(each.sensor).__module__.startswith("softcal.sensing.") for each in twin.sensors)
+        all(type(each.sensor).__module__.startswith("softcal.sensing.") for each in sensors_of(robot))
         and not robot.loads
         and not robot.remembers
         and not (robot.gravity.any() and any(theta[n] for n in theta if n.endswith((".density", ".mass"))))

@@ -13,8 +13,9 @@ from project_case import bar_robot
 from softcal.calibration.mesh_error import finer_twin
 from softcal.geometry.quadratic import to_quadratic
 from softcal.mechanics.state import rest_state
+from softcal.mechanics.statics import Statics
 from softcal.twin.build import build_twin
-from softcal.twin.mesh_change import FinerTwin
+from softcal.twin.mesh_change import PLACES, FinerTwin
 from softcal.twin.prolongation import prolongation
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import PointLoad, Robot
@@ -52,6 +53,25 @@ def test_the_change_is_that_between_the_load_paths(element: str, order: int, mon
         # The response on the coarse mesh has the error of its curve.
         curve = 1e-4 * max(np.abs(there.channels[n]).max() for n, u in here.units.items() if u == unit)
         assert np.abs(values - there.channels[name]).max() < ACCURACY * largest[unit] + curve, name
+
+
+def test_the_change_is_scaled_with_the_modulus_from_the_load_path_of_the_search(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The coarse path is not followed again at a modulus that the search has come to."""
+    coarse, E = robot("P1"), {"bar.youngs_modulus": 3e6}
+    finer = finer_twin(coarse)
+    simulate(coarse, PULL, {"bar.youngs_modulus": 2e6}, crossings=False)
+    solved, solve = list[int](), Statics.equilibrium
+    monkeypatch.setattr(
+        Statics, "equilibrium", lambda self, *a: (solved.append(self.system.layout.n_points), solve(self, *a))[1]
+    )
+    changed = finer(coarse, PULL, E)
+    at_places = len(PLACES) - 1  # the last one is the path's end
+    assert solved.count(build_twin(coarse).system.layout.n_points) <= at_places
+    there = simulate(finer.robot, PULL, E, curve_tolerance=EXACT)
+    scale = np.abs(there.channels["front.tension"]).max()
+    assert np.abs(changed.channels["front.tension"] - there.channels["front.tension"]).max() < 1e-3 * scale
 
 
 def test_what_is_no_single_smooth_curve_is_simulated_on_the_finer_mesh() -> None:

@@ -215,11 +215,14 @@ def largest_size(gmsh: Any) -> float:
 def mesh_at(gmsh: Any, job: dict[str, Any], size: float) -> int:
     """Number of tets of a mesh of this target size, finer near the circles of job["refine"].
 
-    Of a surface or CAD model by the first of `RECIPES` that gives no slivers, or the one with the fewest.
+    Of a surface or CAD model by the first of `RECIPES` that gives no slivers, or the one with the fewest; of others by
+    the first one.
     """
-    recipes = RECIPES if job["kind"] in ("stl", "step") else RECIPES[:1]
+    if job["kind"] not in ("stl", "step"):
+        generate(gmsh, job, size, *RECIPES[0])
+        return count_tets(gmsh, job)
     slivers: dict[Any, float] = {}
-    for recipe in recipes:
+    for recipe in RECIPES:
         try:
             generate(gmsh, job, size, *recipe)
             slivers[recipe] = count_slivers(gmsh, job)
@@ -230,8 +233,7 @@ def mesh_at(gmsh: Any, job: dict[str, Any], size: float) -> int:
         if slivers[recipe] == 0:
             break
     else:
-        if len(recipes) > 1:
-            generate(gmsh, job, size, *min(recipes, key=lambda recipe: slivers[recipe]))
+        generate(gmsh, job, size, *min(RECIPES, key=lambda recipe: slivers[recipe]))
     return count_tets(gmsh, job)
 
 
@@ -257,9 +259,7 @@ def generate(gmsh: Any, job: dict[str, Any], size: float, algorithm: int, passes
 
 
 def count_slivers(gmsh: Any, job: dict[str, Any]) -> int:
-    """Number of slivers of the linear mesh; none in a half section."""
-    if dimension(job) == 2:
-        return 0
+    """Number of slivers of the linear mesh."""
     mesh = collect(gmsh, {**job, "order": 1})
     return int((least_dihedral(mesh["points"][mesh["tets"]]) < SLIVER_ANGLE).sum())
 

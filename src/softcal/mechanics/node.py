@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -98,10 +98,9 @@ class Node:
     has_snapped: bool = False
     free: Floats = field(default_factory=lambda: NO_MODES)
 
-    def by(self, columns: Sequence[int]) -> Node:
-        """The node with some of its parameters' columns."""
-        own = list(columns)
-        return replace(self, by_parameter=self.by_parameter[:, own], mixed=self.mixed[:, own])
+    def by(self, columns: list[int]) -> Node:
+        """The node with the derivatives by some of its parameters, by their columns."""
+        return replace(self, by_parameter=self.by_parameter[:, columns], mixed=self.mixed[:, columns])
 
 
 def node_at(

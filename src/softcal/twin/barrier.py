@@ -50,17 +50,7 @@ class Contact(Declared):
     depth: Size = FITTED
 
     def fitted(self, bodies: Sequence[Body], rods: Sequence[Rod], plates: Sequence[Plate]) -> Contact:
-        """With the lengths that are omitted chosen for the parts of a robot.
-
-        Raises
-        ------
-        InputError
-            For a rod whose section varies: contact has one thickness for all of a wire.
-        """
-        what, allowed = "contact takes a rod for a wire of one diameter", "rods of one section"
-        attempt = "no contact, or one rod of one section for each piece"
-        if varied := [rod.name for rod in rods if not rod.section.is_uniform]:
-            raise InputError([Fault(what, name, "a section that varies", allowed, attempt) for name in varied])
+        """With the lengths that are omitted chosen for the parts of a robot."""
         depth, gap = self.depth, self.gap
         if depth is FITTED:
             thick = [plate.disc.thickness for plate in plates if plate.disc is not None]
@@ -82,6 +72,20 @@ class Contact(Declared):
         if not self.follows_moduli:
             return ContactStiffness(self.stiffness)
         return ContactStiffness(STIFF, {part.name: part.elasticity for part in parts})
+
+
+def require_wires(rods: Sequence[Rod]) -> None:
+    """Refuse rods that are no wires of one diameter.
+
+    Raises
+    ------
+    InputError
+        For a rod whose section varies: contact has one thickness for all of a wire.
+    """
+    what, allowed = "contact takes a rod for a wire of one diameter", "rods of one section"
+    attempt = "no contact, or one rod of one section for each piece"
+    if varied := [rod.name for rod in rods if not rod.section.is_uniform]:
+        raise InputError([Fault(what, name, "a section that varies", allowed, attempt) for name in varied])
 
 
 def wire_diameter(rod: Rod) -> float:

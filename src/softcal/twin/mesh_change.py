@@ -25,6 +25,7 @@ from softcal.twin.drives import by_shortening
 from softcal.twin.equilibrium_path import EquilibriumPath
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.prolongation import Prolongation, prolongation
+from softcal.twin.proportional import at_moduli, at_own_moduli
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response, Shown, by_column
 from softcal.twin.robot import Robot
@@ -33,10 +34,9 @@ from softcal.twin.simulate import CURVE_TOLERANCE, simulate
 
 PLACES = (1.0, 0.5, 0.25, 0.75)  # of equilibria on the finer mesh, over the path's length: two, or all
 CHANGE_TOLERANCE = 0.03  # estimated error over the largest change of all channels of one unit
-WITH_CONTACT = 4.0  # times that, and
-OF_CURVE = (
-    20.0  # times the curve's tolerance, with contact: what touches differs from mesh to mesh, so changes are rough
-)
+# What touches differs from mesh to mesh, so with contact the change is rough: so many times that, and the curve's
+# tolerance, are allowed.
+ROUGH, ROUGH_CURVE = 4.0, 20.0
 ACCURACY = 1e-6  # of equilibria on the finer mesh and their slopes: a change is some thousandths of a channel or more
 
 
@@ -82,11 +82,10 @@ class FinerTwin:
         system = own.system
         if robot.rods or system.remembers or system.is_loaded(values):
             return None
+        at, s = at_own_moduli(own, values)
         along, further = (
-            EquilibriumPath(
-                twin, Statics(twin.system, values, robot.limits, twin.kept.at(values)), (), driven[0], CURVE_TOLERANCE
-            )
-            for twin in (own, finer)
+            EquilibriumPath(twin, Statics(twin.system, at, robot.limits, kept), (), driven[0], CURVE_TOLERANCE)
+            for twin, kept in ((own, own.kept.at(at)), (finer, None))
         )
         try:
             samples = by_shortening(along, along.start(), protocol.commands[driven[0]].values)
@@ -95,13 +94,14 @@ class FinerTwin:
             change = _change(along, samples.path, further, prolongation(own, finer, self.corners))
             if change is None:
                 return None
-            return Response(
+            response = Response(
                 by_column(along.units, samples.values + change.at(samples.c)),
                 along.units,
                 samples.status,
                 succeeded=True,
                 n_factorisations=along.statics.n_factorisations + further.statics.n_factorisations,
             )
+            return at_moduli(own, response, s)
         except SimulationError:
             return None
         finally:
@@ -166,7 +166,7 @@ def _change(along: EquilibriumPath, path: Path, finer: EquilibriumPath, prolong:
         c = start + np.array(PLACES[:n_places]) * (end - start)
         change = _Change(start, c, np.array(values), np.array(slopes))
         scale = along.scale(along.curve(path.nodes).values)
-        rough, of_curve = (WITH_CONTACT, OF_CURVE) if finer.twin.system.contacts else (1.0, 1.0)
+        rough, of_curve = (ROUGH, ROUGH_CURVE) if finer.twin.system.contacts else (1.0, 1.0)
         allowed = np.maximum(
             rough * CHANGE_TOLERANCE * along.largest(change.values), of_curve * along.tolerance * scale
         )

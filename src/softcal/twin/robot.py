@@ -36,7 +36,7 @@ from softcal.mechanics.mesh_motion import MeshMotion
 from softcal.mechanics.path_limits import PathLimits
 from softcal.quantities import Clearance, Density, Direction, Mass, MomentOfInertia, Size
 from softcal.sensing.sensor import NamedSensor
-from softcal.twin.barrier import Contact
+from softcal.twin.barrier import Contact, require_wires
 from softcal.twin.cables import Cable, ViaPoint
 from softcal.twin.clamp import Clamp, Zone, clamp_zone
 from softcal.twin.dead_loads import Moment, PointLoad, SurfaceLoad
@@ -387,7 +387,7 @@ class Robot(Checked):
         if not self.bodies and not self.rods:
             raise InputError(Fault("the robot has nothing that bends", got="no body and no rod", allowed="one or more"))
         if self.contact is not None:
-            self.contact.fitted(self.bodies, self.rods, self.plates)  # refuses rods that it does not fit
+            require_wires(self.rods)
 
     @property
     def fitted_contact(self) -> Contact | None:

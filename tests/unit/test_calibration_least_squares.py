@@ -19,6 +19,7 @@ from softcal.calibration.local_model import LocalModel, Point
 from softcal.calibration.loss import Block, Loss
 from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.losses.papers import PapersLoss
+from softcal.calibration.optimisers import least_squares
 from softcal.calibration.optimisers.least_squares import LeastSquaresOptimiser
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Evaluation, Problem, make_problem
@@ -247,6 +248,40 @@ def test_standard_errors_are_named_only_where_they_exist(n: int, has_errors: boo
 def test_where_the_first_start_meets_the_measurements_exactly_no_other_is_begun() -> None:
     problem = problem_of(PapersLoss())
     assert search(problem, starts=4)[1] == search(problem, starts=1)[1]
+
+
+def test_a_parameter_starts_at_the_same_values_in_separate_and_joint_fits() -> None:
+    """So that the load paths there are solved once."""
+    joint = in_a_thin_valley(0).space
+    alone = SearchSpace(tuple(reversed(joint.parameters[:3])))
+    for seed in range(3):
+        own, of_joint = (
+            [space.to_model(z) for z in least_squares._starts(space, 5, seed)[1:]] for space in (alone, joint)
+        )
+        assert len({theta[NU] for theta in own}) == 4
+        for theta, other in zip(own, of_joint, strict=True):
+            assert all(other[label] == value for label, value in theta.items())
+
+
+def test_long_steps_end_at_round_values_of_the_parameters_of_load_paths() -> None:
+    """Of the shortest descents from two starts: with other numbers of the same modulus, the same load path."""
+    problem = problem_of(PapersLoss(), noise=0.02)
+    assert problem.path_parameters == (NU,)
+
+    def first_step(e: float, of_paths: tuple[int, ...]) -> np.ndarray:
+        z = problem.space.to_search({E: e, NU: 0.41})
+        descent = Descent(problem.space, problem.loss, z, 40, of_paths)
+        descent.tell(problem.evaluate(problem.space.to_model(z), jacobian=True))
+        assert descent.next is not None
+        return descent.next
+
+    places = [first_step(e, (1,)) for e in (0.5e6, 10e6)]
+    assert places[0][1] == places[1][1]
+    assert 64 * places[0][1] == int(64 * places[0][1])
+    exact = [first_step(e, ()) for e in (0.5e6, 10e6)]
+    assert exact[0][1] != exact[1][1]
+    for rounded, other in zip(places, exact, strict=True):
+        assert rounded[1] == pytest.approx(other[1], abs=0.15)
 
 
 def _wavy_curve(d: np.ndarray, nu: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -51,6 +51,20 @@ def test_a_path_at_another_modulus_costs_nothing(robot: Robot, monkeypatch: pyte
     assert again.n_factorisations == fresh.n_factorisations
 
 
+def test_shapes_at_another_modulus_have_the_forces_of_a_fresh_path():
+    robot, samples, theta = touching(grooved(element="P2P1")), (1e-3, 3e-3), {"block.youngs_modulus": 0.37e6}
+    simulate(robot, pulled(*samples), snapshots=True)
+    again, fresh = (simulate(one, pulled(*samples), theta, snapshots=True) for one in (robot, afresh(robot)))
+    assert len(again.snapshots) == len(fresh.snapshots) > 2
+    for one, other in zip(again.snapshots, fresh.snapshots, strict=True):
+        assert one.tensions == other.tensions
+        for values, others in ((one.pressures, other.pressures), (one.points, other.points)):
+            for name in others:
+                np.testing.assert_array_equal(values[name], others[name])
+    here = simulate(robot, pulled(*samples), snapshots=True).snapshots[-1]
+    assert fresh.snapshots[-1].tensions["front"] != pytest.approx(here.tensions["front"], rel=0.1)
+
+
 def test_other_samples_are_those_of_a_fresh_path():
     robot, samples = touching(grooved()), np.linspace(0.2e-3, 4e-3, 60)
     simulate(robot, pulled(*samples), sensitivities=NAMES)

@@ -20,6 +20,7 @@ solved by SciPy.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +33,7 @@ from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Evaluation
 from softcal.calibration.trusted_model import trusted_model
 from softcal.checks import Floats
+from softcal.round_number import roundest
 
 _SETTLED = 0.01  # of the smooth surrogate: with less reduction left, the search continues with the loss itself
 _RESCALED = 1e-6  # of the loss after rescaling: with less reduction left, the loss without it decides
@@ -40,12 +42,17 @@ _EDGE = 1e-4  # of the search range: smallest distance kept from points that can
 # Steps after a failed one in which the region does not grow: a quarter of it fits three times before the edge.
 _WARY = 3
 _RETREATS = 8  # halvings of the distance from a start that cannot be simulated to the middle of the box
+_FAR = 0.5  # of the loss: a step that promises less than that is far from the minimum
+_SHORTER, _LONGER = 0.15, 0.025  # of such a step: how far from its end a round value may be
+_AS_MUCH = 0.75  # of its gain must be promised there
 _MEMORY = 4  # most recent points, by which models are compared
 
 
 @dataclass(eq=False)
 class Descent:
     """A search from one start; `z`: its present point; `best`: its best point; `next`: the point to be evaluated.
+
+    `of_paths`: numbers of the parameters by which load paths differ.
 
     `next` is None when the search is over; `converged` is whether it has reached a minimum.
     """
@@ -54,6 +61,7 @@ class Descent:
     loss: Loss
     start: Floats
     budget: int
+    of_paths: Collection[int] = ()
 
     def __post_init__(self) -> None:
         self.next: Floats | None = self.start
@@ -168,7 +176,7 @@ class Descent:
             self._merit, self._radius = self.loss, 1.0
             self._propose()
         elif self._promised < before and self._length(step) > _SHORTEST:
-            self.next = step
+            self.next = self._rounded(step, before, lower, upper)
         elif self._rescaling or by_squares:
             self._by_the_loss_alone(lowest, found)
         else:
@@ -176,6 +184,23 @@ class Descent:
                 f"Not converged after {counted(self.evaluations)}: no further step lowers the loss or can be simulated"
                 f"{self._away()}"
             )
+
+    def _rounded(self, step: Floats, before: float, lower: Floats, upper: Floats) -> Floats:
+        """A step far from the minimum, where it need not be exact, to round values of the parameters of load paths. The
+        paths there serve other starts and other fits.
+        """
+        if self._promised > _FAR * before:
+            return step
+        model = self._model(self._merit)
+        for j in self.of_paths:
+            low, high = (np.array(end) for end in (lower, upper))
+            shorter, longer = (step[j] + part * (step[j] - self.z[j]) for part in (-_SHORTER, _LONGER))
+            low[j] = high[j] = roundest(*np.clip(sorted((shorter, longer)), lower[j], upper[j]))
+            rounded = model.minimise(low, high, begin=step)
+            promised = model.loss(rounded)
+            if before - promised >= _AS_MUCH * (before - self._promised):
+                step, self._promised, lower, upper = rounded, promised, low, high
+        return step
 
     def _by_the_loss_alone(self, lowest: Point, found: Evaluation) -> None:
         """Continue from the lowest point, without rescaling."""

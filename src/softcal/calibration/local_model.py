@@ -118,8 +118,10 @@ class LocalModel:
                 return False
         return True
 
-    def minimise(self, lower: Floats, upper: Floats, *, max_iterations: int = 60) -> Floats:
-        """The minimiser of the modelled loss in a box, searched from the point of the box nearest to z.
+    def minimise(
+        self, lower: Floats, upper: Floats, *, begin: Floats | None = None, max_iterations: int = 60
+    ) -> Floats:
+        """The minimiser of the modelled loss in a box, searched from the point of the box nearest to `begin`, or to z.
 
         Each pass solves the bounded linear least squares that touch the loss from above. For the likelihood that is
         Gauss-Newton; for a sum of RMSEs it is iterative reweighting, which ends at the minimiser of the sum itself and
@@ -127,7 +129,7 @@ class LocalModel:
         """
         from scipy.optimize import lsq_linear
 
-        x = np.clip(self._here.z, lower, upper)
+        x = np.clip(self._here.z if begin is None else begin, lower, upper)
         value = self.loss(x)
         for _ in range(max_iterations):
             matrix, right = self._squares(x)

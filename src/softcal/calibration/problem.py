@@ -28,6 +28,7 @@ from softcal.calibration.uncertain import UncertainParameter, uncertain_paramete
 from softcal.checks import Floats
 from softcal.errors import InputError, MeshError, SimulationError
 from softcal.twin.parameters import ParameterInfo, robot_parameters
+from softcal.twin.proportional import MODULUS
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
@@ -171,6 +172,13 @@ class Problem:
     def derived(self) -> tuple[str, ...]:
         """The parameters of the robot and the rig by which an evaluation with the jacobian is differentiated."""
         return tuple(dict.fromkeys([*self.space.targets, *(t for p in self.uncertain for t in p.targets)]))
+
+    @property
+    def path_parameters(self) -> tuple[str, ...]:
+        """Labels of the free parameters by whose values load paths differ: those of the robot, other than moduli."""
+        known = robot_parameters(self.robot)
+        others = {name for name, info in known.items() if info.unit != MODULUS}
+        return tuple(p.label for p in self.space.parameters if others.intersection(p.targets))
 
     def evaluate(self, theta: Mapping[str, float], *, jacobian: bool = False) -> Evaluation:
         """Simulate every experiment at theta [SI by label] and judge it. A failed simulation is a value, not an error.

@@ -15,6 +15,7 @@ from softcal.mechanics.path import Path, between, follow
 from softcal.mechanics.path_watch import path_watch
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
+from softcal.round_number import roundest
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensors.cable import TENSION
 from softcal.twin.build import Twin
@@ -162,7 +163,7 @@ class EquilibriumPath:
                 # Among many samples a node is independent of their places, as of the slack, and is kept for others.
                 inside = np.diff(np.searchsorted(left, curve.c))
                 round_ones = [
-                    _roundest(m - ASIDE * h, m + ASIDE * h) for m, h in zip(new, np.diff(curve.c), strict=True)
+                    roundest(m - ASIDE * h, m + ASIDE * h) for m, h in zip(new, np.diff(curve.c), strict=True)
                 ]
                 new = np.where(inside > FEW, round_ones, left[np.abs(left[:, None] - new).argmin(axis=0)])
                 is_read = inside > 0
@@ -256,11 +257,3 @@ class EquilibriumPath:
             if node.c < self.wound_up * (1.0 - SAME) and (limit := self.twin.system.at_limit(node.state.x)):
                 return f" From {1e3 * node.c:.4g} mm of shortening of {self.cable} on {limit}."
         return ""
-
-
-def _roundest(low: float, high: float) -> float:
-    """The number between two others with the fewest binary digits."""
-    digit = 2.0 ** np.ceil(np.log2(high - low))
-    while (number := np.ceil(low / digit) * digit) > high:
-        digit *= 0.5
-    return float(number)

@@ -51,6 +51,14 @@ def at_moduli(twin: Twin, response: Response, s: float) -> Response:
             channel: {name: scaled(channel, values, name) for name, values in each.items()}
             for channel, each in response.sensitivities.items()
         },
+        snapshots=tuple(
+            replace(
+                shape,
+                tensions={cable: s * tension for cable, tension in shape.tensions.items()},
+                pressures={material: s * pressure for material, pressure in shape.pressures.items()},
+            )
+            for shape in response.snapshots
+        ),
     )
 
 

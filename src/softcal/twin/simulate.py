@@ -146,7 +146,7 @@ def respond(
                 twin, statics, protocol, names, snapshots=snapshots, crossings=crossings, commanded=commanded
             )
     is_pulled_in = len(driven) == 1 and protocol.commands[driven[0]].control == "shortening"
-    own, s = at_own_moduli(twin, theta) if is_pulled_in and not snapshots else (theta, 1.0)
+    own, s = at_own_moduli(twin, theta) if is_pulled_in else (theta, 1.0)
     with _statics(twin, own, twin.kept.at(own)) as statics:
         tolerance = 0.0 if snapshots == "samples" else curve_tolerance
         along = EquilibriumPath(twin, statics, names, driven[0] if driven else None, tolerance)

@@ -8,15 +8,21 @@ import numpy as np
 
 from softcal.calibration.result import SearchResult
 from softcal.project.project import Project
+from softcal.twin.parameters import parameter_values
 from softcal.twin.response import Response
 from softcal.workflows.calibration import JOINT, calibrated
-from softcal.workflows.simulation import simulate
+from softcal.workflows.simulation import protocol_of, robot_in, simulate
 
 
 def furthest_response(project: Project, result: SearchResult) -> Response:
-    """Response of the calibrated twin, with shapes, in the result's experiment with the largest drive."""
+    """Response of the calibrated twin, with shapes, in the result's experiment with the largest drive.
+
+    It is simulated with the project's own robot, whose twin keeps the load paths of the search.
+    """
     at_values = calibrated(project, result)
-    return simulate(at_values, experiment=furthest_experiment(at_values, list(result.experiments)), snapshots=True)
+    name = furthest_experiment(at_values, list(result.experiments))
+    theta = parameter_values(robot_in(at_values, name))
+    return simulate(project.robot, protocol_of(at_values, name), theta, snapshots=True)
 
 
 def furthest_experiment(project: Project, experiments: Sequence[str]) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from softcal.calibration.descent import Descent, counted
@@ -52,12 +54,23 @@ class LeastSquaresOptimiser(Optimiser):
     @classmethod
     def begin(cls, problem: Problem, settings: SearchSettings) -> LeastSquaresOptimiser:
         trials, starts = settings.trials or 0, int(settings.options["starts"])
-        return cls(problem.space, problem.loss, trials=trials, seed=settings.seed, starts=starts)
+        paths = problem.path_parameters
+        return cls(problem.space, problem.loss, trials=trials, seed=settings.seed, starts=starts, of_paths=paths)
 
-    def __init__(self, space: SearchSpace, loss: Loss, *, trials: int, seed: int, starts: int = 1) -> None:
+    def __init__(
+        self,
+        space: SearchSpace,
+        loss: Loss,
+        *,
+        trials: int,
+        seed: int,
+        starts: int = 1,
+        of_paths: Collection[str] = (),
+    ) -> None:
         self._space, self._loss = space, loss
         self._trials = trials
-        own, *others = (Descent(space, loss, z, trials) for z in _starts(space, starts, seed))
+        numbers = [j for j, label in enumerate(space.labels) if label in of_paths]
+        own, *others = (Descent(space, loss, z, trials, numbers) for z in _starts(space, starts, seed))
         self._descents = [own, *others]
         self._waves = [[own], others]
         below = np.array([np.isfinite(p.ceiling) for p in space.parameters])
@@ -149,7 +162,12 @@ def _value(descent: Descent) -> float:
 
 
 def _starts(space: SearchSpace, count: int, seed: int) -> list[Floats]:
-    from scipy.stats import qmc
-
-    others = qmc.LatinHypercube(space.size, rng=np.random.default_rng(seed)).random(max(count - 1, 0))
+    """The parameters' own start, and a Latin hypercube. A parameter's values in it follow from its label: load paths
+    that separate fits have solved from there serve the joint one.
+    """
+    n = max(count - 1, 0)
+    others = np.zeros((n, space.size))
+    for j, label in enumerate(space.labels):
+        random = np.random.default_rng([seed, *label.encode()])
+        others[:, j] = (random.permutation(n) + random.random(n)) / max(n, 1)
     return [np.clip(space.to_search(space.start), 0.0, 1.0), *others]

@@ -251,7 +251,7 @@ class Statics:
                 return Equilibrium(state, False, iteration, residual, over)
             if free.size and across < tolerance:
                 free = NO_MODES  # the modes need a force after all: the remaining residual is along them
-            is_fresh = at.data is not None
+            is_fresh, touches, was_convex = at.data is not None, at.touch is not None, at.is_convex
             try:
                 if is_fresh and free.size:
                     self.factorise(at, free=free)
@@ -267,6 +267,7 @@ class Statics:
             is_kept = step == 1.0 and self.tangent.is_factorised
             serves = is_kept and residual < (SMALL_START if np.isinf(previous) else REUSE_BELOW * previous)
             work = float(dz @ at.reduced)
+            least, most = 0.0, np.inf
             for _ in range(MAX_CUTS):
                 candidate, part = self._before_touch(state, step * dz)
                 step, serves = step * part, serves and part == 1.0
@@ -276,14 +277,18 @@ class Statics:
                 # it began with. Small residuals are exempt; there Newton's method converges by itself, except where
                 # surfaces are about to touch.
                 trusted = residual < SMALL_START and not system.contacts
-                if at.is_admissible and (trusted or abs(dz @ at.reduced) <= abs(work)):
+                here = float(dz @ at.reduced) if at.is_admissible else np.inf
+                if abs(here) <= abs(work) or (trusted and at.is_admissible):
                     break
-                step, serves = 0.5 * step, False
+                # Across a ridge the energy is concave: downhill all the way, the minimum is further on.
+                least, most = (step, most) if touches and part == 1.0 and here < work < 0.0 else (least, step)
+                step, serves = (2.0 * step if np.isinf(most) else 0.5 * (least + most)), False
             else:
-                if is_fresh:
+                if is_fresh and (was_convex or not touches):
                     status = "no step along Newton's direction is admissible"
                     return Equilibrium(state, False, iteration, residual, status)
-                at = system.linearise(state, controls, self.theta)  # the kept factorisation serves no longer
+                # The kept factorisation serves no longer, or a ridge between triangles gives no direction of descent.
+                at = system.linearise(state, controls, self.theta, convex=is_fresh)
                 continue
             state, previous = candidate, residual
         return Equilibrium(

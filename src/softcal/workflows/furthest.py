@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,18 +12,22 @@ from softcal.project.project import Project
 from softcal.twin.parameters import parameter_values
 from softcal.twin.response import Response
 from softcal.workflows.calibration import JOINT, calibrated
+from softcal.workflows.engines import SOFTCAL, left_out_sentence
 from softcal.workflows.simulation import protocol_of, robot_in, simulate
 
 
 def furthest_response(project: Project, result: SearchResult) -> Response:
     """Response of the calibrated twin, with shapes, in the result's experiment with the largest drive.
 
-    It is simulated with the project's own robot, whose twin keeps the load paths of the search.
+    It is simulated with the project's own robot, whose twin keeps the load paths of the search; without contact where
+    the engine of the search leaves it out.
     """
     at_values = calibrated(project, result)
     name = furthest_experiment(at_values, list(result.experiments))
     theta = parameter_values(robot_in(at_values, name))
-    return simulate(project.robot, protocol_of(at_values, name), theta, snapshots=True)
+    left_out = left_out_sentence(result.hashes.get("engine", SOFTCAL), project.robot)
+    robot = replace(project.robot, contact=None) if left_out else project.robot
+    return simulate(robot, protocol_of(at_values, name), theta, snapshots=True)
 
 
 def furthest_experiment(project: Project, experiments: Sequence[str]) -> str:

@@ -49,7 +49,11 @@ def redundant(gradients: Floats, elastic: Floats) -> Ints:
     products = gradients.T @ gradients
     sizes = np.sqrt(products.diagonal())
     sizes[sizes == 0.0] = 1.0
-    values, combinations = np.linalg.eigh(products / sizes / sizes[:, None])
+    cosines = products / sizes / sizes[:, None]
+    # Gershgorin's bound on the smallest eigenvalue: one coordinate alone, or nearly orthogonal ones, need no more.
+    if (2.0 * cosines.diagonal() - np.abs(cosines).sum(axis=0)).min() > _IN_SPAN:
+        return np.zeros(0, dtype=np.int64)
+    values, combinations = np.linalg.eigh(cosines)
     none = np.abs(combinations[:, (values < _IN_SPAN) & (elastic @ combinations**2 < _RIGID)])
     return np.flatnonzero(none.max(axis=1, initial=0.0) > _TAKES_PART)
 

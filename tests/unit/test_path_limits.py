@@ -83,7 +83,8 @@ def test_a_path_on_which_elements_fail_ends_and_names_the_place() -> None:
     robot = knotted_block()
     response = simulate(robot, pull(robot, "tendon", "shortening", 0.012), crossings=False)
     assert not response.succeeded
-    assert response.n_factorisations < 300
+    assert 200 < response.n_factorisations < 260  # as docs/mechanics.md has it
+    assert len(robot.bodies[0].mesh.tets) == 384
     assert len(response.channels["tendon.tension"]) == 27
     assert response.status.startswith("The load path was ended at 8.04")
     assert "(27 of 41 samples reached): the last 15 factorisations gained less than 1 % of it" in response.status

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from softcal.mechanics.contact_kernels import Meeting, distances, free_part, law, push, touching
 from softcal.mechanics.moving_boxes import order_of
+from softcal.mechanics.near_pairs import NearPairs
 
 NONE = -1
 KINDS = {"vertex": [1, NONE, NONE], "edge": [1, 2, NONE], "triangle": [1, 2, 3]}
@@ -74,7 +75,7 @@ def test_on_flat_and_convex_surfaces_the_nearest_point_alone_counts(seed: int):
     V, faces = fan(np.full(6, chance.choice([0.0, -0.3])))
     V[0] = np.append(chance.uniform(-0.5, 0.5, 2), 0.3)
     one = lambda p, s, share: push(V, p, s, share, np.full(len(p), 5.0), 0.7, 0.1, False)  # noqa: E731
-    energy, gradient, _, _ = one(*touching(V, meeting(V, faces), np.array([5.0])))
+    energy, gradient, _, _ = one(*touched(V, meeting(V, faces), np.array([5.0])))
     nearest = np.argmin(distances(V, np.zeros(6, dtype=int), faces))
     alone = one(np.zeros(1, dtype=int), faces[[nearest]], np.ones(1))
     assert energy == pytest.approx(alone[0], rel=1e-9)
@@ -85,7 +86,7 @@ def test_on_flat_and_convex_surfaces_the_nearest_point_alone_counts(seed: int):
 def test_shares_add_up_to_one_for_every_point():
     V, faces = fan(np.zeros(6))
     for part in ([0], [0, 1], [0, 2], [0, 3], [0, 1, 2, 3], list(range(6))):
-        _, _, shares = touching(V, meeting(V, faces[part]), np.array([5.0]))
+        _, _, shares = touched(V, meeting(V, faces[part]), np.array([5.0]))
         assert shares.sum() == pytest.approx(1.0)
 
 
@@ -105,7 +106,7 @@ def test_the_triangles_that_touch_are_those_of_all_pairs(seed: int):
     point, face = (all_pairs.ravel() for all_pairs in np.indices((n, k)))
     near = distances(V, point, faces[face]) < reach[point]
     near &= ~never[point[:, None], faces[face]].all(axis=1) & (group[point] != 1)
-    points, simplices, _ = touching(V, of, reach)
+    points, simplices, _ = touched(V, of, reach)
     whole = simplices[:, 2] >= 0
     assert sorted(zip(points[whole], simplices[whole, 0], strict=True)) == sorted(
         zip(point[near], faces[face[near], 0], strict=True)
@@ -120,7 +121,8 @@ def test_no_point_passes_through_a_triangle_on_the_free_part_of_its_way(seed: in
     k = int(chance.integers(1, 12))
     V, to = (chance.uniform(-1.0, 1.0, (1 + 3 * k, 3)) + chance.uniform(-5.0, 5.0, 3) for _ in range(2))
     faces = 1 + np.arange(3 * k).reshape(k, 3)
-    part = free_part(V, to, meeting(V, faces))
+    near = NearPairs(meeting(V, faces), np.zeros(1), 0.1)
+    part = free_part(V, to, faces, *near.between(V, to))
     t = np.linspace(0.0, 1.0, 4001)[:, None, None]
     X = (1.0 - t) * V + t * to
     first = 1.0
@@ -142,6 +144,27 @@ def test_no_point_passes_through_a_triangle_on_the_free_part_of_its_way(seed: in
         assert (far[1] / far[0]).min() < 0.1 + 1e-9
 
 
+@given(st.integers(0, 10**6))
+@settings(deadline=None, max_examples=100)
+def test_what_touches_or_meets_does_not_depend_on_where_the_pairs_near_were_searched_for(seed: int):
+    chance = np.random.default_rng(seed)
+    n, k, slack = 20, int(chance.integers(1, 100)), 0.1
+    at = chance.uniform(-1.0, 1.0, (n + 3 * k, 3))
+    faces = n + np.arange(3 * k).reshape(k, 3)
+    reach, of = chance.uniform(0.0, 0.3, n), meeting(at, faces, n)
+    moves = chance.normal(size=(2, *at.shape))
+    moves *= slack * chance.choice([0.5, 0.999, 3.0], (2, 1, 1)) / np.linalg.norm(moves, axis=2, keepdims=True)
+    V, to = at + moves
+    kept = NearPairs(of, reach, slack)
+    kept.at(at)
+    for one, other in zip(touching(V, faces, reach, *kept.at(V)), touched(V, of, reach), strict=True):
+        np.testing.assert_array_equal(one, other)
+    kept = NearPairs(of, reach, slack)
+    kept.at(at)
+    fresh = NearPairs(of, reach, slack)
+    assert free_part(V, to, faces, *kept.between(V, to)) == free_part(V, to, faces, *fresh.between(V, to))
+
+
 def meeting(
     V: np.ndarray, faces: np.ndarray, n: int = 1, never: np.ndarray | None = None, group: np.ndarray | None = None
 ) -> Meeting:
@@ -149,4 +172,10 @@ def meeting(
     never = np.zeros((n, len(V)), dtype=bool) if never is None else never
     begin = np.append(0, np.cumsum(never.sum(axis=1)))
     group = np.full(len(V), -1) if group is None else group
-    return Meeting(faces, order_of(V[faces].mean(axis=1)), begin, np.ascontiguousarray(np.nonzero(never)[1]), group)
+    orders = order_of(V[:n]), order_of(V[faces].mean(axis=1))
+    return Meeting(faces, *orders, begin, np.ascontiguousarray(np.nonzero(never)[1]), group)
+
+
+def touched(V: np.ndarray, of: Meeting, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What touches, searched for at V."""
+    return touching(V, of.faces, reach, *NearPairs(of, reach, 0.1).at(V))

@@ -25,9 +25,11 @@ from softcal.mechanics.contact_kernels import Meeting, distances, free_part, law
 from softcal.mechanics.contact_stiffness import ContactStiffness
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.moving_boxes import order_of
+from softcal.mechanics.near_pairs import NearPairs
 from softcal.mechanics.term import Given, Sum, Term
 from softcal.units import format_quantity
 
+SLACK = 0.1  # of the depth: motion for which pairs near are kept
 ONSET = 0.02  # of the depth: overlap over which the pressure's slope rises, for Newton's method
 
 
@@ -149,7 +151,8 @@ class ContactTerm(Term):
 
     def free_way(self, x: Floats, to: Floats) -> float:
         """Fraction of the straight line from x to `to` on which no point passes through a core (one: all of it)."""
-        return free_part(self.vertices(x), self.vertices(to), self._meeting)
+        before, after = self.vertices(x), self.vertices(to)
+        return free_part(before, after, self.faces, *self._near.between(before, after))
 
     def overlap(self, x: Floats) -> float:
         """The largest overlap [m] of a point at positions x (n_points, 3); zero where nothing touches."""
@@ -173,14 +176,15 @@ class ContactTerm(Term):
 
     def touching(self, V: Floats) -> Pairs:
         """The points and simplices that touch with vertices at V (n_vertices, 3)."""
-        return Pairs(*touching(V, self._meeting, self.reach))
+        return Pairs(*touching(V, self.faces, self.reach, *self._near.at(V)))
 
     @cached_property
-    def _meeting(self) -> Meeting:
+    def _near(self) -> NearPairs:
         apart = self.apart[np.lexsort((self.apart[:, 1], self.apart[:, 0]))]
         begin = np.searchsorted(apart[:, 0], np.arange(len(self.reach) + 1))
-        order = order_of(self.X[self.faces].mean(axis=1))
-        return Meeting(self.faces, order, begin, apart[:, 1].astype(np.int64), self.group)
+        of_points, of_faces = order_of(self.X[: len(self.reach)]), order_of(self.X[self.faces].mean(axis=1))
+        meeting = Meeting(self.faces, of_points, of_faces, begin, apart[:, 1].astype(np.int64), self.group)
+        return NearPairs(meeting, self.reach, SLACK * self.depth)
 
     def _push(
         self, V: Floats, stiffness: float, *, tangent: bool, convex: bool = False

@@ -17,7 +17,7 @@ import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.mechanics.moving_boxes import boxes, faces_met
+from softcal.mechanics.moving_boxes import boxes, depth_of, enclose, meet, pairs_beside
 
 Point = tuple[float, float, float]
 NEAREST = 0.1  # of a distance, below which a point is taken for one that touches
@@ -30,8 +30,8 @@ class Meeting(NamedTuple):
     ----------
     faces
         The triangles' vertices (k, 3).
-    order
-        Of the triangles in their tree, see `moving_boxes`.
+    point_order, face_order
+        Of the points (n_points,) and of the triangles (k,) in their trees, see `moving_boxes`.
     begin, apart
         Sorted vertices that each point never touches: where they begin (n_points + 1,) in a list, and the list. A
         triangle of three such it never touches.
@@ -41,7 +41,8 @@ class Meeting(NamedTuple):
     """
 
     faces: Ints
-    order: Ints
+    point_order: Ints
+    face_order: Ints
     begin: Ints
     apart: Ints
     group: Ints
@@ -121,40 +122,50 @@ def nearest(V: Floats, point: int, corners: Ints, w: Floats, n: Floats) -> float
 
 
 @numba.njit(cache=True)
-def touching(V: Floats, meeting: Meeting, reach: Floats) -> tuple[Ints, Ints, Floats]:
-    """Of each pressing point, the triangles nearer than its reach (n_points,) [m], once the edges of these, and once
-    their vertices: the points (m,), the simplices (m, 3), -1 beyond the last corner, and shares (m,) that are not zero.
-    Triangles count once, edges once less their triangles, vertices once less their triangles and edges.
+def near(V: Floats, to: Floats, meeting: Meeting, around: Floats) -> tuple[Ints, Ints]:
+    """Points (m,) and triangles (m,) that they may touch, whose boxes may meet on the straight lines from V to `to`
+    (n_vertices, 3), those of points wider by `around` (n_points,) [m] on every side.
     """
-    faces = meeting.faces
-    corner, size, shape, low, high, first, of_cell = _cells(V, faces, reach.max() if len(reach) else 0.0)
-    most = np.diff(first).max()
+    n, faces = len(around), meeting.faces
+    depth = depth_of(max(n, len(faces)))
+    of_points = boxes(V, to, np.arange(n).reshape(-1, 1), meeting.point_order, around, depth)
+    of_faces = boxes(V, to, faces, meeting.face_order, np.zeros(len(faces)), depth)
+    points, triangles = pairs_beside(of_points, of_faces, meeting.point_order, meeting.face_order, depth)
+    count = 0
+    for k in range(len(points)):
+        if _may_touch(meeting, points[k], faces[triangles[k]]):
+            points[count], triangles[count] = points[k], triangles[k]
+            count += 1
+    return points[:count], triangles[:count]
+
+
+@numba.njit(cache=True)
+def touching(V: Floats, faces: Ints, reach: Floats, points: Ints, triangles: Ints) -> tuple[Ints, Ints, Floats]:
+    """Of each pressing point, those of its triangles that are nearer than its reach (n_points,) [m], once the edges of
+    these, and once their vertices: the points (m,), the simplices (m, 3), -1 beyond the last corner, and shares (m,)
+    that are not zero. Triangles count once, edges once less their triangles, vertices once less their triangles and
+    edges.
+
+    points, ascending, and triangles (k,): the pairs near.
+    """
+    begin = np.searchsorted(points, np.arange(len(reach) + 1))
+    most = np.diff(begin).max() if len(reach) else 0
     mine = np.empty(most, dtype=np.int64)
     ends, of_end = np.empty((3 * most, 2), dtype=np.int64), np.empty(3 * most)
     vertices, of_vertex = np.empty(3 * most, dtype=np.int64), np.empty(3 * most)
-    w, n, at = np.empty(3), np.empty(3), np.empty(3)
-    points, simplices, shares = np.empty(64, dtype=np.int64), np.empty((64, 3), dtype=np.int64), np.empty(64)
+    w, n = np.empty(3), np.empty(3)
+    pressed, simplices, shares = np.empty(64, dtype=np.int64), np.empty((64, 3), dtype=np.int64), np.empty(64)
     count = 0
     for p in range(len(reach)):
-        m = cell = 0
-        inside = True
-        for j in range(3):
-            at[j] = (V[p, j] - corner[j]) / size
-            cell = cell * shape[j] + int(at[j])
-            inside = inside and 0.0 <= at[j] < shape[j]
-        if not inside:
-            continue
-        for f in of_cell[first[cell] : first[cell + 1]]:
-            near = True
-            for j in range(3):
-                near = near and low[f, j] <= at[j] <= high[f, j]
-            if near and _may_touch(meeting, p, faces[f]) and nearest(V, p, faces[f], w, n) < reach[p]:
+        m = 0
+        for f in triangles[begin[p] : begin[p + 1]]:
+            if nearest(V, p, faces[f], w, n) < reach[p]:
                 mine[m] = f
                 m += 1
         if m == 0:
             continue
-        while count + 7 * m > len(points):
-            points, shares = np.concatenate((points, points)), np.concatenate((shares, shares))
+        while count + 7 * m > len(pressed):
+            pressed, shares = np.concatenate((pressed, pressed)), np.concatenate((shares, shares))
             simplices = np.concatenate((simplices, simplices))
         n_ends = n_vertices = 0
         for t in range(m):
@@ -173,11 +184,11 @@ def touching(V: Floats, meeting: Meeting, reach: Floats) -> tuple[Ints, Ints, Fl
                     vertices[v], of_vertex[v] = a, 1.0
                     n_vertices += 1
                 of_vertex[v] -= 1.0
-            points[count], simplices[count], shares[count] = p, faces[mine[t]], 1.0
+            pressed[count], simplices[count], shares[count] = p, faces[mine[t]], 1.0
             count += 1
         for e in range(n_ends):
             if of_end[e] != 0.0:
-                points[count], shares[count] = p, of_end[e]
+                pressed[count], shares[count] = p, of_end[e]
                 simplices[count, 0], simplices[count, 1], simplices[count, 2] = ends[e, 0], ends[e, 1], -1
                 count += 1
         for v in range(n_vertices):
@@ -185,27 +196,29 @@ def touching(V: Floats, meeting: Meeting, reach: Floats) -> tuple[Ints, Ints, Fl
                 if ends[e, 0] == vertices[v] or ends[e, 1] == vertices[v]:
                     of_vertex[v] -= of_end[e]
             if of_vertex[v] != 0.0:
-                points[count], shares[count] = p, of_vertex[v]
+                pressed[count], shares[count] = p, of_vertex[v]
                 simplices[count, 0], simplices[count, 1], simplices[count, 2] = vertices[v], -1, -1
                 count += 1
-    return points[:count], simplices[:count], shares[:count]
+    return pressed[:count], simplices[:count], shares[:count]
 
 
 @numba.njit(cache=True)
-def free_part(V: Floats, to: Floats, meeting: Meeting) -> float:
-    """The part of the straight lines from V to `to` (n_vertices, 3) on which no pressing point passes through a
-    triangle that it may touch: one where none does, else until its distance is some tenth of what it was.
+def free_part(V: Floats, to: Floats, faces: Ints, points: Ints, triangles: Ints) -> float:
+    """The part of the straight lines from V to `to` (n_vertices, 3) on which none of the points (m,) passes through its
+    triangle (m,): one where none does, else until its distance is some tenth of what it was.
 
     Conservative: a point gets on by no more than its distance over the largest relative motion (additive continuous
     collision detection: Li et al., 2021, Codimensional incremental potential contact, algorithm 1).
     """
     w, n, four = np.empty(3), np.empty(3), np.empty((4, 3))
-    box, mine = boxes(V, to, meeting.faces, meeting.order), np.empty(len(meeting.faces) + 64, dtype=np.int64)
+    box, other = np.empty(12), np.empty(12)
     part = 1.0
-    for p in range(len(meeting.begin) - 1):
-        for f in mine[: faces_met(box, meeting.order, V[p], to[p], mine)]:
-            if _may_touch(meeting, p, meeting.faces[f]):
-                part = min(part, _free_part(V, to, p, meeting.faces[f], part, four, w, n))
+    for k in range(len(points)):
+        p, face = points[k], faces[triangles[k]]
+        enclose(box, V, to, points[k : k + 1], 0.0)
+        enclose(other, V, to, face, 0.0)
+        if meet(box, other):
+            part = min(part, _free_part(V, to, p, face, part, four, w, n))
     return part
 
 
@@ -219,14 +232,13 @@ def _free_part(V: Floats, to: Floats, p: int, face: Ints, most: float, four: Flo
             square += (to[p, j] - V[p, j] - to[face[k], j] + V[face[k], j]) ** 2
         fastest = max(fastest, np.sqrt(square))
     t, first = 0.0, -1.0
-    corners = np.arange(1, 4)
-    own = int(corners[0] - 1)  # no constant, so that Numba compiles `nearest` once
+    corners = np.arange(4)
     while fastest > 0.0:
         for j in range(3):
             four[0, j] = (1.0 - t) * V[p, j] + t * to[p, j]
             for k in range(3):
                 four[k + 1, j] = (1.0 - t) * V[face[k], j] + t * to[face[k], j]
-        d = nearest(four, own, corners, w, n)
+        d = nearest(four, corners[0], corners[1:], w, n)
         first = d if first < 0.0 else first
         if d <= NEAREST * first:
             return t
@@ -249,45 +261,6 @@ def _may_touch(meeting: Meeting, point: int, face: Ints) -> bool:
             low, high = (middle + 1, high) if meeting.apart[middle] < face[k] else (low, middle)
         separate = separate and low < end and meeting.apart[low] == face[k]
     return not (together or separate)
-
-
-@numba.njit(cache=True)
-def _cells(V: Floats, faces: Ints, reach: float) -> tuple[Floats, float, Ints, Floats, Floats, Ints, Ints]:
-    """A grid over the triangles: its corner (3,) [m], the edge of its cells [m], their numbers along the axes (3,), the
-    boxes of all within `reach` [m] of each triangle (k, 3) in cells, low and high corners, and the triangles whose
-    boxes meet each cell: where they begin in a list, and the list.
-    """
-    low, high = np.empty((len(faces), 3)), np.empty((len(faces), 3))
-    for f in range(len(faces)):
-        for j in range(3):
-            a, b, c = V[faces[f, 0], j], V[faces[f, 1], j], V[faces[f, 2], j]
-            low[f, j], high[f, j] = min(a, b, c) - reach, max(a, b, c) + reach
-    corner, far = np.zeros(3), np.zeros(3)
-    for j in range(3 if len(faces) else 0):
-        corner[j], far[j] = low[:, j].min(), high[:, j].max()
-    # A cell is about as long as a triangle; where triangles are sparse, there are at most eight cells for each.
-    extent = np.maximum(far - corner, 1e-300)
-    size = max((high - low).sum() / max(3 * len(faces), 1), (extent.prod() / (8 * len(faces) + 1)) ** (1.0 / 3.0))
-    shape = (extent / size).astype(np.int64) + 1
-    low, high = (low - corner) / size, (high - corner) / size
-    first = np.zeros(shape.prod() + 1, dtype=np.int64)
-    items = np.empty(0, dtype=np.int64)
-    for filling in (False, True):
-        if filling:
-            first[1:] = np.cumsum(first[1:])
-            items = np.empty(first[-1], dtype=np.int64)
-        free = first[:-1].copy()
-        for f in range(len(faces)):
-            for i in range(int(low[f, 0]), int(high[f, 0]) + 1):
-                for j in range(int(low[f, 1]), int(high[f, 1]) + 1):
-                    for k in range(int(low[f, 2]), int(high[f, 2]) + 1):
-                        cell = (i * shape[1] + j) * shape[2] + k
-                        if filling:
-                            items[free[cell]] = f
-                            free[cell] += 1
-                        else:
-                            first[cell + 1] += 1
-    return corner, size, shape, low, high, first, items
 
 
 @numba.njit(cache=True)

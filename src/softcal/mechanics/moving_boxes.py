@@ -1,11 +1,12 @@
-"""A tree of boxes around triangles whose vertices move along straight lines: which of them a moving point may meet.
+"""Trees of boxes around cells, such as triangles, whose vertices move along straight lines: which cells of two trees may
+meet.
 
-A node's box is two boxes, around its triangles at the beginning and at the end: between them its sides move in
-proportion to the time, so that it encloses whatever moves along straight lines. Such boxes stay small where a robot
-moves far and neighbours move alike, unlike boxes around whole ways.
+A node's box is two boxes, around its cells at the beginning and at the end: between them its sides move in proportion
+to the time, so that it encloses whatever moves along straight lines. Such boxes stay small where a robot moves far and
+neighbours move alike, unlike boxes around whole ways.
 
-The tree is complete: node k of level l has the triangles [n k / 2^l, n (k + 1) / 2^l) of an order in which every node's
-are sorted along the longest side of their box.
+A tree is complete: node k of level l has the cells [n k / 2^l, n (k + 1) / 2^l) of an order in which every node's are
+sorted along the longest side of their box.
 """
 
 from __future__ import annotations
@@ -15,15 +16,24 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 
-LEAF = 3  # triangles at most
+LEAF = 5  # cells at most
+
+
+@numba.njit(cache=True)
+def depth_of(n: int) -> int:
+    """The number of levels below the root of a tree of n cells."""
+    depth = 0
+    while n > LEAF << depth:
+        depth += 1
+    return depth
 
 
 @numba.njit(cache=True)
 def order_of(centres: Floats) -> Ints:
-    """The order of triangles in their tree, by their centres (n, 3) at rest."""
+    """The order of cells in their tree, by their centres (n, 3) at rest."""
     n = len(centres)
     order = np.arange(n)
-    for level in range(_depth(n)):
+    for level in range(depth_of(n)):
         for k in range(1 << level):
             a, b = n * k >> level, n * (k + 1) >> level
             part = order[a:b].copy()
@@ -37,73 +47,99 @@ def order_of(centres: Floats) -> Ints:
 
 
 @numba.njit(cache=True)
-def _depth(n: int) -> int:
-    """The number of levels below the root of a tree of n triangles."""
-    depth = 0
-    while n > LEAF << depth:
-        depth += 1
-    return depth
-
-
-@numba.njit(cache=True)
-def boxes(before: Floats, after: Floats, faces: Ints, order: Ints) -> Floats:
-    """Boxes (n_nodes, 12) [m] of the nodes of a tree of `faces` (n, 3) whose vertices move from `before`
-    (n_vertices, 3) to `after`: their low corners at the beginning and at the end, and less their high ones.
+def boxes(before: Floats, after: Floats, cells: Ints, order: Ints, around: Floats, depth: int) -> Floats:
+    """Boxes (n_nodes + n, 12) [m] of the nodes of a tree, at least as deep as `depth_of`, and of its cells (n, k) in
+    their order, whose vertices move from `before` (n_vertices, 3) to `after`; wider by `around` (n,) [m] on every side.
     """
-    n, depth = len(order), _depth(len(order))
-    leaves = (1 << depth) - 1
-    out = np.full((2 * leaves + 1, 12), np.inf)
-    for k in range(leaves + 1):
-        box = out[leaves + k]
-        for i in range(n * k >> depth, n * (k + 1) >> depth):
-            for v in faces[order[i]]:
-                for j in range(3):
-                    box[j], box[3 + j] = min(box[j], before[v, j]), min(box[3 + j], after[v, j])
-                    box[6 + j], box[9 + j] = min(box[6 + j], -before[v, j]), min(box[9 + j], -after[v, j])
-    for node in range(leaves - 1, -1, -1):
-        for j in range(12):
-            out[node, j] = min(out[2 * node + 1, j], out[2 * node + 2, j])
+    n, inner = len(order), (1 << depth) - 1
+    first = 2 * inner + 1  # of the cells
+    out = np.full((first + n, 12), np.inf)
+    for k in range(n):
+        enclose(out[first + k], before, after, cells[order[k]], float(around[order[k]]))
+    for node in range(first - 1, -1, -1):
+        parts = (2 * node + 1, 2 * node + 3) if node < inner else _cells_of(node, n, inner, depth)
+        for part in range(parts[0], parts[1]):
+            for j in range(12):
+                out[node, j] = min(out[node, j], out[part, j])
     return out
 
 
 @numba.njit(cache=True)
-def _meets(box: Floats, node: int, p: Floats, q: Floats) -> bool:
-    """Whether a point that moves from p to q (3,) is at some time in the box of a node."""
+def _cells_of(leaf: int, n: int, inner: int, depth: int) -> tuple[int, int]:
+    """The range of a leaf's cells among the boxes."""
+    k, first = leaf - inner, 2 * inner + 1
+    return first + (n * k >> depth), first + (n * (k + 1) >> depth)
+
+
+@numba.njit(cache=True)
+def enclose(box: Floats, before: Floats, after: Floats, cell: Ints, around: float) -> None:
+    """Write to box (12,) [m] the low corners at the beginning and at the end of what encloses a cell, and less its high
+    ones; infinity where no vertex is a number.
+    """
+    box[:] = np.inf
+    for v in cell:
+        for j in range(3):
+            at, to = before[v, j], after[v, j]
+            for k, value in ((j, at), (3 + j, to), (6 + j, -at), (9 + j, -to)):
+                if value < box[k]:  # not where it is no number
+                    box[k] = value
+    box -= around
+
+
+@numba.njit(cache=True, error_model="numpy")
+def separate(a: Floats, i: int, b: Floats, j: int) -> bool:
+    """Whether box i of a (n, 12) and box j of b (m, 12) are apart along one axis, at the beginning and at the end, and so
+    always.
+    """
+    for k in range(3):
+        if a[i, k] + b[j, 6 + k] > 0.0 and a[i, 3 + k] + b[j, 9 + k] > 0.0:
+            return True
+        if a[i, 6 + k] + b[j, k] > 0.0 and a[i, 9 + k] + b[j, 3 + k] > 0.0:
+            return True
+    return False
+
+
+@numba.njit(cache=True, error_model="numpy")
+def meet(a: Floats, b: Floats) -> bool:
+    """Whether two boxes (12,) have at some time a common point."""
     first, last = 0.0, 1.0
-    for j in range(3):
-        for side in range(2):
-            # How far the point is from being inside of a side, at the beginning and at the end.
-            x, y = (-p[j], -q[j]) if side else (p[j], q[j])
-            a, b = box[node, 6 * side + j] - x, box[node, 6 * side + 3 + j] - y
-            if a > 0.0 and b > 0.0:
+    for k in range(3):
+        for side in (0, 6):
+            # How far a side of one is beyond the opposite one of the other, at the beginning and at the end.
+            off, away = a[side + k] + b[6 - side + k], a[side + 3 + k] + b[9 - side + k]
+            if not (off <= 0.0 or away <= 0.0):  # also where neither is a number
                 return False
-            if a > 0.0:
-                first = max(first, a / (a - b))
-            elif b > 0.0:
-                last = min(last, a / (a - b))
+            if off > 0.0:
+                first = max(first, off / (off - away))
+            elif away > 0.0:
+                last = min(last, off / (off - away))
     return first <= last
 
 
 @numba.njit(cache=True)
-def faces_met(box: Floats, order: Ints, p: Floats, q: Floats, out: Ints) -> int:
-    """The number of triangles in the leaves that a point meets on its way from p to q (3,). They are written to the
-    front of out, which has room for all triangles and some more.
-    """
-    n, depth = len(order), _depth(len(order))
-    leaves = (1 << depth) - 1
-    count, top = 0, len(out) - 1  # the nodes to visit are at the back
-    out[top] = 0
-    while top < len(out):
-        node = out[top]
-        top += 1
-        if not _meets(box, node, p, q):
+def pairs_beside(a: Floats, b: Floats, a_order: Ints, b_order: Ints, depth: int) -> tuple[Ints, Ints]:
+    """Cells of one tree (m,) and of another of the same depth (m,) whose boxes are not `separate`."""
+    n, m, inner = len(a_order), len(b_order), (1 << depth) - 1
+    first = 2 * inner + 1
+    nodes = np.zeros((3 * depth + 1, 2), dtype=np.int64)  # to visit
+    one, other = np.empty(1024, dtype=np.int64), np.empty(1024, dtype=np.int64)
+    count, left = 0, 1
+    while left > 0:
+        left -= 1
+        i, j = nodes[left, 0], nodes[left, 1]
+        if separate(a, i, b, j):
             continue
-        if node < leaves:
-            top -= 2
-            out[top], out[top + 1] = 2 * node + 1, 2 * node + 2
+        if i < inner:
+            for k in range(4):
+                nodes[left, 0], nodes[left, 1] = 2 * i + 1 + k // 2, 2 * j + 1 + k % 2
+                left += 1
             continue
-        k = node - leaves
-        for i in range(n * k >> depth, n * (k + 1) >> depth):
-            out[count] = order[i]
-            count += 1
-    return count
+        (start, end), (b_start, b_end) = _cells_of(i, n, inner, depth), _cells_of(j, m, inner, depth)
+        while count + (end - start) * (b_end - b_start) > len(one):
+            one, other = np.concatenate((one, one)), np.concatenate((other, other))
+        for x in range(start, end):
+            for y in range(b_start, b_end):
+                if not separate(a, x, b, y):
+                    one[count], other[count] = a_order[x - first], b_order[y - first]
+                    count += 1
+    return one[:count], other[:count]

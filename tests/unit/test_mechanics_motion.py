@@ -18,3 +18,25 @@ def test_rates_of_a_state_are_those_of_differences():
         one, other, rate = (getattr(at, name) for at in (*ends, found))
         assert np.abs(rate).max() > 0.01, name
         np.testing.assert_allclose(rate, (one - other) / (2.0 * h), rtol=0.0, atol=1e-8, err_msg=name)
+
+
+def test_blocks_of_points_on_the_unknowns_are_the_products_with_the_motion():
+    """Of free and fixed points, and of points on the plate."""
+    twin, _ = twin_and_theta(column_robot("P2P1", divisions=(1, 1, 2)))
+    layout, motion, rng = twin.system.layout, twin.system.motion, np.random.default_rng(5)
+    state = moved(layout, rest_state(layout), 0.2 * rng.uniform(-1.0, 1.0, layout.n_unknowns))
+    n, size = layout.n_points, layout.first_effort_unknown
+    rows, columns = (np.sort(rng.integers(0, n, (2, 200)), axis=0)).reshape(2, -1)
+    blocks = rng.normal(size=(200, 3, 3))
+    own = rows == columns
+    assert np.any(own)
+    assert np.any(np.isin(rows, layout.links.followers) & ~own)
+    blocks[own] += np.swapaxes(blocks[own], 1, 2)
+    K = np.zeros((n, 3, n, 3))
+    np.add.at(K.transpose(0, 2, 1, 3), (rows, columns), blocks)
+    np.add.at(K.transpose(2, 0, 3, 1), (rows[~own], columns[~own]), blocks[~own])
+    P = motion.matrix(state).toarray()[: 3 * n]
+    values, (u, v) = motion.reduce_blocks(state, blocks, rows, columns)
+    upper = np.zeros((size, size))
+    np.add.at(upper, (u, v), values)
+    np.testing.assert_allclose(upper, np.triu(P.T @ K.reshape(3 * n, 3 * n) @ P), atol=1e-12)

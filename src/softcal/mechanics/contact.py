@@ -27,6 +27,7 @@ from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.moving_boxes import order_of
 from softcal.mechanics.near_pairs import NearPairs
 from softcal.mechanics.term import Given, Sum, Term
+from softcal.mechanics.weighted_blocks import blocks_on_points
 from softcal.units import format_quantity
 
 SLACK = 0.1  # of the depth: motion for which pairs near are kept
@@ -201,20 +202,17 @@ class ContactTerm(Term):
         return near, *pushed
 
     def _on_points(self, points: Ints, simplices: Ints, blocks: Floats) -> tuple[Floats, Ints, Ints]:
-        """Tangents (m, 12, 12) by a point and three corners, as values, rows and columns on the layout's points."""
-        import scipy.sparse as sp
+        """Tangents (m, 12, 12) by a point and three corners, as blocks, rows and columns of the layout's points."""
+        ptr, of, weights = self._sums
+        rows, columns, blocks = blocks_on_points(
+            np.column_stack([points, simplices]), blocks, ptr, of, weights, len(self.points)
+        )
+        return blocks, self.points[rows], self.points[columns]
 
-        vertices, local = np.unique(np.column_stack([points, simplices]), return_inverse=True)
-        # A corner that is not there, -1, is the first of them: its entries are zero.
-        vertices = np.maximum(vertices, 0)
-        place = (3 * local.reshape(-1, 4)[:, :, None] + np.arange(3)).reshape(-1, 12)
-        rows, columns = (np.broadcast_to(p, blocks.shape).ravel() for p in (place[:, :, None], place[:, None, :]))
-        size = 3 * len(vertices)
-        H = sp.csr_matrix((blocks.ravel(), (rows, columns)), shape=(size, size))
-        W = sp.kron(self.weights[vertices], sp.eye_array(3), format="csr")
-        K = (W.T @ H @ W).tocoo()
-        components = (3 * self.points[:, None] + np.arange(3)).ravel()
-        return K.data, components[K.row], components[K.col]
+    @cached_property
+    def _sums(self) -> tuple[Ints, Ints, Floats]:
+        """The vertices' weights, in compressed rows."""
+        return self.weights.indptr.astype(np.int64), self.weights.indices.astype(np.int64), self.weights.data
 
     @property
     def _before(self) -> Floats:

@@ -82,8 +82,17 @@ class Motion:
         arms = links.arms(state.rotation)
         _turn(data, gradient, links.followers, links.frame_follower, links.frame, arms, self.frame_diagonal)
 
+    def reduce_blocks(
+        self, state: State, blocks: Floats, rows: Ints, columns: Ints
+    ) -> tuple[Floats, tuple[Ints, Ints]]:
+        """P^T K P of a symmetric K of blocks (n, 3, 3) of pairs of points, row <= column: entries (k,) of the upper
+        triangle, and their rows and columns (k,).
+        """
+        values, *places = _reduce_blocks(blocks, rows, columns, *self._rows, self._weights(state))
+        return values, (places[0], places[1])
+
     def matrix(self, state: State) -> Any:
-        """P itself, sparse, (3 n_points + n_pressures, n_unknowns - n_actuators): for matrices outside any pattern."""
+        """P itself, sparse, (3 n_points + n_pressures, n_unknowns - n_actuators)."""
         import scipy.sparse as sp
 
         ptr, unknown, weight = self._rows
@@ -223,6 +232,34 @@ def _reduce_columns(  # noqa: PLR0913 (a kernel takes arrays)
             value = values[n] * w[weight[k]]
             for i in range(end[j] - first[j]):
                 out[unknown[k], first[j] + i] += value * weights[j, i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _reduce_blocks(
+    blocks: Floats, rows: Ints, columns: Ints, ptr: Ints, unknown: Ints, weight: Ints, w: Floats
+) -> tuple[Floats, Ints, Ints]:
+    """See `Motion.reduce_blocks`."""
+    size = 0
+    for n in range(len(rows)):
+        p, q = 3 * rows[n], 3 * columns[n]
+        size += (ptr[p + 3] - ptr[p]) * (ptr[q + 3] - ptr[q])
+    values, row, column = np.empty(size), np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
+    count = 0
+    for n in range(len(rows)):
+        for i in range(3):
+            for a in range(ptr[3 * rows[n] + i], ptr[3 * rows[n] + i + 1]):
+                for j in range(3):
+                    for b in range(ptr[3 * columns[n] + j], ptr[3 * columns[n] + j + 1]):
+                        u, v = unknown[a], unknown[b]
+                        value = blocks[n, i, j] * w[weight[a]] * w[weight[b]]
+                        if rows[n] == columns[n]:
+                            if u > v:
+                                continue
+                        elif u == v:  # a block represents its mirror image too
+                            value *= 2.0
+                        values[count], row[count], column[count] = value, min(u, v), max(u, v)
+                        count += 1
+    return values[:count], row[:count], column[:count]
 
 
 @numba.njit(cache=True, error_model="numpy")

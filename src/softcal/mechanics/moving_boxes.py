@@ -1,5 +1,4 @@
-"""Trees of boxes around cells, such as triangles, whose vertices move along straight lines: which cells of two trees may
-meet.
+"""Trees of boxes around cells, such as triangles, whose vertices move along straight lines: which cells may meet.
 
 A node's box is two boxes, around its cells at the beginning and at the end: between them its sides move in proportion
 to the time, so that it encloses whatever moves along straight lines. Such boxes stay small where a robot moves far and
@@ -88,8 +87,8 @@ def enclose(box: Floats, before: Floats, after: Floats, cell: Ints, around: floa
 
 @numba.njit(cache=True, error_model="numpy")
 def separate(a: Floats, i: int, b: Floats, j: int) -> bool:
-    """Whether box i of a (n, 12) and box j of b (m, 12) are apart along one axis, at the beginning and at the end, and so
-    always.
+    """Whether box i of a (n, 12) and box j of b (m, 12) are apart along one axis at the beginning and at the end: then
+    they always are.
     """
     for k in range(3):
         if a[i, k] + b[j, 6 + k] > 0.0 and a[i, 3 + k] + b[j, 9 + k] > 0.0:

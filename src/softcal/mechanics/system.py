@@ -360,10 +360,9 @@ class System:
 
         if not total.outside:
             return None
-        values, rows, columns = (np.concatenate(parts) for parts in zip(*total.outside, strict=True))
-        n = 3 * self.layout.n_points
-        P = self.motion.matrix(state)[:n]
-        return sp.triu(P.T @ sp.csr_matrix((values, (rows, columns)), shape=(n, n)) @ P, format="csr")
+        blocks, rows, columns = (np.concatenate(parts) for parts in zip(*total.outside, strict=True))
+        n = self.layout.first_effort_unknown
+        return sp.csr_matrix(self.motion.reduce_blocks(state, blocks, rows, columns), shape=(n, n))
 
 
 def _millimetres(at: Floats) -> str:

@@ -169,7 +169,7 @@ class Sum:
     rank_one_own
         (column, row), on the unknowns but the efforts, whose product is added to the tangent.
     outside
-        (values, rows, columns) of tangents on the points' components outside the pattern.
+        (blocks, rows, columns) of tangents outside the pattern: blocks (n, 3, 3) of pairs of points, row <= column.
     in_motion
         Gradients on all entities of forces in motion, which do not count in the scale of the residual.
     convex

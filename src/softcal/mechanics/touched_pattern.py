@@ -46,7 +46,7 @@ class TouchedPattern:
         places = self._places(rows * np.int64(self._n) + touch.indices)
         whole = np.zeros(len(self._keys))
         whole[self._own] = data
-        np.add.at(whole, places, touch.data * self._unit[rows] * self._unit[touch.indices])
+        whole[places] += touch.data * self._unit[rows] * self._unit[touch.indices]
         factors = self._factors or self._analysed()
         factors.factorise(whole)
         self._factors = factors

@@ -79,12 +79,15 @@ class WireContactTerm(Term):
 
     def add(self, into: Sum, given: Given) -> None:
         """The set of contacts is found anew at every state, so the tangent is outside the pattern."""
-        place = (3 * self.points[:, None] + np.arange(3)).ravel()
+        import scipy.sparse as sp
+
         for potential, contacts, at in self._pushing(given):
             into.points[self.points] += potential.gradient(contacts, self._mesh, at).reshape(-1, 3)
             if into.data is not None:
-                H = potential.hessian(contacts, self._mesh, at).tocoo()
-                into.outside.append((H.data, place[H.row], place[H.col]))
+                H: Any = sp.bsr_array(potential.hessian(contacts, self._mesh, at), blocksize=(3, 3))
+                rows = np.repeat(np.arange(len(self.points)), np.diff(H.indptr))
+                upper = rows <= H.indices
+                into.outside.append((H.data[upper], self.points[rows[upper]], self.points[H.indices[upper]]))
 
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
         V = self._vertices(given.state.x)

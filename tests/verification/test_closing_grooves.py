@@ -10,8 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from softcal.calibration.mesh_error import finer_twin
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
+from softcal.mechanics import bordered, linear_solve
 from softcal.mechanics.linearisation import Linearisation
 from softcal.mechanics.node import Line, node_at
 from softcal.mechanics.state import State, difference, rest_state
@@ -204,3 +206,27 @@ def test_derivatives_where_ridges_count_as_flat_are_exact(monkeypatch: pytest.Mo
     further, nearer = (solver().equilibrium(state, line.at(sign * h)) for sign in (1e-3, -1e-3))
     numerical = difference(system.layout, further.state, nearer.state) / (2e-3 * h)
     np.testing.assert_allclose(node.slope, numerical, rtol=1e-4, atol=1e-5 * np.abs(numerical).max())
+
+
+def test_kept_factors_serve_while_surfaces_touch(monkeypatch: pytest.MonkeyPatch):
+    """The same equilibria, by fewer factorisations."""
+    robot, protocol = touching(grooved(width=5e-4)), pulled(6e-4, 9e-4)
+    fresh = simulate(robot, protocol, curve_tolerance=0.0)
+    monkeypatch.setattr(bordered, "LARGE", 0)
+    monkeypatch.setattr(linear_solve, "SOLVES", 1.0)  # a factorisation costs as much as in a large robot
+    kept = simulate(touching(grooved(width=5e-4)), protocol, curve_tolerance=0.0)
+    assert kept.n_factorisations < 0.6 * fresh.n_factorisations
+    np.testing.assert_allclose(kept.channels["front.tension"], fresh.channels["front.tension"], rtol=1e-7)
+
+
+@pytest.mark.slow
+def test_the_change_on_a_finer_mesh_is_that_between_the_load_paths(monkeypatch: pytest.MonkeyPatch):
+    """Within 12 % of its largest, by two or four equilibria, where what touches differs from mesh to mesh."""
+    robot, protocol = touching(grooved(width=5e-4)), pulled(*np.linspace(2e-4, 1.5e-3, 8))
+    finer = finer_twin(robot)
+    with monkeypatch.context() as without_path:
+        without_path.setattr("softcal.twin.mesh_change.simulate", None)
+        changed = finer(robot, protocol)
+    here, there = (simulate(one, protocol, crossings=False) for one in (robot, finer.robot))
+    own, other = (one.channels["front.tension"] for one in (here, there))
+    assert np.abs(changed.channels["front.tension"] - other).max() < 0.12 * np.abs(other - own).max()

@@ -31,6 +31,7 @@ AS_MANY = 0.3  # of the unknowns: as many products of low rank make the tangent 
 # that it saves: neck, P2P1, one core: 7k unknowns 12 ms, and 1 ms an iteration; 28k 180 (single 110) and 10; 75k 1,310
 # (750) and 35.
 LARGE = 20_000
+ANALYSED = 2.0  # times as long: a factorisation with an analysis, as of what touches anew
 EXACT = 1e-11  # relative error of solutions for slopes and derivatives
 CERTAIN = 1e-5  # relative error of a random solution: a random vector's share in a mode is above that
 SIGN = 0.01  # of an eigenvalue of the tangent over its factors: below, its sign is found by factorisation
@@ -93,8 +94,7 @@ class BorderedTangent:
             Where the tangent is singular.
         """
         few = len(at.border.corner) - len(at.border.driven) <= AS_MANY * len(self.unit)
-        # Where surfaces touch, the set of contacts changes from step to step, and every change costs iterations.
-        if len(self.unit) < LARGE or not few or at.touch is not None:
+        if len(self.unit) < LARGE or not few:
             self.factorise(at)
         else:
             self._take(at, at)
@@ -210,10 +210,11 @@ class BorderedTangent:
             return self._substituted(b), np.ones(1)
         cost = 0.5 * (1 + b.shape[1])  # of an iteration, over that of one column
         at_least = np.log(accuracy) / np.log(OWN)  # iterations, also with the tangent's own factors
-        if cost * at_least > own.solves_per_factorisation:  # such as for many derivatives
+        affordable = own.solves_per_factorisation * (ANALYSED if at.touch is not None else 1.0)
+        if cost * at_least > affordable:  # such as for many derivatives
             self.factorise(at)
             return self._iterated(b, accuracy)
-        left = own.solves_per_factorisation - self._spent
+        left = affordable - self._spent
         most = MOST if self._is_own else int(at_least + left / cost)
         if most >= FIRST and (left > 0.0 or self._is_own):
             found = gmres(

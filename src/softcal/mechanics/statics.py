@@ -33,7 +33,7 @@ SMALL_START = 1e-3  # and from a first residual as small as this
 FARTHEST = 10.0  # of the robot's extent
 TORN = f"the robot would stretch to more than {FARTHEST:.0f} times its size"
 NO_MODES: Floats = np.zeros((0, 0))
-FORCING, LEAST_FORCING = 1e-2, 1e-4  # relative error of a step: at first as the tangent changes along it, in the end
+FORCING, LEAST_FORCING = 0.1, 1e-4  # relative error of a step: at first as the tangent changes along it, in the end
 MAX_CUTS = 8  # halvings of a step that would invert an element
 TURN_PER_STEP = 1.0  # [rad] of a plate, or of a rod's section, at most
 MOVE_PER_STEP = 0.33  # of the robot's extent, at most
@@ -257,7 +257,8 @@ class Statics:
                     self.factorise(at, free=free)
                 elif is_fresh:
                     self.take(at)
-                dz = -self.solve(at.reduced, min(max(0.1 * residual, LEAST_FORCING), FORCING))
+                least = max(LEAST_FORCING, 0.1 * tolerance / residual)
+                dz = -self.solve(at.reduced, min(max(0.1 * residual, least), FORCING))
             except SimulationError as error:
                 return Equilibrium(
                     state, False, iteration, residual, f"the tangent is singular: {str(error).rstrip('.')}"
@@ -271,7 +272,8 @@ class Statics:
             for _ in range(MAX_CUTS):
                 candidate, part = self._before_touch(state, step * dz)
                 step, serves = step * part, serves and part == 1.0
-                convex = iteration - best_iteration >= WITHOUT_RIDGES
+                # Far from equilibrium a negative stiffness across a ridge leads astray.
+                convex = residual > SMALL_START or iteration - best_iteration >= WITHOUT_RIDGES
                 at = system.linearise(candidate, controls, self.theta, tangent=not serves, convex=convex)
                 # The line search: a step must not lead to an inadmissible state, nor leave more work along itself than
                 # it began with. Small residuals are exempt; there Newton's method converges by itself, except where

@@ -11,7 +11,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from typing import Protocol as TypingProtocol
 
 import numpy as np
@@ -34,9 +34,8 @@ from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 
 SOFTCAL = "softcal"  # the engine used where no other simulator is named
-# Residuals whose root mean square is above this share of the largest value are known to a hundredth by a curve that is
-# interpolated within this share of it.
-FAR, ROUGH = 0.1, 1e-3
+# Interpolation error of one cable's curve over its largest value, at most and at least, and as a share of the residuals.
+ROUGHEST, CLOSEST, OF_MISFIT = 1e-3, 1e-4, 0.01
 
 
 class Simulate(TypingProtocol):
@@ -198,27 +197,28 @@ class Problem:
     def part(self, theta: Mapping[str, float], group: Trajectory, *, jacobian: bool) -> Contribution:
         """What one of its trajectories contributes to the evaluation at theta.
 
-        Of one cable's curve, what lies far from the measurements is interpolated less closely.
+        One cable's curve is interpolated the less closely, the further it is from the measurements.
         """
         driven = group.protocol().completed(self.robot).driven
-        if self.simulate is None and len(driven) == 1 and not self.robot.remembers:
-            rough = self._contribution(theta, group, jacobian=jacobian, curve_tolerance=ROUGH)
-            if not rough.failure and self._is_far(rough):
-                return rough
-        return self._contribution(theta, group, jacobian=jacobian)
+        if self.simulate is not None or len(driven) != 1 or self.robot.remembers:
+            return self._contribution(theta, group, jacobian=jacobian)
+        rough = self._contribution(theta, group, jacobian=jacobian, curve_tolerance=ROUGHEST)
+        closely = OF_MISFIT * self._least_misfit(rough)
+        if rough.failure or closely >= ROUGHEST:
+            return rough
+        return self._contribution(theta, group, jacobian=jacobian, curve_tolerance=max(closely, CLOSEST))
 
-    def _is_far(self, one: Contribution) -> bool:
-        """Whether a contribution differs from the measurements, in every channel, by so much that a rough curve will do."""
-        return all(
-            rms(block.residual) >= FAR * float(np.abs(block.residual + block.measured).max())
-            for block in self._blocks(one.observations)
-        )
+    def _least_misfit(self, one: Contribution) -> float:
+        """The least root mean square of the residuals in a channel, over its largest value."""
+        blocks = self._blocks(one.observations)
+        sizes = [max(float(np.abs(block.residual + block.measured).max()), 1e-300) for block in blocks]
+        return min((rms(block.residual) / size for block, size in zip(blocks, sizes, strict=True)), default=0.0)
 
     def _contribution(
         self, theta: Mapping[str, float], group: Trajectory, *, jacobian: bool, **options: float
     ) -> Contribution:
         """See `part`; options: of the simulation."""
-        response = self._simulate(group, jacobian, **options)
+        response = self._simulate(group, jacobian, options)
         observations: dict[str, Observation] = {}
         failure = group.failure(response)
         if response.channels:
@@ -334,7 +334,7 @@ class Problem:
         known = robot_parameters(self.robot)
         return [*(name for name in self.derived if name in known), *group.controls(set(self.derived))]
 
-    def _simulate(self, group: Trajectory, jacobian: bool, **options: float) -> Response:
+    def _simulate(self, group: Trajectory, jacobian: bool, options: Mapping[str, Any]) -> Response:
         simulate = self.simulate or _real_simulate()
         names = self._derived_by(group) if jacobian else []
         try:
@@ -428,4 +428,4 @@ def _columns(
 def _real_simulate() -> Simulate:
     from softcal.twin.simulate import simulate
 
-    return partial(simulate, crossings=False)  # looked for once, at what is found
+    return partial(simulate, shared=True, crossings=False)  # looked for once, at what is found

@@ -54,7 +54,7 @@ def by_shortening(along: EquilibriumPath, start: Node, d: Floats) -> Samples:
     still = None if taut.all() else along.curve((along.slack_node(start),))
     path = Path((start,), True, names=along.names)
     if end > start.c + SAME * along.length:
-        path = along.follow(start, end)
+        path = along.towards(start, end)
     is_curve = not _snaps_on(path)
     if is_curve:
         try:

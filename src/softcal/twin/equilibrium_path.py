@@ -32,6 +32,7 @@ FEW_NODES, NODES_FOR_DERIVATIVES = 16, 4  # limit for derivatives, and per node 
 LEAST_MOTION = 1e-4  # [rad], or of the robot's extent: lower limit of a channel's scale
 LEAST_SENSITIVITY = 1e-3  # of the most sensitive channel's: the same for derivatives
 ASIDE = 0.1  # of an interval of the curve: how far from its middle a node may be, for a round number
+BEYOND = 0.03  # of the shortening of the last sample: how far beyond it a shared path may end
 FEW = 2  # samples in an interval of the curve, of which one becomes a node
 MAX_REFINEMENTS = 24  # a region of high curvature may be a thousandth of the curve's length
 
@@ -50,6 +51,8 @@ class EquilibriumPath:
         The driven cable; None where nothing is driven.
     tolerance
         Of the curve, over a channel's largest value [-]; 0 solves every sample.
+    is_shared
+        Whether simulations of other samples are to follow, as in a search: their paths then end at the same places.
     readings
         The nodes' readings so far.
     """
@@ -59,6 +62,7 @@ class EquilibriumPath:
     names: tuple[str, ...]
     cable: str | None
     tolerance: float
+    is_shared: bool = False
     readings: dict[Node, SensorReading] = field(default_factory=dict[Node, SensorReading])
 
     @cached_property
@@ -241,6 +245,15 @@ class EquilibriumPath:
             largest_step=3.0 * FIRST_STEP * self.length if not np.isfinite(until) else max(step, 0.25 * self.length),
             keeps=path_watch().keeps,
         )
+
+    def towards(self, start: Node, end: float) -> Path:
+        """The path from a node to a shortening [m]; a shared one to a round shortening a little beyond, where the robot
+        gets there without a snap-through.
+        """
+        last = roundest(end, min((1.0 + BEYOND) * end, self.wound_up)) if self.is_shared else end
+        path = self.follow(start, last)
+        ends_there = path.reached and not any(node.is_snapped for node in path.nodes[1:])
+        return path if last <= end or ends_there or path.stopped_by is not None else self.follow(start, end)
 
     def sentence(self, path: Path, n: int, n_samples: int) -> str:
         """How the path ended, with n of the samples reached."""

@@ -85,7 +85,9 @@ class FinerTwin:
             return None
         at, s = at_own_moduli(own, values)
         along, further = (
-            EquilibriumPath(twin, Statics(twin.system, at, robot.limits, kept), (), driven[0], CURVE_TOLERANCE)
+            EquilibriumPath(
+                twin, Statics(twin.system, at, robot.limits, kept), (), driven[0], CURVE_TOLERANCE, kept is not None
+            )
             for twin, kept in ((own, own.kept.at(at)), (finer, None))
         )
         try:

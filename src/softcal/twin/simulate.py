@@ -32,6 +32,7 @@ def simulate(
     sensitivities: Sequence[str] = (),
     snapshots: Shown = False,
     curve_tolerance: float = CURVE_TOLERANCE,
+    shared: bool = False,
     crossings: bool = True,
 ) -> Response:
     """The twin's quasi-static response to a protocol.
@@ -53,7 +54,9 @@ def simulate(
     snapshots
         Whether shapes to draw are kept: at rest, and at every solved node. With "samples", only at every sample, in
         their order, and every sample is solved.
-
+    shared
+        Whether simulations of other samples are to follow, as in a search. The load path then ends at a round
+        shortening a little beyond the last sample, which is interpolated like the others, and serves them too.
     crossings
         Whether to check every solved state for bodies that pass through themselves or each other.
 
@@ -91,6 +94,7 @@ def simulate(
         sensitivities,
         snapshots=snapshots,
         curve_tolerance=curve_tolerance,
+        shared=shared,
         crossings=crossings,
     )
 
@@ -121,6 +125,7 @@ def respond(
     *,
     snapshots: Shown = False,
     curve_tolerance: float = CURVE_TOLERANCE,
+    shared: bool = False,
     crossings: bool = True,
 ) -> Response:
     """The response of a twin that is built, at the values theta of all its parameters. See `simulate`.
@@ -149,7 +154,7 @@ def respond(
     own, s = at_own_moduli(twin, theta) if is_pulled_in else (theta, 1.0)
     with _statics(twin, own, twin.kept.at(own)) as statics:
         tolerance = 0.0 if snapshots == "samples" else curve_tolerance
-        along = EquilibriumPath(twin, statics, names, driven[0] if driven else None, tolerance)
+        along = EquilibriumPath(twin, statics, names, driven[0] if driven else None, tolerance, shared)
         response = Sweep(along, snapshots, crossings).response(protocol)
     return at_moduli(twin, _with_commands(response, driven, commanded), s)
 

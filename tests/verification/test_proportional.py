@@ -10,6 +10,7 @@ import pytest
 from softcal.materials.catalogue import LAWS
 from softcal.materials.law import Law
 from softcal.materials.neo_hooke import NEO_HOOKE
+from softcal.mechanics.path_limits import PathLimits
 from softcal.mechanics.statics import Statics
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensor import NamedSensor, Posture, PostureRates, Sensor
@@ -72,6 +73,35 @@ def test_other_samples_are_those_of_a_fresh_path():
     again, fresh = (simulate(one, later, sensitivities=NAMES) for one in (robot, afresh(robot)))
     for channel, values in fresh.channels.items():
         assert np.array_equal(again.channels[channel], values)
+
+
+def test_shared_paths_end_at_the_same_place(monkeypatch: pytest.MonkeyPatch):
+    """A little beyond their samples: another slack needs no further equilibrium, and all samples are as close."""
+    robot, samples = grooved(), np.linspace(0.2e-3, 3.9e-3, 60)
+    simulate(robot, pulled(*samples), sensitivities=NAMES, shared=True)
+    later = pulled(*(samples - 0.02e-3))
+    solved = list[int]()
+    solve = Statics.equilibrium
+    monkeypatch.setattr(Statics, "equilibrium", lambda *args: (solved.append(1), solve(*args))[1])
+    shared = simulate(robot, later, sensitivities=NAMES, shared=True)
+    assert not solved
+    exact = simulate(afresh(robot), later, curve_tolerance=0.0)
+    for channel in ("front.tension", "top.pitch"):
+        most = np.abs(exact.channels[channel]).max()
+        np.testing.assert_allclose(shared.channels[channel], exact.channels[channel], rtol=0, atol=1e-4 * most)
+
+
+def test_a_shared_path_ends_at_its_samples_where_the_robot_gets_no_further():
+    """One that would pass a limit of its work beyond them."""
+    robot, samples = grooved(), np.linspace(0.2e-3, 4e-3, 20)
+    whole = simulate(robot, pulled(*samples), shared=True)
+    n = simulate(afresh(robot), pulled(*samples)).n_factorisations
+    limited = replace(robot, limits=PathLimits(factorisations=1))
+    assert whole.succeeded
+    assert n > 1
+    failed = simulate(limited, pulled(*samples), shared=True)
+    assert not failed.succeeded
+    assert failed.status == simulate(afresh(limited), pulled(*samples)).status
 
 
 def test_derivatives_at_another_modulus_are_those_of_finite_differences():

@@ -34,7 +34,7 @@ from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 
 SOFTCAL = "softcal"  # the engine used where no other simulator is named
-# Interpolation error of one cable's curve over its largest value, at most and at least, and as a share of the residuals.
+# Interpolation error of one cable's curve over its largest value, at most and at least, and over the residuals.
 ROUGHEST, CLOSEST, OF_MISFIT = 1e-3, 1e-4, 0.01
 
 

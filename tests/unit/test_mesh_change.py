@@ -64,7 +64,9 @@ def test_the_change_is_scaled_with_the_modulus_from_the_load_path_of_the_search(
     simulate(coarse, PULL, {"bar.youngs_modulus": 2e6}, crossings=False)
     solved, solve = list[int](), Statics.equilibrium
     monkeypatch.setattr(
-        Statics, "equilibrium", lambda self, *a: (solved.append(self.system.layout.n_points), solve(self, *a))[1]
+        Statics,
+        "equilibrium",
+        lambda self, *a, **how: (solved.append(self.system.layout.n_points), solve(self, *a, **how))[1],
     )
     changed = finer(coarse, PULL, E)
     at_places = len(PLACES) - 1  # the last one is the path's end

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from softcal.mechanics import bordered, linear_solve
 from softcal.mechanics.linearisation import Linearisation
 from softcal.mechanics.node import Line, node_at
 from softcal.mechanics.state import State, difference, rest_state
-from softcal.mechanics.statics import Statics
+from softcal.mechanics.statics import Equilibrium, Statics
 from softcal.mechanics.term import Controls
 from softcal.project.project import load
 from softcal.twin.barrier import Contact
@@ -219,14 +220,21 @@ def test_kept_factors_serve_while_surfaces_touch(monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(kept.channels["front.tension"], fresh.channels["front.tension"], rtol=1e-7)
 
 
-@pytest.mark.slow
-def test_the_change_on_a_finer_mesh_is_that_between_the_load_paths(monkeypatch: pytest.MonkeyPatch):
-    """Within 12 % of its largest, by two or four equilibria, where what touches differs from mesh to mesh."""
-    robot, protocol = touching(grooved(width=5e-4)), pulled(*np.linspace(2e-4, 1.5e-3, 8))
-    finer = finer_twin(robot)
-    with monkeypatch.context() as without_path:
-        without_path.setattr("softcal.twin.mesh_change.simulate", None)
-        changed = finer(robot, protocol)
-    here, there = (simulate(one, protocol, crossings=False) for one in (robot, finer.robot))
-    own, other = (one.channels["front.tension"] for one in (here, there))
-    assert np.abs(changed.channels["front.tension"] - other).max() < 0.12 * np.abs(other - own).max()
+def test_equilibria_on_a_finer_mesh_are_those_of_newtons_method_with_the_exact_tangent(monkeypatch: pytest.MonkeyPatch):
+    """From those of the coarse mesh, in which surfaces of the finer one overlap, within 0.1 % of the change."""
+    robot = touching(grooved(width=5e-4))
+    equilibrium, errors, changes = Statics.equilibrium, list[float](), list[float]()
+
+    def both(statics: Statics, guess: State, *args: Any, **how: Any) -> Equilibrium:
+        solved = equilibrium(statics, guess, *args, **how)
+        if how:
+            exact = equilibrium(Statics(statics.system, statics.theta), guess, args[0])
+            assert exact.converged
+            errors.append(float(np.abs(solved.state.effort - exact.state.effort).max()))
+            changes.append(float(np.abs(guess.effort - exact.state.effort).max()))
+        return solved
+
+    monkeypatch.setattr(Statics, "equilibrium", both)
+    finer_twin(robot)(robot, pulled(*np.linspace(2e-4, 2e-3, 5)))
+    assert len(errors) >= 2
+    assert max(errors) < 1e-3 * max(changes)

@@ -219,9 +219,14 @@ class Statics:
         """
         return self.tangent.solve(b, accuracy)
 
-    def equilibrium(self, guess: State, controls: Controls, tolerance: float | None = None) -> Equilibrium:
+    def equilibrium(
+        self, guess: State, controls: Controls, tolerance: float | None = None, *, flat_ridges: bool = False
+    ) -> Equilibrium:
         """Newton's method from a guess, up to a residual over its scale, by default TOLERANCE. Never raises where it
         fails: the status says why.
+
+        flat_ridges: whether ridges between triangles count as flat while the residual is large: fewer steps from a
+        guess in which surfaces overlap all over, but a load path gets more nodes.
         """
         system, free = self.system, self.free_modes
         tolerance = TOLERANCE if tolerance is None else tolerance
@@ -257,8 +262,8 @@ class Statics:
                     self.factorise(at, free=free)
                 elif is_fresh:
                     self.take(at)
-                least = max(LEAST_FORCING, 0.1 * tolerance / residual)
-                dz = -self.solve(at.reduced, min(max(0.1 * residual, least), FORCING))
+                needed = max(LEAST_FORCING, 0.1 * tolerance / residual)
+                dz = -self.solve(at.reduced, min(max(0.1 * residual, needed), FORCING))
             except SimulationError as error:
                 return Equilibrium(
                     state, False, iteration, residual, f"the tangent is singular: {str(error).rstrip('.')}"
@@ -272,8 +277,7 @@ class Statics:
             for _ in range(MAX_CUTS):
                 candidate, part = self._before_touch(state, step * dz)
                 step, serves = step * part, serves and part == 1.0
-                # Far from equilibrium a negative stiffness across a ridge leads astray.
-                convex = residual > SMALL_START or iteration - best_iteration >= WITHOUT_RIDGES
+                convex = (flat_ridges and residual > SMALL_START) or iteration - best_iteration >= WITHOUT_RIDGES
                 at = system.linearise(candidate, controls, self.theta, tangent=not serves, convex=convex)
                 # The line search: a step must not lead to an inadmissible state, nor leave more work along itself than
                 # it began with. Small residuals are exempt; there Newton's method converges by itself, except where

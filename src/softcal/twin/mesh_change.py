@@ -183,7 +183,7 @@ def _on_finer(finer: EquilibriumPath, c: float, guess: State) -> Node | None:
     statics = finer.statics
     statics.forget()
     accuracy = ROUGH_ACCURACY if finer.twin.system.contacts else ACCURACY
-    solved = statics.equilibrium(guess, finer.line.at(c), accuracy)
+    solved = statics.equilibrium(guess, finer.line.at(c), accuracy, flat_ridges=True)
     if not solved.converged or strays(statics, rest_state(finer.twin.system.layout), guess, solved.state):
         return None
     node = node_at(statics, finer.line, c, solved.state, (), accuracy=ACCURACY)

@@ -104,6 +104,15 @@ def way() -> tuple[Floats, dict[Target, list[tuple[slice, slice]]]]:
     return np.concatenate(parts), rows
 
 
+def mean_curve(target: Target, force: Floats) -> Floats:
+    """The mean of loading and unloading of the last cycle to a target, at the travels of its published curve, of a
+    force [N] or what goes with it along the way.
+    """
+    (d, cycles), (at, _) = way(), curve(target)
+    up, down = cycles[target][-1]
+    return 0.5 * (np.interp(at, d[up], force[up]) + np.interp(at, d[down][::-1], force[down][::-1]))
+
+
 def predict(values: Mapping[str, float], names: tuple[str, ...]) -> tuple[list[Compared], dict[float, Floats]]:
     """All compared values at constants of the material [SI by name] and the slack [m], with derivatives by `names`;
     and the twin's force [N] along the way by speed.
@@ -129,7 +138,7 @@ def predict(values: Mapping[str, float], names: tuple[str, ...]) -> tuple[list[C
         for target, held in cycles.items():
             found.append(_loop(target, speed, *held[-1], d, force, slopes))
             if speed == CURVES_AT:
-                found += [_curve(target, *held[-1], d, force, slopes), _peak(target, held[0][0], force, slopes)]
+                found += [_curve(target, force, slopes), _peak(target, held[0][0], force, slopes)]
     return found, forces
 
 
@@ -143,10 +152,9 @@ def _loop(target: Target, speed: float, up: slice, down: slice, d: Floats, force
     return Compared("loop", target, np.array([speed]), measured, np.array([share]), by[None])
 
 
-def _curve(target: Target, up: slice, down: slice, d: Floats, force: Floats, slopes: Floats) -> Compared:
+def _curve(target: Target, force: Floats, slopes: Floats) -> Compared:
     at, measured = curve(target)
-    both = np.column_stack([force, slopes])
-    mean = [0.5 * (np.interp(at, d[up], one[up]) + np.interp(at, d[down][::-1], one[down][::-1])) for one in both.T]
+    mean = [mean_curve(target, one) for one in (force, *slopes.T)]
     return Compared("curve", target, at, measured, mean[0], np.array(mean[1:]).reshape(-1, len(at)).T)
 
 

@@ -31,7 +31,6 @@ from scipy.interpolate import CubicSpline
 from softcal.checks import Floats
 from softcal.geometry.neck import Neck
 from softcal.geometry.write import write_mesh
-from softcal.twin.barrier import Contact
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
 from softcal.twin.simulate import simulate
@@ -79,7 +78,7 @@ def si(section: Mapping[str, Any], key: str, unit: str) -> float:
 def solve_elastic(truth: Mapping[str, Any]) -> Elastic:
     """The curve of the finer twin, meshed by Gmsh."""
     twin = truth["twin"]
-    shape = Neck(tets=twin["tets"], waist_refinement=twin["waist_refinement"])
+    shape = Neck(dome="ellipse", tets=twin["tets"], waist_refinement=twin["waist_refinement"])
     mesh = shape.mesh()
     parameters = {
         "youngs_modulus": si(truth["neck"], "youngs_modulus", "Pa"),
@@ -89,7 +88,7 @@ def solve_elastic(truth: Mapping[str, Any]) -> Elastic:
     top = np.array([0.0, 0.0, shape.height])
     plate = Plate("plate", {"neck": mesh.node_sets["collar"]}, top)
     start, end = np.array([CABLE_RADIUS, 0.0, shape.height]), np.array([CABLE_RADIUS, 0.0, shape.clamp_depth])
-    robot = Robot((body,), (plate,), (Cable("front", (ViaPoint(start, "plate"), ViaPoint(end))),), contact=Contact())
+    robot = Robot((body,), (plate,), (Cable("front", (ViaPoint(start, "plate"), ViaPoint(end))),))
     shortening = np.linspace(0.0, si(truth["curve"], "reach", "m"), truth["curve"]["points"])
     response = simulate(robot, Protocol({"front": Command("shortening", shortening)}), curve_tolerance=1e-5)
     if not response.succeeded:
@@ -233,7 +232,7 @@ def main() -> None:
     truth = read_truth()
     told.out.mkdir(parents=True, exist_ok=True)
     if told.mesh:
-        mesh = Neck(tets=PROJECT_TETS).mesh()
+        mesh = Neck(dome="ellipse", tets=PROJECT_TETS).mesh()
         write_mesh(replace(mesh, points=np.round(1e3 * mesh.points, 6)), told.out / "neck.msh")  # in mm
     if told.twin:
         write_elastic(solve_elastic(truth), told.out / "truth-elastic.csv")

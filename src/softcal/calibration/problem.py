@@ -34,8 +34,9 @@ from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 
 SOFTCAL = "softcal"  # the engine used where no other simulator is named
-# Interpolation error of one cable's curve over its largest value, at most and at least, and over the residuals.
-ROUGHEST, CLOSEST, OF_MISFIT = 1e-3, 1e-4, 0.01
+# Residuals with a root mean square above this share of the largest value are known to a hundredth by a curve that is
+# interpolated within this share of it.
+FAR, ROUGH = 0.1, 1e-3
 
 
 class Simulate(TypingProtocol):
@@ -197,22 +198,21 @@ class Problem:
     def part(self, theta: Mapping[str, float], group: Trajectory, *, jacobian: bool) -> Contribution:
         """What one of its trajectories contributes to the evaluation at theta.
 
-        One cable's curve is interpolated the less closely, the further it is from the measurements.
+        One cable's curve is interpolated less closely where it is far from the measurements.
         """
         driven = group.protocol().completed(self.robot).driven
-        if self.simulate is not None or len(driven) != 1 or self.robot.remembers:
-            return self._contribution(theta, group, jacobian=jacobian)
-        rough = self._contribution(theta, group, jacobian=jacobian, curve_tolerance=ROUGHEST)
-        closely = OF_MISFIT * self._least_misfit(rough)
-        if rough.failure or closely >= ROUGHEST:
-            return rough
-        return self._contribution(theta, group, jacobian=jacobian, curve_tolerance=max(closely, CLOSEST))
+        if self.simulate is None and len(driven) == 1 and not self.robot.remembers:
+            rough = self._contribution(theta, group, jacobian=jacobian, curve_tolerance=ROUGH)
+            if rough.failure or self._is_far(rough):
+                return rough
+        return self._contribution(theta, group, jacobian=jacobian)
 
-    def _least_misfit(self, one: Contribution) -> float:
-        """The least root mean square of the residuals in a channel, over its largest value."""
-        blocks = self._blocks(one.observations)
-        sizes = [max(float(np.abs(block.residual + block.measured).max()), 1e-300) for block in blocks]
-        return min((rms(block.residual) / size for block, size in zip(blocks, sizes, strict=True)), default=0.0)
+    def _is_far(self, one: Contribution) -> bool:
+        """Whether a contribution differs from the measurements, in every channel, so much that a rough curve will do."""
+        return all(
+            rms(block.residual) >= FAR * float(np.abs(block.residual + block.measured).max())
+            for block in self._blocks(one.observations)
+        )
 
     def _contribution(
         self, theta: Mapping[str, float], group: Trajectory, *, jacobian: bool, **options: float

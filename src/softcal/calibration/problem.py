@@ -208,7 +208,7 @@ class Problem:
         return self._contribution(theta, group, jacobian=jacobian)
 
     def _is_far(self, one: Contribution) -> bool:
-        """Whether a contribution differs from the measurements, in every channel, so much that a rough curve will do."""
+        """Whether a contribution misses the measurements, in every channel, by so much that a rough curve will do."""
         return all(
             rms(block.residual) >= FAR * float(np.abs(block.residual + block.measured).max())
             for block in self._blocks(one.observations)

@@ -55,7 +55,8 @@ def problem(element: str, start: tuple[float, float]) -> Problem:
 
 def problem_of(robot: Robot, d: np.ndarray, start: tuple[float, float] | None = None) -> Problem:
     """E and nu of a robot from its own tension and pitch at shortenings d [m]."""
-    seen = simulate(robot, Protocol({"front": Command("shortening", d)}))
+    # By the load path of a search, so that what is interpolated is the same to rounding.
+    seen = simulate(robot, Protocol({"front": Command("shortening", d)}), shared=True)
     channels = {
         "shortening": Channel(d, "m"),
         "tension": Channel(seen.channels["front.tension"], "N"),

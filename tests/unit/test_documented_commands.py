@@ -34,6 +34,8 @@ TOO_LONG = {
     "softcal calibrate project.yaml --out runs/least-squares": "a minute; tests/recovery/test_neck_bench.py",
     "softcal calibrate project.yaml --out runs/tpe": "4000 trials",
     "softcal calibrate cycles.yaml --out runs/cycles": "two minutes; tests/recovery/test_neck_cycles.py",
+    "softcal calibrate project.yaml --out runs/free": "two minutes; tests/validation/test_printed_statements.py",
+    "softcal calibrate project.yaml --set neck.poissons_ratio=0.45": "two minutes; the same",
     "softcal calibrate project.yaml --out runs/beam": "seconds; tests/validation/test_real_beam.py",
     "python vary.py": "a minute; tests/validation/test_real_beam.py",
 }

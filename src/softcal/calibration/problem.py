@@ -198,14 +198,16 @@ class Problem:
     def part(self, theta: Mapping[str, float], group: Trajectory, *, jacobian: bool) -> Contribution:
         """What one of its trajectories contributes to the evaluation at theta.
 
-        One cable's curve is interpolated less closely where it is far from the measurements.
+        With the jacobian, as in a search, it shares the load path of one cable with others, and its curve is
+        interpolated less closely where it is far from the measurements.
         """
         driven = group.protocol().completed(self.robot).driven
-        if self.simulate is None and len(driven) == 1 and not self.robot.remembers:
-            rough = self._contribution(theta, group, jacobian=jacobian, curve_tolerance=ROUGH)
-            if rough.failure or self._is_far(rough):
-                return rough
-        return self._contribution(theta, group, jacobian=jacobian)
+        if not jacobian or self.simulate is not None or len(driven) != 1 or self.robot.remembers:
+            return self._contribution(theta, group, jacobian=jacobian)
+        rough = self._contribution(theta, group, jacobian=True, shared=True, curve_tolerance=ROUGH)
+        if rough.failure or self._is_far(rough):
+            return rough
+        return self._contribution(theta, group, jacobian=True, shared=True)
 
     def _is_far(self, one: Contribution) -> bool:
         """Whether a contribution misses the measurements, in every channel, by so much that a rough curve will do."""
@@ -215,7 +217,7 @@ class Problem:
         )
 
     def _contribution(
-        self, theta: Mapping[str, float], group: Trajectory, *, jacobian: bool, **options: float
+        self, theta: Mapping[str, float], group: Trajectory, *, jacobian: bool, **options: Any
     ) -> Contribution:
         """See `part`; options: of the simulation."""
         response = self._simulate(group, jacobian, options)
@@ -428,4 +430,4 @@ def _columns(
 def _real_simulate() -> Simulate:
     from softcal.twin.simulate import simulate
 
-    return partial(simulate, shared=True, crossings=False)  # looked for once, at what is found
+    return partial(simulate, crossings=False)  # looked for once, at what is found

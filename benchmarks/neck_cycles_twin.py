@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -13,7 +13,6 @@ import numpy as np
 from softcal import Command, Protocol, Robot, load
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.twin.barrier import Contact
 from softcal.twin.parameters import with_parameters
 from softcal.twin.simulate import simulate
 
@@ -77,9 +76,8 @@ class Compared:
 
 @cache
 def robot() -> Robot:
-    """The P1 neck of examples/neck-bench/cycles.yaml; its cable has no friction here, and its grooves close."""
-    shipped = load(EXAMPLES / "neck-bench" / "cycles.yaml").robot
-    return with_parameters(replace(shipped, contact=Contact()), {"neck.poissons_ratio": POISSONS_RATIO})
+    """The P1 neck of examples/neck-bench/cycles.yaml; its cable has no friction here."""
+    return with_parameters(load(EXAMPLES / "neck-bench" / "cycles.yaml").robot, {"neck.poissons_ratio": POISSONS_RATIO})
 
 
 def curve(target: Target) -> tuple[Floats, Floats]:
@@ -102,15 +100,6 @@ def way() -> tuple[Floats, dict[Target, list[tuple[slice, slice]]]]:
             rows.setdefault(target, []).append((slice(last, last + n + 1), slice(last + n, last + 2 * n + 1)))
             last += 2 * n
     return np.concatenate(parts), rows
-
-
-def mean_curve(target: Target, force: Floats) -> Floats:
-    """The mean of loading and unloading of the last cycle to a target, at the travels of its published curve, of a
-    force [N] or what goes with it along the way.
-    """
-    (d, cycles), (at, _) = way(), curve(target)
-    up, down = cycles[target][-1]
-    return 0.5 * (np.interp(at, d[up], force[up]) + np.interp(at, d[down][::-1], force[down][::-1]))
 
 
 def predict(values: Mapping[str, float], names: tuple[str, ...]) -> tuple[list[Compared], dict[float, Floats]]:
@@ -138,7 +127,7 @@ def predict(values: Mapping[str, float], names: tuple[str, ...]) -> tuple[list[C
         for target, held in cycles.items():
             found.append(_loop(target, speed, *held[-1], d, force, slopes))
             if speed == CURVES_AT:
-                found += [_curve(target, force, slopes), _peak(target, held[0][0], force, slopes)]
+                found += [_curve(target, *held[-1], d, force, slopes), _peak(target, held[0][0], force, slopes)]
     return found, forces
 
 
@@ -152,9 +141,10 @@ def _loop(target: Target, speed: float, up: slice, down: slice, d: Floats, force
     return Compared("loop", target, np.array([speed]), measured, np.array([share]), by[None])
 
 
-def _curve(target: Target, force: Floats, slopes: Floats) -> Compared:
+def _curve(target: Target, up: slice, down: slice, d: Floats, force: Floats, slopes: Floats) -> Compared:
     at, measured = curve(target)
-    mean = [mean_curve(target, one) for one in (force, *slopes.T)]
+    both = np.column_stack([force, slopes])
+    mean = [0.5 * (np.interp(at, d[up], one[up]) + np.interp(at, d[down][::-1], one[down][::-1])) for one in both.T]
     return Compared("curve", target, at, measured, mean[0], np.array(mean[1:]).reshape(-1, len(at)).T)
 
 

@@ -27,8 +27,7 @@ from softcal.calibration.trajectory import Member, Trajectory, shared_out
 from softcal.calibration.uncertain import UncertainParameter, uncertain_parameters
 from softcal.checks import Floats
 from softcal.errors import InputError, MeshError, SimulationError
-from softcal.twin.parameters import ParameterInfo, robot_parameters
-from softcal.twin.proportional import MODULUS
+from softcal.twin.parameters import MODULUS, ParameterInfo, robot_parameters
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot

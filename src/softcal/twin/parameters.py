@@ -58,6 +58,7 @@ class ParameterInfo:
         return self.quantity.upper if self.quantity.ends[1] == ")" else math.inf
 
 
+MODULUS = "Pa"  # unit of moduli
 # By x, y and z.
 MARKER_OFFSETS = tuple(f"{axis}_offset" for axis in "xyz")
 # The kind of quantity of every robot parameter that is no constant of a law, by the last part of its dotted name.

@@ -11,11 +11,10 @@ from softcal.checks import Floats
 from softcal.mechanics.term import part_theta
 from softcal.twin.build import Twin
 from softcal.twin.channels import sensors_of
-from softcal.twin.parameters import robot_parameters
+from softcal.twin.parameters import MODULUS, robot_parameters
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 
-MODULUS = "Pa"
 WITHOUT_FORCE = ("1", "m", "rad", "rad/m", "kg", "kg/m^3")  # units of parameters that scale no force, without gravity
 DEGREES = {"N": 1, "m": 0, "rad": 0}  # of the channels of cables, plates and markers
 

@@ -176,7 +176,7 @@ class Descent:
             self._merit, self._radius = self.loss, 1.0
             self._propose()
         elif self._promised < before and self._length(step) > _SHORTEST:
-            self.next = self._rounded(step, before, lower, upper)
+            self.next = self._rounded(model, step, before, lower, upper)
         elif self._rescaling or by_squares:
             self._by_the_loss_alone(lowest, found)
         else:
@@ -185,13 +185,12 @@ class Descent:
                 f"{self._away()}"
             )
 
-    def _rounded(self, step: Floats, before: float, lower: Floats, upper: Floats) -> Floats:
+    def _rounded(self, model: LocalModel, step: Floats, before: float, lower: Floats, upper: Floats) -> Floats:
         """A step far from the minimum, where it need not be exact, to round values of the parameters of load paths. The
         paths there serve other starts and other fits.
         """
         if self._promised > _FAR * before:
             return step
-        model = self._model(self._merit)
         for j in self.of_paths:
             low, high = (np.array(end) for end in (lower, upper))
             shorter, longer = (step[j] + part * (step[j] - self.z[j]) for part in (-_SHORTER, _LONGER))

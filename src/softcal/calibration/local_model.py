@@ -31,8 +31,9 @@ import numpy as np
 from softcal.calibration.loss import Block, Loss, rms
 from softcal.calibration.parameters import SearchSpace
 from softcal.checks import Floats
+from softcal.twin.parameters import MODULUS
 
-_MODULUS, _LOADS = "Pa", ("N", "kg", "kg/m^3")  # units of moduli, and of loads
+_LOADS = ("N", "kg", "kg/m^3")  # units of loads
 _LARGEST_LOG = 500.0  # exp(700) is near the largest double; a model that far off is refused by the trust region
 _BEND_REACH = 1.5  # of the distance to the other point, on both sides: beyond, a bend is continued linearly
 _REPRODUCED = 1e-9  # of a block's root mean square, and of its largest derivative
@@ -57,7 +58,7 @@ class LocalModel:
     ) -> None:
         self._space, self._loss, self._here, self._plain = space, loss, here, plain
         self._share = loss.share(here.blocks)
-        modulus = np.array([p.unit == _MODULUS and not plain for p in space.parameters])
+        modulus = np.array([p.unit == MODULUS and not plain for p in space.parameters])
         load = np.array([p.unit in _LOADS and not plain for p in space.parameters])
         self._moduli, self._loads = np.flatnonzero(modulus), np.flatnonzero(load)
         self._others = np.flatnonzero(~modulus & ~load)

@@ -33,9 +33,9 @@ from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 
 SOFTCAL = "softcal"  # the engine used where no other simulator is named
-# Residuals with a root mean square above this share of the largest value are known to a hundredth by a curve that is
-# interpolated within this share of it.
-FAR, ROUGH = 0.1, 1e-3
+# A curve is interpolated within this share of the residuals' root mean square, in a first look within ROUGH of its
+# largest value, and at last within EXACT.
+SHARE, ROUGH, EXACT = 0.02, 1e-2, 1e-4
 
 
 class Simulate(TypingProtocol):
@@ -198,21 +198,22 @@ class Problem:
         """What one of its trajectories contributes to the evaluation at theta.
 
         With the jacobian, as in a search, it shares the load path of one cable with others, and its curve is
-        interpolated less closely where it is far from the measurements.
+        interpolated the less closely the further it is from the measurements.
         """
         driven = group.protocol().completed(self.robot).driven
         if not jacobian or self.simulate is not None or len(driven) != 1 or self.robot.remembers:
             return self._contribution(theta, group, jacobian=jacobian)
         rough = self._contribution(theta, group, jacobian=True, shared=True, curve_tolerance=ROUGH)
-        if rough.failure or self._is_far(rough):
+        needed = max(EXACT, SHARE * self._misfit(rough))
+        if rough.failure or needed >= ROUGH:
             return rough
-        return self._contribution(theta, group, jacobian=True, shared=True)
+        return self._contribution(theta, group, jacobian=True, shared=True, curve_tolerance=needed)
 
-    def _is_far(self, one: Contribution) -> bool:
-        """Whether a contribution misses the measurements, in every channel, by so much that a rough curve will do."""
-        return all(
-            rms(block.residual) >= FAR * float(np.abs(block.residual + block.measured).max())
-            for block in self._blocks(one.observations)
+    def _misfit(self, one: Contribution) -> float:
+        """The residuals' root mean square over the largest predicted value, of the channel where that is least."""
+        return min(
+            (rms(b.residual) / float(np.abs(b.residual + b.measured).max()) for b in self._blocks(one.observations)),
+            default=0.0,
         )
 
     def _contribution(

@@ -4,7 +4,7 @@ their forces s times as large. One load path then serves every value of the modu
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from softcal.checks import Floats
@@ -59,6 +59,26 @@ def at_moduli(twin: Twin, response: Response, s: float) -> Response:
             for shape in response.snapshots
         ),
     )
+
+
+def own_modulus(twin: Twin, theta: Mapping[str, float]) -> str | None:
+    """The modulus to which all forces are proportional at theta [SI]; None where there are several, or none."""
+    moduli = [name for name, info in robot_parameters(twin.robot).items() if info.unit == MODULUS]
+    return moduli[0] if len(moduli) == 1 and is_proportional(twin.robot, theta) else None
+
+
+def with_modulus(response: Response, name: str, modulus: float, names: Sequence[str]) -> Response:
+    """A response with its derivatives by the only modulus [Pa], at a prescribed shortening, in the order of `names`."""
+    sensitivities = {
+        channel: {
+            by: DEGREES[response.units[channel]] * values / modulus
+            if by == name
+            else response.sensitivities[channel][by]
+            for by in names
+        }
+        for channel, values in response.channels.items()
+    }
+    return replace(response, sensitivities=sensitivities)
 
 
 def is_proportional(robot: Robot, theta: Mapping[str, float]) -> bool:

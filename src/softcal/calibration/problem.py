@@ -33,9 +33,9 @@ from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 
 SOFTCAL = "softcal"  # the engine used where no other simulator is named
-# A curve is interpolated within this share of the residuals' root mean square, in a first look within ROUGH of its
-# largest value, and at last within EXACT.
-SHARE, ROUGH, EXACT = 0.02, 1e-2, 1e-4
+# Where the residuals' root mean square is above FAR of the largest value, the curve is interpolated within SHARE of it;
+# in a first look within ROUGH of the largest value.
+FAR, SHARE, ROUGH = 0.05, 0.02, 1e-2
 
 
 class Simulate(TypingProtocol):
@@ -204,10 +204,11 @@ class Problem:
         if not jacobian or self.simulate is not None or len(driven) != 1 or self.robot.remembers:
             return self._contribution(theta, group, jacobian=jacobian)
         rough = self._contribution(theta, group, jacobian=True, shared=True, curve_tolerance=ROUGH)
-        needed = max(EXACT, SHARE * self._misfit(rough))
-        if rough.failure or needed >= ROUGH:
+        misfit = self._misfit(rough)
+        if rough.failure or SHARE * misfit >= ROUGH:
             return rough
-        return self._contribution(theta, group, jacobian=True, shared=True, curve_tolerance=needed)
+        tolerance = {"curve_tolerance": SHARE * misfit} if misfit >= FAR else {}
+        return self._contribution(theta, group, jacobian=True, shared=True, **tolerance)
 
     def _misfit(self, one: Contribution) -> float:
         """The residuals' root mean square over the largest predicted value, of the channel where that is least."""

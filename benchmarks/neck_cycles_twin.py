@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -13,6 +13,7 @@ import numpy as np
 from softcal import Command, Protocol, Robot, load
 from softcal.checks import Floats
 from softcal.errors import SimulationError
+from softcal.twin.barrier import Contact
 from softcal.twin.parameters import with_parameters
 from softcal.twin.simulate import simulate
 
@@ -76,8 +77,9 @@ class Compared:
 
 @cache
 def robot() -> Robot:
-    """The P1 neck of examples/neck-bench/cycles.yaml; its cable has no friction here."""
-    return with_parameters(load(EXAMPLES / "neck-bench" / "cycles.yaml").robot, {"neck.poissons_ratio": POISSONS_RATIO})
+    """The P1 neck of examples/neck-bench/cycles.yaml, whose grooves close here; its cable has no friction."""
+    own = load(EXAMPLES / "neck-bench" / "cycles.yaml").robot
+    return with_parameters(replace(own, contact=Contact()), {"neck.poissons_ratio": POISSONS_RATIO})
 
 
 def curve(target: Target) -> tuple[Floats, Floats]:

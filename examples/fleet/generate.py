@@ -32,7 +32,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=HERE / "runs" / "again")
     folder = parser.parse_args().out
     (folder / "data").mkdir(parents=True, exist_ok=True)
-    write_mesh(Neck(dome="ellipse", tets=1000, order=1).mesh(), folder / "neck.vtu")
+    write_mesh(Neck(tets=1000, order=1, sectors=6, waist_refinement=4).mesh(), folder / "neck.vtu")
     robot, chance = load(HERE / "project.yaml").robot, np.random.default_rng(SEED)
     rows, truth = ["specimen,file,filament,printer,infill [%]"], ["specimen,youngs_modulus [MPa],slack [mm]"]
     for k, (infill, filament, printer) in enumerate(itertools.product(INFILLS, FILAMENTS, PRINTERS), 1):

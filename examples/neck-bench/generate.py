@@ -1,7 +1,7 @@
 """Write the bench record of this example: four cyclic tests of a neck, from a finer twin than the one calibrated.
 
     python generate.py                 data/ from truth.yaml and truth-elastic.csv; NumPy alone, always the same
-    python generate.py --twin          first truth-elastic.csv again, by the finer twin (needs Gmsh, takes a minute)
+    python generate.py --twin          first truth-elastic.csv again, by the finer twin (needs Gmsh, takes some minutes)
     python generate.py --mesh          first neck.msh, the coarser mesh of the project (needs Gmsh)
     python generate.py --out DIR       somewhere else
 
@@ -31,6 +31,7 @@ from scipy.interpolate import CubicSpline
 from softcal.checks import Floats
 from softcal.geometry.neck import Neck
 from softcal.geometry.write import write_mesh
+from softcal.twin.barrier import Contact
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
 from softcal.twin.simulate import simulate
@@ -39,7 +40,7 @@ from softcal.units import parse_quantity
 HERE = Path(__file__).parent
 N_CYCLES = 8
 CABLE_RADIUS = 0.05  # [m]
-PROJECT_TETS = 1700
+PROJECT_TETS = 2000
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def si(section: Mapping[str, Any], key: str, unit: str) -> float:
 def solve_elastic(truth: Mapping[str, Any]) -> Elastic:
     """The curve of the finer twin, meshed by Gmsh."""
     twin = truth["twin"]
-    shape = Neck(dome="ellipse", tets=twin["tets"], waist_refinement=twin["waist_refinement"])
+    shape = Neck(tets=twin["tets"], waist_refinement=twin["waist_refinement"], sectors=twin["sectors"])
     mesh = shape.mesh()
     parameters = {
         "youngs_modulus": si(truth["neck"], "youngs_modulus", "Pa"),
@@ -88,7 +89,8 @@ def solve_elastic(truth: Mapping[str, Any]) -> Elastic:
     top = np.array([0.0, 0.0, shape.height])
     plate = Plate("plate", {"neck": mesh.node_sets["collar"]}, top)
     start, end = np.array([CABLE_RADIUS, 0.0, shape.height]), np.array([CABLE_RADIUS, 0.0, shape.clamp_depth])
-    robot = Robot((body,), (plate,), (Cable("front", (ViaPoint(start, "plate"), ViaPoint(end))),))
+    cable = Cable("front", (ViaPoint(start, "plate"), ViaPoint(end)))
+    robot = Robot((body,), (plate,), (cable,), contact=Contact())
     shortening = np.linspace(0.0, si(truth["curve"], "reach", "m"), truth["curve"]["points"])
     response = simulate(robot, Protocol({"front": Command("shortening", shortening)}), curve_tolerance=1e-5)
     if not response.succeeded:
@@ -232,7 +234,7 @@ def main() -> None:
     truth = read_truth()
     told.out.mkdir(parents=True, exist_ok=True)
     if told.mesh:
-        mesh = Neck(dome="ellipse", tets=PROJECT_TETS).mesh()
+        mesh = Neck(tets=PROJECT_TETS, waist_refinement=12, sectors=6).mesh()
         write_mesh(replace(mesh, points=np.round(1e3 * mesh.points, 6)), told.out / "neck.msh")  # in mm
     if told.twin:
         write_elastic(solve_elastic(truth), told.out / "truth-elastic.csv")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,8 +18,8 @@ from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.result import CalibrationResult
 from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Channel, Dataset
+from softcal.geometry.neck import Neck
 from softcal.geometry.quadratic import to_linear
-from softcal.geometry.read import read_mesh
 from softcal.twin.finer import elevated, halved
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
@@ -33,7 +32,7 @@ SIGMAS = {"tension": 0.02, "pitch": 1e-3}
 
 def neck() -> Robot:
     """Two thousand linear tets with straight edges, so that all finer meshes fill the same."""
-    mesh = to_linear(read_mesh(Path(__file__).parents[2] / "examples" / "neck-bench" / "neck.msh", unit="mm"))
+    mesh = to_linear(Neck(dome="ellipse", tets=1700).mesh())
     parameters = {"youngs_modulus": TRUE[E], "poissons_ratio": TRUE[NU]}
     body = Body("neck", mesh, mesh.node_sets["socket"], parameters, element="P1")
     plate = Plate("plate", {"neck": mesh.node_sets["collar"]}, np.array([0.0, 0.0, 0.106704]))

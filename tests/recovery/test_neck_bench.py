@@ -2,7 +2,7 @@
 
 The record comes from a finer twin, so the calibrated E differs from the true one for two known reasons: the loading
 branch stands above the elastic curve by the overstress, and a coarser mesh is stiffer. Both are known here, and E is
-asked for with them counted within 1 %; without the mesh counted, within the 12 % by which the coarse one is too stiff.
+asked for with them counted within 1 %; without the mesh counted, within the 4 % by which the coarse one is too stiff.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Problem
 from softcal.calibration.pulley_gain import reversals
-from softcal.calibration.result import CalibrationResult, ExperimentFit
+from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit
 from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Dataset
 from softcal.project.project import Project, load
@@ -36,7 +36,7 @@ from softcal.workflows.calibration import make_problem
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "neck-bench"
 E, NU = "neck.youngs_modulus", "neck.poissons_ratio"
-MESH_AT_MOST = 0.12  # share by which the project's mesh is stiffer than the finer one
+MESH_AT_MOST = 0.04  # share by which the project's mesh is stiffer than the finer one
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +115,7 @@ def test_with_the_mesh_counted_the_modulus_is_the_true_one(
 
 def test_poissons_ratio_hardly_matters(project: Project, joint: CalibrationResult) -> None:
     """Paper A's Table I: E decides. The loss at any other ratio is the same but for some per cent, at another E."""
-    assert joint.importance[E] > 0.9
+    assert joint.importance[E] == max(joint.importance.values())
     assert joint.importance[NU] < 0.01
     there = calibrate(at_ratio(make_problem(project), 0.48), method="least-squares", starts=1)
     assert there.loss < 1.05 * joint.loss
@@ -124,13 +124,17 @@ def test_poissons_ratio_hardly_matters(project: Project, joint: CalibrationResul
 
 def test_slack_and_the_lean_of_the_neck_at_rest_are_found(joint: CalibrationResult, truth: dict[str, Any]) -> None:
     for name, test in truth["experiments"].items():
-        assert joint.parameters[f"front.slack[{name}]"].value == pytest.approx(slack_of(test), abs=0.1e-3)
+        # On the coarser mesh surfaces meet a little later, for which slack and offset make up.
+        slack = joint.parameters[f"front.slack[{name}]"]
+        assert slack.value == pytest.approx(slack_of(test), abs=0.2e-3)
+        assert contains(slack, slack_of(test))
         lean = parse_quantity(truth["material"]["set_tilt"], "rad/m") * (
             slack_of(test) - parse_quantity(test["slack"], "m")
         )
-        offset = joint.parameters[f"plate.pitch_offset[{name}]"].value
+        offset = joint.parameters[f"plate.pitch_offset[{name}]"]
         # The detrending takes some of the set's growth for drift of the IMU.
-        assert 0.5 * lean < offset < 1.1 * lean
+        assert offset.value == pytest.approx(lean, abs=math.radians(0.15))
+        assert contains(offset, lean)
 
 
 def test_every_test_is_met_to_the_noise(joint: CalibrationResult) -> None:
@@ -164,9 +168,11 @@ def with_noise(
 def test_the_interval_of_a_ratio_ends_where_fits_with_it_held_are_excluded(project: Project) -> None:
     """By tension, with white noise of the size that a first fit leaves: ν held at an end of its interval costs 1.96^2.
 
-    The residuals of the record itself are correlated, and its tests differ: their interval is longer than that.
+    The residuals of the record itself are correlated, and its tests differ: their interval is longer than that. Without
+    contact, whose curves are not smooth enough for a quadratic model.
     """
     problem = replace(by_force(make_problem(project)), uncertain=())  # the loss knows of noise alone
+    problem = replace(problem, robot=replace(problem.robot, contact=None))
     fits = calibrate(problem, method="least-squares", starts=1).experiments
     first = next(iter(fits.values()))
     sigmas = {channel: math.sqrt(np.mean([fit.rmse[channel] ** 2 for fit in fits.values()])) for channel in first.rmse}
@@ -286,6 +292,13 @@ def at_ratio(problem: Problem, ratio: float) -> Problem:
     """The problem with Poisson's ratio held."""
     free = SearchSpace(tuple(parameter for parameter in problem.space.parameters if parameter.name != NU))
     return replace(problem, robot=with_parameters(problem.robot, {NU: ratio}), space=free)
+
+
+def contains(estimate: Estimate, value: float) -> bool:
+    """Whether the 95 % interval of an estimate contains a value."""
+    assert estimate.interval is not None
+    low, high = estimate.interval
+    return low < value < high
 
 
 def slack_of(test: dict[str, Any]) -> float:

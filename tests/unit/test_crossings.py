@@ -223,6 +223,17 @@ def test_no_example_crosses_at_rest(where: str) -> None:
     assert simulate(twin.robot, Protocol({})).crossings == ""
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("where", ["beam", "finger", "fleet", "manipulator", "neck-bench/cycles.yaml"])
+def test_no_example_without_contact_intersects_itself_within_its_data(where: str, tmp_path: Path) -> None:
+    path = ROOT / "examples" / where
+    path = path if path.suffix else path / "project.yaml"
+    assert load(path).robot.contact is None
+    said = run("check", path, "--out", tmp_path / "check")
+    assert "intersects itself" not in said
+    assert "The project is in order." in said
+
+
 def test_no_template_crosses_at_rest(tmp_path: Path) -> None:
     robot = load(write_template("neck", tmp_path / "neck")).robot
     twin = twin_of(replace(robot, contact=None))

@@ -207,7 +207,7 @@ def _error_figure(case: BenchmarkCase, record: CaseRecord, tables: Sequence[tupl
             axes.set_ylabel(f"error of {one} [{shown}]")
             axes.set_ylim(bottom=0.0)
             if place == 0:
-                axes.legend(loc="upper right")
+                figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", ncols=4)
         figure.axes[-1].set_xlabel("predicted sample" + ("" if len(names) <= FEW else ", in the order of the record"))
     return figure
 

@@ -204,7 +204,7 @@ def drawn(
 
 @cache
 def neck() -> tuple[Robot, NeckTable]:
-    """The neck of examples/neck-bench (2k P2P1 tets), without contact, which a table is too smooth for, and its table."""
+    """The neck of examples/neck-bench (2k P2P1 tets) without contact, for which a table is too smooth, and it."""
     robot = replace(load(NECK).robot, contact=None)
     return robot, neck_table(robot, 0.0445)
 

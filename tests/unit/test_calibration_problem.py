@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate, s
 
 from softcal.calibration.evaluator import Evaluator
 from softcal.calibration.fingerprint import fingerprint, fingerprints
+from softcal.calibration.loss import rms
 from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.optimiser import Proposal
 from softcal.calibration.parameters import FreeParameter, SearchSpace
@@ -54,6 +56,25 @@ def test_a_shared_trajectory_gives_each_test_what_it_would_get_alone() -> None:
             assert block.jacobian is not None
             columns = [problem.space.labels.index(label) for label in alone.space.labels]
             np.testing.assert_array_equal(mine.jacobian, block.jacobian[:, columns])
+
+
+@pytest.mark.parametrize(("slack", "tolerances"), [(0.0002, [1e-2, None]), (0.006, [1e-2, 0.02]), (-0.09, [1e-2])])
+def test_the_further_from_the_measurements_the_less_closely_a_curve_is_interpolated(
+    slack: float, tolerances: list[float | None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a search: as closely as for any other use, within a fiftieth of the misfit, as in the first look."""
+    asked = list[float | None]()
+
+    def simulate(*args: Any, curve_tolerance: float | None = None, shared: bool, **options: Any) -> Response:
+        assert shared
+        asked.append(curve_tolerance)
+        return fake_simulate(*args, **options)
+
+    monkeypatch.setattr("softcal.calibration.problem._real_simulate", lambda: simulate)
+    problem = make_problem(fake_robot(), [fake_experiment("a")], (MODULUS, RATIO, SLACK))
+    found = problem.evaluate({E: TRUE[E], NU: TRUE[NU], "front.slack[a]": slack}, jacobian=True)
+    misfit = min(rms(b.residual) / np.abs(b.residual + b.measured).max() for b in found.blocks)
+    assert asked == [t if t != 0.02 else pytest.approx(0.02 * misfit) for t in tolerances], misfit
 
 
 def test_long_tests_of_several_cables_are_trajectories_of_their_own_and_short_ones_share() -> None:

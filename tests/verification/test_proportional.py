@@ -124,6 +124,20 @@ def factor(robot: Robot) -> float:
     return at_own_moduli(build_twin(robot), twice)[1]
 
 
+def test_the_derivative_by_the_only_modulus_follows_from_the_forces(monkeypatch: pytest.MonkeyPatch):
+    """In the order of the names; no equilibrium is differentiated by it."""
+    by = list[tuple[str, ...]]()
+    kept = Statics.kept_node
+    monkeypatch.setattr(Statics, "kept_node", lambda one, key, names: (by.append(names), kept(one, key, names))[1])
+    modulus, ratio = NAMES
+    response = simulate(grooved(), pulled(1e-3, 2e-3), {modulus: 0.5e6}, sensitivities=(ratio, modulus))
+    assert set(by) == {(ratio,)}
+    assert list(response.sensitivities["front.tension"]) == [ratio, modulus]
+    tension, pitch = response.channels["front.tension"], response.sensitivities["top.pitch"]
+    np.testing.assert_allclose(response.sensitivities["front.tension"][modulus], tension / 0.5e6, rtol=1e-14)
+    assert not pitch[modulus].any()
+
+
 def test_only_what_is_proportional_is_scaled():
     robot = grooved()
     (body,), (cable,) = robot.bodies, robot.cables

@@ -299,10 +299,12 @@ def _at(twin: ComplianceTable, cable: str, channel: str, factor: float) -> np.nd
 
 
 @cache
-def neck() -> tuple[Robot, NeckTable]:
-    """The neck of examples/neck-bench (2k P2P1 tets) without contact, for which a table is too smooth, and it."""
+def neck(reach: float = REACH[1] + 5e-4) -> tuple[Robot, NeckTable]:
+    """The neck of examples/neck-bench (2k P2P1 tets), and its table up to a shortening [m]. There is no contact: its
+    curve has kinks that polynomials do not follow.
+    """
     robot = replace(load(NECK).robot, contact=None)
-    return robot, neck_table(robot, REACH[1] + 5e-4)
+    return robot, neck_table(robot, reach)
 
 
 @cache

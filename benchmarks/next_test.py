@@ -13,16 +13,15 @@ import argparse
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.coverage import LIKELIHOOD, NECK, NOISE, PAPERS, REACH, SLACK, SPREAD, TRUE
+from benchmarks.coverage import LIKELIHOOD, NOISE, PAPERS, REACH, SLACK, SPREAD, TRUE, neck
 from benchmarks.neck_case import PITCH, TENSION, pull
 from benchmarks.section import table
-from benchmarks.table_twins import NU, E, NeckTable, neck_table
+from benchmarks.table_twins import NU, E
 from benchmarks.written_page import written_page
 from softcal.analysis.candidate import Candidate
 from softcal.analysis.next_test import next_tests
@@ -34,7 +33,6 @@ from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.project.project import load
 from softcal.twin.parameters import with_parameters
-from softcal.twin.robot import Robot
 from softcal.workflows.calibration import calibrate as calibrate_project
 from softcal.workflows.next_test import next_test
 
@@ -44,6 +42,7 @@ EXAMPLES, TIMED, TEN = HERE.parent / "examples", ("neck", "neck-bench"), 10
 STUDIES = 60
 N = 60  # samples of a pull
 LIKE = "pull1"  # to 34 mm
+FARTHEST = 0.0445  # [m], beyond the pull of every candidate
 CANDIDATES = (
     Candidate(name="the same again", like=LIKE),
     Candidate(name="twice", like=LIKE, repeats=2),
@@ -172,7 +171,7 @@ def half_length(interval: tuple[float, float]) -> float:
 
 def study(case: Case, tests: Sequence[Experiment]) -> Problem:
     """The calibration of some tests."""
-    robot, twin = neck()
+    robot, twin = neck(FARTHEST)
     free = [
         FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=TRUE[E]),
         FreeParameter(NU, "1", 0.30, 0.4999, start=TRUE[NU]),
@@ -190,7 +189,7 @@ def drawn(
     n: int = N,
 ) -> Experiment:
     """One pull with new noise, and a new modulus where the tests differ."""
-    robot, twin = neck()
+    robot, twin = neck(FARTHEST)
     modulus = TRUE[E] * np.exp(case.spread * chance.standard_normal())
     shortening = np.linspace(REACH[0] * reach / REACH[1], reach, n)
     seen = twin(with_parameters(robot, {E: modulus, NU: TRUE[NU]}), pull(shortening - TRUE[SLACK]))
@@ -200,13 +199,6 @@ def drawn(
         values = seen.channels[channel] + sigmas[kind] * chance.standard_normal(n)
         channels[kind] = Channel(values, unit, sigmas[kind])
     return Experiment(name, Dataset(name, channels), cable="front", plate="plate")
-
-
-@cache
-def neck() -> tuple[Robot, NeckTable]:
-    """The neck of examples/neck-bench (2k P2P1 tets) without contact, for which a table is too smooth, and it."""
-    robot = replace(load(NECK).robot, contact=None)
-    return robot, neck_table(robot, 0.0445)
 
 
 def page(found: Sequence[Shrinkage], studies: int, costs: Sequence[Cost]) -> str:

@@ -32,6 +32,7 @@ SIGMAS = {"tension": 0.02, "pitch": 1e-3}
 
 def neck() -> Robot:
     """Two thousand linear tets with straight edges, so that all finer meshes fill the same."""
+    pytest.importorskip("gmsh")
     mesh = to_linear(Neck(dome="ellipse", tets=1700).mesh())
     parameters = {"youngs_modulus": TRUE[E], "poissons_ratio": TRUE[NU]}
     body = Body("neck", mesh, mesh.node_sets["socket"], parameters, element="P1")

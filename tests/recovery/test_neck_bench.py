@@ -124,7 +124,7 @@ def test_poissons_ratio_hardly_matters(project: Project, joint: CalibrationResul
 
 def test_slack_and_the_lean_of_the_neck_at_rest_are_found(joint: CalibrationResult, truth: dict[str, Any]) -> None:
     for name, test in truth["experiments"].items():
-        # On the coarser mesh surfaces meet a little later, for which slack and offset make up.
+        # Slack and offset make up for the coarser mesh.
         slack = joint.parameters[f"front.slack[{name}]"]
         assert slack.value == pytest.approx(slack_of(test), abs=0.2e-3)
         assert contains(slack, slack_of(test))

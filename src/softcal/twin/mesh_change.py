@@ -83,7 +83,7 @@ class FinerTwin:
         system = own.system
         if robot.rods or system.remembers or system.is_loaded(values):
             return None
-        at, s = at_own_moduli(own, values)
+        at, s, _ = at_own_moduli(own, values)
         along, further = (
             EquilibriumPath(
                 twin, Statics(twin.system, at, robot.limits, kept), (), driven[0], CURVE_TOLERANCE, kept is not None

@@ -19,18 +19,19 @@ WITHOUT_FORCE = ("1", "m", "rad", "rad/m", "kg", "kg/m^3")  # units of parameter
 DEGREES = {"N": 1, "m": 0, "rad": 0}  # of the channels of cables, plates and markers
 
 
-def at_own_moduli(twin: Twin, theta: Mapping[str, float]) -> tuple[dict[str, float], float]:
-    """theta with all moduli divided by s, so that the first has the robot's own value, and s; theta itself, and one,
-    where the robot's forces are not proportional to its moduli.
+def at_own_moduli(twin: Twin, theta: Mapping[str, float]) -> tuple[dict[str, float], float, str | None]:
+    """theta with all moduli divided by s, so that the first has the robot's own value; s; and the modulus, where there
+    is one only. Theta itself, one and None where the robot's forces are not proportional to its moduli.
     """
     infos = robot_parameters(twin.robot)
     moduli = [name for name, info in infos.items() if info.unit == MODULUS]
     if not moduli or not is_proportional(twin.robot, theta):
-        return dict(theta), 1.0
+        return dict(theta), 1.0, None
     first = moduli[0]
     own = infos[first].value
     s = theta[first] / own
-    return {**theta, **{name: theta[name] / s for name in moduli}, first: own}, s
+    only = first if len(moduli) == 1 else None
+    return {**theta, **{name: theta[name] / s for name in moduli}, first: own}, s, only
 
 
 def at_moduli(twin: Twin, response: Response, s: float) -> Response:
@@ -59,12 +60,6 @@ def at_moduli(twin: Twin, response: Response, s: float) -> Response:
             for shape in response.snapshots
         ),
     )
-
-
-def own_modulus(twin: Twin, theta: Mapping[str, float]) -> str | None:
-    """The modulus to which all forces are proportional at theta [SI]; None where there are several, or none."""
-    moduli = [name for name, info in robot_parameters(twin.robot).items() if info.unit == MODULUS]
-    return moduli[0] if len(moduli) == 1 and is_proportional(twin.robot, theta) else None
 
 
 def with_modulus(response: Response, name: str, modulus: float, names: Sequence[str]) -> Response:

@@ -15,7 +15,7 @@ from softcal.twin.build import Twin, twin_of
 from softcal.twin.equilibrium_path import EquilibriumPath
 from softcal.twin.many import simulate_many
 from softcal.twin.parameters import robot_parameters, unknown_name, value_faults, with_shape
-from softcal.twin.proportional import at_moduli, at_own_moduli, own_modulus, with_modulus
+from softcal.twin.proportional import at_moduli, at_own_moduli, with_modulus
 from softcal.twin.protocol import Protocol, command_faults
 from softcal.twin.response import Response, Shown
 from softcal.twin.robot import Robot
@@ -151,8 +151,7 @@ def respond(
                 twin, statics, protocol, names, snapshots=snapshots, crossings=crossings, commanded=commanded
             )
     is_pulled_in = len(driven) == 1 and protocol.commands[driven[0]].control == "shortening"
-    own, s = at_own_moduli(twin, theta) if is_pulled_in else (theta, 1.0)
-    modulus = own_modulus(twin, theta) if is_pulled_in else None
+    own, s, modulus = at_own_moduli(twin, theta) if is_pulled_in else (theta, 1.0, None)
     solved = tuple(name for name in names if name != modulus)
     with _statics(twin, own, twin.kept.at(own)) as statics:
         tolerance = 0.0 if snapshots == "samples" else curve_tolerance

@@ -7,6 +7,7 @@ count again, as part of the path's work.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -32,11 +33,15 @@ class KeptNode(NamedTuple):
 
 
 class KeptNodes:
-    """The nodes at one theta, by what each depends on and the parameters of its derivatives."""
+    """The nodes at one theta, by what each depends on and the parameters of its derivatives.
+
+    shared_end: c where a path that was to serve others too ended early; none is followed beyond for their sake.
+    """
 
     def __init__(self) -> None:
         self._kept: dict[Hashable, dict[tuple[str, ...], KeptNode]] = {}
         self.size = 0
+        self.shared_end = math.inf
 
     def get(self, key: Hashable, names: tuple[str, ...]) -> KeptNode | None:
         """A node by its key, with derivatives by the parameters `names` (k,)."""

@@ -56,6 +56,11 @@ class Path:
     stopped_by: KeyboardInterrupt | None = None
 
     @property
+    def is_smooth(self) -> bool:
+        """Whether its end was reached without a snap-through, other than before its first node."""
+        return self.reached and not any(node.is_snapped for node in self.nodes[1:])
+
+    @property
     def ended(self) -> str:
         """What is known beyond its end, where that was not reached."""
         return "the load path was ended at" if self.is_cut else "no equilibrium beyond"
@@ -79,10 +84,10 @@ class _Attempt:
 class _Continuation:
     """A path under construction: its nodes, the length of the next step, and the failed attempts since the last node.
 
-    before: earlier nodes, for the curvature of the path; unstable: the nearest equilibrium ahead that was found
-    unstable; work: so far; failing: the element that failed first in the last attempt, if that failed; is_cut: whether
-    a limit of the work ended the path; begun: key of the step since the last node, and the number of factorisations
-    before it.
+    before: earlier nodes, for the curvature of the path; guide: nodes of a path at other parameters, as in `follow`;
+    unstable: the nearest equilibrium ahead that was found unstable; work: so far; failing: the element that failed
+    first in the last attempt, if that failed; is_cut: whether a limit of the work ended the path; begun: key of the
+    step since the last node, and the number of factorisations before it.
     """
 
     statics: Statics
@@ -94,6 +99,7 @@ class _Continuation:
     first_step: float
     largest_step: float
     mixed: bool = True
+    guide: tuple[Node, ...] = ()
     length: float = field(init=False)
     tried: list[_Attempt] = field(default_factory=list[_Attempt])
     unstable: Node | None = None
@@ -133,11 +139,18 @@ class _Continuation:
         """Attempt a step, and recover where it fails; returns why it cannot, or ""."""
         c, step = self._ahead()
         if self.begun is None and self._is_plain:
-            key = (self.line.key, self.mixed, self.last.c, c, step)
+            key = (self.line.key, self.mixed, self.last.c, c, step, self._is_guided)
             if (kept := self.statics.kept_node(key, self.names)) is not None:
                 self._add(kept.node, kept.next_step)
                 return ""
             self.begun = key, self.statics.n_factorisations
+        if self._is_guided:
+            if (node := self._beside(self.guide[len(self.nodes)])) is not None:
+                self._add(node, step)
+                return ""
+            self.guide = ()
+            c, step = self._ahead()
+            self.begun = None
         attempt, last = self._attempt(c, step), self.last
         solved = self.statics.equilibrium(attempt.begin, self.line.at(attempt.c))
         node = None
@@ -160,9 +173,31 @@ class _Continuation:
         last = self.last
         return not (self.before or self.tried or self.unstable or last.is_snapped or last.has_snapped)
 
+    @property
+    def _is_guided(self) -> bool:
+        """Whether the next node is beside one of the guide, as all nodes so far were."""
+        return self._is_plain and len(self.nodes) < len(self.guide)
+
+    def _beside(self, there: Node) -> Node | None:
+        """The stable node beside one of the guide; None where Newton's method reaches none. The difference of the two
+        paths is extrapolated: it stays smooth where surfaces meet, since they meet on both.
+        """
+        statics, last, here = self.statics, self.last, self.guide[len(self.nodes) - 1]
+        layout = statics.system.layout
+        dz = difference(layout, last.state, here.state) + (there.c - last.c) * (last.slope - here.slope)
+        go_on_from(statics, last)
+        solved = statics.equilibrium(statics.reachable(there.state, dz), self.line.at(there.c))
+        if not solved.converged or strays(statics, last.state, solved.state, solved.state):
+            return None
+        node = node_at(statics, self.line, there.c, solved.state, self.names, mixed=self.mixed)
+        return node if node.is_stable else None
+
     def _ahead(self) -> tuple[float, float]:
         """The next c, and the step to it. Steps do not depend on the end, except the last one, which is not short."""
         last, remaining = self.last, self.end - self.last.c
+        if self._is_guided:
+            c = self.guide[len(self.nodes)].c
+            return c, c - last.c
         step = min(self.length, self.largest_step)
         if remaining < LAST * step:
             step = min(remaining, self.largest_step)
@@ -252,6 +287,7 @@ def follow(  # noqa: PLR0913 (one keyword for each option)
     share: Callable[[Node], float] | None = None,
     largest_step: float = np.inf,
     mixed: bool = True,
+    guide: tuple[Node, ...] = (),
     keeps: bool = False,
 ) -> Path:
     """Stable equilibria from a node to c = end. A failed step is shortened and repeated. The path ends early at a limit
@@ -259,11 +295,12 @@ def follow(  # noqa: PLR0913 (one keyword for each option)
 
     start: the node, or several of which it is the last: the others give the curvature of the path. At a limit point or
     a loss of stability the robot snaps through: the next node is the stable equilibrium that it reaches. share: of
-    another aim than the end, as reached at a node; the path ends at one. mixed: as in `node_at`. keeps: whether Ctrl-C
-    ends the path, instead of being raised.
+    another aim than the end, as reached at a node; the path ends at one. mixed: as in `node_at`. guide: the nodes of a
+    path at other parameters from the same start to the same end, beside which this one is solved as long as it can be.
+    keeps: whether Ctrl-C ends the path, instead of being raised.
     """
     before, start = (start[:-1], start[-1]) if isinstance(start, tuple) else ((), start)
-    way = _Continuation(statics, line, names, before, [start], end, first_step, largest_step, mixed)
+    way = _Continuation(statics, line, names, before, [start], end, first_step, largest_step, mixed, guide)
     outer, statics.path_begin = statics.path_begin, statics.n_factorisations
     watch, reached = path_watch(), share or (lambda node: (node.c - start.c) / way.whole)
     try:

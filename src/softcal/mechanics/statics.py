@@ -118,6 +118,16 @@ class Statics:
         if self._kept is not None:
             self._kept.keep(key, names, KeptNode(node, next_step, self.n_factorisations - since))
 
+    @property
+    def shared_end(self) -> float:
+        """As of `KeptNodes`."""
+        return np.inf if self._kept is None else self._kept.shared_end
+
+    @shared_end.setter
+    def shared_end(self, c: float) -> None:
+        if self._kept is not None:
+            self._kept.shared_end = c
+
     def why_over(self) -> str:
         """The limit of the work that is exceeded, as part of a sentence; else "". Solves end there, and load paths."""
         n = 0 if self.path_begin is None else self.n_factorisations - self.path_begin

@@ -47,8 +47,8 @@ class Samples:
     end: float = np.inf
 
 
-def by_shortening(along: EquilibriumPath, start: Node, d: Floats) -> Samples:
-    """The samples of shortenings d (n,) [m]."""
+def by_shortening(along: EquilibriumPath, start: Node, d: Floats, *, ends_there: bool = False) -> Samples:
+    """The samples of shortenings d (n,) [m]. ends_there: whether the path ends at the last of them, and not beyond."""
     end, taut = float(d.max()), d > start.c
     # Solved first, with the factors of the start: the same tangent.
     still = None if taut.all() else along.curve((along.slack_node(start),))
@@ -71,6 +71,8 @@ def by_shortening(along: EquilibriumPath, start: Node, d: Floats) -> Samples:
         path = along.with_nodes(path, along.missing(path, d[:n][taut[:n]]))
     c = np.maximum(d[:n], start.c)
     values, slopes, by_parameter = along.curve(path.nodes).at(c)
+    if ends_there and path.stopped_by is None:
+        path = _up_to(along, path, float(c.max(initial=start.c)))
     slack = ~taut[:n]
     if still is not None:
         values[slack], slopes[slack], by_parameter[slack] = still.values, still.slopes, still.by_parameter

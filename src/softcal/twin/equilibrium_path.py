@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -10,6 +12,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.cable import cables_of
+from softcal.mechanics.kept_nodes import KeptNodes
 from softcal.mechanics.node import Line, Node, node_at
 from softcal.mechanics.path import Path, between, follow
 from softcal.mechanics.path_watch import path_watch
@@ -18,12 +21,15 @@ from softcal.mechanics.statics import Statics
 from softcal.round_number import roundest
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensors.cable import TENSION
-from softcal.twin.build import Twin
+from softcal.twin.build import Twin, twin_of
 from softcal.twin.curve import Curve
+from softcal.twin.parameters import parameter_values
 from softcal.twin.reading import SensorReading, read
+from softcal.twin.robot import Robot
 from softcal.twin.sensors import angle_columns, channel_units
 from softcal.twin.start import loaded, slack_line
 
+CURVE_TOLERANCE = 1e-4  # interpolation error over a channel's largest value
 FIRST_STEP = 0.12  # of the driven cable's length
 WOUND_UP = 1e-3  # of its length: a cable shorter than this is wound up
 SAME = 1e-9  # of its length: two nodes closer than this are one
@@ -53,6 +59,8 @@ class EquilibriumPath:
         Of the curve, over a channel's largest value [-]; 0 solves every sample.
     is_shared
         Whether simulations of other samples are to follow, as in a search: their paths then end at the same places.
+    guide
+        The path at other parameters, whose nodes predict those of this one; see `guide_of`.
     readings
         The nodes' readings so far.
     """
@@ -63,6 +71,7 @@ class EquilibriumPath:
     cable: str | None
     tolerance: float
     is_shared: bool = False
+    guide: EquilibriumPath | None = None
     readings: dict[Node, SensorReading] = field(default_factory=dict[Node, SensorReading])
 
     @cached_property
@@ -100,9 +109,14 @@ class EquilibriumPath:
 
     def start(self) -> Node:
         """The robot under its loads, with the driven cable just taut: c there is L0 - L."""
+        key, n = ("start", self.line.key), self.statics.n_factorisations
+        if (kept := self.statics.kept_node(key, self.names)) is not None:
+            return kept.node
         start = loaded(self.twin, self.statics)
         c = 0.0 if self.cable is None else self.shortening(start.state)
-        return replace(node_at(self.statics, self.line, c, start.state, self.names), is_snapped=start.snaps)
+        node = replace(node_at(self.statics, self.line, c, start.state, self.names), is_snapped=start.snaps)
+        self.statics.keep(key, self.names, node, 0.0, since=n)
+        return node
 
     def shortening(self, state: State) -> float:
         """Shortening of the driven cable at a state [m]."""
@@ -111,7 +125,12 @@ class EquilibriumPath:
     def slack_node(self, start: Node) -> Node:
         """The same state with the driven cable slack: taking up its slack moves nothing."""
         line = slack_line(self.twin)
-        return node_at(self.statics, line, start.c, start.state, self.names)
+        key, n = ("start", line.key), self.statics.n_factorisations
+        if (kept := self.statics.kept_node(key, self.names)) is not None:
+            return kept.node
+        node = node_at(self.statics, line, start.c, start.state, self.names)
+        self.statics.keep(key, self.names, node, 0.0, since=n)
+        return node
 
     def curve(self, nodes: tuple[Node, ...]) -> Curve:
         """The channels along some nodes."""
@@ -226,11 +245,25 @@ class EquilibriumPath:
         unique = np.unique(c)
         return unique[np.abs(unique[:, None] - have[None, :]).min(axis=1) > SAME * self.length]
 
-    def follow(self, start: Node, end: float, *, until: float = np.inf) -> Path:
-        """The path from a node to a shortening [m], or to where the tension reaches `until` [N]."""
+    def follow(
+        self,
+        start: Node,
+        end: float,
+        *,
+        until: float = np.inf,
+        past: float = np.inf,
+        guide: tuple[Node, ...] = (),
+    ) -> Path:
+        """The path from a node to a shortening [m], or to where the tension reaches `until` [N], or to its first node
+        from a shortening `past` [m] on. guide: as in `softcal.mechanics.path.follow`.
+        """
         i = self.number
         step = FIRST_STEP * self.length
+        share: Callable[[Node], float] | None = None
+        if np.isfinite(past):
+            share = lambda node: (node.c - start.c) / (past - start.c)  # noqa: E731
         if np.isfinite(until):
+            share = lambda node: float(node.state.effort[i]) / until  # noqa: E731
             stiffness = start.slope[self.twin.system.layout.first_effort_unknown + i]
             if stiffness > 0.0:
                 step = min(step, 0.35 * until / stiffness)
@@ -241,19 +274,38 @@ class EquilibriumPath:
             end,
             first_step=step,
             names=self.names,
-            share=(lambda node: float(node.state.effort[i]) / until) if np.isfinite(until) else None,
+            share=share,
             largest_step=3.0 * FIRST_STEP * self.length if not np.isfinite(until) else max(step, 0.25 * self.length),
+            guide=guide,
             keeps=path_watch().keeps,
         )
 
     def towards(self, start: Node, end: float) -> Path:
-        """The path from a node to a shortening [m]; a shared one to a round shortening a little beyond, where the robot
-        gets there without a snap-through.
+        """The path from a node to a shortening [m]; a shared one to a place beyond that serves others too, where the
+        robot gets there without a snap-through.
         """
-        last = roundest(end, min((1.0 + BEYOND) * end, self.wound_up)) if self.is_shared else end
-        path = self.follow(start, last)
-        ends_there = path.reached and not any(node.is_snapped for node in path.nodes[1:])
-        return path if last <= end or ends_there or path.stopped_by is not None else self.follow(start, end)
+        last = roundest(end, min((1.0 + BEYOND) * end, self.wound_up))
+        if self.is_shared and self.twin.system.contacts and end <= self.statics.shared_end:
+            path = self.follow(start, self.wound_up, past=end, guide=self._guide_to(end))
+            if not path.is_smooth and path.stopped_by is None:
+                self.statics.shared_end = path.nodes[-1].c
+        elif self.is_shared and not self.twin.system.contacts and last > end:
+            path = self.follow(start, last)
+        else:
+            return self.follow(start, end)
+        return path if path.is_smooth or path.stopped_by is not None else self.follow(start, end)
+
+    def _guide_to(self, end: float) -> tuple[Node, ...]:
+        """The nodes of the guide to a shortening [m]; none where it does not get there without a snap-through."""
+        if self.guide is None:
+            return ()
+        try:
+            path = self.guide.towards(self.guide.start(), end)
+        except SimulationError:
+            return ()
+        if path.stopped_by is not None:
+            raise path.stopped_by
+        return path.nodes if path.is_smooth else ()
 
     def sentence(self, path: Path, n: int, n_samples: int) -> str:
         """How the path ended, with n of the samples reached."""
@@ -270,3 +322,28 @@ class EquilibriumPath:
             if node.c < self.wound_up * (1.0 - SAME) and (limit := self.twin.system.at_limit(node.state.x)):
                 return f" From {1e3 * node.c:.4g} mm of shortening of {self.cable} on {limit}."
         return ""
+
+
+@contextmanager
+def statics_of(twin: Twin, theta: Mapping[str, float], kept: KeptNodes | None = None) -> Generator[Statics]:
+    """Statics whose factors are released at the end."""
+    statics = Statics(twin.system, theta, twin.robot.limits, kept)
+    try:
+        yield statics
+    finally:
+        statics.release()
+
+
+@contextmanager
+def guide_of(robot: Robot, theta: Mapping[str, float], cable: str | None) -> Generator[EquilibriumPath | None]:
+    """The path of a robot at its own parameters, where surfaces touch: the guide of its paths at others, theta.
+
+    Where points meet surfaces a path turns, and its last nodes say little of the next one; a path at other parameters
+    turns there too.
+    """
+    twin, own = twin_of(robot), parameter_values(robot)
+    if cable is None or not twin.system.contacts or dict(theta) == own:
+        yield None
+        return
+    with statics_of(twin, own, twin.kept.at(own)) as statics:
+        yield EquilibriumPath(twin, statics, (), cable, CURVE_TOLERANCE, is_shared=True)

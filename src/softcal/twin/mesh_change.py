@@ -18,11 +18,10 @@ from softcal.errors import SimulationError
 from softcal.mechanics.node import Node, node_at
 from softcal.mechanics.path import Path, strays
 from softcal.mechanics.state import State, difference, moved, rest_state
-from softcal.mechanics.statics import Statics
 from softcal.twin.build import twin_of
 from softcal.twin.curve import FINE
 from softcal.twin.drives import by_shortening
-from softcal.twin.equilibrium_path import EquilibriumPath
+from softcal.twin.equilibrium_path import CURVE_TOLERANCE, EquilibriumPath, guide_of, statics_of
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.prolongation import Prolongation, prolongation
 from softcal.twin.proportional import at_moduli, at_own_moduli
@@ -30,7 +29,7 @@ from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response, Shown, by_column
 from softcal.twin.robot import Robot
 from softcal.twin.sensors import angle_columns
-from softcal.twin.simulate import CURVE_TOLERANCE, simulate
+from softcal.twin.simulate import simulate
 
 PLACES = (1.0, 0.5, 0.25, 0.75)  # of equilibria on the finer mesh, over the path's length: two, or all
 CHANGE_TOLERANCE = 0.03  # estimated error over the largest change of all channels of one unit
@@ -84,17 +83,22 @@ class FinerTwin:
         if robot.rods or system.remembers or system.is_loaded(values):
             return None
         at, s, _ = at_own_moduli(own, values)
-        along, further = (
-            EquilibriumPath(
-                twin, Statics(twin.system, at, robot.limits, kept), (), driven[0], CURVE_TOLERANCE, kept is not None
-            )
-            for twin, kept in ((own, own.kept.at(at)), (finer, None))
-        )
-        try:
-            samples = by_shortening(along, along.start(), protocol.commands[driven[0]].values)
-            if not samples.succeeded or any(node.is_snapped for node in samples.path.nodes):
+        cable = driven[0]
+        with (
+            statics_of(own, at, own.kept.at(at)) as statics,
+            statics_of(finer, at) as finer_statics,
+            guide_of(robot, at, cable) as guide,
+        ):
+            along = EquilibriumPath(own, statics, (), cable, CURVE_TOLERANCE, is_shared=True, guide=guide)
+            further = EquilibriumPath(finer, finer_statics, (), cable, CURVE_TOLERANCE)
+            try:
+                samples = by_shortening(along, along.start(), protocol.commands[cable].values)
+                if not samples.succeeded or any(node.is_snapped for node in samples.path.nodes):
+                    return None
+                end = float(samples.c.max())
+                change = _change(along, samples.path, end, further, prolongation(own, finer, self.corners))
+            except SimulationError:
                 return None
-            change = _change(along, samples.path, further, prolongation(own, finer, self.corners))
             if change is None:
                 return None
             response = Response(
@@ -102,14 +106,9 @@ class FinerTwin:
                 along.units,
                 samples.status,
                 succeeded=True,
-                n_factorisations=along.statics.n_factorisations + further.statics.n_factorisations,
+                n_factorisations=statics.n_factorisations + finer_statics.n_factorisations,
             )
             return at_moduli(own, response, s)
-        except SimulationError:
-            return None
-        finally:
-            along.statics.release()
-            further.statics.release()
 
 
 @dataclass(frozen=True)
@@ -143,11 +142,13 @@ class _Change:
         return np.abs(self.at(c) - self.at(c, without=1)).max(axis=0)
 
 
-def _change(along: EquilibriumPath, path: Path, finer: EquilibriumPath, prolong: Prolongation) -> _Change | None:
-    """The change of the channels from a path that begins at rest to the same on a finer mesh; None where no stable
-    equilibrium was found near its own, or the change is no smooth curve.
+def _change(
+    along: EquilibriumPath, path: Path, end: float, finer: EquilibriumPath, prolong: Prolongation
+) -> _Change | None:
+    """The change of the channels from a path that begins at rest, up to `end`, to the same on a finer mesh; None where
+    no stable equilibrium was found near its own, or the change is no smooth curve.
     """
-    start, end = path.nodes[0].c, path.nodes[-1].c
+    start = path.nodes[0].c
     if end <= start:
         return None
     layout = finer.twin.system.layout

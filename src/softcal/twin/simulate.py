@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from softcal.errors import Fault, ParameterError
-from softcal.mechanics.kept_nodes import KeptNodes
-from softcal.mechanics.statics import Statics
-from softcal.twin.build import Twin, twin_of
-from softcal.twin.equilibrium_path import EquilibriumPath
+from softcal.twin.build import twin_of
+from softcal.twin.equilibrium_path import CURVE_TOLERANCE, EquilibriumPath, guide_of, statics_of
 from softcal.twin.many import simulate_many
 from softcal.twin.parameters import robot_parameters, unknown_name, value_faults, with_shape
 from softcal.twin.proportional import at_moduli, at_own_moduli, with_modulus
@@ -20,8 +17,6 @@ from softcal.twin.protocol import Protocol, command_faults
 from softcal.twin.response import Response, Shown
 from softcal.twin.robot import Robot
 from softcal.twin.sweep import Sweep
-
-CURVE_TOLERANCE = 1e-4  # interpolation error over a channel's largest value
 
 
 def simulate(
@@ -88,7 +83,7 @@ def simulate(
     if faults:
         raise ParameterError(faults)
     return respond(
-        twin_of(robot, theta),
+        robot,
         values,
         protocol,
         sensitivities,
@@ -118,7 +113,7 @@ def statics_faults(robot: Robot, values: Mapping[str, float]) -> list[Fault]:
 
 
 def respond(
-    twin: Twin,
+    robot: Robot,
     theta: Mapping[str, float],
     protocol: Protocol,
     sensitivities: Sequence[str] = (),
@@ -128,7 +123,7 @@ def respond(
     shared: bool = False,
     crossings: bool = True,
 ) -> Response:
-    """The response of a twin that is built, at the values theta of all its parameters. See `simulate`.
+    """The response of a robot at the values theta of all its parameters. See `simulate`.
 
     Where a term remembers, every sample is solved, in the order of the protocol.
 
@@ -137,7 +132,7 @@ def respond(
     ParameterError
         For a derivative by a command where a term remembers.
     """
-    commands = protocol.drives
+    twin, commands = twin_of(robot, theta), protocol.drives
     protocol = protocol.completed(twin.robot)
     names = tuple(name for name in sensitivities if name not in commands)
     commanded = {name: commands[name] for name in sensitivities if name in commands}
@@ -146,31 +141,22 @@ def respond(
         raise ParameterError(Fault(why, "sensitivities", got, "parameters of the robot"))
     driven = protocol.driven
     if len(driven) > 1 or twin.system.remembers:
-        with _statics(twin, theta) as statics:
+        with statics_of(twin, theta) as statics:
             return simulate_many(
                 twin, statics, protocol, names, snapshots=snapshots, crossings=crossings, commanded=commanded
             )
     is_pulled_in = len(driven) == 1 and protocol.commands[driven[0]].control == "shortening"
     own, s, modulus = at_own_moduli(twin, theta) if is_pulled_in else (theta, 1.0, None)
     solved = tuple(name for name in names if name != modulus)
-    with _statics(twin, own, twin.kept.at(own)) as statics:
+    cable = driven[0] if driven else None
+    with statics_of(twin, own, twin.kept.at(own)) as statics, guide_of(robot, own, cable if shared else None) as guide:
         tolerance = 0.0 if snapshots == "samples" else curve_tolerance
-        along = EquilibriumPath(twin, statics, solved, driven[0] if driven else None, tolerance, shared)
+        along = EquilibriumPath(twin, statics, solved, cable, tolerance, shared, guide)
         response = Sweep(along, snapshots, crossings).response(protocol)
     response = at_moduli(twin, response, s)
     if modulus in names:
         response = with_modulus(response, modulus, theta[modulus], names)
     return _with_commands(response, driven, commanded)
-
-
-@contextmanager
-def _statics(twin: Twin, theta: Mapping[str, float], kept: KeptNodes | None = None) -> Generator[Statics]:
-    """Statics whose factors are released at the end."""
-    statics = Statics(twin.system, theta, twin.robot.limits, kept)
-    try:
-        yield statics
-    finally:
-        statics.release()
 
 
 def _with_commands(response: Response, driven: Sequence[str], commanded: Mapping[str, str]) -> Response:

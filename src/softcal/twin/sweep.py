@@ -33,10 +33,8 @@ class Sweep:
             if along.cable is None:
                 return self._at_rest(start, protocol.n_samples)
             command = protocol.commands[along.cable]
-            if command.control == "shortening":
-                samples, unit = by_shortening(along, start, command.values), "m"
-            else:
-                samples, unit = by_tension(along, start, command.values, ends_there=bool(self.snapshots)), "N"
+            read, unit = (by_shortening, "m") if command.control == "shortening" else (by_tension, "N")
+            samples = read(along, start, command.values, ends_there=bool(self.snapshots))
             return self._response(samples, self._shapes(samples, unit))
         except SimulationError as error:
             return self._failed(str(error))

@@ -11,9 +11,10 @@ from softcal.calibration.result import SearchResult
 from softcal.project.project import Project
 from softcal.twin.parameters import parameter_values
 from softcal.twin.response import Response
+from softcal.twin.simulate import simulate
 from softcal.workflows.calibration import JOINT, calibrated
 from softcal.workflows.engines import SOFTCAL, left_out_sentence
-from softcal.workflows.simulation import protocol_of, robot_in, simulate
+from softcal.workflows.simulation import protocol_of, robot_in
 
 
 def furthest_response(project: Project, result: SearchResult) -> Response:
@@ -27,7 +28,7 @@ def furthest_response(project: Project, result: SearchResult) -> Response:
     theta = parameter_values(robot_in(at_values, name))
     left_out = left_out_sentence(result.hashes.get("engine", SOFTCAL), project.robot)
     robot = replace(project.robot, contact=None) if left_out else project.robot
-    return simulate(robot, protocol_of(at_values, name), theta, snapshots=True)
+    return simulate(robot, protocol_of(at_values, name), theta, snapshots=True, shared=True)
 
 
 def furthest_experiment(project: Project, experiments: Sequence[str]) -> str:

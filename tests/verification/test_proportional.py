@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,17 +11,23 @@ import pytest
 from softcal.materials.catalogue import LAWS
 from softcal.materials.law import Law
 from softcal.materials.neo_hooke import NEO_HOOKE
+from softcal.mechanics import path
+from softcal.mechanics.node import Node
+from softcal.mechanics.path import Path
 from softcal.mechanics.path_limits import PathLimits
 from softcal.mechanics.statics import Statics
+from softcal.project.project import load
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensor import NamedSensor, Posture, PostureRates, Sensor
 from softcal.twin.barrier import Contact
 from softcal.twin.build import build_twin, twin_of
+from softcal.twin.equilibrium_path import EquilibriumPath
 from softcal.twin.parameters import parameter_values
 from softcal.twin.proportional import at_own_moduli
+from softcal.twin.response import Response
 from softcal.twin.robot import PointLoad, Robot
 from softcal.twin.simulate import simulate
-from tests.verification.test_closing_grooves import grooved, pulled, touching
+from tests.verification.test_closing_grooves import EXAMPLES, grooved, pulled, touching
 
 NAMES = ("block.youngs_modulus", "block.poissons_ratio")
 
@@ -89,6 +96,79 @@ def test_shared_paths_end_at_the_same_place(monkeypatch: pytest.MonkeyPatch):
     for channel in ("front.tension", "top.pitch"):
         most = np.abs(exact.channels[channel]).max()
         np.testing.assert_allclose(shared.channels[channel], exact.channels[channel], rtol=0, atol=1e-4 * most)
+
+
+SOFTER = {"block.poissons_ratio": 0.3}
+AT_REST = 5e-3  # of the largest value: walls that have met rest at several places, by the path that leads there
+
+
+def require_close(response: Response, other: Response, share: float) -> None:
+    """Tension and pitch agree within a share of their largest values."""
+    for channel in ("front.tension", "top.pitch"):
+        values = other.channels[channel]
+        np.testing.assert_allclose(response.channels[channel], values, rtol=0, atol=share * np.abs(values).max())
+
+
+def test_shared_paths_in_contact_have_the_same_nodes(monkeypatch: pytest.MonkeyPatch):
+    """To whichever shortening, and at other parameters those of the robot's own, whatever was simulated before."""
+    robot, samples = touching(grooved()), np.linspace(0.2e-3, 4e-3, 20)
+    shared = simulate(robot, pulled(*samples), SOFTER, sensitivities=NAMES, shared=True)
+    require_close(shared, simulate(afresh(robot), pulled(*samples), SOFTER, curve_tolerance=0.0), AT_REST)
+    other = afresh(robot)
+    for ratio in (0.45, 0.4):
+        simulate(other, pulled(*samples), {"block.poissons_ratio": ratio}, sensitivities=NAMES, shared=True)
+    later = simulate(other, pulled(*samples), SOFTER, sensitivities=NAMES, shared=True)
+    assert later.n_factorisations == shared.n_factorisations
+    require_close(later, shared, 1e-8)
+    solved = list[int]()
+    solve = Statics.equilibrium
+    monkeypatch.setattr(Statics, "equilibrium", lambda *args: (solved.append(1), solve(*args))[1])
+    nearer = pulled(*(0.99 * samples))
+    again = simulate(robot, nearer, SOFTER, sensitivities=NAMES, shared=True, curve_tolerance=0.1)
+    assert not solved
+    require_close(again, simulate(afresh(robot), nearer, SOFTER), 0.1)
+
+
+def test_a_shared_path_in_contact_takes_fewer_factorisations():
+    """At another ratio of the shipped neck, beside the path at its own."""
+    robot = load(EXAMPLES / "neck" / "project.yaml").robot
+    softer, rough = {"neck.poissons_ratio": 0.48}, {"curve_tolerance": 0.1}
+    by_itself = simulate(afresh(robot), pulled(0.033), softer, **rough)
+    shared = simulate(robot, pulled(0.033), softer, shared=True, **rough)
+    assert shared.n_factorisations < 0.7 * by_itself.n_factorisations
+    for channel in ("front.tension", "plate.pitch"):
+        np.testing.assert_allclose(shared.channels[channel], by_itself.channels[channel], rtol=1e-3)
+
+
+def test_a_shared_path_goes_on_by_itself_where_that_at_the_own_parameters_is_no_guide(monkeypatch: pytest.MonkeyPatch):
+    robot, samples = touching(grooved()), np.linspace(0.2e-3, 4e-3, 20)
+    guided = list[Node]()
+    monkeypatch.setattr(path._Continuation, "_beside", lambda self, there: guided.append(there))
+    shared = simulate(robot, pulled(*samples), SOFTER, shared=True)
+    assert len(guided) == 1
+    require_close(shared, simulate(afresh(robot), pulled(*samples), SOFTER), AT_REST)
+
+
+def test_a_shared_path_in_contact_ends_at_its_samples_where_the_robot_gets_no_further(monkeypatch: pytest.MonkeyPatch):
+    """And does not go beyond again for later samples."""
+    robot, samples = touching(grooved()), np.linspace(0.2e-3, 4e-3, 20)
+    own = simulate(afresh(robot), pulled(*samples))
+    beyond = list[float]()
+    follow = EquilibriumPath.follow
+
+    def no_further(self: EquilibriumPath, start: Node, end: float, **options: Any) -> Path:
+        way = follow(self, start, end, **options)
+        if "past" not in options:
+            return way
+        beyond.append(options["past"])
+        return replace(way, nodes=way.nodes[:-1], reached=False, status="a limit")
+
+    monkeypatch.setattr(EquilibriumPath, "follow", no_further)
+    for _ in range(2):
+        shared = simulate(robot, pulled(*samples), shared=True)
+        assert shared.succeeded
+        require_close(shared, own, AT_REST)
+    assert beyond == [samples.max()]
 
 
 def test_a_shared_path_ends_at_its_samples_where_the_robot_gets_no_further():

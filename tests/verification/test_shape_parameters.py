@@ -19,8 +19,10 @@ from softcal.geometry.read import read_mesh
 from softcal.geometry.shape import DrawnShape, PrimitiveShape
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.wire import SolidRod
+from softcal.project.project import load
 from softcal.twin.barrier import Contact
 from softcal.twin.cables import CableLine
+from softcal.twin.cores import body_skin
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Body, Cable, Disc, Marker, Plate, PointLoad, Robot, Tie, ViaPoint
@@ -28,7 +30,8 @@ from softcal.twin.simulate import simulate
 
 needs_gmsh = pytest.mark.skipif(importlib.util.find_spec("gmsh") is None, reason="Gmsh is not installed")
 ROD = SolidRod(length=0.1, diameter=0.03, layers=4)
-NECK_MESH = Path(__file__).parents[2] / "examples" / "neck" / "neck.msh"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+NECK_MESH = EXAMPLES / "neck" / "neck.msh"
 
 
 def neck_robot(mesh: TetMesh, neck: Neck, **others) -> Robot:
@@ -139,6 +142,26 @@ def test_the_channels_follow_a_length_in_contact(key, monkeypatch):
     alone, touching = (simulate(one, protocol).channels["front.tension"] for one in (free, robot))
     assert np.all(touching > 1.25 * alone)
     require_derivatives(robot, protocol, f"neck.{key}", 1e-6 if key == "scale" else 1e-7, monkeypatch, error=2e-5)
+
+
+def test_the_shipped_neck_follows_its_diameter_in_contact(monkeypatch):
+    """Its mesh is symmetric, so that choices between alike tets are rounding's: they must not change with the shape."""
+    robot = load(EXAMPLES / "neck" / "project.yaml").robot
+    protocol = pulled(0.02, 0.028)
+    free, touching = (
+        simulate(one, protocol).channels["front.tension"] for one in (replace(robot, contact=None), robot)
+    )
+    assert touching[1] > 1.04 * free[1]
+    require_derivatives(robot, protocol, "neck.outer_diameter", 2e-6, monkeypatch, error=1e-4)
+
+
+def test_the_cores_of_a_symmetric_body_stay_in_their_tets():
+    mesh = box_mesh((0.02, 0.02, 0.02), (4, 4, 4), origin=(-0.01, -0.01, 0.0))
+    turned = replace(mesh, points=mesh.points @ np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]]))
+    own = body_skin(turned)
+    for factor in (1.0 - 1e-7, 1.0 + 1e-7, 0.9, 1.1):
+        moved = body_skin(replace(turned, points=factor * turned.points), turned)
+        assert abs(factor * moved.core - own.core).max() < 1e-9 * abs(own.core).max()
 
 
 @pytest.mark.parametrize("key", ["length", "diameter"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,8 +91,10 @@ class Twin:
         return build_skins(self.robot, self.system.layout, self.meshes, self.first_point)
 
 
-def build_twin(robot: Robot) -> Twin:
+def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
     """Number the unknowns, place the extra points, build the terms.
+
+    drawn: the same robot before the shapes of its bodies were changed; see `softcal.twin.cores.CoredSkin`.
 
     Raises
     ------
@@ -266,7 +268,8 @@ def build_twin(robot: Robot) -> Twin:
     pulled_last = np.array([cable.pulled_end == "last" for cable in robot.cables], dtype=bool)
     loads = build_loads(robot, meshes, builder.first, forces, layout.n_points)
     moments = build_moments(robot, layout, frames.of_plate, frames.of_rod)
-    contacts = build_contacts(robot, layout, meshes, builder.first)
+    before = {body.name: ELEMENTS[body.element].mesh(body.mesh) for body in (drawn or robot).bodies}
+    contacts = build_contacts(robot, layout, meshes, builder.first, before)
     stated = tuple(f"{cable.name}.{key}" for cable in robot.cables for key in cable.properties)
     speeds = [cable.line.friction_speed for cable in robot.cables]
     slowness = np.array([0.0 if speed is None else 1.0 / speed for speed in speeds]) if any(speeds) else None
@@ -299,12 +302,12 @@ def twin_of(robot: Robot, theta: Mapping[str, float] | None = None) -> Twin:
         return _CACHE[key][1]
     own = {f"{marker.name}.{key}" for marker in robot.markers for key in MARKER_OFFSETS} & set(theta or {})
     if not own:
-        twin = build_twin(shaped)
+        twin = build_twin(shaped, robot)
     else:
         others = {name: v for name, v in (theta or {}).items() if name not in own}
         drawn = twin_of(robot, others)
         twin = replace(drawn, robot=shaped, markers={m.name: drawn.markers[m.name].of(m) for m in shaped.markers})
-    if neighbours := neighbours_of(robot, shaped, build_twin):
+    if neighbours := neighbours_of(robot, shaped, partial(build_twin, drawn=robot)):
         twin = replace(twin, system=replace(twin.system, neighbours=neighbours))
     _CACHE[key] = (robot, twin)
     while len(_CACHE) > CACHE_SIZE:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -43,12 +44,13 @@ def disc_skin(disc: Disc) -> tuple[Floats, Ints]:
 
 
 def build_contacts(
-    robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first: dict[str, int]
+    robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first: dict[str, int], drawn: Mapping[str, TetMesh]
 ) -> tuple[ContactTerm | WireContactTerm, ...]:
     """The contact of all bodies and discs with each other and themselves, of all rods of one diameter with each other
     and themselves, and of these with the discs.
 
-    first: the first point of each body, of each rod, and of the skin of each plate with a disc.
+    first: the first point of each body, of each rod, and of the skin of each plate with a disc; drawn: the bodies'
+    meshes before their shapes were changed.
 
     Raises
     ------
@@ -60,7 +62,7 @@ def build_contacts(
     terms: list[ContactTerm | WireContactTerm] = []
     discs = [first[plate.name] + disc_skin(plate.disc)[1] for plate in robot.plates if plate.disc is not None]
     if meshes or discs:
-        terms.append(_surfaces(robot, contact, layout, meshes, first))
+        terms.append(_surfaces(robot, contact, layout, meshes, first, drawn))
     stiffness = contact.pressure(robot.rods)
     for diameter in sorted({wire_diameter(rod) for rod in robot.rods}):
         rods = [rod for rod in robot.rods if wire_diameter(rod) == diameter]
@@ -80,11 +82,16 @@ def build_contacts(
 
 
 def _surfaces(
-    robot: Robot, contact: Contact, layout: Layout, meshes: dict[str, TetMesh], first: dict[str, int]
+    robot: Robot,
+    contact: Contact,
+    layout: Layout,
+    meshes: dict[str, TetMesh],
+    first: dict[str, int],
+    drawn: Mapping[str, TetMesh],
 ) -> ContactTerm:
     """The contact of bodies and discs, see `pressing_skins`."""
     discs = {plate.name: rigid_skin(*disc_skin(plate.disc)) for plate in robot.plates if plate.disc is not None}
-    skins = {name: body_skin(mesh) for name, mesh in meshes.items()} | discs
+    skins = {name: body_skin(mesh, drawn[name]) for name, mesh in meshes.items()} | discs
     skin = joined(skins, first, len(layout.X))
     bonded = bonded_pairs(robot, numbers(skins), skin.X)
     term = pressing_skins(skin, contact, contact.pressure(robot.bodies or robot.rods), layout, bonded)

@@ -34,12 +34,16 @@ class CoredSkin:
         Of the points by the part's nodes: sparse (n, n_nodes).
     core
         Where each point's core is, per depth, by the nodes: sparse (n, n_nodes), rows of sum zero.
+    drawn
+        Its points before the part's shape was changed (n, 3) [m]. Choices among triangles and tets are made there: as
+        lengths change they do not, nor by rounding in a symmetric mesh.
     """
 
     X: Floats
     triangles: Ints
     weights: Any
     core: Any
+    drawn: Floats
 
 
 class Pressing(NamedTuple):
@@ -92,16 +96,15 @@ def pressing(skin: CoredSkin, depth: float) -> Pressing:
     np.add.at(area, part, np.linalg.norm(doubled, axis=1) / 6.0)
     # Of a part that ends at an edge: along the triangle whose middle is most inside of it.
     is_edge = np.bincount(base, minlength=len(skin.X))[base] > 1
-    middle = skin.X[skin.triangles].mean(axis=1)
+    way = np.repeat(skin.drawn[skin.triangles].mean(axis=1), 3, axis=0) - skin.drawn[skin.triangles.ravel()]
     inside, count = np.zeros((n, 3)), np.bincount(part, minlength=n)
-    np.add.at(inside, part, np.repeat(middle, 3, axis=0) - skin.X[skin.triangles.ravel()])
+    np.add.at(inside, part, way)
     inside /= np.maximum(np.linalg.norm(inside, axis=1), 1e-300)[:, None]
-    way = np.repeat(middle, 3, axis=0) - skin.X[skin.triangles.ravel()]
     way /= np.linalg.norm(way, axis=1)[:, None]
     best = np.lexsort((-np.einsum("mi,mi->m", way, inside[part]), part))
     corner = best[np.cumsum(count) - count]
     triangle = skin.triangles[corner // 3]
-    to_middle = np.linalg.norm(middle[corner // 3] - skin.X[base], axis=1)
+    to_middle = np.linalg.norm(skin.X[triangle].mean(axis=1) - skin.X[base], axis=1)
     share = np.where(is_edge, np.minimum(1.0, np.sqrt(2.0) * depth / np.maximum(to_middle, 1e-300)), 0.0)
     rows = np.repeat(np.arange(n), 4)
     values = np.column_stack([1.0 - share, np.repeat(share[:, None] / 3.0, 3, axis=1)]).ravel()
@@ -110,11 +113,14 @@ def pressing(skin: CoredSkin, depth: float) -> Pressing:
     return Pressing(base, weights, area, normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None])
 
 
-def body_skin(mesh: TetMesh) -> CoredSkin:
+def body_skin(mesh: TetMesh, drawn: TetMesh | None = None) -> CoredSkin:
     """The skin of a body: its faces in flat pieces between points of the curved faces.
 
     A core's point follows the corners' mean deformation of the element below it in which its weights are smallest.
+
+    drawn: the mesh before its shape was changed, see `CoredSkin`; by default as it is.
     """
+    drawn = drawn or mesh
     faces = boundary_faces(mesh)
     n = PIECES[faces.shape[1]]
     grid = np.array([(n - i - j, i, j) for i in range(n + 1) for j in range(n + 1 - i)])
@@ -131,8 +137,13 @@ def body_skin(mesh: TetMesh) -> CoredSkin:
     face, at = np.divmod(first, len(grid))
     shape = _face_functions(grid / float(n), faces.shape[1])[at]
     weights = _rows(faces[face], shape, mesh.n_points)
-    X, triangles = weights @ mesh.points, number[:, small].reshape(-1, 3)
-    return CoredSkin(X, triangles, weights, _core(mesh, X, triangles, np.repeat(boundary_owners(mesh), len(small))))
+    triangles, owners = number[:, small].reshape(-1, 3), np.repeat(boundary_owners(mesh), len(small))
+    X, before = weights @ mesh.points, weights @ drawn.points
+    vertex, tet = triangles.ravel(), np.repeat(owners, 3)
+    order = np.lexsort((np.abs(_rates(drawn, before, triangles, owners)).sum(axis=1), vertex))
+    best = order[np.unique(vertex[order], return_index=True)[1]]
+    core = _rows(mesh.tets[tet[best], :4], _rates(mesh, X, triangles, owners)[best], mesh.n_points)
+    return CoredSkin(X, triangles, weights, core, before)
 
 
 def joined(skins: Mapping[str, CoredSkin], first: Mapping[str, int], n_points: int) -> CoredSkin:
@@ -148,6 +159,7 @@ def joined(skins: Mapping[str, CoredSkin], first: Mapping[str, int], n_points: i
         np.concatenate([own[name][skin.triangles] for name, skin in skins.items()]),
         sp.vstack([on_layout(name, skin.weights) for name, skin in skins.items()], format="csr"),
         sp.vstack([on_layout(name, skin.core) for name, skin in skins.items()], format="csr"),
+        np.concatenate([skin.drawn for skin in skins.values()]),
     )
 
 
@@ -171,19 +183,17 @@ def rigid_skin(X: Floats, triangles: Ints) -> CoredSkin:
     last = np.linalg.solve((X[chosen[1:]] - X[chosen[0]]).T, _inwards(X, triangles).T).T
     rates = np.column_stack([-last.sum(axis=1), last])
     own = sp.csr_matrix((np.ones(len(X)), np.arange(len(X)), np.arange(len(X) + 1)))
-    return CoredSkin(X, triangles, own, _rows(np.tile(chosen, (len(X), 1)), rates, len(X)))
+    return CoredSkin(X, triangles, own, _rows(np.tile(chosen, (len(X), 1)), rates, len(X)), X)
 
 
-def _core(mesh: TetMesh, X: Floats, triangles: Ints, owners: Ints) -> Any:
-    """See `CoredSkin.core`; owners: the tet below each triangle (k,)."""
+def _rates(mesh: TetMesh, X: Floats, triangles: Ints, owners: Ints) -> Floats:
+    """The core's motion inwards from each corner of the triangles, per depth, by the four corners of the tet below
+    (3 k, 4); owners: those tets (k,).
+    """
     corners = mesh.points[mesh.tets[:, :4]]
-    vertex, tet = triangles.ravel(), np.repeat(owners, 3)
     to_corners = np.linalg.inv(corners[owners, 1:] - corners[owners, :1]).repeat(3, axis=0)
-    rates = np.einsum("mi,mij->mj", _inwards(X, triangles)[vertex], to_corners)
-    rates = np.column_stack([-rates.sum(axis=1), rates])
-    order = np.lexsort((np.abs(rates).sum(axis=1), vertex))
-    best = order[np.unique(vertex[order], return_index=True)[1]]
-    return _rows(mesh.tets[tet[best], :4], rates[best], mesh.n_points)
+    rates = np.einsum("mi,mij->mj", _inwards(X, triangles)[triangles.ravel()], to_corners)
+    return np.column_stack([-rates.sum(axis=1), rates])
 
 
 def _inwards(X: Floats, triangles: Ints) -> Floats:

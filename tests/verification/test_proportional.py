@@ -133,11 +133,11 @@ def test_a_shared_path_in_contact_takes_fewer_factorisations():
     """At another ratio of the shipped neck, beside the path at its own."""
     robot = load(EXAMPLES / "neck" / "project.yaml").robot
     softer, rough = {"neck.poissons_ratio": 0.48}, {"curve_tolerance": 0.1}
-    by_itself = simulate(afresh(robot), pulled(0.033), softer, **rough)
-    shared = simulate(robot, pulled(0.033), softer, shared=True, **rough)
+    by_itself = simulate(afresh(robot), pulled(0.05), softer, **rough)
+    shared = simulate(robot, pulled(0.05), softer, shared=True, **rough)
     assert shared.n_factorisations < 0.7 * by_itself.n_factorisations
     for channel in ("front.tension", "plate.pitch"):
-        np.testing.assert_allclose(shared.channels[channel], by_itself.channels[channel], rtol=1e-3)
+        np.testing.assert_allclose(shared.channels[channel], by_itself.channels[channel], rtol=5e-3)
 
 
 def test_a_shared_path_goes_on_by_itself_where_that_at_the_own_parameters_is_no_guide(monkeypatch: pytest.MonkeyPatch):

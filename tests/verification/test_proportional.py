@@ -144,8 +144,9 @@ def test_a_shared_path_goes_on_by_itself_where_that_at_the_own_parameters_is_no_
     robot, samples = touching(grooved()), np.linspace(0.2e-3, 4e-3, 20)
     guided = list[Node]()
     monkeypatch.setattr(path._Continuation, "_beside", lambda self, there: guided.append(there))
-    shared = simulate(robot, pulled(*samples), SOFTER, shared=True)
+    shared, again = (simulate(robot, pulled(*samples), SOFTER, shared=True) for _ in range(2))
     assert len(guided) == 1
+    assert again.n_factorisations == shared.n_factorisations
     require_close(shared, simulate(afresh(robot), pulled(*samples), SOFTER), AT_REST)
 
 

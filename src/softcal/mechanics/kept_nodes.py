@@ -35,12 +35,14 @@ class KeptNode(NamedTuple):
 class KeptNodes:
     """The nodes at one theta, by what each depends on and the parameters of its derivatives.
 
-    shared_end: c where a path that was to serve others too ended early; none is followed beyond for their sake.
+    in_vain: keys of attempts that failed, with their numbers of factorisations; shared_end: c where a path that was to
+    serve others too ended early; none is followed beyond for their sake.
     """
 
     def __init__(self) -> None:
         self._kept: dict[Hashable, dict[tuple[str, ...], KeptNode]] = {}
         self.size = 0
+        self.in_vain: dict[Hashable, int] = {}
         self.shared_end = math.inf
 
     def get(self, key: Hashable, names: tuple[str, ...]) -> KeptNode | None:

@@ -144,13 +144,8 @@ class _Continuation:
                 self._add(kept.node, kept.next_step)
                 return ""
             self.begun = key, self.statics.n_factorisations
-        if self._is_guided:
-            if (node := self._beside(self.guide[len(self.nodes)])) is not None:
-                self._add(node, step)
-                return ""
-            self.guide = ()
-            c, step = self._ahead()
-            self.begun = None
+            if self._is_guided:
+                return self._step_beside(key, step)
         attempt, last = self._attempt(c, step), self.last
         solved = self.statics.equilibrium(attempt.begin, self.line.at(attempt.c))
         node = None
@@ -166,6 +161,18 @@ class _Continuation:
         self.failing = None if node is not None else self.statics.system.failing(solved.state)
         self.tried.append(attempt if node is None else replace(attempt, begin=node.state))
         return "" if self._settle() or self._shorten(attempt, node) else self._snap(attempt, node, solved.status)
+
+    def _step_beside(self, key: Hashable, step: float) -> str:
+        """A step to the node beside the guide's next one; where there is none, the path goes on by itself."""
+        known, n = self.statics.is_in_vain(key), self.statics.n_factorisations
+        node = None if known else self._beside(self.guide[len(self.nodes)])
+        if node is not None:
+            self._add(node, step)
+            return ""
+        if not known and not self.statics.why_over():
+            self.statics.keep_in_vain(key, since=n)
+        self.guide, self.begun = (), None
+        return self._step()
 
     @property
     def _is_plain(self) -> bool:

@@ -118,6 +118,17 @@ class Statics:
         if self._kept is not None:
             self._kept.keep(key, names, KeptNode(node, next_step, self.n_factorisations - since))
 
+    def is_in_vain(self, key: Hashable) -> bool:
+        """Whether an attempt is known to fail; its factorisations count again."""
+        n = None if self._kept is None else self._kept.in_vain.get(key)
+        self._n_repeated += n or 0
+        return n is not None
+
+    def keep_in_vain(self, key: Hashable, *, since: int) -> None:
+        """Keep, where nodes are kept, that an attempt failed, with the factorisations since a number of them."""
+        if self._kept is not None:
+            self._kept.in_vain[key] = self.n_factorisations - since
+
     @property
     def shared_end(self) -> float:
         """As of `KeptNodes`."""

@@ -15,7 +15,7 @@ from softcal.mechanics.cable import cables_of
 from softcal.mechanics.kept_nodes import KeptNodes
 from softcal.mechanics.node import Line, Node, node_at
 from softcal.mechanics.path import Path, between, follow
-from softcal.mechanics.path_watch import path_watch
+from softcal.mechanics.path_watch import part_of_series, path_watch
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.round_number import roundest
@@ -286,7 +286,9 @@ class EquilibriumPath:
         """
         last = roundest(end, min((1.0 + BEYOND) * end, self.wound_up))
         if self.is_shared and self.twin.system.contacts and end <= self.statics.shared_end:
-            path = self.follow(start, self.wound_up, past=end, guide=self._guide_to(end))
+            guide, parts = self._guide_to(end), 1 if self.guide is None else 2
+            with part_of_series(parts - 1, parts):
+                path = self.follow(start, self.wound_up, past=end, guide=guide)
             if not path.is_smooth and path.stopped_by is None:
                 self.statics.shared_end = path.nodes[-1].c
         elif self.is_shared and not self.twin.system.contacts and last > end:
@@ -300,7 +302,8 @@ class EquilibriumPath:
         if self.guide is None:
             return ()
         try:
-            path = self.guide.towards(self.guide.start(), end)
+            with part_of_series(0, 2):
+                path = self.guide.towards(self.guide.start(), end)
         except SimulationError:
             return ()
         if path.stopped_by is not None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from softcal.geometry.shape import DrawnShape
 from softcal.materials.catalogue import LAWS
 from softcal.materials.law import Law
 from softcal.materials.neo_hooke import NEO_HOOKE
@@ -138,6 +139,16 @@ def test_a_shared_path_in_contact_takes_fewer_factorisations():
     assert shared.n_factorisations < 0.7 * by_itself.n_factorisations
     for channel in ("front.tension", "plate.pitch"):
         np.testing.assert_allclose(shared.channels[channel], by_itself.channels[channel], rtol=5e-3)
+
+
+def test_a_path_of_another_shape_is_followed_by_itself():
+    """Beside states of the own shape, its surfaces might have passed through each other."""
+    robot = grooved()
+    (body,) = robot.bodies
+    robot = touching(replace(robot, bodies=(replace(body, shape=DrawnShape()),)))
+    samples, wider = np.linspace(0.2e-3, 4e-3, 20), {"block.scale": 1.02}
+    shared, alone = (simulate(afresh(robot), pulled(*samples), wider, shared=shared) for shared in (True, False))
+    require_close(shared, alone, AT_REST)
 
 
 def test_a_shared_path_goes_on_by_itself_where_that_at_the_own_parameters_is_no_guide(monkeypatch: pytest.MonkeyPatch):

@@ -31,6 +31,7 @@ from softcal.twin.simulate import simulate
 needs_gmsh = pytest.mark.skipif(importlib.util.find_spec("gmsh") is None, reason="Gmsh is not installed")
 ROD = SolidRod(length=0.1, diameter=0.03, layers=4)
 EXAMPLES = Path(__file__).parents[2] / "examples"
+NONE: dict[str, float] = {}
 NECK_MESH = EXAMPLES / "neck" / "neck.msh"
 
 
@@ -91,14 +92,16 @@ def rod_robot(element: str = "P2P1", drive: str = "shortening") -> Robot:
 
 
 def require_derivatives(
-    robot: Robot, protocol: Protocol, name: str, h: float, monkeypatch, *, error: float = 1e-6
+    robot: Robot, protocol: Protocol, name: str, h: float, monkeypatch, *, error: float = 1e-6, at=NONE
 ) -> None:
-    """All channels' derivatives by a parameter agree with central differences of whole simulations."""
+    """All channels' derivatives by a parameter agree with central differences of whole simulations. at: values of
+    parameters, by default the robot's own.
+    """
     monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)
-    value = robot_parameters(robot)[name].value
-    response = simulate(robot, protocol, sensitivities=(name,), curve_tolerance=0.0)
+    value = robot_parameters(with_parameters(robot, at))[name].value
+    response = simulate(robot, protocol, at, sensitivities=(name,), curve_tolerance=0.0)
     assert response.succeeded, response.status
-    ends = [simulate(robot, protocol, {name: value + s * h}, curve_tolerance=0.0).channels for s in (1.0, -1.0)]
+    ends = [simulate(robot, protocol, {**at, name: value + s * h}, curve_tolerance=0.0).channels for s in (1.0, -1.0)]
     want = {channel: (ends[0][channel] - ends[1][channel]) / (2.0 * h) for channel in ends[0]}
     for unit in ("N", "m", "rad"):
         of_unit = [channel for channel in want if response.units[channel] == unit]
@@ -125,6 +128,16 @@ def test_the_channels_of_the_neck_follow_its_lengths(key, monkeypatch):
     """With small elements at the waists, where the difference of two systems loses digits."""
     robot = neck_robot(read_mesh(NECK_MESH, unit="mm"), Neck(), element="P1")
     require_derivatives(robot, pulled(0.01), f"neck.{key}", 5e-6, monkeypatch, error=5e-6)
+
+
+@pytest.mark.parametrize("key", ["outer_diameter", "waist_diameter"])
+@pytest.mark.parametrize("stated", ["outer_diameter", "waist_diameter", "both"])
+def test_the_channels_follow_a_length_at_other_lengths(key, stated, monkeypatch):
+    """What is stated stays as another length changes, what is not follows it, there as at the robot's own lengths."""
+    robot = neck_robot(read_mesh(NECK_MESH, unit="mm"), Neck(), element="P1")
+    own = {name: robot_parameters(robot)[f"neck.{name}"].value for name in ("outer_diameter", "waist_diameter")}
+    at = {f"neck.{name}": 0.97 * value for name, value in own.items() if stated in (name, "both")}
+    require_derivatives(robot, pulled(0.01), f"neck.{key}", 5e-6, monkeypatch, error=5e-6, at=at)
 
 
 @pytest.mark.parametrize("key", ["scale", "wall_offset"])

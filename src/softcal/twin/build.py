@@ -307,7 +307,7 @@ def twin_of(robot: Robot, theta: Mapping[str, float] | None = None) -> Twin:
         others = {name: v for name, v in (theta or {}).items() if name not in own}
         drawn = twin_of(robot, others)
         twin = replace(drawn, robot=shaped, markers={m.name: drawn.markers[m.name].of(m) for m in shaped.markers})
-    if neighbours := neighbours_of(robot, shaped, partial(build_twin, drawn=robot)):
+    if neighbours := neighbours_of(robot, theta or {}, partial(build_twin, drawn=robot)):
         twin = replace(twin, system=replace(twin.system, neighbours=neighbours))
     _CACHE[key] = (robot, twin)
     while len(_CACHE) > CACHE_SIZE:

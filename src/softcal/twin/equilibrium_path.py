@@ -23,7 +23,7 @@ from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensors.cable import TENSION
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.curve import Curve
-from softcal.twin.parameters import parameter_values
+from softcal.twin.parameters import parameter_values, with_shape
 from softcal.twin.reading import SensorReading, read
 from softcal.twin.robot import Robot
 from softcal.twin.sensors import angle_columns, channel_units
@@ -342,10 +342,11 @@ def guide_of(robot: Robot, theta: Mapping[str, float], cable: str | None) -> Gen
     """The path of a robot at its own parameters, where surfaces touch: the guide of its paths at others, theta.
 
     Where points meet surfaces a path turns, and its last nodes say little of the next one; a path at other parameters
-    turns there too.
+    turns there too. Not of another shape at rest: in that, the guide's surfaces may have passed through each other.
     """
     twin, own = twin_of(robot), parameter_values(robot)
-    if cable is None or not twin.system.contacts or dict(theta) == own:
+    is_of_own_shape = with_shape(robot, theta) is robot
+    if cable is None or not twin.system.contacts or dict(theta) == own or not is_of_own_shape:
         yield None
         return
     with statics_of(twin, own, twin.kept.at(own)) as statics:

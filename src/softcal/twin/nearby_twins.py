@@ -16,20 +16,23 @@ from softcal.twin.robot import Robot
 Build = Callable[[Robot], Any]
 
 
-def neighbours_of(robot: Robot, shaped: Robot, build: Build) -> dict[str, Neighbours]:
-    """By the name of each length, the twins next to that of a robot with the shape of another one, `shaped`; built when
-    they are needed.
+def neighbours_of(robot: Robot, theta: Mapping[str, float], build: Build) -> dict[str, Neighbours]:
+    """By the name of each length, the twins next to that of a robot at theta; built when they are needed.
+
+    What theta states of its shape stays as one length changes; other lengths follow it, as in the robot at theta.
     """
-    shape = {name: info.value for name, info in robot_parameters(shaped).items() if info.shapes}
+    stated = {name: theta[name] for name, info in robot_parameters(robot).items() if info.shapes and name in theta}
+    stated = {name: value for name, value in stated.items() if value != robot_parameters(robot)[name].value}
+    shape = {name: info.value for name, info in robot_parameters(with_shape(robot, stated)).items() if info.shapes}
     found: dict[str, Neighbours] = {}
     for body in robot.bodies:
         extent = float(np.ptp(body.mesh.points, axis=0).max())
         for key in body.shape.values if body.shape else ():
             name = f"{body.name}.{key}"
             step = STEP * (extent if LENGTHS[key].unit == "m" else 1.0)
-            found[name] = Neighbours(partial(_beside, robot, shape, name, build), step)
+            found[name] = Neighbours(partial(_beside, robot, {**stated, name: shape[name]}, name, build), step)
     return found
 
 
-def _beside(robot: Robot, shape: Mapping[str, float], name: str, build: Build, offset: float) -> Any:
-    return build(with_shape(robot, {**shape, name: shape[name] + offset}))
+def _beside(robot: Robot, stated: Mapping[str, float], name: str, build: Build, offset: float) -> Any:
+    return build(with_shape(robot, {**stated, name: stated[name] + offset}))

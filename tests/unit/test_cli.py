@@ -23,10 +23,11 @@ from softcal.cli import main
 from softcal.project.project import load
 from softcal.report.write import ReportPaths
 from softcal.twin.response import Response
+from softcal.twin.simulate import simulate
 from softcal.workflows import calibration as calibrating
 from softcal.workflows import furthest, reporting
 from softcal.workflows.run_folder import load_run
-from softcal.workflows.simulation import pull, simulate
+from softcal.workflows.simulation import pull
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:

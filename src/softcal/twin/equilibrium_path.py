@@ -21,11 +21,10 @@ from softcal.mechanics.statics import Statics
 from softcal.round_number import roundest
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensors.cable import TENSION
-from softcal.twin.build import Twin, twin_of
+from softcal.twin.build import Twin
 from softcal.twin.curve import Curve
-from softcal.twin.parameters import parameter_values, with_shape
+from softcal.twin.parameters import parameter_values
 from softcal.twin.reading import SensorReading, read
-from softcal.twin.robot import Robot
 from softcal.twin.sensors import angle_columns, channel_units
 from softcal.twin.start import loaded, slack_line
 
@@ -338,15 +337,14 @@ def statics_of(twin: Twin, theta: Mapping[str, float], kept: KeptNodes | None = 
 
 
 @contextmanager
-def guide_of(robot: Robot, theta: Mapping[str, float], cable: str | None) -> Generator[EquilibriumPath | None]:
+def guide_of(twin: Twin, theta: Mapping[str, float], cable: str | None) -> Generator[EquilibriumPath | None]:
     """The path of a robot at its own parameters, where surfaces touch: the guide of its paths at others, theta.
 
     Where points meet surfaces a path turns, and its last nodes say little of the next one; a path at other parameters
-    turns there too. Not of another shape at rest: in that, the guide's surfaces may have passed through each other.
+    turns there too. Not one of another shape at rest: in that, the guide's surfaces may have passed through each other.
     """
-    twin, own = twin_of(robot), parameter_values(robot)
-    is_of_own_shape = with_shape(robot, theta) is robot
-    if cable is None or not twin.system.contacts or dict(theta) == own or not is_of_own_shape:
+    own = parameter_values(twin.robot)
+    if cable is None or not twin.system.contacts or dict(theta) == own:
         yield None
         return
     with statics_of(twin, own, twin.kept.at(own)) as statics:

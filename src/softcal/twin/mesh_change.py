@@ -22,7 +22,7 @@ from softcal.twin.build import twin_of
 from softcal.twin.curve import FINE
 from softcal.twin.drives import by_shortening
 from softcal.twin.equilibrium_path import CURVE_TOLERANCE, EquilibriumPath, guide_of, statics_of
-from softcal.twin.parameters import robot_parameters
+from softcal.twin.parameters import robot_parameters, with_shape
 from softcal.twin.prolongation import Prolongation, prolongation
 from softcal.twin.proportional import at_moduli, at_own_moduli
 from softcal.twin.protocol import Protocol
@@ -87,7 +87,7 @@ class FinerTwin:
         with (
             statics_of(own, at, own.kept.at(at)) as statics,
             statics_of(finer, at) as finer_statics,
-            guide_of(robot, at, cable) as guide,
+            guide_of(own, at, cable if with_shape(robot, theta) is robot else None) as guide,
         ):
             along = EquilibriumPath(own, statics, (), cable, CURVE_TOLERANCE, is_shared=True, guide=guide)
             further = EquilibriumPath(finer, finer_statics, (), cable, CURVE_TOLERANCE)

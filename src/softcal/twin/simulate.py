@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from softcal.errors import Fault, ParameterError
-from softcal.twin.build import twin_of
+from softcal.twin.build import Twin, twin_of
 from softcal.twin.equilibrium_path import CURVE_TOLERANCE, EquilibriumPath, guide_of, statics_of
 from softcal.twin.many import simulate_many
 from softcal.twin.parameters import robot_parameters, unknown_name, value_faults, with_shape
@@ -83,13 +83,14 @@ def simulate(
     if faults:
         raise ParameterError(faults)
     return respond(
-        robot,
+        twin_of(robot, theta),
         values,
         protocol,
         sensitivities,
         snapshots=snapshots,
         curve_tolerance=curve_tolerance,
         shared=shared,
+        guided=shared and with_shape(robot, theta) is robot,
         crossings=crossings,
     )
 
@@ -112,8 +113,8 @@ def statics_faults(robot: Robot, values: Mapping[str, float]) -> list[Fault]:
     return faults
 
 
-def respond(
-    robot: Robot,
+def respond(  # noqa: PLR0913 (one keyword for each option)
+    twin: Twin,
     theta: Mapping[str, float],
     protocol: Protocol,
     sensitivities: Sequence[str] = (),
@@ -121,9 +122,11 @@ def respond(
     snapshots: Shown = False,
     curve_tolerance: float = CURVE_TOLERANCE,
     shared: bool = False,
+    guided: bool = False,
     crossings: bool = True,
 ) -> Response:
-    """The response of a robot at the values theta of all its parameters. See `simulate`.
+    """The response of a twin that is built, at the values theta of all its parameters. See `simulate`; guided: by the
+    path at the robot's own parameters, see `guide_of`.
 
     Where a term remembers, every sample is solved, in the order of the protocol.
 
@@ -132,7 +135,7 @@ def respond(
     ParameterError
         For a derivative by a command where a term remembers.
     """
-    twin, commands = twin_of(robot, theta), protocol.drives
+    commands = protocol.drives
     protocol = protocol.completed(twin.robot)
     names = tuple(name for name in sensitivities if name not in commands)
     commanded = {name: commands[name] for name in sensitivities if name in commands}
@@ -149,7 +152,7 @@ def respond(
     own, s, modulus = at_own_moduli(twin, theta) if is_pulled_in else (theta, 1.0, None)
     solved = tuple(name for name in names if name != modulus)
     cable = driven[0] if driven else None
-    with statics_of(twin, own, twin.kept.at(own)) as statics, guide_of(robot, own, cable if shared else None) as guide:
+    with statics_of(twin, own, twin.kept.at(own)) as statics, guide_of(twin, own, cable if guided else None) as guide:
         tolerance = 0.0 if snapshots == "samples" else curve_tolerance
         along = EquilibriumPath(twin, statics, solved, cable, tolerance, shared, guide)
         response = Sweep(along, snapshots, crossings).response(protocol)

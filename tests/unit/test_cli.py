@@ -23,11 +23,11 @@ from softcal.cli import main
 from softcal.project.project import load
 from softcal.report.write import ReportPaths
 from softcal.twin.response import Response
-from softcal.twin.simulate import simulate
+from softcal.twin.simulate import simulate as simulate_robot
 from softcal.workflows import calibration as calibrating
 from softcal.workflows import furthest, reporting
 from softcal.workflows.run_folder import load_run
-from softcal.workflows.simulation import pull
+from softcal.workflows.simulation import pull, simulate
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
@@ -198,7 +198,7 @@ def test_shapes_are_solved_once_for_the_warnings_and_the_report(
 ):
     home = shutil.copytree(finished, tmp_path / "home")
     solved: list[Response] = []
-    monkeypatch.setattr(furthest, "simulate", lambda *a, **k: solved.append(simulate(*a, **k)) or solved[-1])
+    monkeypatch.setattr(furthest, "simulate", lambda *a, **k: solved.append(simulate_robot(*a, **k)) or solved[-1])
     monkeypatch.setattr(reporting, "write_content", lambda content, out, **_: ReportPaths(out, (), ()))
     code, _, err = run(capsys, "calibrate", home / "p" / "project.yaml", "--out", home / "run", "--resume")
     assert code == 0, err

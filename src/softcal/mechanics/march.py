@@ -144,7 +144,7 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
                 node = node_at(statics, line, path.nodes[-1].c, path.nodes[-1].state, (), mixed=False)
             elif not path.reached:
                 raise SimulationError(f"{path.ended} {100 * node.c / end:.3g} % of the step: {path.status}.")
-            snaps |= any(node.is_snapped for node in path.nodes[1:])
+            snaps |= path.snaps
             commanded = CommandPath(line, path.nodes[-2:])
         state, here = node.state, line.at(node.c)
         coordinates = system.coordinates(state, statics.theta)

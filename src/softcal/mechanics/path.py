@@ -56,9 +56,14 @@ class Path:
     stopped_by: KeyboardInterrupt | None = None
 
     @property
+    def snaps(self) -> bool:
+        """Whether a snap-through occurs along it, other than before its first node, as under the loads alone."""
+        return any(node.is_snapped for node in self.nodes[1:])
+
+    @property
     def is_smooth(self) -> bool:
-        """Whether its end was reached without a snap-through, other than before its first node."""
-        return self.reached and not any(node.is_snapped for node in self.nodes[1:])
+        """Whether its end was reached without a snap-through."""
+        return self.reached and not self.snaps
 
     @property
     def ended(self) -> str:

@@ -268,7 +268,8 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
     pulled_last = np.array([cable.pulled_end == "last" for cable in robot.cables], dtype=bool)
     loads = build_loads(robot, meshes, builder.first, forces, layout.n_points)
     moments = build_moments(robot, layout, frames.of_plate, frames.of_rod)
-    before = {body.name: ELEMENTS[body.element].mesh(body.mesh) for body in (drawn or robot).bodies}
+    drawn = drawn or robot
+    before = meshes if drawn is robot else {body.name: ELEMENTS[body.element].mesh(body.mesh) for body in drawn.bodies}
     contacts = build_contacts(robot, layout, meshes, builder.first, before)
     stated = tuple(f"{cable.name}.{key}" for cable in robot.cables for key in cable.properties)
     speeds = [cable.line.friction_speed for cable in robot.cables]

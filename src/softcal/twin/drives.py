@@ -55,14 +55,14 @@ def by_shortening(along: EquilibriumPath, start: Node, d: Floats, *, ends_there:
     path = Path((start,), True, names=along.names)
     if end > start.c + SAME * along.length:
         path = along.towards(start, end)
-    is_curve = not _snaps_on(path)
+    is_curve = not path.snaps
     if is_curve:
         try:
             path, _ = along.refined(path, d[taut & (d <= path.nodes[-1].c)])
         except SimulationError:  # a long step has passed over a part of the path that is none
             is_curve = False
     # Beyond a snap-through the curve is neither smooth nor reached from both sides.
-    is_curve = (is_curve and not _snaps_on(path)) or path.stopped_by is not None
+    is_curve = (is_curve and not path.snaps) or path.stopped_by is not None
     if not is_curve:
         path = _through(along, start, np.unique(d[taut]))
     reached = path.nodes[-1].c
@@ -130,11 +130,6 @@ def by_tension(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: bo
     # Where the path ends early, crossings up to its end may be the cause.
     reached = n == len(T)
     return Samples(path, at, T[:n], values, slopes, by_parameter, status, reached, last if reached else np.inf)
-
-
-def _snaps_on(path: Path) -> bool:
-    """Whether a snap-through occurs along the path, other than under the loads alone."""
-    return any(node.is_snapped for node in path.nodes[1:])
 
 
 def _through(along: EquilibriumPath, start: Node, c: Floats) -> Path:

@@ -108,14 +108,13 @@ class EquilibriumPath:
 
     def start(self) -> Node:
         """The robot under its loads, with the driven cable just taut: c there is L0 - L."""
-        key, n = ("start", self.line.key), self.statics.n_factorisations
-        if (kept := self.statics.kept_node(key, self.names)) is not None:
-            return kept.node
-        start = loaded(self.twin, self.statics)
-        c = 0.0 if self.cable is None else self.shortening(start.state)
-        node = replace(node_at(self.statics, self.line, c, start.state, self.names), is_snapped=start.snaps)
-        self.statics.keep(key, self.names, node, 0.0, since=n)
-        return node
+
+        def solved() -> Node:
+            start = loaded(self.twin, self.statics)
+            c = 0.0 if self.cable is None else self.shortening(start.state)
+            return replace(node_at(self.statics, self.line, c, start.state, self.names), is_snapped=start.snaps)
+
+        return self._kept_start(self.line, solved)
 
     def shortening(self, state: State) -> float:
         """Shortening of the driven cable at a state [m]."""
@@ -124,10 +123,14 @@ class EquilibriumPath:
     def slack_node(self, start: Node) -> Node:
         """The same state with the driven cable slack: taking up its slack moves nothing."""
         line = slack_line(self.twin)
+        return self._kept_start(line, lambda: node_at(self.statics, line, start.c, start.state, self.names))
+
+    def _kept_start(self, line: Line, solved: Callable[[], Node]) -> Node:
+        """The first node on a line, solved where it is not kept."""
         key, n = ("start", line.key), self.statics.n_factorisations
         if (kept := self.statics.kept_node(key, self.names)) is not None:
             return kept.node
-        node = node_at(self.statics, line, start.c, start.state, self.names)
+        node = solved()
         self.statics.keep(key, self.names, node, 0.0, since=n)
         return node
 
@@ -258,11 +261,14 @@ class EquilibriumPath:
         """
         i = self.number
         step = FIRST_STEP * self.length
-        share: Callable[[Node], float] | None = None
-        if np.isfinite(past):
-            share = lambda node: (node.c - start.c) / (past - start.c)  # noqa: E731
+
+        def of_tension(node: Node) -> float:
+            return float(node.state.effort[i]) / until
+
+        def of_shortening(node: Node) -> float:
+            return (node.c - start.c) / (past - start.c)
+
         if np.isfinite(until):
-            share = lambda node: float(node.state.effort[i]) / until  # noqa: E731
             stiffness = start.slope[self.twin.system.layout.first_effort_unknown + i]
             if stiffness > 0.0:
                 step = min(step, 0.35 * until / stiffness)
@@ -273,7 +279,7 @@ class EquilibriumPath:
             end,
             first_step=step,
             names=self.names,
-            share=share,
+            share=of_tension if np.isfinite(until) else of_shortening if np.isfinite(past) else None,
             largest_step=3.0 * FIRST_STEP * self.length if not np.isfinite(until) else max(step, 0.25 * self.length),
             guide=guide,
             keeps=path_watch().keeps,

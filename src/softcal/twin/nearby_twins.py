@@ -21,8 +21,8 @@ def neighbours_of(robot: Robot, theta: Mapping[str, float], build: Build) -> dic
 
     What theta states of its shape stays as one length changes; other lengths follow it, as in the robot at theta.
     """
-    stated = {name: theta[name] for name, info in robot_parameters(robot).items() if info.shapes and name in theta}
-    stated = {name: value for name, value in stated.items() if value != robot_parameters(robot)[name].value}
+    own = {name: info.value for name, info in robot_parameters(robot).items() if info.shapes}
+    stated = {name: theta[name] for name, value in own.items() if theta.get(name, value) != value}
     shape = {name: info.value for name, info in robot_parameters(with_shape(robot, stated)).items() if info.shapes}
     found: dict[str, Neighbours] = {}
     for body in robot.bodies:

@@ -20,11 +20,11 @@ from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.dense import Dense, dense_tangent
 from softcal.mechanics.krylov import FIRST, gmres
-from softcal.mechanics.linear_solve import Factorisation
+from softcal.mechanics.linear_solve import Factors
 from softcal.mechanics.linearisation import NO_BORDER, Linearisation
+from softcal.mechanics.mirrored_factors import Halves, MirroredPattern
 from softcal.mechanics.redundancy import require_independent
 from softcal.mechanics.system import System
-from softcal.mechanics.touched_pattern import TouchedPattern
 
 AS_MANY = 0.3  # of the unknowns: as many products of low rank make the tangent a dense matrix
 # Unknowns from which factors are kept and in single precision. Below, a factorisation is cheaper than the iterations
@@ -46,8 +46,8 @@ class BorderedTangent:
     def __init__(self, system: System, unit: Floats) -> None:
         self.system, self.unit = system, unit
         self.n_factorisations = self.n_tangents = self.n_iterations = 0
-        self._patterns: dict[bool, TouchedPattern] = {}  # by whether in single precision, from their first use on
-        self._factors: Factorisation | None = None
+        self._patterns: dict[bool, MirroredPattern] = {}  # by whether in single precision, from their first use on
+        self._factors: Factors | None = None
         self._border = NO_BORDER
         self._columns_solved: Floats | None = None
         self._at: Linearisation | None = None  # the tangent of solves by GMRES; None: that of the factors
@@ -118,9 +118,9 @@ class BorderedTangent:
         self._columns_solved, self._is_own, self._spent = None, True, 0.0
         self.n_factorisations += 1
 
-    def _factorised(self, data: Floats, touch: Any, *, single: bool) -> Factorisation:
+    def _factorised(self, data: Floats, touch: Any, *, single: bool) -> Factors:
         if single not in self._patterns:
-            self._patterns[single] = TouchedPattern(self.system.pattern, self.unit, single=single)
+            self._patterns[single] = MirroredPattern(self.system.pattern, self.system.mirrors, self.unit, single=single)
         return self._patterns[single].factorise(data, touch)
 
     def exclude(self, modes: Floats) -> None:
@@ -143,7 +143,8 @@ class BorderedTangent:
     def solve(self, b: Floats, accuracy: float = EXACT) -> Floats:
         """The unknowns' response to b (n_unknowns,) or (n_unknowns, k) with the tangent taken last.
 
-        accuracy: relative error where it is solved by iteration.
+        accuracy: relative error where it is solved by iteration, and of an even force's odd part, or the reverse, where
+        the tangent mirrors itself.
 
         Raises
         ------
@@ -151,6 +152,9 @@ class BorderedTangent:
             Where the bordered tangent is singular, or actuators are driven to coordinates that depend on each other.
         """
         columns = b.reshape(len(b), -1)
+        if isinstance(self._factors, Halves) and accuracy > EXACT:
+            n = len(self.unit)
+            columns = np.concatenate([self._factors.without_small_parts(columns[:n], accuracy), columns[n:]])
         if self._at is None or columns.shape[1] == 0:
             return self._substituted(columns).reshape(b.shape)
         return self._iterated(columns, accuracy)[0].reshape(b.shape)
@@ -235,7 +239,7 @@ class BorderedTangent:
         return self._iterated(b, accuracy)
 
     @property
-    def _own_factors(self) -> Factorisation:
+    def _own_factors(self) -> Factors:
         if self._factors is None:
             raise SimulationError("No tangent was factorised.")
         return self._factors

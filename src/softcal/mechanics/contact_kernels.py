@@ -20,6 +20,7 @@ from softcal.checks import Floats, Ints
 from softcal.mechanics.moving_boxes import boxes, depth_of, enclose, meet, pairs_beside
 
 Point = tuple[float, float, float]
+ALIKE = 1e-9  # relative difference of distances that count as equal
 NEAREST = 0.1  # of a distance, below which a point is taken for one that touches
 
 
@@ -328,26 +329,28 @@ def make_convex(V: Floats, points: Ints, simplices: Ints, pressed: Ints, blocks:
     """Add to the tangents (k, 12, 12) of pressed simplices (k,) what makes those by each point's own motion positive
     semidefinite: on a ridge between triangles any motion across relieves a point, until it is on one of them.
     """
-    w, n = np.empty(3), np.empty(3)
+    w, n, d = np.empty(3), np.empty(3), np.empty(len(pressed))
     begin = 0
     while begin < len(pressed):
-        end, own, nearby, best = begin, np.zeros((3, 3)), begin, np.inf
+        end, own = begin, np.zeros((3, 3))
         while end < len(pressed) and points[pressed[end]] == points[pressed[begin]]:
             own += blocks[end, :3, :3]
             end += 1
         values, ways = np.linalg.eigh(own)
         if values[0] < 0.0:
             for m in range(begin, end):
-                d = nearest(V, int(points[pressed[m]]), simplices[pressed[m]], w, n)
-                if d < best:
-                    best, nearby = d, m
-            nearest(V, int(points[pressed[nearby]]), simplices[pressed[nearby]], w, n)
-            B = np.array([1.0, -w[0], -w[1], -w[2]])
-            for i in range(2):
-                if values[i] < 0.0:
-                    for a in range(12):
-                        for b in range(12):
-                            blocks[nearby, a, b] -= values[i] * B[a // 3] * B[b // 3] * ways[a % 3, i] * ways[b % 3, i]
+                d[m] = nearest(V, int(points[pressed[m]]), simplices[pressed[m]], w, n)
+            # On all that are nearest alike: in a symmetric mesh rounding must not choose.
+            equal = np.flatnonzero(d[begin:end] <= (1.0 + ALIKE) * d[begin:end].min()) + begin
+            for m in equal:
+                nearest(V, int(points[pressed[m]]), simplices[pressed[m]], w, n)
+                B = np.array([1.0, -w[0], -w[1], -w[2]])
+                for i in range(2):
+                    if values[i] < 0.0:
+                        less = values[i] / len(equal)
+                        for a in range(12):
+                            for b in range(12):
+                                blocks[m, a, b] -= less * B[a // 3] * B[b // 3] * ways[a % 3, i] * ways[b % 3, i]
         begin = end
 
 

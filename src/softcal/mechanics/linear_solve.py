@@ -20,10 +20,8 @@ from softcal.errors import SimulationError
 SOLVES = 0.03
 
 
-class Factorisation(Protocol):
-    """Analyse once, factorise often, solve."""
-
-    def factorise(self, data: Floats) -> None: ...
+class Factors(Protocol):
+    """Factors of one matrix."""
 
     def solve(self, b: Floats) -> Floats: ...
 
@@ -38,6 +36,12 @@ class Factorisation(Protocol):
         ...
 
     def release(self) -> None: ...
+
+
+class Factorisation(Factors, Protocol):
+    """Analyse once, factorise often, solve."""
+
+    def factorise(self, data: Floats) -> None: ...
 
 
 def factorisation(indptr: Ints, indices: Ints, *, single: bool = False) -> Factorisation:

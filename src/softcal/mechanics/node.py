@@ -111,27 +111,33 @@ def node_at(
     names: tuple[str, ...],
     *,
     mixed: bool = True,
+    judged: bool = True,
     accuracy: float = EXACT,
 ) -> Node:
     """The node of an equilibrium: one factorisation, then a substitution for the slope and two per parameter. Two more
     factorisations where surfaces touch on ridges, which count as flat for its stability, but not for derivatives.
 
     mixed: whether the mixed derivatives are computed, to interpolate between this node and the next; zero otherwise.
-    accuracy: relative error of the slope, where it is solved by iteration.
+    judged: whether its stability is judged; else it counts as stable, and the tangent is not factorised where earlier
+    factors serve. accuracy: relative error of the slope, where it is solved by iteration.
 
     Raises
     ------
     SimulationError
         Where the tangent is singular.
     """
-    controls = line.at(c)
-    at = statics.tangent_at(state, controls)
+    controls, free, stable = line.at(c), NO_MODES, True
     by_control = _rate_of_gradient(statics, line, state)
-    sought = statics.seeks_free_modes or statics.n_unstable() != 0
-    free = exclude_free_modes(statics, at) if sought else NO_MODES
-    stable = bool(pushing(statics.system, state).any()) or statics.n_unstable() == 0
-    if stable and at.is_convex:
-        statics.factorise(statics.system.linearise(state, controls, statics.theta), free=free)
+    if judged:
+        at = statics.tangent_at(state, controls)
+        if statics.seeks_free_modes or statics.n_unstable() != 0:
+            free = exclude_free_modes(statics, at)
+        stable = bool(pushing(statics.system, state).any()) or statics.n_unstable() == 0
+        if stable and at.is_convex:
+            statics.factorise(statics.system.linearise(state, controls, statics.theta), free=free)
+    else:
+        at = statics.system.linearise(state, controls, statics.theta)
+        statics.take(at)
     moving = _moving(statics, state, names)
     moved = tuple(names[k] for k in moving)
     given = statics.system.given(state, controls, statics.theta, at.known)

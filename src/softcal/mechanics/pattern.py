@@ -20,13 +20,35 @@ from softcal.mechanics.layout import Layout
 
 
 @dataclass(frozen=True)
-class Pattern:
-    """Where the tangent's entries are in the long array `data`.
+class Triangle:
+    """Upper triangle of a symmetric matrix on unknowns, in compressed rows.
 
     Attributes
     ----------
     indptr, indices
-        Upper triangle on the unknowns, in compressed rows.
+        Where the rows begin (n_unknowns + 1,), and the columns, ascending (nnz,).
+    """
+
+    indptr: Ints
+    indices: Ints
+
+    @cached_property
+    def rows(self) -> Ints:
+        """The row of every entry (nnz,)."""
+        return np.repeat(np.arange(len(self.indptr) - 1), np.diff(self.indptr))
+
+    @cached_property
+    def entries(self) -> Ints:
+        """Row times the number of unknowns, plus column, of every entry (nnz,), ascending."""
+        return self.rows * np.int64(len(self.indptr) - 1) + self.indices
+
+
+@dataclass(frozen=True)
+class Pattern(Triangle):
+    """Where the tangent's entries are in the long array `data`.
+
+    Attributes
+    ----------
     nnz, size
         Number of entries of the triangle, and of the whole array.
     keys
@@ -40,24 +62,12 @@ class Pattern:
         Number of entities.
     """
 
-    indptr: Ints
-    indices: Ints
     nnz: int
     size: int
     keys: Ints
     start: Ints
     side_pairs: Ints
     n_entities: int
-
-    @cached_property
-    def rows(self) -> Ints:
-        """The row of every entry of the triangle (nnz,)."""
-        return np.repeat(np.arange(len(self.indptr) - 1), np.diff(self.indptr))
-
-    @cached_property
-    def entries(self) -> Ints:
-        """Row times the number of unknowns, plus column, of every entry of the triangle (nnz,), ascending."""
-        return self.rows * np.int64(len(self.indptr) - 1) + self.indices
 
     def pair(self, a: Ints, b: Ints) -> Ints:
         """Start positions (..., 3) of the pairs (a, b), a <= b.
@@ -87,8 +97,8 @@ def build_pattern(layout: Layout, connectivities: list[Ints], frame_pairs: Ints)
     parts = []
     for conn in connectivities:
         i, j = np.triu_indices(conn.shape[1])
-        parts.append(_ascending((conn[:, i] * n + conn[:, j]).ravel()))
-    keys = _ascending(np.concatenate([*parts, np.arange(n) * (n + 1)]))
+        parts.append(ascending((conn[:, i] * n + conn[:, j]).ravel()))
+    keys = ascending(np.concatenate([*parts, np.arange(n) * (n + 1)]))
     a, b = keys // n, keys % n
 
     # Entities of the reduced problem: free points, frames, scalars, in the order of their unknowns.
@@ -108,7 +118,7 @@ def build_pattern(layout: Layout, connectivities: list[Ints], frame_pairs: Ints)
     moving = ((reduced[a] >= 0) | follows[a]) & ((reduced[b] >= 0) | follows[b])
     side = moving & (follows[a] | follows[b])
     direct = moving & ~side
-    red_keys = _ascending(
+    red_keys = ascending(
         np.concatenate(
             [
                 reduced[a[direct]] * n_red + reduced[b[direct]],
@@ -149,7 +159,7 @@ def build_pattern(layout: Layout, connectivities: list[Ints], frame_pairs: Ints)
     )
 
 
-def _ascending(keys: Ints) -> Ints:
+def ascending(keys: Ints) -> Ints:
     """The distinct keys, ascending; `np.unique` hashes them, which takes a hundred times as long."""
     ordered = np.sort(keys)
     return ordered[np.append(True, ordered[1:] != ordered[:-1])] if len(keys) else ordered

@@ -20,6 +20,7 @@ from softcal.mechanics.linearisation import NO_BORDER, Border, Linearisation
 from softcal.mechanics.loads import Loads
 from softcal.mechanics.low_rank import low_rank_product
 from softcal.mechanics.memory import Memory
+from softcal.mechanics.mirror import Mirror, mirrors_of
 from softcal.mechanics.motion import Motion, build_motion
 from softcal.mechanics.neighbours import Neighbours
 from softcal.mechanics.pattern import Pattern, add_products, build_pattern
@@ -149,6 +150,11 @@ class System:
         """Whether a dead load acts."""
         none = np.zeros(self.layout.n_actuators)
         return bool(np.any(self.gradient_by_load(rest_state(self.layout), Controls(none == 0.0, none, none), theta)))
+
+    @cached_property
+    def mirrors(self) -> tuple[Mirror, ...]:
+        """The planes by which its unknowns come in pairs."""
+        return mirrors_of(self.layout, self.pattern)
 
     @cached_property
     def remembers(self) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.mechanics.linear_solve import Factorisation, factorisation
-from softcal.mechanics.pattern import Pattern
+from softcal.mechanics.pattern import Triangle
 
 
 class TouchedPattern:
@@ -17,7 +17,7 @@ class TouchedPattern:
     unit (n,): of the unknowns, in which the matrix is factorised; single: whether in single precision.
     """
 
-    def __init__(self, pattern: Pattern, unit: Floats, *, single: bool = False) -> None:
+    def __init__(self, pattern: Triangle, unit: Floats, *, single: bool = False) -> None:
         self._unit, self._single = unit, single
         entries = unit[pattern.rows] * unit[pattern.indices]
         self._unit_places = np.flatnonzero(entries != 1.0)  # most are one: points are in metres

@@ -17,6 +17,7 @@ from softcal.geometry.surface import boundary_faces, boundary_owners
 PIECES = {3: 2, 6: 4}  # of each edge of a face by its number of nodes: straight ones, and curved ones
 SHARP = np.cos(np.radians(40.0))  # between the normals of triangles, least: less is a sharp edge
 SIDES = ((0, 1), (1, 2), (2, 0))
+EQUAL = 1e-6  # relative difference of choices that are equally good
 MITRE = 2.0  # depths at most that a core's vertex at an edge or in a groove lies below it
 
 
@@ -97,18 +98,17 @@ def pressing(skin: CoredSkin, depth: float) -> Pressing:
     # Of a part that ends at an edge: along the triangle whose middle is most inside of it.
     is_edge = np.bincount(base, minlength=len(skin.X))[base] > 1
     way = np.repeat(skin.drawn[skin.triangles].mean(axis=1), 3, axis=0) - skin.drawn[skin.triangles.ravel()]
-    inside, count = np.zeros((n, 3)), np.bincount(part, minlength=n)
+    inside = np.zeros((n, 3))
     np.add.at(inside, part, way)
     inside /= np.maximum(np.linalg.norm(inside, axis=1), 1e-300)[:, None]
     way /= np.linalg.norm(way, axis=1)[:, None]
-    best = np.lexsort((-np.einsum("mi,mi->m", way, inside[part]), part))
-    corner = best[np.cumsum(count) - count]
-    triangle = skin.triangles[corner // 3]
-    to_middle = np.linalg.norm(skin.X[triangle].mean(axis=1) - skin.X[base], axis=1)
-    share = np.where(is_edge, np.minimum(1.0, np.sqrt(2.0) * depth / np.maximum(to_middle, 1e-300)), 0.0)
-    rows = np.repeat(np.arange(n), 4)
-    values = np.column_stack([1.0 - share, np.repeat(share[:, None] / 3.0, 3, axis=1)]).ravel()
-    weights = sp.csr_matrix((values, (rows, np.column_stack([base, triangle]).ravel())), (n, len(skin.X)))
+    corner, tied = _best(np.einsum("mi,mi->m", way, inside[part]), part, n)
+    row = part[corner]
+    to_middle = _rows(skin.triangles[corner // 3], np.repeat(tied[:, None] / 3.0, 3, axis=1), len(skin.X), row, n)
+    length = np.linalg.norm(to_middle @ skin.X - skin.X[base], axis=1)
+    share = np.where(is_edge, np.minimum(1.0, np.sqrt(2.0) * depth / np.maximum(length, 1e-300)), 0.0)
+    at_base = sp.csr_matrix((1.0 - share, (np.arange(n), base)), (n, len(skin.X)))
+    weights = at_base + sp.diags_array(share) @ to_middle
     weights.eliminate_zeros()
     return Pressing(base, weights, area, normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None])
 
@@ -116,7 +116,8 @@ def pressing(skin: CoredSkin, depth: float) -> Pressing:
 def body_skin(mesh: TetMesh, drawn: TetMesh | None = None) -> CoredSkin:
     """The skin of a body: its faces in flat pieces between points of the curved faces.
 
-    A core's point follows the corners' mean deformation of the element below it in which its weights are smallest.
+    A core's point follows the corners' mean deformation of the element below it in which its weights are smallest; of
+    elements that are equally good, as in a symmetric mesh, their mean.
 
     drawn: the mesh before its shape was changed, see `CoredSkin`; by default as it is.
     """
@@ -140,9 +141,9 @@ def body_skin(mesh: TetMesh, drawn: TetMesh | None = None) -> CoredSkin:
     triangles, owners = number[:, small].reshape(-1, 3), np.repeat(boundary_owners(mesh), len(small))
     X, before = weights @ mesh.points, weights @ drawn.points
     vertex, tet = triangles.ravel(), np.repeat(owners, 3)
-    order = np.lexsort((np.abs(_rates(drawn, before, triangles, owners)).sum(axis=1), vertex))
-    best = order[np.unique(vertex[order], return_index=True)[1]]
-    core = _rows(mesh.tets[tet[best], :4], _rates(mesh, X, triangles, owners)[best], mesh.n_points)
+    best, tied = _best(-np.abs(_rates(drawn, before, triangles, owners)).sum(axis=1), vertex, len(X))
+    rates = tied[:, None] * _rates(mesh, X, triangles, owners)[best]
+    core = _rows(mesh.tets[tet[best], :4], rates, mesh.n_points, vertex[best], len(X))
     return CoredSkin(X, triangles, weights, core, before)
 
 
@@ -226,14 +227,25 @@ def _face_functions(L: Floats, n_nodes: int) -> Floats:
     return np.concatenate([L * (2.0 * L - 1.0), 4.0 * L * L[:, [1, 2, 0]]], axis=1)
 
 
-def _rows(nodes: Ints, values: Any, n_nodes: int) -> Any:
-    """The sparse matrix (n, n_nodes) with the values (n, k) of each row at these nodes (n, k)."""
+def _best(merit: Floats, group: Ints, n: int) -> tuple[Ints, Floats]:
+    """Of each of n groups the members (k,) of most merit, and their shares in it (k,): all that are equal count alike,
+    so that in a symmetric mesh rounding does not choose.
+    """
+    most = np.full(n, -np.inf)
+    np.maximum.at(most, group, merit)
+    best = np.flatnonzero(merit >= most[group] - EQUAL * np.abs(most[group]))
+    return best, 1.0 / np.bincount(group[best], minlength=n)[group[best]]
+
+
+def _rows(nodes: Ints, values: Any, n_nodes: int, row: Ints | None = None, n_rows: int | None = None) -> Any:
+    """The sparse matrix (n_rows, n_nodes) that sums the values (n, k) at these nodes (n, k), in each one's row (n,): by
+    default one row for each.
+    """
     import scipy.sparse as sp
 
-    matrix = sp.csr_matrix(
-        (values.ravel(), nodes.ravel(), np.arange(0, nodes.size + 1, nodes.shape[1])), (len(nodes), n_nodes)
-    )
-    matrix.sum_duplicates()
+    row = np.arange(len(nodes)) if row is None else row
+    places = (np.repeat(row, nodes.shape[1]), nodes.ravel())
+    matrix = sp.csr_matrix((values.ravel(), places), (len(nodes) if n_rows is None else n_rows, n_nodes))
     matrix.eliminate_zeros()
     return matrix
 

@@ -31,7 +31,9 @@ from softcal.twin.robot import Robot
 from softcal.twin.sensors import angle_columns
 from softcal.twin.simulate import simulate
 
-PLACES = (1.0, 0.5, 0.25, 0.75)  # of equilibria on the finer mesh, over the path's length: two, or all
+# Of equilibria on the finer mesh, over the path's length: two, or all. At the first one, the end, stability is judged:
+# the robot's own path is stable up to there.
+PLACES = (1.0, 0.5, 0.25, 0.75)
 CHANGE_TOLERANCE = 0.03  # estimated error over the largest change of all channels of one unit
 # What touches differs from mesh to mesh, so with contact the change is rough: so many times that, and the curve's
 # tolerance, are allowed.
@@ -159,7 +161,7 @@ def _change(
         for place in PLACES[len(values) : n_places]:
             own = along.at(path, start + place * (end - start))
             guess = prolong(own.state)
-            node = _on_finer(finer, own.c, moved(layout, guess, place * moved_at_end))
+            node = _on_finer(finer, own.c, moved(layout, guess, place * moved_at_end), judged=place == PLACES[0])
             if node is None:
                 return None
             if place == PLACES[0]:
@@ -179,15 +181,17 @@ def _change(
     return None
 
 
-def _on_finer(finer: EquilibriumPath, c: float, guess: State) -> Node | None:
-    """The stable equilibrium on a finer mesh at c, near a guess; None where there is none."""
+def _on_finer(finer: EquilibriumPath, c: float, guess: State, *, judged: bool) -> Node | None:
+    """The equilibrium on a finer mesh at c, near a guess; None where there is none, or where its stability is judged
+    and it is not stable.
+    """
     statics = finer.statics
     statics.forget()
     accuracy = ROUGH_ACCURACY if finer.twin.system.contacts else ACCURACY
     solved = statics.equilibrium(guess, finer.line.at(c), accuracy, flat_ridges=True)
     if not solved.converged or strays(statics, rest_state(finer.twin.system.layout), guess, solved.state):
         return None
-    node = node_at(statics, finer.line, c, solved.state, (), accuracy=ACCURACY)
+    node = node_at(statics, finer.line, c, solved.state, (), judged=judged, accuracy=ACCURACY)
     return node if node.is_stable else None
 
 

@@ -1,0 +1,124 @@
+"""Factors of a tangent: those of its even and its odd half while it mirrors itself, else those of the whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.mechanics.linear_solve import Factors
+from softcal.mechanics.mirror import Half, Mirror
+from softcal.mechanics.pattern import Pattern
+from softcal.mechanics.touched_pattern import TouchedPattern
+
+NOISE = 1e-9  # of a force: its even or odd part below that is rounding error
+
+
+class MirroredPattern:
+    """The planned pattern of a tangent, and its halves by the first plane in which all tangents so far mirrored
+    themselves: a plane that the robot's motion breaks is not tried again.
+
+    unit (n,): of the unknowns, in which the matrix is factorised; single: whether in single precision.
+    """
+
+    def __init__(self, pattern: Pattern, mirrors: tuple[Mirror, ...], unit: Floats, *, single: bool = False) -> None:
+        self._pattern, self._unit, self._single = pattern, unit, single
+        self._mirrors = [one for one in mirrors if np.array_equal(unit[one.partner], unit)]
+        self._halves: list[TouchedPattern] = []
+        self._whole: TouchedPattern | None = None
+
+    def factorise(self, data: Floats, touch: Any) -> Factors:
+        """The factors of the planned entries `data` (nnz,) and of `touch`, a sparse upper triangle, or None.
+
+        Raises
+        ------
+        SimulationError
+            Where the tangent is singular.
+        """
+        while self._mirrors:
+            mirror = self._mirrors[0]
+            entries = mirror.split(data, touch)
+            if entries is not None:
+                return self._in_halves(mirror, entries)
+            self.release()
+            self._mirrors, self._halves = self._mirrors[1:], []
+        if self._whole is None:
+            self._whole = TouchedPattern(self._pattern, self._unit, single=self._single)
+        return self._whole.factorise(data, touch)
+
+    def release(self) -> None:
+        """Release the factors' memory."""
+        for pattern in (*self._halves, *([] if self._whole is None else [self._whole])):
+            pattern.release()
+
+    def _in_halves(self, mirror: Mirror, entries: tuple[tuple[Floats, Any], ...]) -> Halves:
+        halves = (mirror.even, mirror.odd)
+        if not self._halves:
+            self._halves = [TouchedPattern(half.triangle, self._unit[half.own], single=self._single) for half in halves]
+        even, odd = (HalfFactors(*each) for each in zip(halves, self._halves, entries, strict=True))
+        even.factors  # noqa: B018 (where it is singular, so is the whole tangent)
+        return Halves(even, odd)
+
+
+@dataclass(frozen=True, eq=False)
+class HalfFactors:
+    """One half of a tangent by its `entries`, planned ones and those of contact, factorised where it is asked for."""
+
+    half: Half
+    pattern: TouchedPattern
+    entries: tuple[Floats, Any]
+
+    @cached_property
+    def factors(self) -> Factors:
+        """Its factors."""
+        return self.pattern.factorise(*self.entries)
+
+
+class Halves:
+    """The factors of a tangent that mirrors itself."""
+
+    def __init__(self, even: HalfFactors, odd: HalfFactors) -> None:
+        self._even, self._odd = even, odd
+
+    def solve(self, b: Floats) -> Floats:
+        """x with A x = b; b (n,) or (n, k)."""
+        columns = b.reshape(len(b), -1)
+        x = np.zeros_like(columns)
+        for each, part, acts in self._parts(columns, NOISE):
+            if acts.any():
+                x[:, acts] += each.half.expanded(each.factors.solve(part[:, acts]))
+        return x.reshape(b.shape)
+
+    def without_small_parts(self, b: Floats, accuracy: float) -> Floats:
+        """The forces b (n, k), each without its even or its odd part where that is below `accuracy` of the other."""
+        out = np.zeros_like(b)
+        for each, part, acts in self._parts(b, accuracy):
+            out[:, acts] += each.half.forces(part[:, acts])
+        return out
+
+    @property
+    def n_negative(self) -> int:
+        """How many eigenvalues of the matrix are negative."""
+        return self._even.factors.n_negative + self._odd.factors.n_negative
+
+    @property
+    def solves_per_factorisation(self) -> float:
+        """How many solutions by iteration cost as much as a factorisation, about."""
+        return self._even.factors.solves_per_factorisation
+
+    def release(self) -> None:
+        """Release the factors' memory."""
+        for each in (self._even, self._odd):
+            each.pattern.release()
+
+    def _parts(self, b: Floats, accuracy: float) -> Iterator[tuple[HalfFactors, Floats, np.ndarray]]:
+        """Of each half, its part of the forces b (n, k), and which are more than `accuracy` of the other half's."""
+        both = (self._even, self._odd)
+        parts = [each.half.reduced(b) for each in both]
+        sizes = [np.abs(part).max(axis=0, initial=0.0) for part in parts]
+        for each, part, size in zip(both, parts, sizes, strict=True):
+            yield each, part, size > accuracy * np.maximum(*sizes)

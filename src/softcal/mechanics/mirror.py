@@ -16,7 +16,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.mechanics.layout import Layout
-from softcal.mechanics.pattern import Pattern, Triangle, ascending
+from softcal.mechanics.pattern import Pattern, Triangle
 
 AT_ONE_PLACE = 1e-9  # of the robot's extent: distance of points that count as mirror images
 ALIKE = 1e-9  # of the largest entries in their rows: difference of entries that count as mirror images
@@ -156,7 +156,8 @@ def _mirror(layout: Layout, pattern: Pattern, axis: int) -> Mirror | None:
     of_point = np.where(np.arange(3) == axis, -1.0, 1.0)
     of_frame = np.concatenate([of_point, -of_point])  # rotations are axial vectors
     sign = np.concatenate([np.tile(of_point, len(points)), np.tile(of_frame, n_frames), np.ones(len(pressures))])
-    mirrored = _mirrored_entries(pattern.indptr, pattern.indices, partner)
+    row, column = partner[pattern.rows], partner[pattern.indices]
+    mirrored = _places(pattern.indptr, pattern.indices, np.minimum(row, column), np.maximum(row, column))
     if np.any(mirrored < 0):
         return None
     entry = np.flatnonzero(mirrored >= np.arange(pattern.nnz))
@@ -193,6 +194,8 @@ def _partners(places: Floats, axis: int, twice_middle: float, near: float) -> In
 
 
 def _half(partner: Ints, sign: Floats, parity: float, rows: Ints, columns: Ints, has_two: np.ndarray) -> Half:
+    import scipy.sparse as sp
+
     n = len(partner)
     unknowns = np.arange(n)
     own = np.flatnonzero((unknowns < partner) | ((unknowns == partner) & (sign == parity)))
@@ -202,11 +205,10 @@ def _half(partner: Ints, sign: Floats, parity: float, rows: Ints, columns: Ints,
     part[other] = parity * sign[own]
     part[own] = 1.0
     a, b, factor = _entries(number, part, rows, columns)
-    keys = a * np.int64(len(own)) + b
-    used = ascending(keys[factor != 0.0])
-    place = np.minimum(np.searchsorted(used, keys), len(used) - 1)
-    indptr = np.searchsorted(used, np.arange(len(own) + 1) * np.int64(len(own)))
-    triangle = Triangle(indptr.astype(np.int64), used % max(len(own), 1))
+    has_place = factor != 0.0
+    block = sp.csr_matrix((has_place[has_place], (a[has_place], b[has_place])), shape=(len(own), len(own)))
+    triangle = Triangle(block.indptr.astype(np.int64), block.indices.astype(np.int64))
+    place = np.maximum(_places(triangle.indptr, triangle.indices, a, b), 0)
     factor = np.where(has_two, 2.0, 1.0) * factor
     return Half(own, other, np.where(is_pair, parity * sign[own], 0.0), number, part, triangle, place, factor)
 
@@ -218,23 +220,17 @@ def _entries(number: Ints, sign: Floats, rows: Ints, columns: Ints) -> tuple[Int
     return np.minimum(a, b), np.maximum(a, b), twice * sign[rows] * sign[columns]
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _mirrored_entries(indptr: Ints, indices: Ints, partner: Ints) -> Ints:
-    """The place of each entry's mirror image in an upper triangle; -1 where there is none."""
-    out = np.empty(len(indices), dtype=np.int64)
-    for i in range(len(indptr) - 1):
-        for place in range(indptr[i], indptr[i + 1]):
-            a, b = partner[i], partner[indices[place]]
-            if a > b:
-                a, b = b, a
-            low, high = indptr[a], indptr[a + 1]
-            while low < high:
-                middle = (low + high) // 2
-                if indices[middle] < b:
-                    low = middle + 1
-                else:
-                    high = middle
-            out[place] = low if low < indptr[a + 1] and indices[low] == b else -1
+@numba.njit(cache=True)
+def _places(indptr: Ints, indices: Ints, rows: Ints, columns: Ints) -> Ints:
+    """The places of entries (k,) in an upper triangle; -1 where it has none."""
+    out = np.empty(len(rows), dtype=np.int64)
+    for k in range(len(rows)):
+        low, end = indptr[rows[k]], indptr[rows[k] + 1]
+        high = end
+        while low < high:
+            middle = (low + high) // 2
+            low, high = (middle + 1, high) if indices[middle] < columns[k] else (low, middle)
+        out[k] = low if low < end and indices[low] == columns[k] else -1
     return out
 
 

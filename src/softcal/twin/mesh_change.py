@@ -1,8 +1,9 @@
 """The twin on a finer mesh, by the change of its channels along a load path.
 
 Along the path of one cable the change from mesh to mesh is far smoother than the channels: a polynomial through two
-equilibria of the finer twin, with their slopes, represents it within some tenths of a per cent of itself. Each of them
-is solved from the equilibrium on the coarse mesh, not by following the path on the finer one.
+equilibria of the finer twin, with their slopes, represents it within some tenths of a per cent of itself. With contact,
+which begins and ends elsewhere on every mesh, it is a curve through their values alone. Each of them is solved from the
+equilibrium on the coarse mesh, not by following the path on the finer one.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import KroghInterpolator
+from scipy.interpolate import KroghInterpolator, PchipInterpolator
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
@@ -117,31 +118,38 @@ class FinerTwin:
 class _Change:
     """The change of the channels at some places c (n,) [m] of a path from `start` on, where it is zero.
 
-    values, slopes (n, n_channels): the change, and by c.
+    values, slopes (n, n_channels): the change, and by c. is_rough: whether slopes say nothing of the change beside
+    their place, as where contacts come and go.
     """
 
     start: float
     c: Floats
     values: Floats
     slopes: Floats
+    is_rough: bool
 
     def at(self, c: Floats, *, without: int | None = None) -> Floats:
-        """The change (m, n_channels) at c (m,); without: the number of a place whose slope is left out."""
-        length = self.c.max() - self.start
-        places, conditions = [self.start], [np.zeros(self.values.shape[1])]
-        for k, place in enumerate(self.c):
-            places.append(place)
-            conditions.append(self.values[k])
-            if k != without:
-                places.append(place)
-                conditions.append(length * self.slopes[k])
-        polynomial = KroghInterpolator((np.array(places) - self.start) / length, np.array(conditions))
-        return polynomial((c - self.start) / length)
+        """The change (m, n_channels) at c (m,); without: the number of a place whose slope, or all of it where it is
+        rough, is left out.
+        """
+        length, places = self.c.max() - self.start, [(0.0, np.zeros(self.values.shape[1]))]
+        for k, place in enumerate((self.c - self.start) / length):
+            if not (self.is_rough and k == without):
+                places.append((place, self.values[k]))
+            if not self.is_rough and k != without:
+                places.append((place, length * self.slopes[k]))
+        places.sort(key=lambda each: each[0])  # values stay before slopes
+        x, y = (np.array(part) for part in zip(*places, strict=True))
+        curve = PchipInterpolator(x, y) if self.is_rough else KroghInterpolator(x, y)
+        return curve((c - self.start) / length)
 
     def error(self) -> Floats:
-        """Estimated error (n_channels,): what the second slope makes of the polynomial."""
+        """Estimated error (n_channels,): what the second slope makes of the polynomial, or the worst of all places but
+        the end, left out in turn.
+        """
         c = np.linspace(self.start, self.c.max(), FINE)
-        return np.abs(self.at(c) - self.at(c, without=1)).max(axis=0)
+        left_out = range(1, len(self.c)) if self.is_rough else (1,)
+        return np.max([np.abs(self.at(c) - self.at(c, without=k)).max(axis=0) for k in left_out], axis=0)
 
 
 def _change(
@@ -170,9 +178,10 @@ def _change(
             values.append(_turned(there.values[0] - here.values[0], angle_columns(along.twin)))
             slopes.append(there.slopes[0] - here.slopes[0])
         c = start + np.array(PLACES[:n_places]) * (end - start)
-        change = _Change(start, c, np.array(values), np.array(slopes))
+        is_rough = bool(finer.twin.system.contacts)
+        change = _Change(start, c, np.array(values), np.array(slopes), is_rough)
         scale = along.scale(along.curve(path.nodes).values)
-        rough, of_curve = (ROUGH, ROUGH_CURVE) if finer.twin.system.contacts else (1.0, 1.0)
+        rough, of_curve = (ROUGH, ROUGH_CURVE) if is_rough else (1.0, 1.0)
         allowed = np.maximum(
             rough * CHANGE_TOLERANCE * along.largest(change.values), of_curve * along.tolerance * scale
         )

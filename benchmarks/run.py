@@ -20,6 +20,7 @@ BENCHMARKS = (
     "laws",
     "curve",
     "growth",
+    "mirror",
     "live",
     "least_squares",
     "tpe",

@@ -75,7 +75,8 @@ def test_shapes_at_another_modulus_have_the_forces_of_a_fresh_path():
 
 
 def test_other_samples_are_those_of_a_fresh_path():
-    robot, samples = touching(grooved()), np.linspace(0.2e-3, 4e-3, 60)
+    """Of linear tets the walls of the groove rest at several places, and which depends on the nodes before."""
+    robot, samples = touching(grooved(element="P2P1")), np.linspace(0.2e-3, 4e-3, 60)
     simulate(robot, pulled(*samples), sensitivities=NAMES)
     later = pulled(*(samples - 0.13e-3))
     again, fresh = (simulate(one, later, sensitivities=NAMES) for one in (robot, afresh(robot)))
@@ -202,7 +203,9 @@ def test_derivatives_at_another_modulus_are_those_of_finite_differences():
     exact = simulate(robot, protocol, at, sensitivities=NAMES)
     for name, value in zip(NAMES, (E, 0.4), strict=True):
         h = 2e-4 * value
-        ahead, behind = (simulate(robot, protocol, {**at, name: value + s * h}) for s in (1, -1))
+        # Every sample solved: between nodes that differ from one value to the other, curves differ by their own error.
+        changed = ({**at, name: value + s * h} for s in (1, -1))
+        ahead, behind = (simulate(robot, protocol, theta, curve_tolerance=0.0) for theta in changed)
         for channel in ("front.tension", "top.pitch"):
             difference = (ahead.channels[channel] - behind.channels[channel]) / (2 * h)
             rounding = 1e-8 * abs(ahead.channels[channel]).max() / value

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,8 @@ NOISE = 1e-9  # of a force: its even or odd part below that is rounding error
 
 
 class MirroredPattern:
-    """The planned pattern of a tangent, and its halves by the first plane in which all tangents so far mirrored
-    themselves: a plane that the robot's motion breaks is not tried again.
+    """The planned pattern of a tangent, and its halves by each plane. Which one serves depends on the tangent alone,
+    not on those before, so that results do not either.
 
     unit (n,): of the unknowns, in which the matrix is factorised; single: whether in single precision.
     """
@@ -28,7 +29,7 @@ class MirroredPattern:
     def __init__(self, pattern: Pattern, mirrors: tuple[Mirror, ...], unit: Floats, *, single: bool = False) -> None:
         self._pattern, self._unit, self._single = pattern, unit, single
         self._mirrors = [one for one in mirrors if np.array_equal(unit[one.partner], unit)]
-        self._halves: list[TouchedPattern] = []
+        self._halves: dict[int, list[TouchedPattern]] = {}  # by the plane's id
         self._whole: TouchedPattern | None = None
 
     def factorise(self, data: Floats, touch: Any) -> Factors:
@@ -39,27 +40,29 @@ class MirroredPattern:
         SimulationError
             Where the tangent is singular.
         """
-        while self._mirrors:
-            mirror = self._mirrors[0]
+        for mirror in self._mirrors:
             entries = mirror.split(data, touch)
             if entries is not None:
                 return self._in_halves(mirror, entries)
-            self.release()
-            self._mirrors, self._halves = self._mirrors[1:], []
+            for pattern in self._halves.pop(id(mirror), []):
+                pattern.release()
         if self._whole is None:
             self._whole = TouchedPattern(self._pattern, self._unit, single=self._single)
         return self._whole.factorise(data, touch)
 
     def release(self) -> None:
         """Release the factors' memory."""
-        for pattern in (*self._halves, *([] if self._whole is None else [self._whole])):
+        halves = chain.from_iterable(self._halves.values())
+        for pattern in (*halves, *([] if self._whole is None else [self._whole])):
             pattern.release()
 
     def _in_halves(self, mirror: Mirror, entries: tuple[tuple[Floats, Any], ...]) -> Halves:
         halves = (mirror.even, mirror.odd)
-        if not self._halves:
-            self._halves = [TouchedPattern(half.triangle, self._unit[half.own], single=self._single) for half in halves]
-        even, odd = (HalfFactors(*each) for each in zip(halves, self._halves, entries, strict=True))
+        if id(mirror) not in self._halves:
+            self._halves[id(mirror)] = [
+                TouchedPattern(half.triangle, self._unit[half.own], single=self._single) for half in halves
+            ]
+        even, odd = (HalfFactors(*each) for each in zip(halves, self._halves[id(mirror)], entries, strict=True))
         even.factors  # noqa: B018 (where it is singular, so is the whole tangent)
         return Halves(even, odd)
 

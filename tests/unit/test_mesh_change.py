@@ -15,7 +15,7 @@ from softcal.geometry.quadratic import to_quadratic
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import build_twin
-from softcal.twin.mesh_change import PLACES, FinerTwin
+from softcal.twin.mesh_change import PLACES, FinerTwin, _Change
 from softcal.twin.prolongation import prolongation
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import PointLoad, Robot
@@ -122,3 +122,15 @@ def test_a_state_of_constant_strain_is_the_same_on_the_finer_mesh(element: str, 
     free = other.system.layout.free_points
     assert state.x[free] == pytest.approx((other.system.layout.X @ F.T)[free], abs=1e-15)
     assert state.pressure == pytest.approx(np.full(len(state.pressure), 7.0 if own.pressure_nodes else 0.0))
+
+
+def test_a_rough_change_goes_through_its_values_whatever_their_slopes():
+    """Its error is what the worst of the places makes of it; none where they are on a line."""
+    start, c = 0.001, 0.001 + 0.04 * np.array([1.0, 0.5, 0.25, 0.75])
+    line = np.stack([3.0 * (c - start), -(c - start)], axis=1)
+    off = line + np.array([[0.0, 0.0], [0.01, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    for values, error in ((line, 0.0), (off, 0.01)):
+        change = _Change(start, c, values, np.full_like(values, 7.0), is_rough=True)
+        np.testing.assert_allclose(change.at(c), values, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(change.at(np.array([start])), 0.0, atol=1e-15)
+        np.testing.assert_allclose(change.error(), [error, 0.0], rtol=0.05, atol=1e-12)

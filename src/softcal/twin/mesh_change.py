@@ -1,9 +1,10 @@
 """The twin on a finer mesh, by the change of its channels along a load path.
 
 Along the path of one cable the change from mesh to mesh is far smoother than the channels: a polynomial through two
-equilibria of the finer twin, with their slopes, represents it within some tenths of a per cent of itself. With contact,
-which begins and ends elsewhere on every mesh, it is a curve through their values alone. Each of them is solved from the
-equilibrium on the coarse mesh, not by following the path on the finer one.
+equilibria of the finer twin, with their slopes, represents it within some tenths of a per cent of itself. Contact
+begins and ends elsewhere on every mesh; where that makes such a polynomial too rough, it is a curve through the values
+of four, without their slopes. Each of them is solved from the equilibrium on the coarse mesh, not by following the path
+on the finer one.
 """
 
 from __future__ import annotations
@@ -178,10 +179,10 @@ def _change(
             values.append(_turned(there.values[0] - here.values[0], angle_columns(along.twin)))
             slopes.append(there.slopes[0] - here.slopes[0])
         c = start + np.array(PLACES[:n_places]) * (end - start)
-        is_rough = bool(finer.twin.system.contacts)
-        change = _Change(start, c, np.array(values), np.array(slopes), is_rough)
+        touches = bool(finer.twin.system.contacts)
+        change = _Change(start, c, np.array(values), np.array(slopes), is_rough=touches and n_places > 2)
         scale = along.scale(along.curve(path.nodes).values)
-        rough, of_curve = (ROUGH, ROUGH_CURVE) if is_rough else (1.0, 1.0)
+        rough, of_curve = (ROUGH, ROUGH_CURVE) if touches else (1.0, 1.0)
         allowed = np.maximum(
             rough * CHANGE_TOLERANCE * along.largest(change.values), of_curve * along.tolerance * scale
         )

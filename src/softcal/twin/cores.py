@@ -95,7 +95,8 @@ def pressing(skin: CoredSkin, depth: float) -> Pressing:
     normals, area = np.zeros((n, 3)), np.zeros(n)
     np.add.at(normals, part, doubled)
     np.add.at(area, part, np.linalg.norm(doubled, axis=1) / 6.0)
-    # Of a part that ends at an edge: along the triangle whose middle is most inside of it.
+    # Of a part that ends at an edge: along the triangle whose middle is most inside of it, at most as far as that, so
+    # that it stays off the core below the triangles beyond.
     is_edge = np.bincount(base, minlength=len(skin.X))[base] > 1
     way = np.repeat(skin.drawn[skin.triangles].mean(axis=1), 3, axis=0) - skin.drawn[skin.triangles.ravel()]
     inside = np.zeros((n, 3))
@@ -105,7 +106,8 @@ def pressing(skin: CoredSkin, depth: float) -> Pressing:
     corner, tied = _best(np.einsum("mi,mi->m", way, inside[part]), part, n)
     row = part[corner]
     to_middle = _rows(skin.triangles[corner // 3], np.repeat(tied[:, None] / 3.0, 3, axis=1), len(skin.X), row, n)
-    length = np.linalg.norm(to_middle @ skin.X - skin.X[base], axis=1)
+    way = skin.X[skin.triangles[corner // 3]].mean(axis=1) - skin.X[base[row]]
+    length = np.bincount(row, tied * np.linalg.norm(way, axis=1), minlength=n)
     share = np.where(is_edge, np.minimum(1.0, np.sqrt(2.0) * depth / np.maximum(length, 1e-300)), 0.0)
     at_base = sp.csr_matrix((1.0 - share, (np.arange(n), base)), (n, len(skin.X)))
     weights = at_base + sp.diags_array(share) @ to_middle

@@ -35,13 +35,13 @@ class Factors(Protocol):
         """How many solutions by iteration cost as much as a factorisation, about."""
         ...
 
-    def release(self) -> None: ...
-
 
 class Factorisation(Factors, Protocol):
     """Analyse once, factorise often, solve."""
 
     def factorise(self, data: Floats) -> None: ...
+
+    def release(self) -> None: ...
 
 
 def factorisation(indptr: Ints, indices: Ints, *, single: bool = False) -> Factorisation:

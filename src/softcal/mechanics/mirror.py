@@ -2,8 +2,8 @@
 
 Reflected, every unknown is plus or minus its partner, z -> S z. At a state that is its own mirror image the tangent
 commutes with S, so in even motions (S z = z) and odd ones (S z = -z) it has two blocks: two factorisations of half the
-size cost a half to a quarter of one, and where only the even half is asked for, as along a load path whose cable lies
-in the plane, a third to a sixth. The odd half is factorised where stability is judged or an odd force acts.
+size cost about a half of one, and the even half alone, as along a load path whose cable lies in the plane, about a
+quarter (`benchmarks/mirror.py`). The odd half is factorised where stability is judged or an odd force acts.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Half:
         return sp.csr_matrix(((factor * each.data)[part], (a[part], b[part])), shape=(n, n))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mirror:
     """A plane by which the unknowns come in pairs, and the halves of a tangent that mirrors itself.
 

@@ -1,4 +1,4 @@
-"""Factors of a tangent: those of its even and its odd half while it mirrors itself, else those of the whole."""
+"""Factors of a tangent: of its even and its odd half where it is its own mirror image, else of the whole."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class MirroredPattern:
     def __init__(self, pattern: Pattern, mirrors: tuple[Mirror, ...], unit: Floats, *, single: bool = False) -> None:
         self._pattern, self._unit, self._single = pattern, unit, single
         self._mirrors = [one for one in mirrors if np.array_equal(unit[one.partner], unit)]
-        self._halves: dict[int, list[TouchedPattern]] = {}  # by the plane's id
+        self._halves: dict[Mirror, list[TouchedPattern]] = {}
         self._whole: TouchedPattern | None = None
 
     def factorise(self, data: Floats, touch: Any) -> Factors:
@@ -44,7 +44,7 @@ class MirroredPattern:
             entries = mirror.split(data, touch)
             if entries is not None:
                 return self._in_halves(mirror, entries)
-            for pattern in self._halves.pop(id(mirror), []):
+            for pattern in self._halves.pop(mirror, []):
                 pattern.release()
         if self._whole is None:
             self._whole = TouchedPattern(self._pattern, self._unit, single=self._single)
@@ -58,11 +58,11 @@ class MirroredPattern:
 
     def _in_halves(self, mirror: Mirror, entries: tuple[tuple[Floats, Any], ...]) -> Halves:
         halves = (mirror.even, mirror.odd)
-        if id(mirror) not in self._halves:
-            self._halves[id(mirror)] = [
+        if mirror not in self._halves:
+            self._halves[mirror] = [
                 TouchedPattern(half.triangle, self._unit[half.own], single=self._single) for half in halves
             ]
-        even, odd = (HalfFactors(*each) for each in zip(halves, self._halves[id(mirror)], entries, strict=True))
+        even, odd = (HalfFactors(*each) for each in zip(halves, self._halves[mirror], entries, strict=True))
         even.factors  # noqa: B018 (where it is singular, so is the whole tangent)
         return Halves(even, odd)
 
@@ -112,11 +112,6 @@ class Halves:
     def solves_per_factorisation(self) -> float:
         """How many solutions by iteration cost as much as a factorisation, about."""
         return self._even.factors.solves_per_factorisation
-
-    def release(self) -> None:
-        """Release the factors' memory."""
-        for each in (self._even, self._odd):
-            each.pattern.release()
 
     def _parts(self, b: Floats, accuracy: float) -> Iterator[tuple[HalfFactors, Floats, np.ndarray]]:
         """Of each half, its part of the forces b (n, k), and which are more than `accuracy` of the other half's."""

@@ -16,7 +16,7 @@ from softcal.calibration.convergence import in_standard_errors
 from softcal.calibration.descent import Descent
 from softcal.calibration.experiment import PULLEY_FRICTION, Rig
 from softcal.calibration.local_model import LocalModel, Point
-from softcal.calibration.loss import Block, Loss
+from softcal.calibration.loss import Block, Loss, total
 from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.optimisers import least_squares
@@ -65,6 +65,37 @@ def descend(problem: Problem, start: tuple[float, float], budget: int = 40) -> D
     while descent.next is not None:
         descent.tell(problem.evaluate(problem.space.to_model(descent.next), jacobian=True))
     return descent
+
+
+def test_a_rough_curve_far_from_the_data_does_not_hold_the_search_there() -> None:
+    """Rescaled, the curve far away seems to fit better than any other: it is rough there."""
+    problem = problem_of(PapersLoss(), noise=0.05)
+    near = descend(problem, (TRUE[E], TRUE[NU]))
+    assert near.best is not None
+    assert near.best.loss is not None
+    descent = Descent(problem.space, problem.loss, problem.space.to_search({E: 0.5 * TRUE[E], NU: 0.42}), 40)
+    n_rough = 0
+    while descent.next is not None:
+        evaluation = problem.evaluate(problem.space.to_model(descent.next), jacobian=True)
+        if evaluation.loss is not None and evaluation.loss > 3.0 * near.best.loss:
+            n_rough += 1
+            blocks = tuple(_proportional(block) if block.channel == "tension" else block for block in evaluation.blocks)
+            evaluation = replace(evaluation, blocks=blocks, loss=total(problem.loss, blocks))
+        descent.tell(evaluation)
+    assert n_rough
+    assert descent.converged
+    assert descent.evaluations <= near.evaluations + 4
+    assert descent.best is not None
+    assert descent.best.theta == pytest.approx(near.best.theta, rel=1e-3)
+
+
+def _proportional(block: Block) -> Block:
+    """A block whose prediction is proportional to the measurement."""
+    assert block.jacobian is not None
+    part = float(np.mean((block.residual + block.measured) / block.measured))
+    jacobian = block.jacobian.copy()
+    jacobian[:, 0] *= part * block.measured / np.maximum(block.residual + block.measured, 1e-12)
+    return replace(block, residual=(part - 1.0) * block.measured, jacobian=jacobian)
 
 
 @pytest.mark.parametrize("loss", [PapersLoss(), LIKELIHOOD])

@@ -125,7 +125,7 @@ def test_a_state_of_constant_strain_is_the_same_on_the_finer_mesh(element: str, 
 
 
 def test_a_rough_change_goes_through_its_values_whatever_their_slopes():
-    """Its error is what the worst of the places makes of it; none where they are on a line."""
+    """Its error is half of what a place makes of it, which is left out; none where they are on a line."""
     start, c = 0.001, 0.001 + 0.04 * np.array([1.0, 0.5, 0.25, 0.75])
     line = np.stack([3.0 * (c - start), -(c - start)], axis=1)
     off = line + np.array([[0.0, 0.0], [0.01, 0.0], [0.0, 0.0], [0.0, 0.0]])
@@ -133,4 +133,14 @@ def test_a_rough_change_goes_through_its_values_whatever_their_slopes():
         change = _Change(start, c, values, np.full_like(values, 7.0), is_rough=True)
         np.testing.assert_allclose(change.at(c), values, rtol=0, atol=1e-15)
         np.testing.assert_allclose(change.at(np.array([start])), 0.0, atol=1e-15)
-        np.testing.assert_allclose(change.error(), [error, 0.0], rtol=0.05, atol=1e-12)
+        errors = change.errors()
+        np.testing.assert_allclose(errors[0], [0.5 * error, 0.0], rtol=0.05, atol=1e-12)
+        assert np.all(errors[1:, 0] <= errors[0, 0])
+        assert np.all(errors[:, 1] < 1e-12)
+
+
+def test_further_places_are_half_way_to_those_beside():
+    start, c = 0.001, 0.001 + 0.04 * np.array([1.0, 0.5, 0.75, 0.25])
+    change = _Change(start, c, np.zeros((4, 1)), np.zeros((4, 1)), is_rough=True)
+    for k, beside in ((1, (0.375, 0.625)), (2, (0.625, 0.875)), (3, (0.125, 0.375))):
+        assert change.beside(k) == pytest.approx(beside)

@@ -16,11 +16,12 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.mechanics import bordered, linear_solve
 from softcal.mechanics.linearisation import Linearisation
-from softcal.mechanics.node import Line, node_at
+from softcal.mechanics.node import Line, Node, node_at
 from softcal.mechanics.state import State, difference, rest_state
 from softcal.mechanics.statics import Equilibrium, Statics
 from softcal.mechanics.term import Controls
 from softcal.project.project import load
+from softcal.twin import mesh_change
 from softcal.twin.barrier import Contact
 from softcal.twin.build import twin_of
 from softcal.twin.parameters import parameter_values
@@ -238,3 +239,29 @@ def test_equilibria_on_a_finer_mesh_are_those_of_newtons_method_with_the_exact_t
     finer_twin(robot)(robot, pulled(*np.linspace(2e-4, 2e-3, 5)))
     assert len(errors) >= 2
     assert max(errors) < 1e-3 * max(changes)
+
+
+@pytest.mark.parametrize(("tolerance", "least", "most"), [(0.03, 2, 4), (0.01, 5, 8)])
+def test_a_rough_change_gets_more_places_where_it_is_worst(
+    tolerance: float, least: int, most: int, monkeypatch: pytest.MonkeyPatch
+):
+    """Within the tolerance of the load path on the finer mesh, whose stability is judged at its end alone."""
+    robot, protocol = touching(grooved(width=3e-4)), pulled(*np.linspace(2e-4, 8e-4, 25))
+    finer, judged = finer_twin(robot), list[bool]()
+    on_finer = mesh_change._on_finer
+
+    def watched(*args: Any, **how: Any) -> Node | None:
+        judged.append(how["judged"])
+        return on_finer(*args, **how)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(mesh_change, "CHANGE_TOLERANCE", tolerance)
+        patched.setattr(mesh_change, "ROUGH_CURVE", 0.0)
+        patched.setattr(mesh_change, "_on_finer", watched)
+        patched.setattr(mesh_change, "simulate", None)
+        changed = finer(robot, protocol).channels["front.tension"]
+    assert least <= len(judged) <= most
+    assert judged == [True, *(len(judged) - 1) * [False]]
+    here, there = (simulate(r, protocol).channels["front.tension"] for r in (robot, finer.robot))
+    largest = np.abs(there - here).max()
+    assert np.abs(changed - there).max() < 4 * tolerance * largest + 1e-4 * there.max()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from mechanics_cases import column_robot, elastic, pulled
 
 from softcal.errors import SimulationError
 from softcal.mechanics import bordered, linear_solve
+from softcal.mechanics.bordered import BorderedTangent
 from softcal.mechanics.krylov import gmres
 from softcal.mechanics.linear_solve import Pardiso, SuperLU
 from softcal.mechanics.state import rest_state
@@ -99,6 +101,21 @@ def test_a_loss_of_stability_is_seen_by_kept_factors(column: Statics):
     lower[column.system.pattern.indptr[:1]] *= -0.5
     column.tangent.take(replace(at, data=lower))
     assert column.n_unstable() == 1
+
+
+def test_a_step_by_earlier_factors_that_leads_nowhere_is_solved_anew(column: Statics, monkeypatch: pytest.MonkeyPatch):
+    """Earlier factors may be far too stiff, where surfaces have separated: their estimate of the error is too small."""
+    solve, wrong = BorderedTangent.solve, list[bool]()
+
+    def uphill(tangent: BorderedTangent, *args: Any) -> np.ndarray:
+        wrong.append(not tangent.has_own_factors and not any(wrong))
+        return -solve(tangent, *args) if wrong[-1] else solve(tangent, *args)
+
+    monkeypatch.setattr(BorderedTangent, "solve", uphill)
+    shortened = Controls(np.array([False]), np.zeros(1), np.array([0.02]))
+    solved = column.equilibrium(rest_state(column.system.layout), shortened)
+    assert solved.converged
+    assert any(wrong)
 
 
 @pytest.mark.parametrize("columns", [1, 3])

@@ -42,7 +42,7 @@ _EDGE = 1e-4  # of the search range: smallest distance kept from points that can
 # Steps after a failed one in which the region does not grow: a quarter of it fits three times before the edge.
 _WARY = 3
 _RETREATS = 8  # halvings of the distance from a start that cannot be simulated to the middle of the box
-_FAR = 0.5  # of the loss: a step that promises less than that is far from the minimum
+_FAR = 0.5  # of the loss: a step that promises less than that, or gets there, is far from the minimum
 _SHORTER, _LONGER = 0.15, 0.025  # of such a step: how far from its end a round value may be
 _AS_MUCH = 0.75  # of its gain must be promised there
 _MEMORY = 4  # most recent points, by which models are compared
@@ -125,10 +125,12 @@ class Descent:
         gain, promised = before_rescaled - after_rescaled, before_rescaled - self._promised
         if promised <= _RESCALED * before_rescaled:  # rescaling has done what it can
             gain, promised = before - after, before - self._promised
+        # What rescaling makes of a point far away counts less than a loss that has fallen so far: its curve is rough.
+        fell = after < _FAR * before
         if gain <= 0.0 and after >= before:
             self._centre = self.z
         length = float(np.abs(tried.z - self._centre).max())
-        if gain < 0.25 * promised:
+        if gain < 0.25 * promised and not fell:
             self._radius = 0.35 * length
         elif gain > 0.75 * promised and length > 0.99 * self._radius and self._since_failure > _WARY:
             self._radius = min(1.0, 3.0 * self._radius)
@@ -137,7 +139,7 @@ class Descent:
             if gain > 0.0:
                 self.z, self.best = tried.z, evaluation
             self._end(f"Converged in {counted(self.evaluations)}: {short}.", converged=True)
-        elif gain > 0.0:
+        elif gain > 0.0 or fell:
             self._move(tried, evaluation)
         else:
             self._propose()

@@ -85,6 +85,11 @@ class BorderedTangent:
         """Whether the tangent taken last was factorised, in double precision."""
         return self._at is None and self._factors is not None
 
+    @property
+    def has_own_factors(self) -> bool:
+        """Whether the factors are those of the tangent taken last, not of an earlier one."""
+        return self.is_factorised or self._is_own
+
     def take(self, at: Linearisation) -> None:
         """Solve with a tangent from now on, by the factors of an earlier one where that costs less.
 
@@ -183,6 +188,10 @@ class BorderedTangent:
         """Whether the sign of the factors is that of the tangent."""
         if self._at is None:
             return True
+        if self._at.touch is not None and not self._is_own:
+            self._renew(
+                self._at
+            )  # what touches has changed: a random vector, odd as well as even, takes too many iterations
         random = np.zeros((self.system.layout.n_unknowns, 1))
         random[: len(self.unit), 0] = np.random.default_rng(3).standard_normal(len(self.unit)) / self.unit
         ritz = self._iterated(random, CERTAIN)[1]

@@ -65,7 +65,8 @@ class Half:
         """The block of a sparse upper triangle that mirrors itself."""
         import scipy.sparse as sp
 
-        a, b, factor = _entries(self.number, self.sign, each.row, each.col)
+        rows, columns = each.row.astype(np.int64), each.col.astype(np.int64)
+        a, b, factor = _entries(self.number, self.sign, rows, columns)
         part, n = factor != 0.0, len(self.own)
         return sp.csr_matrix(((factor * each.data)[part], (a[part], b[part])), shape=(n, n))
 
@@ -156,9 +157,8 @@ def _mirror(layout: Layout, pattern: Pattern, axis: int) -> Mirror | None:
     of_point = np.where(np.arange(3) == axis, -1.0, 1.0)
     of_frame = np.concatenate([of_point, -of_point])  # rotations are axial vectors
     sign = np.concatenate([np.tile(of_point, len(points)), np.tile(of_frame, n_frames), np.ones(len(pressures))])
-    row, column = partner[pattern.rows], partner[pattern.indices]
-    mirrored = _places(pattern.indptr, pattern.indices, np.minimum(row, column), np.maximum(row, column))
-    if np.any(mirrored < 0):
+    mirrored = _mirrored(pattern.indptr, pattern.indices, partner)
+    if len(mirrored) < pattern.nnz:
         return None
     entry = np.flatnonzero(mirrored >= np.arange(pattern.nnz))
     mirrored, rows, columns = mirrored[entry], pattern.rows[entry], pattern.indices[entry]
@@ -213,11 +213,29 @@ def _half(partner: Ints, sign: Floats, parity: float, rows: Ints, columns: Ints,
     return Half(own, other, np.where(is_pair, parity * sign[own], 0.0), number, part, triangle, place, factor)
 
 
+@numba.njit(cache=True)
 def _entries(number: Ints, sign: Floats, rows: Ints, columns: Ints) -> tuple[Ints, Ints, Floats]:
     """Where entries of a symmetric matrix, of its upper triangle, go in that of a half, and how many times."""
-    a, b = number[rows], number[columns]
-    twice = np.where((a == b) & (rows != columns), 2.0, 1.0)  # an entry represents its mirror image too
-    return np.minimum(a, b), np.maximum(a, b), twice * sign[rows] * sign[columns]
+    first, last, factor = np.empty(len(rows), np.int64), np.empty(len(rows), np.int64), np.empty(len(rows))
+    for k in range(len(rows)):
+        a, b = number[rows[k]], number[columns[k]]
+        first[k], last[k] = min(a, b), max(a, b)
+        twice = 2.0 if a == b and rows[k] != columns[k] else 1.0  # an entry represents its mirror image too
+        factor[k] = twice * sign[rows[k]] * sign[columns[k]]
+    return first, last, factor
+
+
+@numba.njit(cache=True)
+def _mirrored(indptr: Ints, indices: Ints, partner: Ints) -> Ints:
+    """The place (nnz,) of each entry's mirror image in an upper triangle; none, (0,), where one has no image."""
+    out = np.empty(len(indices), dtype=np.int64)
+    for row in range(len(indptr) - 1):
+        for k in range(indptr[row], indptr[row + 1]):
+            a, b = partner[row], partner[indices[k]]
+            out[k] = _place(indptr, indices, min(a, b), max(a, b))
+            if out[k] < 0:
+                return out[:0]
+    return out
 
 
 @numba.njit(cache=True)
@@ -225,13 +243,21 @@ def _places(indptr: Ints, indices: Ints, rows: Ints, columns: Ints) -> Ints:
     """The places of entries (k,) in an upper triangle; -1 where it has none."""
     out = np.empty(len(rows), dtype=np.int64)
     for k in range(len(rows)):
-        low, end = indptr[rows[k]], indptr[rows[k] + 1]
-        high = end
-        while low < high:
-            middle = (low + high) // 2
-            low, high = (middle + 1, high) if indices[middle] < columns[k] else (low, middle)
-        out[k] = low if low < end and indices[low] == columns[k] else -1
+        out[k] = _place(indptr, indices, rows[k], columns[k])
     return out
+
+
+@numba.njit(cache=True)
+def _place(indptr: Ints, indices: Ints, row: int, column: int) -> int:
+    low, end = indptr[row], indptr[row + 1]
+    high = end
+    while low < high:
+        middle = (low + high) // 2
+        if indices[middle] < column:
+            low = middle + 1
+        else:
+            high = middle
+    return low if low < end and indices[low] == column else -1
 
 
 @numba.njit(cache=True, error_model="numpy")

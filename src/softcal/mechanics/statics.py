@@ -252,7 +252,7 @@ class Statics:
         system, free = self.system, self.free_modes
         tolerance = TOLERANCE if tolerance is None else tolerance
         state = replace(guess, effort=np.where(controls.is_held, controls.effort, guess.effort))
-        at = system.linearise(state, controls, self.theta)
+        at = system.linearise(state, controls, self.theta, convex=flat_ridges)
         if not at.is_admissible:
             return Equilibrium(state, False, 0, np.inf, f"the guess is not admissible: {at.why_not}")
         previous = residual = best = np.inf
@@ -295,6 +295,7 @@ class Statics:
             serves = is_kept and residual < (SMALL_START if np.isinf(previous) else REUSE_BELOW * previous)
             work = float(dz @ at.reduced)
             least, most = 0.0, np.inf
+            lowest, of_lowest = residual, None
             for _ in range(MAX_CUTS):
                 candidate, part = self._before_touch(state, step * dz)
                 step, serves = step * part, serves and part == 1.0
@@ -307,15 +308,25 @@ class Statics:
                 here = float(dz @ at.reduced) if at.is_admissible else np.inf
                 if abs(here) <= abs(work) or (trusted and at.is_admissible):
                     break
+                if at.is_admissible and (norm := self.norm(at)) < lowest:
+                    lowest, of_lowest = norm, (candidate, at)
                 # Across a ridge the energy is concave: downhill all the way, the minimum is further on.
                 least, most = (step, most) if touches and part == 1.0 and here < work < 0.0 else (least, step)
                 step, serves = (2.0 * step if np.isinf(most) else 0.5 * (least + most)), False
             else:
-                if is_fresh and (was_convex or not touches):
+                is_exact = is_fresh and self.tangent.has_own_factors
+                if is_exact and (was_convex or not touches) and of_lowest is not None:
+                    # Where a coordinate is far from its prescribed value, its part of the work may cancel the rest.
+                    (state, at), previous = of_lowest, residual
+                    continue
+                if is_exact and (was_convex or not touches):
                     status = "no step along Newton's direction is admissible"
                     return Equilibrium(state, False, iteration, residual, status)
-                # The kept factorisation serves no longer, or a ridge between triangles gives no direction of descent.
-                at = system.linearise(state, controls, self.theta, convex=is_fresh)
+                # Kept factors serve no longer: where surfaces have separated they are too stiff, and their estimate of
+                # the error misses the forces there. Or a ridge between triangles gives no direction of descent.
+                if not is_exact:
+                    self.forget()
+                at = system.linearise(state, controls, self.theta, convex=was_convex or is_exact)
                 continue
             state, previous = candidate, residual
         return Equilibrium(

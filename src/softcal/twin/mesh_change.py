@@ -33,15 +33,15 @@ from softcal.twin.robot import Robot
 from softcal.twin.sensors import angle_columns
 from softcal.twin.simulate import simulate
 
-# Of equilibria on the finer mesh, over the path's length: two, or all. At the first one, the end, stability is judged:
-# the robot's own path is stable up to there.
-PLACES = (1.0, 0.5, 0.25, 0.75)
+# Of equilibria on the finer mesh, over the path's length: two, or more of them, or more about the place that the curve
+# represents worst. At the first one, the end, stability is judged: the robot's own path is stable up to there.
+PLACES, MOST_PLACES = (1.0, 0.5, 0.75, 0.25), 8
 CHANGE_TOLERANCE = 0.03  # estimated error over the largest change of all channels of one unit
 # What touches differs from mesh to mesh, so with contact the change is rough: so many times that, and the curve's
 # tolerance, are allowed.
 ROUGH, ROUGH_CURVE = 4.0, 20.0
 ACCURACY = 1e-6  # of equilibria on the finer mesh and their slopes: a change is some thousandths of a channel or more
-ROUGH_ACCURACY = 1e-3  # with contact: of the neck, 0.02 % of the change of its tension
+ROUGH_ACCURACY, ROUGH_SLOPE = 1e-2, 1e-4  # with contact: of the neck, 0.2 % of the change of its tension
 
 
 @dataclass(frozen=True)
@@ -144,13 +144,20 @@ class _Change:
         curve = PchipInterpolator(x, y) if self.is_rough else KroghInterpolator(x, y)
         return curve((c - self.start) / length)
 
-    def error(self) -> Floats:
-        """Estimated error (n_channels,): what the second slope makes of the polynomial, or the worst of all places but
-        the end, left out in turn.
+    def errors(self) -> Floats:
+        """Estimated errors (n - 1, n_channels) of the curve by leaving out each place but the first: its slope,
+        or where the change is rough half of what the place itself makes of it: without it the places there are twice as
+        far apart, and at a kink the error as well.
         """
-        c = np.linspace(self.start, self.c.max(), FINE)
-        left_out = range(1, len(self.c)) if self.is_rough else (1,)
-        return np.max([np.abs(self.at(c) - self.at(c, without=k)).max(axis=0) for k in left_out], axis=0)
+        c, part = np.linspace(self.start, self.c.max(), FINE), 0.5 if self.is_rough else 1.0
+        return part * np.array([np.abs(self.at(c) - self.at(c, without=k)).max(axis=0) for k in range(1, len(self.c))])
+
+    def beside(self, k: int) -> tuple[float, float]:
+        """Half way from a place but the end to those before and after it, over the length."""
+        places = np.sort(np.append(self.c, self.start))
+        j = int(np.searchsorted(places, self.c[k]))
+        before, after = 0.5 * (places[j - 1 : j + 1] + places[j : j + 2]) - self.start
+        return before / (places[-1] - self.start), after / (places[-1] - self.start)
 
 
 def _change(
@@ -163,45 +170,54 @@ def _change(
     if end <= start:
         return None
     layout = finer.twin.system.layout
+    c: list[float] = []
     values: list[Floats] = []
     slopes: list[Floats] = []
     moved_at_end = np.zeros(layout.n_unknowns)  # by the finer mesh
-    for n_places in (2, len(PLACES)):
-        for place in PLACES[len(values) : n_places]:
+    touches = bool(finer.twin.system.contacts)
+    rough, of_curve = (ROUGH, ROUGH_CURVE) if touches else (1.0, 1.0)
+    scale = along.scale(along.curve(path.nodes).values)
+    places = PLACES[:2]
+    while True:
+        for place in places:
             own = along.at(path, start + place * (end - start))
             guess = prolong(own.state)
-            node = _on_finer(finer, own.c, moved(layout, guess, place * moved_at_end), judged=place == PLACES[0])
+            sloped = not touches or place in PLACES[:2]
+            node = _on_finer(finer, own.c, moved(layout, guess, place * moved_at_end), judged=not c, sloped=sloped)
             if node is None:
                 return None
-            if place == PLACES[0]:
+            if not c:
                 moved_at_end = difference(layout, node.state, guess)
             here, there = along.curve((own,)), finer.curve((node,))
+            c.append(own.c)
             values.append(_turned(there.values[0] - here.values[0], angle_columns(along.twin)))
             slopes.append(there.slopes[0] - here.slopes[0])
-        c = start + np.array(PLACES[:n_places]) * (end - start)
-        touches = bool(finer.twin.system.contacts)
-        change = _Change(start, c, np.array(values), np.array(slopes), is_rough=touches and n_places > 2)
-        scale = along.scale(along.curve(path.nodes).values)
-        rough, of_curve = (ROUGH, ROUGH_CURVE) if touches else (1.0, 1.0)
+        change = _Change(start, np.array(c), np.array(values), np.array(slopes), is_rough=touches and len(c) > 2)
         allowed = np.maximum(
             rough * CHANGE_TOLERANCE * along.largest(change.values), of_curve * along.tolerance * scale
         )
-        if np.all(change.error() <= allowed):
+        excess = (change.errors() / allowed).max(axis=1)
+        if excess.max() <= 1.0:
             return change
-    return None
+        if len(c) >= MOST_PLACES or (len(c) >= len(PLACES) and not touches):
+            return None
+        places = PLACES[len(c) : len(c) + 1] or change.beside(1 + int(excess.argmax()))
 
 
-def _on_finer(finer: EquilibriumPath, c: float, guess: State, *, judged: bool) -> Node | None:
+def _on_finer(finer: EquilibriumPath, c: float, guess: State, *, judged: bool, sloped: bool) -> Node | None:
     """The equilibrium on a finer mesh at c, near a guess; None where there is none, or where its stability is judged
-    and it is not stable.
+    and it is not stable. sloped: whether with its slope, which is zero otherwise.
     """
     statics = finer.statics
     statics.forget()
-    accuracy = ROUGH_ACCURACY if finer.twin.system.contacts else ACCURACY
+    accuracy, of_slope = (ROUGH_ACCURACY, ROUGH_SLOPE) if finer.twin.system.contacts else (ACCURACY, ACCURACY)
     solved = statics.equilibrium(guess, finer.line.at(c), accuracy, flat_ridges=True)
     if not solved.converged or strays(statics, rest_state(finer.twin.system.layout), guess, solved.state):
         return None
-    node = node_at(statics, finer.line, c, solved.state, (), judged=judged, accuracy=ACCURACY)
+    if not sloped:
+        none = np.zeros((finer.twin.system.layout.n_unknowns, 0))
+        return Node(c, solved.state, np.zeros(len(none)), none, none)
+    node = node_at(statics, finer.line, c, solved.state, (), judged=judged, accuracy=of_slope)
     return node if node.is_stable else None
 
 

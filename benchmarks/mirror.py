@@ -21,7 +21,7 @@ from softcal.twin.parameters import parameter_values
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 
-SHAPE = Neck(tets=2000, sectors=6, waist_refinement=12)
+SHAPE = Neck(tets=2000, sectors=6, waist_refinement=10)
 SHORTENING = np.linspace(0.0, PULL, 9)
 
 

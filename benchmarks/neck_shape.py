@@ -34,7 +34,7 @@ DIAMETERS = (0.032, 0.034, 0.036, 0.038, 0.040)  # [m]
 LEVERS = (0.046, 0.050, 0.054)  # [m]
 BENCH_DIAMETERS = DIAMETERS[2:]
 DIAMETER = 0.038  # [m]
-MESHES = ((2000, 12, 6), (3000, 16, 6), (5000, 12, 8), (12000, 12, 12))  # tets, refinement of the waists, sectors
+MESHES = ((2000, 10, 6), (3000, 16, 6), (5000, 12, 8), (12000, 12, 12))  # tets, refinement of the waists, sectors
 MOST_RATIO = 0.4999  # Poisson's, at the bound of examples/neck
 AT = (0.015, 0.03, 0.05)  # [m] of shortening
 THEIR_PULL = 0.04  # [m], not stated; their pitch times the usual lever
@@ -83,7 +83,7 @@ def bench_fits(
     contact: bool = False,
 ) -> list[Fit]:
     """Every test of examples/neck by modulus and slack, on its own kind of mesh."""
-    shape = Neck(diameter, dome=dome, tets=2000, sectors=6, waist_refinement=12)
+    shape = Neck(diameter, dome=dome, tets=2000, sectors=6, waist_refinement=10)
     fits = fitted(curve(shape, lever, "P2P1", BENCH_RATIO, FARTHEST, contact=contact))
     print(f"{dome}, {1e3 * diameter:.1f} mm, lever {1e3 * lever:.1f} mm: {_moduli(fits)} MPa", flush=True)
     return fits
@@ -180,8 +180,8 @@ mesh, and the fits of the three tests.
 
 {lines}
 
-The first mesh is the one that is shipped: 2 to 3 % too stiff, with grooves that close a little late, which is what its
-larger error in the test to 60 mm comes from.
+The first mesh is the one that is shipped: 2 to 3 % too stiff; its errors in the three tests are within 0.011 N of
+those on the finest.
 """
 
 

@@ -133,8 +133,8 @@ def _parts(case: Midway, repeats: int) -> tuple[Floats, Floats]:
     factors: list[Watch] = []
     motion = Watch(case.twin.system.motion)
 
-    def watched(indptr: Ints, indices: Ints, **options: Any) -> Watch:
-        factors.append(Watch(Pardiso(indptr, indices, **options)))
+    def watched(indptr: Ints, indices: Ints, *, single: bool) -> Watch:
+        factors.append(Watch(Pardiso(indptr, indices, single=single)))
         return factors[-1]
 
     statics = Statics(replace(case.twin.system, motion=motion), case.theta)  # type: ignore[arg-type]

@@ -7,8 +7,6 @@ import scipy.sparse as sp
 from softcal.errors import SimulationError
 from softcal.mechanics import linear_solve
 from softcal.mechanics.linear_solve import Pardiso, SuperLU, factorisation
-from softcal.mechanics.pattern import Triangle
-from softcal.mechanics.touched_pattern import TouchedPattern
 
 KINDS = [SuperLU]
 if linear_solve._mkl_pardiso() is not None:
@@ -113,48 +111,3 @@ def test_the_twin_gives_the_same_with_either(monkeypatch):
             rtol=1e-5,
             atol=1e-7,
         )
-
-
-def test_an_order_serves_a_pattern_with_more_entries():
-    """The same solutions; PARDISO then eliminates in that order."""
-    K = saddle()
-    more = K.copy()
-    more[0, 20:30] = more[20:30, 0] = 0.5
-    first, second = (upper(matrix) for matrix in (K, more))
-    factors = factorisation(first.indptr.astype(np.int64), first.indices.astype(np.int64))
-    factors.factorise(first.data)
-    order = factors.order
-    other = factorisation(second.indptr.astype(np.int64), second.indices.astype(np.int64), order=order)
-    other.factorise(second.data)
-    b = np.random.default_rng(1).normal(size=len(K))
-    np.testing.assert_allclose(more @ other.solve(b), b, atol=1e-10)
-    if order is not None:
-        assert np.array_equal(np.sort(order.places), 1 + np.arange(len(K)))
-        assert other.order is not None
-        assert np.array_equal(other.order.places, order.places)
-        assert other.order.n_entries >= order.n_entries
-
-
-@pytest.mark.skipif(len(KINDS) == 1, reason="SuperLU has an order of its own each time")
-def test_a_pattern_that_fills_up_gets_an_order_of_its_own():
-    n = 60
-    K = sp.diags([4.0 * np.ones(n), -np.ones(n - 1)], [0, 1]).tocsr()
-    touched = TouchedPattern(Triangle(K.indptr.astype(np.int64), K.indices.astype(np.int64)), np.ones(n))
-    first = touch_of([(0, 2)], n)
-    touched.factorise(K.data, first)
-    order = touched._order
-    assert order is not None
-    rng = np.random.default_rng(0)
-    whole = touch_of([(0, 2), *(tuple(sorted(pair)) for pair in rng.integers(0, n, (300, 2)) if pair[0] != pair[1])], n)
-    factors = touched.factorise(K.data, whole)
-    assert touched._order is None
-    b = rng.normal(size=n)
-    matrix = (K + whole).toarray()
-    np.testing.assert_allclose((matrix + np.triu(matrix, 1).T) @ factors.solve(b), b, atol=1e-10)
-    touched.release()
-
-
-def touch_of(pairs, n):
-    """Entries of an upper triangle."""
-    rows, columns = np.array(sorted(set(pairs))).T
-    return sp.csr_matrix((np.full(len(rows), 0.01), (rows, columns)), shape=(n, n))

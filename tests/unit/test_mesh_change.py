@@ -69,7 +69,7 @@ def test_the_change_is_scaled_with_the_modulus_from_the_load_path_of_the_search(
         lambda self, *a, **how: (solved.append(self.system.layout.n_points), solve(self, *a, **how))[1],
     )
     changed = finer(coarse, PULL, E)
-    at_places = len(PLACES) - 1  # the last one is the path's end
+    at_places = len(PLACES) - 1  # the first one is the path's end
     assert solved.count(build_twin(coarse).system.layout.n_points) <= at_places
     there = simulate(finer.robot, PULL, E, curve_tolerance=EXACT)
     scale = np.abs(there.channels["front.tension"]).max()

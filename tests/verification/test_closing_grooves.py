@@ -247,12 +247,13 @@ def test_a_rough_change_gets_more_places_where_it_is_worst(
 ):
     """Within the tolerance of the load path on the finer mesh, whose stability is judged at its end alone."""
     robot, protocol = touching(grooved(width=3e-4)), pulled(*np.linspace(2e-4, 8e-4, 25))
-    finer, judged = finer_twin(robot), list[bool]()
+    finer, judged, places = finer_twin(robot), list[bool](), list[float]()
     on_finer = mesh_change._on_finer
 
-    def watched(*args: Any, **how: Any) -> Node | None:
+    def watched(twin: Any, c: float, *args: Any, **how: Any) -> Node | None:
         judged.append(how["judged"])
-        return on_finer(*args, **how)
+        places.append(c)
+        return on_finer(twin, c, *args, **how)
 
     with monkeypatch.context() as patched:
         patched.setattr(mesh_change, "CHANGE_TOLERANCE", tolerance)
@@ -262,6 +263,10 @@ def test_a_rough_change_gets_more_places_where_it_is_worst(
         changed = finer(robot, protocol).channels["front.tension"]
     assert least <= len(judged) <= most
     assert judged == [True, *(len(judged) - 1) * [False]]
+    if len(places) > len(mesh_change.PLACES):
+        before, after = places[4:6]
+        assert after - before == pytest.approx(0.5 * (places[0] - places[1]))
+        assert any(place == pytest.approx(0.5 * (before + after)) for place in places[1:4])
     here, there = (simulate(r, protocol).channels["front.tension"] for r in (robot, finer.robot))
     largest = np.abs(there - here).max()
     assert np.abs(changed - there).max() < 4 * tolerance * largest + 1e-4 * there.max()

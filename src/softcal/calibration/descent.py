@@ -4,7 +4,8 @@ Three rules make it fast and robust:
 
 - points are compared by their loss after the moduli are rescaled (`LocalModel.rescaled`), as in variable projection
   (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). Otherwise the search would take tiny steps along the narrow,
-  curved valley in which E compensates Poisson's ratio. Where rescaling gives no progress, the loss alone decides.
+  curved valley in which E compensates Poisson's ratio. Where rescaling gives no progress, the loss alone decides; and
+  a step that halves the loss, to the lowest so far, is taken in any case.
 - it has converged where Gauss-Newton's step to the minimum is shorter than a tenth of a standard error at the lowest
   point simulated, and hardly any reduction of the loss is left (`distance_to_minimum`). A loss may have a kink at its
   minimum, where cables become taut or slack in many samples at once, and its derivative does not vanish: there it has
@@ -42,7 +43,7 @@ _EDGE = 1e-4  # of the search range: smallest distance kept from points that can
 # Steps after a failed one in which the region does not grow: a quarter of it fits three times before the edge.
 _WARY = 3
 _RETREATS = 8  # halvings of the distance from a start that cannot be simulated to the middle of the box
-_FAR = 0.5  # of the loss: a step that promises less than that, or gets there, is far from the minimum
+_FAR = 0.5  # of the loss: a step that promises less than that, or reaches less, begins far from the minimum
 _SHORTER, _LONGER = 0.15, 0.025  # of such a step: how far from its end a round value may be
 _AS_MUCH = 0.75  # of its gain must be promised there
 _MEMORY = 4  # most recent points, by which models are compared
@@ -125,8 +126,9 @@ class Descent:
         gain, promised = before_rescaled - after_rescaled, before_rescaled - self._promised
         if promised <= _RESCALED * before_rescaled:  # rescaling has done what it can
             gain, promised = before - after, before - self._promised
-        # What rescaling makes of a point far away counts less than a loss that has fallen so far: its curve is rough.
-        fell = after < _FAR * before
+        # What rescaling made of a point far away, whose curve is rough, counts less than a loss that has fallen so far.
+        before_that = (total(self._merit, point.blocks) for point, _ in self._seen[:-1])
+        fell = after < _FAR * before and all(after < loss for loss in before_that)
         if gain <= 0.0 and after >= before:
             self._centre = self.z
         length = float(np.abs(tried.z - self._centre).max())
@@ -134,7 +136,7 @@ class Descent:
             self._radius = 0.35 * length
         elif gain > 0.75 * promised and length > 0.99 * self._radius and self._since_failure > _WARY:
             self._radius = min(1.0, 3.0 * self._radius)
-        if gain < 0.25 * promised and self._merit is self.loss and self._is_short(tried):
+        if gain < 0.25 * promised and not fell and self._merit is self.loss and self._is_short(tried):
             short = f"a step of less than {NEAR:.1g} standard errors no longer lowers the loss as its slope promises"
             if gain > 0.0:
                 self.z, self.best = tried.z, evaluation

@@ -108,7 +108,7 @@ class BorderedTangent:
 
     def forget(self) -> None:
         """Forget the factors, so that the next tangent is factorised."""
-        self._factors = None
+        self._factors, self._is_own = None, False
 
     def _take(self, at: Linearisation, solved: Linearisation | None) -> None:
         self._at, self._border, self._columns_solved, self._is_own = solved, at.border, None, False
@@ -188,10 +188,6 @@ class BorderedTangent:
         """Whether the sign of the factors is that of the tangent."""
         if self._at is None:
             return True
-        if self._at.touch is not None and not self._is_own:
-            self._renew(
-                self._at
-            )  # what touches has changed: a random vector, odd as well as even, takes too many iterations
         random = np.zeros((self.system.layout.n_unknowns, 1))
         random[: len(self.unit), 0] = np.random.default_rng(3).standard_normal(len(self.unit)) / self.unit
         ritz = self._iterated(random, CERTAIN)[1]

@@ -7,7 +7,6 @@ import functools
 import os
 import re
 import weakref
-from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
 from typing import Any, NamedTuple, Protocol
 
@@ -19,22 +18,6 @@ from softcal.errors import SimulationError
 # Of the entries of a row of the factors: solutions by iteration that cost as much as a factorisation. Tangents of the
 # neck, P2P1, in single precision on one core: 331 entries and 11 solutions at 28k unknowns, 552 and 21 at 75k.
 SOLVES = 0.03
-
-
-@dataclass(frozen=True)
-class Order:
-    """An order of elimination.
-
-    Attributes
-    ----------
-    places
-        Of the unknowns (n,), counted from one.
-    n_entries
-        Of the factors, with the pattern that it was made for.
-    """
-
-    places: np.ndarray
-    n_entries: int
 
 
 class Factors(Protocol):
@@ -58,22 +41,16 @@ class Factorisation(Factors, Protocol):
 
     def factorise(self, data: Floats) -> None: ...
 
-    @property
-    def order(self) -> Order | None:
-        """The order of elimination, after the first factorisation; None where it cannot serve another pattern."""
-        ...
-
     def release(self) -> None: ...
 
 
-def factorisation(indptr: Ints, indices: Ints, *, single: bool = False, order: Order | None = None) -> Factorisation:
+def factorisation(indptr: Ints, indices: Ints, *, single: bool = False) -> Factorisation:
     """The fastest available factorisation, for a fixed pattern (upper triangle, compressed rows, sorted).
 
-    single: in single precision where that is available, 1.7 times faster in half the memory. order: of a similar
-    pattern, where it can be used: the analysis then takes less than half the time.
+    single: in single precision where that is available, 1.7 times faster in half the memory.
     """
     if _mkl_pardiso() is not None:
-        return Pardiso(indptr, indices, single=single, order=order)
+        return Pardiso(indptr, indices, single=single)
     return SuperLU(indptr, indices)
 
 
@@ -84,19 +61,17 @@ class _Handle(NamedTuple):
     options: np.ndarray
     indptr: np.ndarray
     indices: np.ndarray
-    places: np.ndarray
-    pointers: tuple[ctypes.c_void_p, ...]  # to the five, made once
+    pointers: tuple[ctypes.c_void_p, ...]  # to the four, made once
 
 
 class Pardiso:
     """MKL PARDISO for symmetric indefinite matrices (mtype -2); the analysis is done once, on the first values."""
 
-    def __init__(self, indptr: Ints, indices: Ints, *, single: bool = False, order: Order | None = None) -> None:
+    def __init__(self, indptr: Ints, indices: Ints, *, single: bool = False) -> None:
         options = np.zeros(64, dtype=np.int32)
         for key, value in {
             0: 1,  # values given here, not defaults
             1: 2,  # nested dissection
-            4: 2 if order is None else 1,  # its order is returned, or another one given
             7: 0,  # no iterative refinement: Newton's method refines
             9: 8,  # pivots below 1e-8 are perturbed
             10: 0,  # no scaling, no matching: both need the values at analysis, and the tangent is well scaled
@@ -112,7 +87,6 @@ class Pardiso:
             options,
             (indptr + 1).astype(np.int32),
             (indices + 1).astype(np.int32),
-            np.zeros(len(indptr) - 1, dtype=np.int32) if order is None else order.places.copy(),
         )
         self._handle = _Handle(*arrays, tuple(_pointer(array) for array in arrays))
         self._finalizer = weakref.finalize(self, _release, self._handle)
@@ -134,11 +108,6 @@ class Pardiso:
     def solve(self, b: Floats) -> Floats:
         """x with A x = b; b (n,) or (n, k)."""
         return np.asarray(self._call(33, np.asfortranarray(b, dtype=self._type)), dtype=np.float64)
-
-    @property
-    def order(self) -> Order:
-        """The order of elimination, after the first factorisation."""
-        return Order(self._handle.places, int(self._handle.options[17]))
 
     @property
     def n_negative(self) -> int:
@@ -177,10 +146,11 @@ def _pardiso(handle: _Handle, phase: int, data: np.ndarray, b: np.ndarray, x: np
     maxfct, mnum, mtype, phase_c, n, nrhs, msglvl = (
         ctypes.c_int32(value) for value in (1, 1, -2, phase, len(handle.indptr) - 1, n_rhs, 0)
     )
-    memory, options, indptr, indices, places = handle.pointers
+    permutation = ctypes.c_int32(0)  # not read: the order is PARDISO's own
+    memory, options, indptr, indices = handle.pointers
     by = ctypes.byref
     _mkl_pardiso()(
-        memory, by(maxfct), by(mnum), by(mtype), by(phase_c), by(n), _pointer(data), indptr, indices, places,
+        memory, by(maxfct), by(mnum), by(mtype), by(phase_c), by(n), _pointer(data), indptr, indices, by(permutation),
         by(nrhs), options, by(msglvl), _pointer(b), _pointer(x), by(error),
     )  # fmt: skip
     return int(error.value)
@@ -188,8 +158,6 @@ def _pardiso(handle: _Handle, phase: int, data: np.ndarray, b: np.ndarray, x: np
 
 class SuperLU:
     """SciPy's SuperLU in symmetric mode: slower, available everywhere."""
-
-    order: Order | None = None
 
     def __init__(self, indptr: Ints, indices: Ints) -> None:
         self._indptr = indptr

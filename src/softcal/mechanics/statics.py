@@ -246,8 +246,8 @@ class Statics:
         """Newton's method from a guess, up to a residual over its scale, by default TOLERANCE. Never raises where it
         fails: the status says why.
 
-        flat_ridges: whether ridges between triangles count as flat while the residual is large: fewer steps from a
-        guess in which surfaces overlap all over, but a load path gets more nodes.
+        flat_ridges: whether ridges between triangles count as flat at first and while the residual is large: fewer
+        steps from a guess in which surfaces overlap all over, but a load path gets more nodes.
         """
         system, free = self.system, self.free_modes
         tolerance = TOLERANCE if tolerance is None else tolerance
@@ -326,7 +326,7 @@ class Statics:
                 # the error misses the forces there. Or a ridge between triangles gives no direction of descent.
                 if not is_exact:
                     self.forget()
-                at = system.linearise(state, controls, self.theta, convex=was_convex or is_exact)
+                at = system.linearise(state, controls, self.theta, convex=was_convex or is_exact or flat_ridges)
                 continue
             state, previous = candidate, residual
         return Equilibrium(

@@ -1,6 +1,4 @@
-"""Factors of a tangent, and of one whose pattern grows with what touches: analysed anew only where entries are new, and
-eliminated in the order of before.
-"""
+"""Factors of a tangent, and of one whose pattern grows with what touches: analysed anew only where entries are new."""
 
 from __future__ import annotations
 
@@ -9,10 +7,8 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.mechanics.linear_solve import Factorisation, Order, factorisation
+from softcal.mechanics.linear_solve import Factorisation, factorisation
 from softcal.mechanics.pattern import Triangle
-
-FILLED = 1.25  # times as many entries of the factors: then the next pattern gets an order of its own
 
 
 class TouchedPattern:
@@ -32,7 +28,6 @@ class TouchedPattern:
         self._keys = self._planned
         self._own = np.arange(len(self._planned))
         self._factors: Factorisation | None = None
-        self._order: Order | None = None
 
     def factorise(self, data: Floats, touch: Any) -> Factorisation:
         """The factors of the planned entries `data` (nnz,) and of `touch`, a sparse upper triangle, or None.
@@ -54,11 +49,7 @@ class TouchedPattern:
         whole[places] += touch.data * self._unit[rows] * self._unit[touch.indices]
         factors = self._factors or self._analysed()
         factors.factorise(whole)
-        self._factors, order = factors, factors.order
-        if self._order is None:
-            self._order = order
-        elif order is None or order.n_entries > FILLED * self._order.n_entries:
-            self._order = None
+        self._factors = factors
         return factors
 
     def release(self) -> None:
@@ -85,4 +76,4 @@ class TouchedPattern:
 
     def _analysed(self) -> Factorisation:
         indptr = np.searchsorted(self._keys, np.arange(self._n + 1) * np.int64(self._n))
-        return factorisation(indptr.astype(np.int64), self._keys % self._n, single=self._single, order=self._order)
+        return factorisation(indptr.astype(np.int64), self._keys % self._n, single=self._single)

@@ -3,8 +3,8 @@
 Along the path of one cable the change from mesh to mesh is far smoother than the channels: a polynomial through two
 equilibria of the finer twin, with their slopes, represents it within some tenths of a per cent of itself. Contact
 begins and ends elsewhere on every mesh; where that makes such a polynomial too rough, it is a curve through the values
-of four, without their slopes. Each of them is solved from the equilibrium on the coarse mesh, not by following the path
-on the finer one.
+of three to eight, without their slopes. Each of them is solved from the equilibrium on the coarse mesh, not by
+following the path on the finer one.
 """
 
 from __future__ import annotations
@@ -189,7 +189,7 @@ def _change(
             if not c:
                 moved_at_end = difference(layout, node.state, guess)
             here, there = along.curve((own,)), finer.curve((node,))
-            c.append(own.c)
+            c.append(start + place * (end - start))
             values.append(_turned(there.values[0] - here.values[0], angle_columns(along.twin)))
             slopes.append(there.slopes[0] - here.slopes[0])
         change = _Change(start, np.array(c), np.array(values), np.array(slopes), is_rough=touches and len(c) > 2)
@@ -217,6 +217,8 @@ def _on_finer(finer: EquilibriumPath, c: float, guess: State, *, judged: bool, s
     if not sloped:
         none = np.zeros((finer.twin.system.layout.n_unknowns, 0))
         return Node(c, solved.state, np.zeros(len(none)), none, none)
+    if judged and finer.twin.system.contacts:
+        statics.forget()  # what touches has changed too much for earlier factors to show whether it is stable
     node = node_at(statics, finer.line, c, solved.state, (), judged=judged, accuracy=of_slope)
     return node if node.is_stable else None
 

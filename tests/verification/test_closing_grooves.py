@@ -229,7 +229,7 @@ def test_equilibria_on_a_finer_mesh_are_those_of_newtons_method_with_the_exact_t
     def both(statics: Statics, guess: State, *args: Any, **how: Any) -> Equilibrium:
         solved = equilibrium(statics, guess, *args, **how)
         if how:
-            exact = equilibrium(Statics(statics.system, statics.theta), guess, args[0])
+            exact = equilibrium(Statics(statics.system, statics.theta), solved.state, args[0])
             assert exact.converged
             errors.append(float(np.abs(solved.state.effort - exact.state.effort).max()))
             changes.append(float(np.abs(guess.effort - exact.state.effort).max()))

@@ -308,7 +308,7 @@ class Statics:
                 here = float(dz @ at.reduced) if at.is_admissible else np.inf
                 if abs(here) <= abs(work) or (trusted and at.is_admissible):
                     break
-                if at.is_admissible and (norm := self.norm(at)) < lowest:
+                if flat_ridges and at.is_admissible and (norm := self.norm(at)) < lowest:
                     lowest, of_lowest = norm, (candidate, at)
                 # Across a ridge the energy is concave: downhill all the way, the minimum is further on.
                 least, most = (step, most) if touches and part == 1.0 and here < work < 0.0 else (least, step)
@@ -316,7 +316,7 @@ class Statics:
             else:
                 is_exact = is_fresh and self.tangent.has_own_factors
                 if is_exact and (was_convex or not touches) and of_lowest is not None:
-                    # Where a coordinate is far from its prescribed value, its part of the work may cancel the rest.
+                    # Far from equilibrium a coordinate's part of the work may cancel the rest: it then measures nothing
                     (state, at), previous = of_lowest, residual
                     continue
                 if is_exact and (was_convex or not touches):

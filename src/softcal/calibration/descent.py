@@ -132,11 +132,12 @@ class Descent:
         if gain <= 0.0 and after >= before:
             self._centre = self.z
         length = float(np.abs(tried.z - self._centre).max())
-        if gain < 0.25 * promised and not fell:
+        is_poor = gain < 0.25 * promised and not fell
+        if is_poor:
             self._radius = 0.35 * length
         elif gain > 0.75 * promised and length > 0.99 * self._radius and self._since_failure > _WARY:
             self._radius = min(1.0, 3.0 * self._radius)
-        if gain < 0.25 * promised and not fell and self._merit is self.loss and self._is_short(tried):
+        if is_poor and self._merit is self.loss and self._is_short(tried):
             short = f"a step of less than {NEAR:.1g} standard errors no longer lowers the loss as its slope promises"
             if gain > 0.0:
                 self.z, self.best = tried.z, evaluation

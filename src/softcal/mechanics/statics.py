@@ -315,13 +315,13 @@ class Statics:
                 step, serves = (2.0 * step if np.isinf(most) else 0.5 * (least + most)), False
             else:
                 is_exact = is_fresh and self.tangent.has_own_factors
-                if is_exact and (was_convex or not touches) and of_lowest is not None:
-                    # Far from equilibrium a coordinate's part of the work may cancel the rest: it then measures nothing
+                if is_exact and (was_convex or not touches):
+                    if of_lowest is None:
+                        status = "no step along Newton's direction is admissible"
+                        return Equilibrium(state, False, iteration, residual, status)
+                    # Far from equilibrium a coordinate's part of the work may cancel the rest: it measures nothing then.
                     (state, at), previous = of_lowest, residual
                     continue
-                if is_exact and (was_convex or not touches):
-                    status = "no step along Newton's direction is admissible"
-                    return Equilibrium(state, False, iteration, residual, status)
                 # Kept factors serve no longer: where surfaces have separated they are too stiff, and their estimate of
                 # the error misses the forces there. Or a ridge between triangles gives no direction of descent.
                 if not is_exact:

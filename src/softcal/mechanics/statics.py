@@ -319,7 +319,7 @@ class Statics:
                     if of_lowest is None:
                         status = "no step along Newton's direction is admissible"
                         return Equilibrium(state, False, iteration, residual, status)
-                    # Far from equilibrium a coordinate's part of the work may cancel the rest: it measures nothing then.
+                    # Far from equilibrium a coordinate's part of the work may cancel the rest, and it measures nothing.
                     (state, at), previous = of_lowest, residual
                     continue
                 # Kept factors serve no longer: where surfaces have separated they are too stiff, and their estimate of

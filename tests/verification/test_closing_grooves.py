@@ -222,7 +222,7 @@ def test_kept_factors_serve_while_surfaces_touch(monkeypatch: pytest.MonkeyPatch
 
 
 def test_equilibria_on_a_finer_mesh_are_those_of_newtons_method_with_the_exact_tangent(monkeypatch: pytest.MonkeyPatch):
-    """From those of the coarse mesh, in which surfaces of the finer one overlap, within 0.1 % of the change."""
+    """From those of the coarse mesh, in which surfaces of the finer one overlap, within 0.2 % of the change."""
     robot = touching(grooved(width=5e-4))
     equilibrium, errors, changes = Statics.equilibrium, list[float](), list[float]()
 
@@ -238,7 +238,7 @@ def test_equilibria_on_a_finer_mesh_are_those_of_newtons_method_with_the_exact_t
     monkeypatch.setattr(Statics, "equilibrium", both)
     finer_twin(robot)(robot, pulled(*np.linspace(2e-4, 2e-3, 5)))
     assert len(errors) >= 2
-    assert max(errors) < 1e-3 * max(changes)
+    assert max(errors) < 2e-3 * max(changes)
 
 
 @pytest.mark.parametrize(("tolerance", "least", "most"), [(0.03, 2, 4), (0.01, 5, 8)])

@@ -2,9 +2,9 @@
 
 Along the path of one cable the change from mesh to mesh is far smoother than the channels: a polynomial through two
 equilibria of the finer twin, with their slopes, represents it within some tenths of a per cent of itself. Contact
-begins and ends elsewhere on every mesh; where that makes such a polynomial too rough, it is a curve through the values
-of three to eight, without their slopes. Each of them is solved from the equilibrium on the coarse mesh, not by
-following the path on the finer one.
+begins and ends elsewhere on every mesh; where surfaces touch, the change is a curve through the values of three to
+eight, without their slopes. Each of them is solved from the equilibrium on the coarse mesh, not by following the path
+on the finer one.
 """
 
 from __future__ import annotations
@@ -13,13 +13,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import KroghInterpolator, PchipInterpolator
+from scipy.interpolate import KroghInterpolator, PchipInterpolator, make_interp_spline
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
+from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.node import Node, node_at
 from softcal.mechanics.path import Path, strays
 from softcal.mechanics.state import State, difference, moved, rest_state
+from softcal.mechanics.system import System
 from softcal.twin.build import twin_of
 from softcal.twin.curve import FINE
 from softcal.twin.drives import by_shortening
@@ -37,11 +39,11 @@ from softcal.twin.simulate import simulate
 # represents worst. At the first one, the end, stability is judged: the robot's own path is stable up to there.
 PLACES, MOST_PLACES = (1.0, 0.5, 0.75, 0.25), 8
 CHANGE_TOLERANCE = 0.03  # estimated error over the largest change of all channels of one unit
-# What touches differs from mesh to mesh, so with contact the change is rough: so many times that, and the curve's
+# What touches differs from mesh to mesh, so where surfaces do the change is rough: so many times that, and the curve's
 # tolerance, are allowed.
 ROUGH, ROUGH_CURVE = 4.0, 20.0
 ACCURACY = 1e-6  # of equilibria on the finer mesh and their slopes: a change is some thousandths of a channel or more
-ROUGH_ACCURACY, ROUGH_SLOPE = 1e-2, 1e-4  # with contact: of the neck, 0.2 % of the change of its tension
+ROUGH_ACCURACY = 3e-2  # where surfaces touch: of the neck, 1.5 % of the change of its tension
 
 
 @dataclass(frozen=True)
@@ -169,30 +171,31 @@ def _change(
     start = path.nodes[0].c
     if end <= start:
         return None
-    layout = finer.twin.system.layout
+    system = finer.twin.system
+    scale = along.scale(along.curve(path.nodes).values)
+    touches = _touches(system, prolong(along.at(path, end).state))
+    rough, of_curve = (ROUGH, ROUGH_CURVE) if touches else (1.0, 1.0)
+    places = PLACES[:3] if touches else PLACES[:2]
+    none = np.zeros(system.layout.n_unknowns)
+    movements = {0.0: none, 1.0: none}  # place -> what the finer mesh moves there, as far as it is known
     c: list[float] = []
     values: list[Floats] = []
     slopes: list[Floats] = []
-    moved_at_end = np.zeros(layout.n_unknowns)  # by the finer mesh
-    touches = bool(finer.twin.system.contacts)
-    rough, of_curve = (ROUGH, ROUGH_CURVE) if touches else (1.0, 1.0)
-    scale = along.scale(along.curve(path.nodes).values)
-    places = PLACES[:2]
     while True:
         for place in places:
             own = along.at(path, start + place * (end - start))
-            guess = prolong(own.state)
-            sloped = not touches or place in PLACES[:2]
-            node = _on_finer(finer, own.c, moved(layout, guess, place * moved_at_end), judged=not c, sloped=sloped)
+            prolonged = prolong(own.state)
+            expected = make_interp_spline(sorted(movements), [movements[k] for k in sorted(movements)], k=1)(place)
+            guess = moved(system.layout, prolonged, expected)
+            node = _on_finer(finer, own.c, guess, judged=place == 1.0, is_rough=touches)
             if node is None:
                 return None
-            if not c:
-                moved_at_end = difference(layout, node.state, guess)
+            movements[place] = difference(system.layout, node.state, prolonged)
             here, there = along.curve((own,)), finer.curve((node,))
-            c.append(start + place * (end - start))
+            c.append(own.c)
             values.append(_turned(there.values[0] - here.values[0], angle_columns(along.twin)))
             slopes.append(there.slopes[0] - here.slopes[0])
-        change = _Change(start, np.array(c), np.array(values), np.array(slopes), is_rough=touches and len(c) > 2)
+        change = _Change(start, np.array(c), np.array(values), np.array(slopes), is_rough=touches)
         allowed = np.maximum(
             rough * CHANGE_TOLERANCE * along.largest(change.values), of_curve * along.tolerance * scale
         )
@@ -204,23 +207,31 @@ def _change(
         places = PLACES[len(c) : len(c) + 1] or change.beside(1 + int(excess.argmax()))
 
 
-def _on_finer(finer: EquilibriumPath, c: float, guess: State, *, judged: bool, sloped: bool) -> Node | None:
+def _touches(system: System, state: State) -> bool:
+    """Whether surfaces of the finer mesh touch at a state."""
+    return any(contact.overlap(state.x) > 0.0 for contact in system.of(ContactTerm))
+
+
+def _on_finer(finer: EquilibriumPath, c: float, guess: State, *, judged: bool, is_rough: bool) -> Node | None:
     """The equilibrium on a finer mesh at c, near a guess; None where there is none, or where its stability is judged
-    and it is not stable. sloped: whether with its slope, which is zero otherwise.
+    and it is not stable. is_rough: whether surfaces touch; then its slope is zero, since it says nothing.
     """
-    statics = finer.statics
+    statics, line = finer.statics, finer.line
+    layout = statics.system.layout
     statics.forget()
-    accuracy, of_slope = (ROUGH_ACCURACY, ROUGH_SLOPE) if finer.twin.system.contacts else (ACCURACY, ACCURACY)
-    solved = statics.equilibrium(guess, finer.line.at(c), accuracy, flat_ridges=True)
-    if not solved.converged or strays(statics, rest_state(finer.twin.system.layout), guess, solved.state):
+    solved = statics.equilibrium(guess, line.at(c), ROUGH_ACCURACY if is_rough else ACCURACY, flat_ridges=True)
+    if not solved.converged or strays(statics, rest_state(layout), guess, solved.state):
         return None
-    if not sloped:
-        none = np.zeros((finer.twin.system.layout.n_unknowns, 0))
-        return Node(c, solved.state, np.zeros(len(none)), none, none)
-    if judged and finer.twin.system.contacts:
+    if not is_rough:
+        node = node_at(statics, line, c, solved.state, (), judged=judged, accuracy=ACCURACY)
+        return node if node.is_stable else None
+    if judged:
         statics.forget()  # what touches has changed too much for earlier factors to show whether it is stable
-    node = node_at(statics, finer.line, c, solved.state, (), judged=judged, accuracy=of_slope)
-    return node if node.is_stable else None
+        statics.tangent_at(solved.state, line.at(c))
+        if statics.n_unstable() > 0:
+            return None
+    none = np.zeros((layout.n_unknowns, 0))
+    return Node(c, solved.state, np.zeros(layout.n_unknowns), none, none)
 
 
 def _turned(change: Floats, angles: Sequence[int]) -> Floats:

@@ -167,13 +167,13 @@ def test_data_that_want_a_value_beyond_a_bound_are_said_to(tmp_path: Path, far: 
     lower = free.value + far * free.standard_error
     bounded = found(lower)
     assert bounded.at_bound == (far > 0)
-    assert bounded.is_held == held
+    assert bounded.is_contradicted == held
     assert load_result(tmp_path / f"{lower:.6g}").parameters[E] == bounded
     if bounded.at_bound:
         # The residuals of a bound that is far off count as noise: it is then fewer of these, but still many.
         assert bounded.beyond == pytest.approx(far, rel=0.2) if far < 10 else bounded.beyond > 5
         note = bound_note(E, bounded).text
-        assert ("best fit is beyond it, by about" in note) == ("within the bounds" in note) == held
+        assert ("best fit is beyond it, by about" in note) == ("contradict the data" in note) == held
         assert ("not by the data" in note) == (not held)
 
 

@@ -15,12 +15,11 @@ import numpy as np
 from softcal.analysis.candidate import Candidate
 from softcal.analysis.candidate_bench import Plan, Simulated, added_test, base_blocks, counts, planned, simulated
 from softcal.calibration.added_test import ExpectedEstimates, with_added_test
-from softcal.calibration.estimator import Estimator, estimator
+from softcal.calibration.estimator import Estimator, estimator, unseen_parameters
 from softcal.calibration.experiment import rig_kind
 from softcal.calibration.intervals import box_intervals, student
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem
-from softcal.calibration.sensitivity import MIXED
 from softcal.checks import Floats
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError, nearest
 from softcal.executors.executor import Executor
@@ -246,4 +245,4 @@ class _Present:
 
 
 def _mixed(one: Estimator | ExpectedEstimates) -> np.ndarray:
-    return np.abs(one.unseen).max(axis=0, initial=0.0) > MIXED
+    return unseen_parameters(one.unseen)

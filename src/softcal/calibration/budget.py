@@ -13,7 +13,7 @@ count in full, although nu cannot leave its bounds. The degrees of freedom (Satt
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +33,10 @@ class Budget:
     sources: Sequence[Source]
     responses: Sequence[Sequence[Floats]]
     size: int
+
+    def times(self, factor: float) -> Budget:
+        """The budget of errors that are so many times as large."""
+        return replace(self, sources=[source.times(factor) for source in self.sources])
 
     @cached_property
     def root(self) -> Floats:

@@ -67,12 +67,7 @@ def interval_text(estimate: Estimate) -> str:
     """The 95 % interval with its unit, "1.94 to 2.02 MPa"; "" without an interval."""
     if estimate.interval is None:
         return ""
-    return with_unit(estimate, ends_text(estimate)) + within_bounds(estimate)
-
-
-def within_bounds(estimate: Estimate) -> str:
-    """What is added to the interval of a parameter whose bound is active."""
-    return ", within the bounds" if estimate.is_held else ""
+    return with_unit(estimate, ends_text(estimate))
 
 
 def with_unit(estimate: Estimate, text: str) -> str:

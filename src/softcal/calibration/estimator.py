@@ -25,6 +25,7 @@ import numpy as np
 from softcal.calibration.between_experiments import Between, between_experiments, white_noise_within
 from softcal.calibration.budget import Budget
 from softcal.calibration.correlation import ErrorRecord
+from softcal.calibration.intervals import contradiction
 from softcal.calibration.loss import Block, Loss
 from softcal.calibration.noise import PRIOR, Noise, ScaledBlock, Source, sources, systematic_sources, white_noise
 from softcal.calibration.set_ups import members, parts_by_set_up, serves_by_set_up, set_ups_of
@@ -33,6 +34,7 @@ from softcal.checks import Floats
 
 # Singular value over the largest, in units of the search range, below which a direction counts as unidentifiable.
 _BLIND = 1e-7
+_MIXED = 0.01  # share of an unidentifiable direction from which a parameter cannot be distinguished from others in it
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,9 @@ class Estimator:
         Of the unbounded quadratic model, shape (size,).
     unseen
         Unidentifiable directions, to which no residual is sensitive, rows.
+    contradiction
+        By how much model and bounds contradict the data (`softcal.calibration.intervals`), at least one: the factor on
+        all errors that is in `root`, `variances`, `dof` and `within_bounds`.
     dof
         Of each parameter's variance (Satterthwaite), shape (size,), infinite where all noise is known.
     noise
@@ -69,6 +74,7 @@ class Estimator:
     root: Floats
     minimum: Floats
     unseen: Floats
+    contradiction: float
     dof: Floats
     noise: Mapping[str, Noise]
     spent: tuple[str, ...]
@@ -121,10 +127,15 @@ def estimator(
     held = tuple(sources(parts, noise))
     errs = {k: (p.source, p.label) for k, p in enumerate(uncertain)}
     budget = linear.budget([*held, *systematic_sources(parts, errs)], differing)
+    known = ~unseen_parameters(unseen)
+    contradicted = 1.0 if spent else contradiction(minimum[known], budget.root[:, known])
+    if contradicted > 1.0:
+        budget = budget.times(contradicted)
     return Estimator(
         budget.root,
         minimum,
         unseen,
+        contradicted,
         budget.dof,
         noise,
         spent,
@@ -134,6 +145,11 @@ def estimator(
         budget.within_bounds,
         set_ups,
     )
+
+
+def unseen_parameters(unseen: Floats) -> np.ndarray:
+    """Which parameters (size,) cannot be distinguished from others in unidentifiable directions (m, size)."""
+    return np.abs(unseen).max(axis=0, initial=0.0) > _MIXED
 
 
 def spent_groups(loss: Loss, slopes: Floats, blocks: Sequence[Block]) -> tuple[str, ...]:

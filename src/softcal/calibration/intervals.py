@@ -6,7 +6,8 @@ squared distance from the quadratic model's minimum, in the metric of the covari
 parameters, exceeds the least one in the box by at most t^2, t being Student's. Every parameter stays within its bounds,
 the others too. Where no bound is near this is the usual value -+ t standard errors. An end at a bound means that the
 data do not exclude the bound; a parameter at its bound may move off it, as far as the data allow, and the others with
-it.
+it. Where the minimum lies beyond a bound by more than one standard error, model and bounds contradict the data by that
+much, and all errors are multiplied by it (`contradiction`), as by Birge's ratio (Physical Review 40, 1932).
 
 The standard error is half the interval's length over t, computed without the parameter's own bounds. A variable that
 maps the bounds to infinity (a logit) would not do: the response of elements that do not lock is smooth up to nu = 0.5,
@@ -63,6 +64,15 @@ def beyond_bounds(minimum: Floats, root: Floats) -> Floats:
     """
     profile = _Profile(minimum, root)
     return np.array([profile.held_by(j) for j in range(len(minimum))])
+
+
+def contradiction(minimum: Floats, root: Floats) -> float:
+    """By how much model and bounds contradict the data, at least one: the largest of `beyond_bounds`.
+
+    It is a residual of one degree of freedom, with the expectation of one where the model is right. Of what makes it
+    larger, in the robot's law or the rig, the other parameters bear as much as this one.
+    """
+    return float(beyond_bounds(minimum, root).max(initial=1.0))
 
 
 def student(dof: Floats) -> Floats:

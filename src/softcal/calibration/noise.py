@@ -107,6 +107,11 @@ class Source:
     process: Process | None = None
     in_common: bool = False
 
+    def times(self, factor: float) -> Source:
+        """The source with errors that are so many times as large."""
+        larger = None if self.process is None else replace(self.process, variance=factor**2 * self.process.variance)
+        return replace(self, size=factor * self.size, process=larger)
+
     def rows(self, responses: Sequence[Floats]) -> list[Floats]:
         """Rows whose squares sum to the covariance of what answers to the records by responses (m, k) each."""
         if self.in_common:

@@ -26,7 +26,9 @@ NOT_A_MINIMUM = (
     "No standard errors and no intervals: they exist only at a minimum of the loss, and the search did not converge."
 )
 BEYOND_THE_BOUNDS = "the best fit is beyond it"
-WITHIN_THE_BOUNDS = "all 95 % intervals are computed within the bounds"
+CONTRADICTED = (
+    "model and bounds contradict the data, and all 95 % intervals are multiplied by the largest such distance"
+)
 NOMINAL_FRICTION = (
     "Tensions and their errors are those on the robot's side of the pulleys, computed with the nominal friction, so "
     "that the fitted friction does not scale the errors."
@@ -220,10 +222,14 @@ def bound_note(label: str, estimate: Estimate) -> Note:
     above = abs(value - upper) <= abs(value - lower)
     side, nearer = ("upper", upper) if above else ("lower", lower)
     text = f"{label} is at its {side} bound of {format_quantity(nearer, estimate.unit, digits=AS_WRITTEN)}"
-    if not estimate.is_held:
+    if not estimate.is_contradicted:
         return Note(f"{text}: the value is determined by the bound, not by the data.", "warning")
-    beyond = f"{BEYOND_THE_BOUNDS}, by about {estimate.beyond:.0f} standard errors; {WITHIN_THE_BOUNDS}"
-    return Note(f"{text}: {beyond}.", "warning")
+    return Note(f"{text}: {beyond_text(estimate)}", "warning")
+
+
+def beyond_text(estimate: Estimate) -> str:
+    """How far beyond a bound that it contradicts the best fit is, the end of a sentence."""
+    return f"{BEYOND_THE_BOUNDS}, by about {estimate.beyond:.0f} standard errors; {CONTRADICTED}."
 
 
 def saturated_note(result: SearchResult) -> Note:

@@ -20,7 +20,7 @@ from softcal.experiments.hysteresis import Loop
 from softcal.sensing.channel import channel_name
 
 BEYOND = 2.0  # standard errors
-"""A bound is active where the best value without it lies further beyond it than this."""
+"""The data contradict a bound where the best value without it lies further beyond it than this."""
 
 TrialState = Literal["COMPLETE", "FAILED"]
 
@@ -140,13 +140,11 @@ class Estimate:
         return self.standard_error * math.sqrt(max(1.0 - other, 0.0))
 
     @property
-    def is_held(self) -> bool:
-        """Whether the bound is active: without it the best value would lie beyond it by more than noise explains.
-
-        False where the 95 % interval is the whole range: the data then do not distinguish any two values in it.
+    def is_contradicted(self) -> bool:
+        """Whether model and bounds contradict the data here: without the bound the best value would lie beyond it by
+        more than noise explains.
         """
-        whole = self.interval is not None and self.interval[0] <= self.lower and self.interval[1] >= self.upper
-        return self.beyond is not None and self.beyond > BEYOND and not whole
+        return self.beyond is not None and self.beyond > BEYOND
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "of", tuple(self.of))

@@ -15,7 +15,7 @@ import numpy as np
 
 from softcal.calibration.band import bands
 from softcal.calibration.between_markers import MARKERS, n_markers, with_markers
-from softcal.calibration.estimator import Estimator, estimator
+from softcal.calibration.estimator import Estimator, estimator, unseen_parameters
 from softcal.calibration.experiment import rig_kind
 from softcal.calibration.intervals import beyond_bounds, box_intervals
 from softcal.calibration.left_out import LeftOut, left_out
@@ -29,8 +29,6 @@ from softcal.calibration.uncertain import MESH_ERROR, UncertainParameter
 from softcal.checks import Floats
 from softcal.units import format_quantity, plain
 
-# A parameter with a larger share of an unidentifiable direction cannot be distinguished from the others in it.
-MIXED = 0.01
 # Residuals this many times larger than the noise of the records are reported in a note.
 _TOO_LARGE = 1.5
 _TOGETHER = 0.5
@@ -145,7 +143,7 @@ def local_statistics(
     importance = _importance(space, loss, blocks, slopes)
     errors: dict[str, float | None] = dict.fromkeys(space.labels)
     intervals: dict[str, tuple[float, float] | None] = dict.fromkeys(space.labels)
-    mixed = np.abs(found.unseen).max(axis=0, initial=0.0) > MIXED
+    mixed = unseen_parameters(found.unseen)
     saturated = sum(len(block.residual) for block in blocks) <= space.size  # a prior is a measurement
     notes = list(_notes(space, found, mixed, saturated=saturated))
     if found.spent or mixed.all() or saturated:
@@ -160,7 +158,7 @@ def local_statistics(
         label = space.labels[j]
         intervals[label] = (min(low[label], theta[label]), max(high[label], theta[label]))
         errors[label] = None if at_bound[label] else float(error * abs(slopes[j]))
-    held = beyond_bounds(found.minimum[known], found.root[:, known])
+    held = beyond_bounds(found.minimum[known], found.root[:, known] / found.contradiction)
     labels = [space.labels[j] for j in known]
     beyond = {label: float(far) for label, far in zip(labels, held, strict=True) if at_bound[label]}
     within = {space.labels[j]: float(error * abs(slopes[j])) for j, error in zip(known, stated, strict=True)}

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from softcal.analysis.agreement import Agreement, agreements
-from softcal.calibration.outcome import BEYOND_THE_BOUNDS, WITHIN_THE_BOUNDS, saturated_note
+from softcal.calibration.outcome import beyond_text, saturated_note
 from softcal.calibration.result import Estimate, ExperimentFit, SearchResult
 from softcal.report.agreement import (
     agreement_sentences,
@@ -200,7 +200,7 @@ def _bounds(results: Mapping[str, SearchResult], *, held: bool = False) -> Itera
     """Parameters at a bound, and why; held: only those whose optimum lies beyond the bound."""
     found = [(label, *pair) for label, one in results.items() for pair in one.parameters.items() if pair[1].at_bound]
     if held:
-        found = [one for one in found if one[2].is_held]
+        found = [one for one in found if one[2].is_contradicted]
     for label, name, estimate in found:
         upper = abs(estimate.value - estimate.upper) <= abs(estimate.value - estimate.lower)
         bound = format_quantity(estimate.upper if upper else estimate.lower, estimate.unit, digits=AS_WRITTEN)
@@ -214,8 +214,8 @@ def _bounds(results: Mapping[str, SearchResult], *, held: bool = False) -> Itera
 
 def _why_at_bound(estimate: Estimate) -> str:
     share = interval_share(estimate)
-    if estimate.is_held:
-        return f"{BEYOND_THE_BOUNDS}, by about {estimate.beyond:.0f} standard errors; {WITHIN_THE_BOUNDS}."
+    if estimate.is_contradicted:
+        return beyond_text(estimate)
     if share is None:
         return "the loss decreases beyond the bound, or the data do not determine the parameter."
     if share < _IDENTIFIED:

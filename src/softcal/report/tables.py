@@ -15,7 +15,6 @@ from softcal.calibration.digits import (
     estimate_text,
     shown,
     value_and_error,
-    within_bounds,
 )
 from softcal.calibration.result import Estimate, ExperimentFit, SearchResult
 from softcal.csv_text import csv_text
@@ -169,7 +168,7 @@ def all_parameters_table(content: ReportContent) -> ReportTable:
                     result_label(label),
                     name,
                     value_and_error(estimate),
-                    ends_text(estimate) + within_bounds(estimate) or None,
+                    ends_text(estimate) or None,
                     scale.unit,
                     low,
                     high,

@@ -79,7 +79,6 @@ def forest_caption(name: str, results: Mapping[str, SearchResult], kind: str) ->
     having = forest_rows(name, results).values()
     drawn = [estimate for estimate in having if estimate.interval is not None or estimate.standard_error]
     bars = "bars are 95 % intervals" if drawn else "no intervals are known"
-    bars += " within the bounds" if any(estimate.is_held for estimate in drawn) else ""
     marker = "; open marker: at a bound" if any(estimate.at_bound for estimate in having) else ""
     return f"{parameter_label(name)} ({name}) by {kind}; {bars}{marker}."
 

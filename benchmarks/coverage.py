@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import softcal
+from benchmarks.neck_case import pull
 from benchmarks.section import table
 from benchmarks.table_twins import NU, ComplianceTable, E, NeckTable, compliance_table, neck_table
 from benchmarks.written_page import written_page
@@ -40,7 +42,9 @@ from softcal.experiments.dataset import Channel, Dataset
 from softcal.project.project import load
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
+from softcal.twin.response import Response
 from softcal.twin.robot import Robot
+from softcal.twin.simulate import simulate
 from softcal.units import format_quantity
 
 HERE = Path(__file__).resolve().parent
@@ -71,6 +75,10 @@ class Case:
     correlation: of neighbouring samples' noise. misfit: a smooth error of the force, over its root mean square; a third
     of it in the pitch. reaches: the largest shortening [m] of each pull; spread: standard deviation of ln E among them.
     gain: standard deviation of the load cell's, which is known of it beforehand and drawn anew in every study.
+    known: whether the pulleys' friction is known. drift: of load cell and IMU over the record, over the noise, up or
+    down; states_drift: whether `uncertain:` states it. law: of the true material, in the place of the neo-Hookean one
+    that is fitted. loop: friction by which the force is larger while pulling than on the way back, both of which are
+    fitted. outliers: share of samples with 20 times the noise. step: of the load cell's readings [N].
     six: six cables and eight markers of the manipulator, and 0.2 mm of noise; off: how far each marker [m], pulled: by
     what share each cable's force is off (standard deviations).
     studies: at most, for those that take long.
@@ -89,6 +97,13 @@ class Case:
     reaches: tuple[float, ...] = (REACH[1],)
     spread: float = 0.0
     gain: float = 0.0
+    known: bool = False
+    drift: float = 0.0
+    states_drift: bool = False
+    law: str = ""
+    loop: float = 0.0
+    outliers: float = 0.0
+    step: float = 0.0
     six: bool = False
     off: float = 0.0
     pulled: float = 0.0
@@ -99,7 +114,7 @@ class Case:
         """What is free and has to be found [SI by label], but for the camera's frame."""
         if not self.n:
             return dict(SPRINGS)
-        has_friction = self.loss.uses_priors and len(self.reaches) == 1
+        has_friction = self.loss.uses_priors and len(self.reaches) == 1 and not self.known
         free = {name: value for name, value in TRUE.items() if name != PULLEY_FRICTION or has_friction}
         free |= self.true or {}
         if len(self.reaches) > 1:
@@ -117,6 +132,19 @@ NEAR_BOUND, PAPER_RATIOS = {NU: 0.41}, (0.40, 0.4999)
 FOUR = (0.020, 0.026, 0.030, 0.034)  # [m]
 CORRELATED, MISFIT, SPREAD, GAIN_SD = 0.95, 0.03, 0.03, 0.02
 NEAR_WORDS = "ν 0.41 within bounds of 0.40 and 0.4999"
+# Models that are a little wrong, and data that are not as stated.
+WRONG: tuple[tuple[str, str, dict[str, Any]], ...] = (
+    ("drift-1", "neck, 300 samples, drift of one σ beside noise correlated by 0.8", {"correlation": 0.8, "drift": 1.0}),
+    ("drift-3", "the same, drift of three σ", {"correlation": 0.8, "drift": 3.0}),
+    ("drift-stated", "the same, stated (`uncertain:`)", {"correlation": 0.8, "drift": 3.0, "states_drift": True}),
+    ("stiffer", "neck, 300 samples, a material that stiffens, fitted as neo-Hookean", {"law": "stiffer"}),
+    ("softer", "the same, a material that softens", {"law": "softer"}),
+    ("loop", "neck, 300 samples, both branches of a loop of ± 3 %, fitted without friction", {"loop": 0.03}),
+    ("outliers", "neck, 300 samples, one in a hundred off by 20 σ", {"outliers": 0.01}),
+    ("quantised", "neck, 300 samples, a load cell in steps of 0.1 N", {"step": 0.1}),
+)
+# Yeoh's C20 and C30 over C10: force by -2 to +14 % and by -2 to -5 % of neo-Hooke's over the record.
+OTHER_LAWS = {"stiffer": (8.0, 0.0), "softer": (-1.0, 1.0)}
 CASES = (
     Case("likelihood", "neck, `likelihood`, a prior on the pulleys' friction", LIKELIHOOD),
     Case("likelihood-understated", "the same, stated noise a third of the true noise", LIKELIHOOD, stated=1 / 3),
@@ -140,6 +168,11 @@ CASES = (
     Case("papers-differ", "the same, `papers`", PAPERS, reaches=FOUR, spread=SPREAD),
     Case("likelihood-gain", "neck, `likelihood`, load cell off by 2 % (`uncertain:`)", LIKELIHOOD, gain=GAIN_SD),
     Case("papers-gain", "the same, `papers`", PAPERS, gain=GAIN_SD),
+    *(
+        Case(f"{loss.name}-{name}", f"{words}, `{loss.name}`", loss, n=300, known=True, **how)
+        for name, words, how in WRONG
+        for loss in (LIKELIHOOD, PAPERS)
+    ),
     Case("distance", "manipulator, `distance`, the camera's frame free", DISTANCE, n=0),
     Case("distance-depth", "the same, three times the noise in depth", DISTANCE, n=0, depth=3.0),
     Case(
@@ -217,23 +250,36 @@ def _neck_study(case: Case, chance: np.random.Generator) -> Problem:
     gains = {"tension": 1.0 + case.gain * chance.standard_normal() if case.gain else 1.0, "pitch": 1.0}
     for name, reach in zip(case.pulls, case.reaches, strict=True):
         shortening = np.linspace(REACH[0], reach, case.n)
+        if case.loop:
+            shortening = np.concatenate([shortening[::2], shortening[::-2]])
         of_robot = {
             E: true[E] * np.exp(case.spread * chance.standard_normal()) if case.spread else true[E],
             NU: true[NU],
         }
         pulled = Protocol({"front": Command("shortening", shortening - true[SLACK])})
-        seen = twin(with_parameters(robot, of_robot), pulled)
+        made = other_law(case.law) if case.law else twin
+        seen = made(with_parameters(robot, of_robot), pulled)
         channels = {"shortening": Channel(shortening, "m")}
         for kind, unit, channel, share in (
             ("tension", "N", "front.tension", 1.0),
             ("pitch", "rad", "plate.pitch", 1 / 3),
         ):
             values = gains[kind] * seen.channels[channel] + NOISE[kind] * _noise(case, chance)
+            if case.loop and kind == "tension":
+                values = values + case.loop * seen.channels[channel] * np.repeat([1.0, -1.0], case.n // 2)
+            if case.outliers:
+                far = chance.random(case.n) < case.outliers
+                values = values + 20.0 * NOISE[kind] * chance.choice([-1.0, 1.0], case.n) * far
+            if case.step and kind == "tension":
+                values = case.step * np.round(values / case.step)
+            if case.drift:
+                values = values + case.drift * NOISE[kind] * chance.choice([-1.0, 1.0]) * np.linspace(0.0, 1.0, case.n)
             if case.misfit:
                 size = share * case.misfit * float(np.sqrt(np.mean(seen.channels[channel] ** 2)))
                 values = values + size * _smooth(case.n, chance)
             channels[kind] = Channel(values, unit, case.stated * NOISE[kind])
-        rig = Rig(pulleys=Pulleys(count=2, wrap=np.pi, friction_coefficient=TRUE[PULLEY_FRICTION]))
+        pulleys = Pulleys(count=2, wrap=np.pi, friction_coefficient=TRUE[PULLEY_FRICTION])
+        rig = Rig(pulleys=None if case.loop else pulleys)
         experiments.append(Experiment(name, Dataset(name, channels), cable="front", plate="plate", rig=rig))
     free = [
         FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=true[E]),
@@ -245,6 +291,9 @@ def _neck_study(case: Case, chance: np.random.Generator) -> Problem:
         friction = FreeParameter(PULLEY_FRICTION, "1", 0.0, 0.3, start=TRUE[PULLEY_FRICTION])
         free.append(replace(friction, prior_mean=mean, prior_sd=PRIOR_SD))
     uncertain = [UncertainParameter("front.tension_gain", "1", case.gain)] if case.gain else []
+    if case.states_drift:
+        drifts = (("front.tension_drift", "N", "tension"), ("plate.pitch_drift", "rad", "pitch"))
+        uncertain += [UncertainParameter(name, unit, case.drift * NOISE[kind]) for name, unit, kind in drifts]
     return make_problem(robot, experiments, free, case.loss, twin, uncertain)
 
 
@@ -305,6 +354,22 @@ def neck(reach: float = REACH[1] + 5e-4) -> tuple[Robot, NeckTable]:
     """
     robot = replace(load(NECK).robot, contact=None)
     return robot, neck_table(robot, reach)
+
+
+@cache
+def other_law(name: str) -> Callable[[Robot, Protocol], Response]:
+    """The twin of the neck with another law of the same moduli at small strain."""
+    robot = neck()[0]
+    C10 = TRUE[E] / (4.0 * (1.0 + TRUE[NU]))
+    C20, C30 = (over * C10 for over in OTHER_LAWS[name])
+    parameters = {"C10": C10, "C20": C20, "C30": C30, "bulk_modulus": TRUE[E] / (3.0 * (1.0 - 2.0 * TRUE[NU]))}
+    body = replace(robot.bodies[0], law="yeoh", parameters=parameters)
+
+    @cache
+    def pulled(*shortening: float) -> Response:
+        return simulate(replace(robot, bodies=(body, *robot.bodies[1:])), pull(np.array(shortening)), crossings=False)
+
+    return lambda _, protocol: pulled(*protocol.commands["front"].values.tolist())
 
 
 @cache

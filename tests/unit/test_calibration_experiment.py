@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.calibration.observation import Observation, commands, observe
 from softcal.calibration.rig import Pulleys, Rig
 from softcal.errors import DatasetError, InputError
+from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Protocol
 
@@ -22,6 +24,8 @@ AT = {
     "front.slack": 1.7e-3,
     "front.tension_offset": 0.3,
     "front.tension_gain": 1.05,
+    "front.tension_drift": 0.2,
+    "plate.pitch_drift": 0.03,
     "plate.pitch_offset": 0.02,
     "pulleys.friction_coefficient": 0.13,
 }
@@ -48,6 +52,21 @@ def test_derivatives_are_those_of_central_differences(drive: str, name: str) -> 
         np.testing.assert_allclose(
             exact[channel][name], estimated, rtol=2e-6, atol=2e-6 * np.abs(estimated).max() + 1e-12
         )
+
+
+def test_a_drift_grows_with_the_time_of_the_record() -> None:
+    """From none at the first sample, to all of it at the last; by the numbers of samples where there are no times."""
+    experiment = fake_experiment(n_samples=5)
+    drift = {**AT, "front.tension_drift": 0.4, "plate.pitch_drift": 0.0}
+    none = {**AT, "front.tension_drift": 0.0, "plate.pitch_drift": 0.0}
+
+    def drifted(test: Experiment) -> np.ndarray:
+        return read(test, drift).predicted["tension"] - read(test, none).predicted["tension"]
+
+    np.testing.assert_allclose(drifted(experiment), [0.0, 0.1, 0.2, 0.3, 0.4], atol=1e-12)
+    channels = {**experiment.dataset.channels, "time": Channel(np.array([3.0, 4.0, 5.0, 6.0, 13.0]), "s")}
+    timed = replace(experiment, dataset=Dataset("timed", channels))
+    np.testing.assert_allclose(drifted(timed), [0.0, 0.04, 0.08, 0.12, 0.4], atol=1e-12)
 
 
 def test_driven_by_shortening_tension_and_pitch_are_compared_and_the_other_way_round() -> None:

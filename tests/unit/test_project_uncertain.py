@@ -193,5 +193,6 @@ def test_the_documented_section_can_be_loaded(tmp_path: Path) -> None:
     section = textwrap.indent(textwrap.dedent(block), "  ").replace("neck", "bar").replace("outer_diameter", "scale")
     project = loaded(tmp_path, section.replace("0.1 mm", "1 %") + "\n", CLAMP, DRAWN, rig, marker)
     assert {p.name.partition(".")[2] or p.name for p in project.uncertain} == {
-        *("tension_gain", "friction_coefficient", "pitch_offset", "x_offset", "clamp_depth", "scale", "density")
+        *("tension_gain", "tension_drift", "friction_coefficient", "pitch_offset", "x_offset", "clamp_depth", "scale"),
+        "density",
     }

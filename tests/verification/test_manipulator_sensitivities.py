@@ -66,7 +66,12 @@ def test_readings_have_exact_derivatives(tensions, steps, monkeypatch) -> None:
 def test_slack_of_one_of_two_cables_has_its_exact_derivative_too(monkeypatch) -> None:
     monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)
     test = test_of({"cable1": [6.0]}, cable5_shortening=[0.012])
-    assert control_parameters(test) == {"cable1.tension_offset", "cable1.tension_gain", "cable5.slack"}
+    assert control_parameters(test) == {
+        "cable1.tension_offset",
+        "cable1.tension_gain",
+        "cable1.tension_drift",
+        "cable5.slack",
+    }
     values = {**MODULI, "cable5.slack": 0.002, "cable1.tension_offset": 0.1}
     check(test, values, {**dict.fromkeys(MODULI, 1e5), "cable5.slack": 1e-6, "cable1.tension_offset": 1e-4})
 

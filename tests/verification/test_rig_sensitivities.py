@@ -33,6 +33,8 @@ AT = {
     "front.slack": 0.002,
     "front.tension_offset": 0.1,
     "front.tension_gain": 1.04,
+    "front.tension_drift": 0.05,
+    "plate.pitch_drift": 0.03,
     "plate.pitch_offset": 0.02,
     "pulleys.friction_coefficient": 0.12,
 }
@@ -93,6 +95,7 @@ REVERSING = {
     "front.backlash": (3e-4, 0.0, 1e-3),
     "front.tension_offset": (0.02, -0.1, 0.1),
     "front.tension_gain": (1.05, 0.9, 1.1),
+    "front.tension_drift": (0.01, -0.1, 0.1),
     "pulleys.friction_coefficient": (0.08, 0.0, 0.3),
     "pulleys.presliding": (2e-4, 1e-5, 1e-3),
 }
@@ -119,6 +122,7 @@ def test_readings_of_cables_and_pulleys_that_reverse_have_exact_derivatives(driv
         "front.backlash": "m",
         "front.tension_offset": "N",
         "front.tension_gain": "1",
+        "front.tension_drift": "N",
         "pulleys.presliding": "m",
     }
     ways = {name: values for name, values in REVERSING.items() if drive == "shortening" or name != "front.backlash"}

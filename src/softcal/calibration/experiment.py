@@ -159,19 +159,29 @@ class Experiment:
         known = self.dataset.values("time") if "time" in self.dataset.channels else np.full(1, np.nan)
         return known if bool(np.all(np.isfinite(known))) else None
 
+    @property
+    def elapsed(self) -> Floats:
+        """The part of the record's time that has passed at each sample (n_samples,) [-], or of its samples where their
+        times are not known.
+        """
+        times = np.arange(self.dataset.n_samples, dtype=np.float64) if self.times is None else self.times
+        begun = times - times.min()
+        return begun / max(float(begun.max()), 1e-300)
+
     def rig_values(self) -> dict[str, float]:
         """The nominal rig parameters by dotted name."""
         values: dict[str, float] = {}
         for cable in self.cables:
             nominal = {SHORTENING: self.rig.slack, TENSION: self.rig.tension_offset}
             values |= {ChannelName(kind, cable).offset: value for kind, value in nominal.items()}
-            values[ChannelName(TENSION, cable).gain] = 1.0
+            values |= {ChannelName(TENSION, cable).gain: 1.0, ChannelName(TENSION, cable).drift: 0.0}
             if self.rig.backlash is not None:
                 values[backlash_of(cable)] = self.rig.backlash
         for channel in self.dataset.channels:
             name = self.twin_channel(channel)
             if not name.kind.drives and name.offset and not name.is_deviation:
                 values[name.offset] = self.rig.angle_offsets.get(channel, 0.0)
+                values |= {name.drift: 0.0} if name.drift else {}
         if self.rig.pulleys is not None:
             values[PULLEY_FRICTION] = self.rig.pulleys.friction_coefficient
             if self.rig.pulleys.friction_memory:

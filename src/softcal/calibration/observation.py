@@ -204,7 +204,15 @@ def _read(
         derivatives[name.gain] = derivatives[name.gain] + pulleys.value * raw
     if name.offset in derivatives:
         derivatives[name.offset] = derivatives[name.offset] + 1.0
-    return gain * raw + rig.get(name.offset, 0.0), derivatives
+    if name.drift in derivatives:
+        derivatives[name.drift] = derivatives[name.drift] + experiment.elapsed
+    return gain * raw + rig.get(name.offset, 0.0) + _drifted(experiment, rig, name), derivatives
+
+
+def _drifted(experiment: Experiment, rig: Mapping[str, float], name: ChannelName) -> Floats | float:
+    """By how much a channel's reading has drifted at each sample."""
+    drift = rig.get(name.drift, 0.0)
+    return drift * experiment.elapsed if drift else 0.0
 
 
 def _controls(experiment: Experiment, rig: Mapping[str, float], channel: str) -> tuple[Floats, Derivatives]:
@@ -220,10 +228,14 @@ def _controls(experiment: Experiment, rig: Mapping[str, float], channel: str) ->
         return followed.values, {driven.offset: -followed.by_shift, backlash: 0.5 * followed.by_half}
     pulleys = gain_of(experiment, rig, driven.carrier)
     gain = rig[driven.gain] * pulleys.value
-    free = (measured - rig[driven.offset]) / gain
+    free = (measured - rig[driven.offset] - _drifted(experiment, rig, driven)) / gain
     pulled = (free > 0).astype(float)
     controls = np.maximum(free, 0.0)
-    derivatives = {driven.offset: -pulled / gain, driven.gain: -controls / rig[driven.gain]}
+    derivatives = {
+        driven.offset: -pulled / gain,
+        driven.gain: -controls / rig[driven.gain],
+        driven.drift: -pulled * experiment.elapsed / gain,
+    }
     for friction, by in pulleys.by.items():
         derivatives[friction] = -controls * by / pulleys.value
     return controls, derivatives

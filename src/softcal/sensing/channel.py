@@ -61,6 +61,13 @@ class ChannelName:
         return "" if self.kind.gain is None else f"{self.carrier}.{self.kind.gain[0]}"
 
     @property
+    def drift(self) -> str:
+        """Name of the rig's parameter by which a reading has changed at the end of a record, such as
+        `front.tension_drift`; "" without one.
+        """
+        return "" if self.kind.drift is None else f"{self.carrier}.{self.kind.drift[0]}"
+
+    @property
     def deviation(self) -> ChannelName:
         """The channel with the standard deviations of this one."""
         return replace(self, is_deviation=True)
@@ -98,10 +105,11 @@ def _kinds(sensors: tuple[type[Sensor], ...]) -> Mapping[str, ChannelKind]:
 
 
 def readings() -> Mapping[str, Quantity]:
-    """Kinds of quantity of the rig's parameters between the twin and its channels, offsets and gains, by the last part
-    of their names.
+    """Kinds of quantity of the rig's parameters between the twin and its channels, offsets, gains and drifts, by the
+    last part of their names.
     """
-    return dict(one for kind in kinds().values() for one in (kind.offset, kind.gain) if one is not None)
+    each = ((kind.offset, kind.gain, kind.drift) for kind in kinds().values())
+    return dict(one for of_kind in each for one in of_kind if one is not None)
 
 
 def carriers(kind: ChannelKind) -> tuple[str, ...]:

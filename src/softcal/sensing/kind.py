@@ -31,6 +31,8 @@ class ChannelKind:
         None where there is none.
     gain
         As offset, of the parameter by which what the twin reads is multiplied.
+    drift
+        As offset, of the parameter by which the reading has changed at the end of a record, in proportion to time.
     most, mistake
         Largest plausible magnitude [unit], and what a larger one suggests, such as "mm read as m".
     paper_weight
@@ -47,6 +49,7 @@ class ChannelKind:
     compared: int = 0
     offset: tuple[str, Quantity] | None = None
     gain: tuple[str, Quantity] | None = None
+    drift: tuple[str, Quantity] | None = None
     most: float = inf
     mistake: str = "the wrong unit"
     paper_weight: float | None = None

@@ -21,6 +21,7 @@ def _angle(name: str, compared: int = 0) -> ChannelKind:
         name.capitalize(),
         compared=compared,
         offset=(f"{name}_offset", QUANTITIES["angle"]),
+        drift=(f"{name}_drift", QUANTITIES["angle"]),
         most=np.pi,
         mistake="degrees read as rad",
         paper_weight=1.0,  # beta

@@ -193,7 +193,8 @@ class Coverage:
     """Of one parameter of a case: how many studies gave an interval, how many of those contain the true value.
 
     ratio: the intervals' mean half-length over 1.96 times the estimates' root-mean-square error. differ: studies that
-    call the experiments different in any parameter.
+    call the experiments different in any parameter. misfits: studies that say that residuals are a curve, or that model
+    and bounds contradict the data.
     """
 
     case: Case
@@ -203,6 +204,7 @@ class Coverage:
     held: int
     ratio: float
     differ: int = 0
+    misfits: int = 0
 
     @property
     def share(self) -> float:
@@ -213,12 +215,14 @@ def coverage(case: Case, studies: int = STUDIES, workers: int | Executor = 1) ->
     """Run the studies of a case; workers: an executor, or a number of processes."""
     truth = case.truth
     found: dict[str, list[tuple[float, tuple[float, float] | None]]] = {}
-    differ = 0
+    differ = misfits = 0
     with executor_of(workers) as executor:
         calls = [(seed,) for seed in range(studies)]
         held_by_seed: list[CalibrationResult] = list(results(executor, calibrated_study, case, calls))
     for result in held_by_seed:
         differ += any(spread.differs for spread in result.spreads.values())
+        curves = any(one.is_curve for channels in result.residuals.values() for one in channels.values())
+        misfits += curves or any(one.is_contradicted for one in result.parameters.values())
         for name, estimate in result.parameters.items():
             if name in truth:
                 found.setdefault(name, []).append((estimate.value, estimate.interval))
@@ -228,7 +232,7 @@ def coverage(case: Case, studies: int = STUDIES, workers: int | Executor = 1) ->
         inside = np.sum((ends[:, 0] <= truth[name]) & (truth[name] <= ends[:, 1]))
         error = float(np.sqrt(np.mean([(value - truth[name]) ** 2 for value, _ in held])))
         ratio = float(np.mean(ends[:, 1] - ends[:, 0])) / 2 / (1.96 * error) if len(ends) else float("nan")
-        rows.append(Coverage(case, name, len(held), len(ends), int(inside), ratio, differ))
+        rows.append(Coverage(case, name, len(held), len(ends), int(inside), ratio, differ, misfits))
     return rows
 
 
@@ -381,7 +385,7 @@ def manipulator(six: bool = False) -> tuple[Robot, ComplianceTable]:
 
 def page(found: Sequence[Coverage]) -> str:
     """docs/uncertainty.md with the table of what was found."""
-    head = ["Study", "Parameter", "True value", "Intervals given", "Coverage", "Length"]
+    head = ["Study", "Parameter", "True value", "Intervals given", "Coverage", "Length", "Misfit said"]
     rows = [
         [
             one.case.words,
@@ -390,6 +394,7 @@ def page(found: Sequence[Coverage]) -> str:
             f"{one.given} of {one.studies}",
             f"{100 * one.share:.1f} %",
             f"{one.ratio:.2f}",
+            f"{100 * one.misfits / one.studies:.0f} %",
         ]
         for one in found
     ]

@@ -273,6 +273,16 @@ def test_samples_that_tell_less_are_counted() -> None:
     assert first.endswith("from 2 tests.")
 
 
+def test_what_contradicts_the_data_stands_before_the_estimates() -> None:
+    at = replace(NU, value=0.4999, at_bound=True, standard_error=None, beyond=4.2)
+    (first, *_) = sentences(fitted("a", estimates={E_NAME: E, NU_NAME: at}))
+    assert first.startswith(
+        "Model and bounds contradict the data (best fit beyond the bound of ν by about 4 standard errors); E = "
+    )
+    (first, *_) = sentences(fitted("a", estimates={E_NAME: E, NU_NAME: replace(at, beyond=1.9)}))
+    assert first.startswith("E = ")
+
+
 def test_many_parameters_are_counted_not_listed() -> None:
     several = {f"spring{i}.youngs_modulus": E for i in range(6)}
     (first, *_) = sentences(fitted("a", estimates=several))

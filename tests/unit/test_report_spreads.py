@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from softcal.calibration.result import CalibrationResult
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate
 from softcal.cli.calibration_table import print_results
-from softcal.report.agreement import residual_sentence, spread_sentences
+from softcal.report.agreement import MISFIT, residual_sentences, spread_sentences
 from softcal.report.left_out import left_out_sentence, left_out_table
 
 MODULUS = FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=2e6)
@@ -151,14 +152,29 @@ def test_one_experiment_says_that_its_spread_is_not_known() -> None:
 
 def test_alike_residuals_are_told_and_independent_ones_are_not() -> None:
     result = fitted((1.0,))
-    assert residual_sentence(result) == ""
-    held = {
-        name: {channel: replace(one, correlation=0.95) for channel, one in channels.items()}
-        for name, channels in result.residuals.items()
-    }
-    text = residual_sentence(replace(result, residuals=held))
+    assert residual_sentences(result) == []
+
+    def said(**how: Any) -> tuple[str, bool]:
+        held = {
+            name: {channel: replace(one, **how) for channel, one in channels.items()}
+            for name, channels in result.residuals.items()
+        }
+        (found,) = residual_sentences(replace(result, residuals=held))
+        return found
+
+    text, misfits = said(correlation=0.6)
     assert text.startswith("Neighbouring residuals are alike")
-    assert "pull1, tension" in text
+    assert "pull1, tension: 41 samples are worth about 10" in text
+    assert not misfits
+    causes = {"a law that stiffens or softens": 0.82, "a slack": 0.4, "its drift": 0.3}
+    text, misfits = said(correlation=0.95, size=0.013, largest=0.95, explained=causes)
+    assert text.startswith(f"{MISFIT}: tension of pull1 by 0.013 N (RMS), most at the end (")
+    assert "(a law that stiffens or softens would explain 82 % of it, a slack would explain 40 % of it)" in text
+    assert "drift" not in text
+    assert misfits
+    text, _ = said(correlation=0.95, size=0.013, largest=0.4, explained={"its drift": 0.1})
+    assert "most 40 % along the record;" in text
+    assert "explain" not in text
 
 
 def test_how_the_experiments_predict_each_other_is_told_and_kept(tmp_path: Path) -> None:

@@ -72,8 +72,8 @@ def test_the_modulus_of_the_shipped_neck_falls_with_amplitude() -> None:
     assert found.chance < 0.02
     ((text, _),) = spread_sentences(made)
     ending = (
-        " E falls with the amplitude of the tests (p = 0.0021): softening of the material, or an error of the slack or "
-        "the mesh."
+        " E falls with the amplitude of the tests (3 tests: a hint): softening of the material, or an error of the "
+        "slack or the mesh."
     )
     assert text.endswith(ending)
 
@@ -107,9 +107,19 @@ def test_two_conditions_count_twice() -> None:
     (alone,), (with_speeds,) = trends(made), trends(made, at_speeds(made, 0.004, 0.010, 0.0045))
     assert with_speeds.chance == pytest.approx(2.0 * alone.chance)
     assert (alone.tested, with_speeds.tested) == (1, 2)
-    assert "corrected" not in spread_sentences(made)[0][0]
-    told = spread_sentences(made, at_speeds(made, 0.004, 0.010, 0.0045))[0][0]
-    assert "(p = 0.0042, corrected for 2 conditions): softening" in told
+    assert "(3 tests: a hint): softening" in spread_sentences(made, at_speeds(made, 0.004, 0.010, 0.0045))[0][0]
+
+
+def test_the_chance_of_a_trend_is_said_from_five_tests_on() -> None:
+    values, reaches = np.array([2.0e6, 2.2e6, 2.36e6, 2.47e6, 2.6e6]), np.arange(1.0, 6.0)
+    five, four = joint(values, reaches), joint(values[:4], reaches[:4])
+    (found,) = trends(five, at_speeds(five, 0.004, 0.010, 0.0045, 0.005, 0.006))
+    assert found.tested == 2
+    text = spread_sentences(five, at_speeds(five, 0.004, 0.010, 0.0045, 0.005, 0.006))[0][0]
+    assert "of the tests (p = " in text
+    assert ", corrected for 2 conditions): stiffening" in text
+    assert "corrected" not in spread_sentences(five)[0][0]
+    assert "of the tests (4 tests: a hint): stiffening" in spread_sentences(four)[0][0]
 
 
 @pytest.mark.parametrize("speeds", [(0.002, 0.004, 0.006), (0.006, 0.003, 0.002)])

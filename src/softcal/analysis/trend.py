@@ -35,6 +35,10 @@ _TOGETHER = 0.5  # correlation of two conditions above which either can be the c
 Condition = Literal["amplitude", "speed"]
 
 
+ENOUGH = 5
+"""Tests of which a trend's chance is said: of fewer, another assumed shape of it gives quite another chance."""
+
+
 @dataclass(frozen=True)
 class Trend:
     """A parameter that rises or falls with a condition of the experiments.
@@ -53,6 +57,8 @@ class Trend:
         Number of conditions in which the experiments differ.
     along
         Conditions that vary together with this one, which may be the cause as well.
+    n_tests
+        Number of experiments; of fewer than `ENOUGH` the chance depends on the shape that is assumed of the trend.
     """
 
     name: str
@@ -61,6 +67,7 @@ class Trend:
     chance: float
     tested: int = 1
     along: tuple[Condition, ...] = ()
+    n_tests: int = 0
 
 
 def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -> tuple[Trend, ...]:
@@ -89,7 +96,7 @@ def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -
         power, chance = slopes[clearest]
         together = {c: abs(_correlation(x, differ[clearest], weights)) > _TOGETHER for c, x in differ.items()}
         along: tuple[Condition, ...] = tuple(c for c in differ if together[c] and c != clearest)
-        found.append(Trend(name, clearest, power, len(slopes) * chance, len(slopes), along))
+        found.append(Trend(name, clearest, power, len(slopes) * chance, len(slopes), along, len(y)))
     return tuple(found)
 
 

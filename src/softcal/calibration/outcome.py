@@ -12,6 +12,7 @@ from softcal.calibration.experiment import PULLEY_FRICTION
 from softcal.calibration.fanova import fanova_importance
 from softcal.calibration.fit import experiment_fit, missing_rows
 from softcal.calibration.loss import Block
+from softcal.calibration.misfit import explained_by
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.residuals import ResidualRecord, residual_record
@@ -137,7 +138,8 @@ def _residuals(blocks: Iterable[Block]) -> dict[str, dict[str, ResidualRecord]]:
     found: dict[str, dict[str, ResidualRecord]] = {}
     for block in blocks:
         if block.experiment and (record := residual_record(block.residual)) is not None:
-            found.setdefault(block.experiment, {})[block.channel] = record
+            known = replace(record, explained=explained_by(block)) if record.is_curve else record
+            found.setdefault(block.experiment, {})[block.channel] = known
     return found
 
 

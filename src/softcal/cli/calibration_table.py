@@ -28,11 +28,11 @@ def print_results(
     """
     if not results:
         return
-    from softcal.report.agreement import agreement_sentences, residual_sentence, spread_sentences
+    from softcal.report.agreement import agreement_sentences, residual_sentences, spread_sentences
     from softcal.report.closeness import closeness_by_experiment, misses_of
     from softcal.report.cycles import cycle_sentences
     from softcal.report.first_screen import FirstScreen, three_sentences
-    from softcal.report.judged import first_label
+    from softcal.report.judged import first_label, judged
 
     for label, result in results.items():
         if result.converged is False:
@@ -45,27 +45,37 @@ def print_results(
                 typer.echo(f"Warning: {of}{text}", err=True)
     for text, _ in agreement_sentences(results):
         typer.echo(text)
-    for label, result in results.items():
+    first = first_label(results)
+    for label, result in judged(results, first).items():
         for text, differs in spread_sentences(result, records):
             typer.echo(f"{'Warning: ' * differs}{label}: {text}", err=differs)
-        if text := residual_sentence(result):
-            typer.echo(f"{label}: {text}")
+        for text, misfits in residual_sentences(result):
+            typer.echo(f"{'Warning: ' * misfits}{label}: {text}", err=misfits)
         for text in cycle_sentences(result):
             typer.echo(text if text.startswith(f"{label}: ") else f"{label}, {text}")
     notes: dict[Note, list[str]] = {}
     for label, result in results.items():
         for note in result.notes:
-            notes.setdefault(note, []).append(label)
+            if note.level == "warning" or label in judged(results, first):
+                notes.setdefault(note, []).append(label)
     warnings = {note: labels for note, labels in notes.items() if note.level == "warning"}
     for note, labels in warnings.items():
         typer.echo(f"Warning: {', '.join(labels)}: {note}", err=True)
-    for label, result in results.items():
-        typer.echo(f"{label}: {result.status}")
+    for text in _statuses(results):
+        typer.echo(text)
     for note, labels in notes.items():
         if note not in warnings:
             typer.echo(f"Note ({', '.join(labels)}): {note}")
-    for text in three_sentences(FirstScreen(results, first_label(results), data or {}, records or {})):
+    for text in three_sentences(FirstScreen(results, first, data or {}, records or {})):
         typer.echo(text)
+
+
+def _statuses(results: Mapping[str, CalibrationResult]) -> list[str]:
+    """How the searches ended: in one line where all converged."""
+    if all(result.converged for result in results.values()) and len(results) > 1:
+        n = [len(result.trials) for result in results.values()]
+        return [f"All {len(results)} searches converged, in {min(n)} to {max(n)} trajectories."]
+    return [f"{label}: {result.status}" for label, result in results.items()]
 
 
 def result_line(label: str, result: CalibrationResult) -> str:

@@ -9,14 +9,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from softcal.analysis.agreement import Agreement, agreements
-from softcal.analysis.trend import Trend, trends
+from softcal.analysis.trend import ENOUGH, Trend, trends
 from softcal.calibration.digits import display_unit, half_width, shown, value_text, with_unit
-from softcal.calibration.result import Estimate, SearchResult
+from softcal.calibration.residuals import ResidualRecord
+from softcal.calibration.result import Estimate, ExperimentFit, SearchResult
 from softcal.experiments.dataset import Dataset
 from softcal.report.format import estimate_scale, joined, number, parameter_label, result_label
-from softcal.units import rounded
+from softcal.units import format_quantity, rounded
 
+MISFIT = "The residuals are a curve that the model misses, not noise"
 _OFF = 0.25  # of an interval's half-length: a value so far from the mean whose interval it is shown with is explained
+_CAUSE = 0.2  # share of residuals from which a cause is named
 _TINY = 1e-10  # smaller probabilities are shown as "p < 1e-10"
 
 
@@ -119,7 +122,7 @@ def trend_sentences(result: SearchResult, records: Mapping[str, Dataset] | None 
 
 def _trend_text(one: Trend, estimate: Estimate) -> str:
     corrected = f", corrected for {one.tested} conditions" if one.tested > 1 else ""
-    chance = f"({_chance_text(one.chance)}{corrected})"
+    chance = f"({_chance_text(one.chance)}{corrected})" if one.n_tests >= ENOUGH else f"({one.n_tests} tests: a hint)"
     text = f"{'rises' if one.power > 0 else 'falls'} with the {one.condition} of the tests {chance}"
     if one.along:
         return (
@@ -163,18 +166,33 @@ def _spread_text(result: SearchResult, name: str, label: str) -> str:
     )
 
 
-def residual_sentence(result: SearchResult) -> str:
-    """How much the samples tell where neighbouring residuals are alike; "" where they are not."""
-    alike = [
-        (experiment, channel, one)
-        for experiment, held in result.residuals.items()
-        for channel, one in held.items()
-        if one.are_alike
-    ]
-    if not alike:
-        return ""
-    parts = [f"{e}, {c}: {one.n} as much as {number(max(one.effective, 1.0), 2)}" for e, c, one in alike]
-    return f"Neighbouring residuals are alike, so that samples tell less than their number: {'; '.join(parts)}."
+def residual_sentences(result: SearchResult) -> list[tuple[str, bool]]:
+    """Where residuals are a curve and no noise, and where neighbouring ones are alike, so that samples tell less than
+    their number; each with whether it is a misfit.
+    """
+    each = [(e, c, one) for e, held in result.residuals.items() for c, one in held.items() if one.are_alike]
+    found: list[tuple[str, bool]] = []
+    if curves := [_curve_text(result.experiments[e], e, c, one) for e, c, one in each if one.is_curve]:
+        found.append((f"{MISFIT}: {'; '.join(curves)}.", True))
+    if alike := [
+        f"{e}, {c}: {one.n} samples are worth about {number(max(one.effective, 1.0), 2)}"
+        for e, c, one in each
+        if not one.is_curve
+    ]:
+        found.append((f"Neighbouring residuals are alike: {'; '.join(alike)}.", False))
+    return found
+
+
+def _curve_text(fit: ExperimentFit, experiment: str, channel: str, one: ResidualRecord) -> str:
+    """How large a curve of residuals is, and where it is largest."""
+    size = format_quantity(one.size, fit.units[channel], digits=2)
+    where = "at the start" if one.largest < 0.1 else "at the end" if one.largest > 0.9 else ""
+    where = where or f"{100 * one.largest:.0f} % along the record"
+    causes = [
+        f"{cause} would explain {100 * share:.0f} % of it" for cause, share in one.explained.items() if share > _CAUSE
+    ][:2]
+    by = f" ({', '.join(causes)})" if causes else ""
+    return f"{channel} of {experiment} by {size} (RMS), most {where}{by}"
 
 
 def chance_text(one: Agreement) -> str:

@@ -12,7 +12,7 @@ from softcal.report.agreement import (
     agreement_sentences,
     chance_text,
     range_text,
-    residual_sentence,
+    residual_sentences,
     size_text,
     spread_sentences,
 )
@@ -94,7 +94,11 @@ def conclusions(content: ReportContent) -> list[Sentence]:
         *(Sentence(text, _agreement_tone(one)) for text, one in agreement_sentences(content.results)),
         *_spreads(content),
         *(sentence for result in results.values() for sentence in _residuals(content, result)),
-        *(Sentence(_of(label, results, t), "note") for label, r in results.items() if (t := residual_sentence(r))),
+        *(
+            Sentence(_of(label, results, text), "warning" if misfits else "note")
+            for label, one in results.items()
+            for text, misfits in residual_sentences(one)
+        ),
         *(Sentence(_of(label, results, t), "note") for label, r in results.items() if (t := left_out_sentence(r))),
         *_records(content),
         *(Sentence(_of(label, results, text), "note") for label, r in results.items() for text in cycle_sentences(r)),

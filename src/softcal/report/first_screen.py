@@ -136,8 +136,18 @@ def _estimates(of: FirstScreen) -> str:
         return f"{joined(parts)}, from {len(results)} separate fits."
     parts = [one.sentence for one in material[:_FEW]]
     parts += [f"{len(material) - _FEW} more"] if len(material) > _FEW else []
-    lead = f"{of.lead[:1].upper()}{of.lead[1:]}"
-    return f"{lead}{joined(parts)}, from {_basis(next(iter(results.values())))}."
+    (result,) = results.values()
+    lead = _doubt(result) + of.lead
+    return f"{lead[:1].upper()}{lead[1:]}{joined(parts)}, from {_basis(result)}."
+
+
+def _doubt(result: SearchResult) -> str:
+    """What makes the estimates those of a model that the data contradict; "" where nothing does."""
+    beyond = {name: one.beyond for name, one in result.parameters.items() if one.is_contradicted}
+    if not beyond:
+        return ""
+    parts = [f"{parameter_label(name, result.parameters)} by about {far:.0f}" for name, far in beyond.items()]
+    return f"model and bounds contradict the data (best fit beyond the bound of {joined(parts)} standard errors); "
 
 
 def _over_tests(name: str, names: list[str], ranges: Mapping[str, str], material: Iterable[Statement]) -> str:

@@ -14,6 +14,7 @@ from scipy.optimize import lsq_linear, minimize
 
 from softcal.calibration.between_markers import with_markers
 from softcal.calibration.bootstrap import bootstrap
+from softcal.calibration.checked_interval import CheckedInterval, IntervalStudy
 from softcal.calibration.estimator import estimator
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.frame import FRAME
@@ -43,6 +44,19 @@ STIFF, SOFT = "spring1.youngs_modulus", "spring2.youngs_modulus"
 FORCES = np.array([5.0, 10.0, 15.0])
 MARKERS = tuple(f"m{k}" for k in range(1, 9))
 ROBOT = replace(manipulator(), markers=tuple(Marker(m, "S4", np.array([0.02, 0.0, -LENGTH])) for m in MARKERS))
+
+
+def test_large_differences_are_named_though_chance_explains_them() -> None:
+    def study(far: float, chance: float) -> tuple[str, ...]:
+        near = CheckedInterval(2.0, "Pa", 0.1, 10.0, "linear", (1.9, 2.1), (1.89, 2.12), "", 0.4)
+        other = CheckedInterval(2.0, "m", 0.1, 10.0, "linear", (1.9, 2.1), (1.9 - far, 2.1 + far), "", chance)
+        return IntervalStudy("jackknife", {"a": near, "frame.y": other}, (), {}, 0.0).sentences
+
+    assert study(0.05, 0.3) == (ALIKE.format("jackknife"),)
+    (text,) = study(0.29, 0.08)
+    assert "chance explains, but of so few groups chance explains much: frame.y (p = 0.08) differs by more" in text
+    (text,) = study(0.29, 0.01)
+    assert text.startswith("frame.y: the interval by jackknife is")
 
 
 def blocks_of(seed: int, n: int = 30, k: int = 6, size: int = 2, channel: str = "tension") -> list[Block]:

@@ -10,10 +10,12 @@ from report_example import E_NAME, NU_NAME
 
 from softcal.analysis.agreement import agreements
 from softcal.calibration.outcome import bound_note, saturated_note
+from softcal.calibration.random_effects import Spread
 from softcal.calibration.result import CalibrationResult, Distance, Estimate, ExperimentFit, Note
 from softcal.cli.calibration_table import print_results
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.materials.infill import PrintInfill
+from softcal.report.agreement import agreement_sentences
 from softcal.report.conclusions import conclusions, verdict
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figures.force_displacement import steps_between
@@ -93,12 +95,31 @@ def test_moduli_of_the_shipped_neck_differ_far_beyond_noise() -> None:
     assert "E differs between the separate fits by 9.4 %" in warning
     assert "from 3.197 MPa (test3) to 3.5130 MPa (test1)" in warning
     assert "more than the noise within them explains" in warning
-    assert "of standard errors by noise alone, 2 degrees of freedom, p < 1e-10" in warning
+    assert ", 2 degrees of freedom, p < 1e-10" in warning
     first = verdict(report)
     assert "E = 3.294 ± 0.005 MPa, from 3 tests." in first.text
     assert "E differs between the separate fits by 9.4 %" in first.text
     assert first.tone == "warning"
     assert "agree" not in told(report)
+
+
+def test_fits_whose_ratio_is_at_a_bound_are_compared_at_one_ratio() -> None:
+    """By the values of the tests in the joint fit, where these differ too; that none determines the ratio is said."""
+    at = Estimate(0.4999, "1", True, 0.4, 0.4999, None, (0.4, 0.4999))
+    spread = Spread({"test1": 3.53e6, "test2": 3.32e6, "test3": 3.2e6}, 60.0, 2, 1e-6, 1e5, None)
+    fits = {
+        label: replace(one, parameters={**one.parameters, NU_NAME: at}) for label, one in separate(*SHIPPED).items()
+    }
+    joint = result("test1", "test2", "test3", estimates={E_NAME: modulus(3.294, 0.0053), NU_NAME: at})
+    jointly = replace(joint, spreads={E_NAME: spread})
+    of_E, of_ratio = (text for text, _ in agreement_sentences({**fits, "joint": jointly}))
+    assert of_E.endswith(" With ν = 0.4999 in all, it is 3.530 (test1), 3.320 (test2) and 3.200 (test3) MPa."), of_E
+    assert of_ratio == "No separate fit determines ν."
+    free = replace(at, value=0.45, at_bound=False)
+    apart = {label: replace(one, parameters={**one.parameters, NU_NAME: free}) for label, one in fits.items()}
+    assert "in all, it is" not in agreement_sentences({**apart, "joint": jointly})[0][0]
+    alike = replace(jointly, spreads={E_NAME: replace(spread, chance=0.5)})
+    assert "in all, it is" not in agreement_sentences({**fits, "joint": alike})[0][0]
 
 
 def test_moduli_within_their_errors_are_said_to_be_so() -> None:

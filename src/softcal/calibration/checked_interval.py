@@ -12,6 +12,8 @@ from softcal.units import digits_that_tell, format_quantity, readable_unit
 
 DIFFERS = 0.1
 """Share of the quick interval's half-length: where an end moves by more, the two intervals differ."""
+LARGE = 1.0
+"""Share of the quick interval's half-length: where an end moves by more, chance alone is no comfort."""
 UNLIKELY = 0.05
 """Chance below which two estimated scatters differ."""
 
@@ -107,6 +109,21 @@ class IntervalStudy:
     points: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
     excess: tuple[float, ...] = ()
 
+    def _by_chance(self) -> str:
+        """That chance explains the differences, with those that are large all the same."""
+        text = f"No interval by {self.by} differs from the quick one by more than chance explains"
+        large = [
+            f"{label} (p = {one.chance:.2g})"
+            for label, one in self.intervals.items()
+            if one.chance is not None and one.difference is not None and one.difference > LARGE
+        ]
+        if not large:
+            return f"{text}."
+        return (
+            f"{text}, but of so few groups chance explains much: {', '.join(large)} differ{'s' * (len(large) == 1)} by "
+            "more than the quick half-length. Where a group is suspect, look at the values without it."
+        )
+
     @property
     def sentences(self) -> tuple[str, ...]:
         """What the comparison with the quick intervals says."""
@@ -116,7 +133,7 @@ class IntervalStudy:
             found = (*found, f"There is no quick interval of {', '.join(missing)}.")
         if not found and any(one.difference is not None for one in self.intervals.values()):
             if any(one.chance is not None for one in self.intervals.values()):
-                return (f"No interval by {self.by} differs from the quick one by more than chance explains.",)
+                return (self._by_chance(),)
             share = f"{100 * DIFFERS:.0f} %"
             return (f"No end differs from that of the quick interval by more than {share} of its half-length.",)
         return found

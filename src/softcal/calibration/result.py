@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from softcal.calibration.budget import BOUNDS
 from softcal.calibration.left_out import LeftOut
 from softcal.calibration.parameters import Scale
 from softcal.calibration.random_effects import Spread
@@ -130,12 +131,13 @@ class Estimate:
 
     @property
     def noise_error(self) -> float | None:
-        """Standard error [unit] by what one experiment has by itself: noise, priors, and uncertain parameters of its
-        own; without differences between experiments and what is uncertain in all of them alike.
+        """Standard error [unit] by what one experiment has by itself: noise, priors, what its data leave open within
+        bounds, and uncertain parameters of its own; without differences between experiments and what is uncertain in
+        all of them alike.
         """
         if self.standard_error is None:
             return None
-        own = ("noise", "prior")
+        own = ("noise", "prior", BOUNDS)
         other = sum(one for source, one in self.shares.items() if source not in own and not source.endswith(EACH))
         return self.standard_error * math.sqrt(max(1.0 - other, 0.0))
 

@@ -15,6 +15,7 @@ from softcal.calibration.residuals import ResidualRecord
 from softcal.calibration.result import Estimate, ExperimentFit, SearchResult
 from softcal.experiments.dataset import Dataset
 from softcal.report.format import estimate_scale, joined, number, parameter_label, result_label
+from softcal.report.statement import WHOLE, interval_share
 from softcal.units import format_quantity, rounded
 
 MISFIT = "The residuals are a curve that the model misses, not noise"
@@ -35,8 +36,10 @@ def _jointly(one: Agreement, names: Sequence[str], results: Mapping[str, SearchR
     """Why a joint fit finds otherwise, where it does: it compares the tests with the other parameters at one value."""
     for result in results.values():
         spread = result.spreads.get(one.name)
-        if spread is None or one.chance is None or spread.differs == one.differs:
+        if spread is None or one.chance is None:
             continue
+        if spread.differs == one.differs:
+            return _at_one_value(one, names, results, result)
         others = [parameter_label(name, names) for name in names if name != one.name and name in result.parameters]
         at = f"with {joined(others)} at {'their' if len(others) > 1 else 'its'} joint value{'s' * (len(others) > 1)}"
         verb = "differ" if spread.differs else "do not differ"
@@ -47,6 +50,20 @@ def _jointly(one: Agreement, names: Sequence[str], results: Mapping[str, SearchR
     return ""
 
 
+def _at_one_value(
+    one: Agreement, names: Sequence[str], results: Mapping[str, SearchResult], joint: SearchResult
+) -> str:
+    """The values of the tests where other parameters, which are at a bound in separate fits, have one value."""
+    fits = [results[label].parameters for label in one.estimates]
+    bound = [n for n in names if n != one.name and n in joint.parameters and any(f[n].at_bound for f in fits if n in f)]
+    if not bound or not joint.spreads[one.name].differs:
+        return ""
+    estimate, spread = joint.parameters[one.name], joint.spreads[one.name]
+    at = joined(f"{parameter_label(n, names)} = {value_text(joint.parameters[n])}" for n in bound)
+    values = [f"{shown(estimate, value)} ({test})" for test, value in spread.values.items()]
+    return f" With {at} in all, it is {with_unit(estimate, joined(values))}."
+
+
 def agreement_text(one: Agreement, name: str) -> str:
     """The spread of the fits, and whether it exceeds what the noise within them explains."""
     low, high = one.least[1], one.largest[1]
@@ -54,11 +71,13 @@ def agreement_text(one: Agreement, name: str) -> str:
         text = f"{name} is the same in all {len(one.estimates)} separate fits, {value_text(low)}"
         return f"{text}: a bound, which does not show that they agree." if low.at_bound else f"{text}."
     lowest, highest = (f"{value_text(e)} ({result_label(label)})" for label, e in (one.least, one.largest))
+    if all((interval_share(estimate) or 0.0) >= WHOLE for estimate in one.estimates.values()):
+        return f"No separate fit determines {name}."
     if one.q is None or one.chance is None:
         return f"The separate fits give {name} from {lowest} to {highest}{_in_all_intervals(one)}."
     text = f"{name} differs between the separate fits by {size_text(one)}, from {lowest} to {highest}"
     freedom = f"{one.dof} degree{'s' * (one.dof > 1)} of freedom"
-    test = f"(Cochran's Q = {number(one.q)} of standard errors by noise alone, {freedom}, {chance_text(one)})"
+    test = f"(Cochran's Q = {number(one.q)}, {freedom}, {chance_text(one)})"
     left = f" Excluded, having no standard error: {joined(map(result_label, one.uncounted))}."
     left = left if one.uncounted else ""
     if one.differs:

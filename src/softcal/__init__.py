@@ -14,6 +14,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    __version__: str
     from softcal.analysis.candidate import Candidate as Candidate
     from softcal.analysis.record import RecordFit as RecordFit
     from softcal.calibration.experiment import Experiment as Experiment
@@ -389,6 +390,10 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("softcal")
     if name not in _HOMES:
         raise AttributeError(f"module 'softcal' has no attribute '{name}'")
     value = getattr(importlib.import_module(_HOMES[name]), name)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -14,6 +17,19 @@ Ints = NDArray[np.int64]
 def is_number(text: str) -> bool:
     """Whether text is a non-negative integer such as a marker's number: at most nine decimal digits."""
     return text.isascii() and text.isdecimal() and len(text) <= 9
+
+
+def as_path(value: object, where: str, allowed: str = "a path") -> Path:
+    """The path that a caller gave as text or as a path; allowed: what else the caller takes there.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
+    if not isinstance(value, str | os.PathLike):
+        raise InputError(Fault("this is not a path", where, f"a value of the type {type(value).__name__}", allowed))
+    return Path(value)
 
 
 def frozen_floats(

@@ -8,14 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from project_case import write_project
 from report_example import example_content
 from rich.table import Table
 from sweep_case import write_sweep
 
 from softcal.calibration.result import CalibrationResult
-from softcal.cli import main
+from softcal.cli import main, printing
 from softcal.cli.calibration_table import print_results
-from softcal.cli.printing import print_report_table, print_table
+from softcal.cli.printing import print_report_table, print_table, shown_path
 from softcal.report.tables import Column, ReportTable
 
 Printed = Callable[[], list[str]]
@@ -126,3 +127,47 @@ def test_models_that_are_validated(printed: Printed, tmp_path: Path) -> None:
     assert "predicted: cable2, distance (RMS)" in told
     assert "all predictions, distance (RMS)" in told
     assert any(re.fullmatch(r"[\d.e-]+ mm \([\d.e-]+ %\)", cell) for cell in cells(lines))
+
+
+@pytest.mark.parametrize(
+    ("written", "shown"),
+    [
+        ("fleet/../runs/fleet/report.html", "runs/fleet/report.html"),
+        ("{here}/runs/report.html", "runs/report.html"),
+        ("../beside", "../beside"),
+        ("./run/", "run"),
+        ("/x/y", "/x/y"),
+    ],
+)
+def test_paths_are_shown_as_seen_from_the_present_folder(
+    written: str, shown: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert shown_path(Path(written.format(here=tmp_path))) == shown
+
+
+def test_commands_show_paths_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    write_project(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    for args in (
+        ["calibrate", "project.yaml", "--out", "a/../run", "--option", "starts=1"],
+        ["check", str(tmp_path / "project.yaml"), "--out", "a/../b", "--no-solve"],
+        ["simulate", "project.yaml", "--out", str(tmp_path / "c")],
+    ):
+        with pytest.raises(SystemExit) as ended:
+            main(args)
+        assert not ended.value.code
+    out = capsys.readouterr().out
+    assert "\nRun: run\n" in out
+    assert "\nReport: run/report.html\n" in out
+    assert "\nPictures: b/robot.png" in out
+    assert "\nWrote c\n" in out
+    assert str(tmp_path) not in out
+    assert ".." not in out
+
+
+def test_every_command_shows_its_paths_by_one_function():
+    """A path that is put into a line as it is would be as long as it was typed."""
+    sources = Path(printing.__file__).parent.glob("*_command*.py")
+    bare = r"echo\(\s*f?\"[^\"]*\{(?:out|path|folder|run|project|\w+\.(?:folder|page|path))\}"
+    assert [source.name for source in sources if re.search(bare, source.read_text(encoding="utf-8"))] == []

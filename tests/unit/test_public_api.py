@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -87,3 +88,7 @@ def test_no_class_name_stands_for_two_things():
                 if isinstance(node, ast.ClassDef):
                     of.setdefault(node.name, []).append(path.name)
     assert {name: files for name, files in of.items() if len(files) > 1} == {}
+
+
+def test_the_version_is_that_of_the_installed_package():
+    assert softcal.__version__ == version("softcal")

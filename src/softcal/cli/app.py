@@ -11,6 +11,7 @@ from typing import Annotated, ParamSpec
 import typer
 
 from softcal.calibration.interrupts import exit_code
+from softcal.cli.printing import shown_path
 from softcal.errors import Fault, InputError, SoftcalError
 
 P = ParamSpec("P")
@@ -28,9 +29,9 @@ app = typer.Typer(
 
 def _tell_version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version
+        import softcal
 
-        typer.echo(f"softcal {version('softcal')}")
+        typer.echo(f"softcal {softcal.__version__}")
         raise typer.Exit
 
 
@@ -100,5 +101,5 @@ def resumable(folder: Path, kept: str, again: str, record: str = "run.json") -> 
     except KeyboardInterrupt as stop:
         if not (folder / record).is_file():
             raise
-        typer.echo(f"Stopped. {kept} so far is kept in {folder}. Continue with: {again}", err=True)
+        typer.echo(f"Stopped. {kept} so far is kept in {shown_path(folder)}. Continue with: {again}", err=True)
         raise typer.Exit(exit_code(stop)) from None

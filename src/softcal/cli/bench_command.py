@@ -9,7 +9,7 @@ import typer
 
 from softcal.cli.app import app, exit_on_error
 from softcal.cli.page_beside import page_beside
-from softcal.cli.printing import print_table
+from softcal.cli.printing import print_table, shown_path
 from softcal.cli.running import clock, executor_told
 from softcal.cli.values import LOCAL, On, WithPage, Workers
 
@@ -88,7 +88,7 @@ def run(
     with page_beside(folder / FIT, wanted=watch), executor_told(on, workers) as executor, clock() as show:
         done = run_case(case, folder, data=data, workers=executor, resume=resume, progress=show)
     _print_score(done.score)
-    typer.echo(f"Predictions and score: {done.folder}")
+    typer.echo(f"Predictions and score: {shown_path(done.folder)}")
 
 
 @bench.command()
@@ -177,4 +177,4 @@ def page(
     with clock() as show:
         show("Drawing the robots")
         files = write_page(runs, out)
-    typer.echo(f"Page: {out}, with {len(files) - 1} pictures")
+    typer.echo(f"Page: {shown_path(out)}, with {len(files) - 1} pictures")

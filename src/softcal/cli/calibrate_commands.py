@@ -13,7 +13,7 @@ from softcal.cli.app import ProjectFile, app, exit_on_error, resumable
 from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.calibration_table import print_results, result_line
 from softcal.cli.page_beside import page_beside
-from softcal.cli.printing import print_warnings
+from softcal.cli.printing import print_warnings, shown_path
 from softcal.cli.running import clock, executor_told
 from softcal.cli.values import (
     LOCAL,
@@ -125,8 +125,8 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         "on": None if on == LOCAL else on,
         "storage": None if storage is None else storage_url(storage).shown,
     }
-    again = f"{shlex.quote(str(project))} --out {shlex.quote(str(folder))}{as_typed({**changes, **others})}"
-    again += f"{' --no-mesh-error' * (mesh_error is False)} --resume"
+    again = f"{shlex.quote(shown_path(project))} --out {shlex.quote(shown_path(folder))}"
+    again += f"{as_typed({**changes, **others})}{' --no-mesh-error' * (mesh_error is False)} --resume"
     changes["mesh_error"] = mesh_error
     changes["hold_out"] = None if hold_out is None else names(hold_out)
     changes |= options
@@ -152,7 +152,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
                 raise found.stopped_by
         solved = furthest_responses(loaded, found.results)
         print_warnings(shape_warnings(solved))
-        typer.echo(f"Run: {folder}")
+        typer.echo(f"Run: {shown_path(folder)}")
         if report:
             report_run(folder, None, solved)
 
@@ -203,4 +203,4 @@ def report_run(
         paths = write_report(run, out, figures=figures, solved=solved, progress=show)
     for note in paths.notes:
         typer.echo(f"Note: {note}", err=True)
-    typer.echo(f"Report: {paths.page}")
+    typer.echo(f"Report: {shown_path(paths.page)}")

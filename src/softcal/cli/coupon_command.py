@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.app import app, exit_on_error
-from softcal.cli.printing import print_report_table, print_warnings
+from softcal.cli.printing import print_report_table, print_warnings, shown_path
 from softcal.cli.running import clock
 from softcal.errors import Fault, ParameterError
 
@@ -179,7 +179,7 @@ def _fit(  # noqa: PLR0913 (one argument for each option)
         typer.echo("\n" + material_block(chosen.fit, found, body))
     if out is not None:
         write_comparison(found, body, out, predicted, files)
-        typer.echo(f"Wrote {out}")
+        typer.echo(f"Wrote {shown_path(out)}")
 
 
 def _predict(further: Sequence[Coupon], stored: Path, law: str | None, out: Path | None) -> None:
@@ -195,4 +195,4 @@ def _predict(further: Sequence[Coupon], stored: Path, law: str | None, out: Path
     print_report_table(tests_table(name, [], predicted))
     if out is not None:
         write_predictions(predicted, name, out)
-        typer.echo(f"Wrote {out}")
+        typer.echo(f"Wrote {shown_path(out)}")

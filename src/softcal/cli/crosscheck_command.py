@@ -9,7 +9,7 @@ import typer
 
 from softcal.cli.app import FAILED, app, exit_on_error
 from softcal.cli.export_commands import Pull, Source
-from softcal.cli.printing import print_table
+from softcal.cli.printing import print_table, shown_path
 from softcal.cli.running import clock, executor_told
 from softcal.cli.values import LOCAL, On, Values, Workers, names, parsed_values
 
@@ -76,7 +76,7 @@ def crosscheck(
     _print_crosscheck(found)
     if out is not None:
         write_crosscheck(project, found, out)
-        typer.echo(f"Wrote {out}")
+        typer.echo(f"Wrote {shown_path(out)}")
     compared = any(result.comparisons for result in found.values())
     if not compared or not all(result.agrees for result in found.values()):
         raise typer.Exit(FAILED)

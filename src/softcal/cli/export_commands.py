@@ -10,7 +10,7 @@ import typer
 from typer.core import TyperGroup
 
 from softcal.cli.app import app, exit_on_error
-from softcal.cli.printing import print_warnings
+from softcal.cli.printing import print_warnings, shown_path
 from softcal.cli.running import clock, motion_bars
 from softcal.cli.values import Values, parsed_values
 from softcal.workflows.export import EXPORTS, Export, ExportRequest, write_export
@@ -67,7 +67,7 @@ def _command(export: Export) -> Any:
         for text in notes:
             typer.echo(text)
         hint = f"; {export.hint.format(out=out)}" if export.hint else ""
-        typer.echo(f"Wrote {len(written)} files into {out}{hint}")
+        typer.echo(f"Wrote {len(written)} files into {shown_path(out)}{hint}")
 
     empty = inspect.Parameter.empty
     arguments: dict[str, tuple[Any, Any]] = {"source": (Source, empty), "out": (Out, empty)}

@@ -14,7 +14,7 @@ import typer
 from softcal.cli.app import app, exit_on_error, resumable
 from softcal.cli.calibration_lines import CalibrationLines
 from softcal.cli.page_beside import page_beside
-from softcal.cli.printing import print_report_table
+from softcal.cli.printing import print_report_table, shown_path
 from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, WithPage, WithReport, Workers, as_typed, calibration_options, names
 
@@ -68,7 +68,7 @@ def fleet(  # noqa: PLR0913 (one argument for each option)
     folder = out if out is not None else (table if table.is_dir() else table.parent) / "fleet"
     typed: dict[str, Any] = {"template": template and str(template), "by": by or None, "method": method}
     typed |= {"option": option, "workers": workers, "on": None if on == LOCAL else on}
-    again = f"softcal fleet {shlex.quote(str(table))} --out {shlex.quote(str(folder))}"
+    again = f"softcal fleet {shlex.quote(shown_path(table))} --out {shlex.quote(shown_path(folder))}"
     again += f"{as_typed(typed)} --resume"
     changes = {"method": method, **options}
     with page_beside(folder, wanted=watch):
@@ -87,7 +87,7 @@ def fleet(  # noqa: PLR0913 (one argument for each option)
             _print(found)
             if found.stopped_by is not None:
                 raise found.stopped_by
-        typer.echo(f"Fleet: {folder}")
+        typer.echo(f"Fleet: {shown_path(folder)}")
         if report:
             _report(found)
 
@@ -131,4 +131,4 @@ def _print(found: Fleet) -> None:
 def _report(found: Fleet) -> None:
     from softcal.workflows.fleet_report import write_fleet_report
 
-    typer.echo(f"Report: {write_fleet_report(found)}")
+    typer.echo(f"Report: {shown_path(write_fleet_report(found))}")

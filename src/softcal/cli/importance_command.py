@@ -9,7 +9,7 @@ import typer
 
 from softcal.cli.app import app, exit_on_error
 from softcal.cli.export_commands import Source
-from softcal.cli.printing import print_table, print_warnings
+from softcal.cli.printing import print_table, print_warnings, shown_path
 from softcal.cli.running import clock, executor_told
 from softcal.cli.values import LOCAL, On, Values, Workers, parsed_values
 
@@ -71,7 +71,7 @@ def importance(
         typer.echo(sentence)
     if folder is not None:
         write_importance(found, studied.project, studied.calibration, folder)
-        typer.echo(f"Wrote {folder}")
+        typer.echo(f"Wrote {shown_path(folder)}")
         if folder == default:
             typer.echo(f"Into the report with: softcal report {source}")
 

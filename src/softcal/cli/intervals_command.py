@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.app import app, exit_on_error
-from softcal.cli.printing import print_table
+from softcal.cli.printing import print_table, shown_path
 from softcal.cli.running import clock, executor_told
 from softcal.cli.values import LOCAL, On, Workers
 
@@ -83,7 +83,7 @@ def intervals(  # noqa: PLR0913 (one argument for each option)
     typer.echo(f"95 % intervals of the calibration '{source.calibration}'")
     _print_study(found)
     write_intervals(found, source.project, source.calibration, folder)
-    typer.echo(f"Wrote {folder}")
+    typer.echo(f"Wrote {shown_path(folder)}")
 
 
 def _print_study(found: IntervalStudy) -> None:

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from softcal.cli.app import app, exit_on_error
+from softcal.cli.printing import shown_path
 from softcal.errors import Fault, InputError
 
 Images = Annotated[list[str], typer.Argument(metavar="IMAGES", help="Files, folders or patterns.", show_default=False)]
@@ -46,7 +47,7 @@ def board(
     else:
         text = board_sheet(_board(squares, square, marker, dictionary, legacy))
     write_new_file(out, text)
-    typer.echo(f"Wrote {out}. Print it at 100 %, glue it onto something flat, and measure a square.")
+    typer.echo(f"Wrote {shown_path(out)}. Print it at 100 %, glue it onto something flat, and measure a square.")
 
 
 @app.command()
@@ -76,7 +77,7 @@ def camera(
     typer.echo(f"Reprojection error: {found.rms:.3f} px (rms) over {len(found.rms_by_image)} images")
     typer.echo(f"Focal lengths: {fx:.1f} and {fy:.1f} px, ± {found.focal_sd[0]:.2g} and {found.focal_sd[1]:.2g}")
     typer.echo(f"Principal point: ({cx:.1f}, {cy:.1f}) px, ± {found.centre_sd[0]:.2g} and {found.centre_sd[1]:.2g}")
-    typer.echo(f"Wrote {out}")
+    typer.echo(f"Wrote {shown_path(out)}")
 
 
 @app.command()
@@ -143,7 +144,7 @@ def markers(  # noqa: PLR0913 (one argument for each option)
     for remark in table.remarks:
         typer.echo(f"Warning: {remark}.", err=True)
     typer.echo(f"Corners are good to {table.noise:.2g} px")
-    typer.echo(f"Wrote {out}")
+    typer.echo(f"Wrote {shown_path(out)}")
 
 
 def _board(squares: str, square: str, marker: str, dictionary: str, legacy: bool) -> Any:

@@ -12,7 +12,7 @@ import typer
 
 from softcal.cli.app import app, exit_on_error
 from softcal.cli.export_commands import Source
-from softcal.cli.printing import print_table, print_warnings
+from softcal.cli.printing import print_table, print_warnings, shown_path
 from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, Values, Workers, parsed_values
 
@@ -80,7 +80,7 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
         typer.echo(verdict.text)
     if folder is not None:
         write_study(found, studied.project, studied.calibration, folder)
-        typer.echo(f"Wrote {folder}")
+        typer.echo(f"Wrote {shown_path(folder)}")
         if folder == default_folder(source, MESH_STUDY):
             typer.echo(f"Into the report with: softcal report {source}")
 

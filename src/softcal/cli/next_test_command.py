@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.app import app, exit_on_error
-from softcal.cli.printing import print_table
+from softcal.cli.printing import print_table, shown_path
 from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, Workers
 
@@ -62,7 +62,7 @@ def next_test(
     typer.echo(verdict(found))
     if out is not None:
         write_ranking(found, source, out)
-        typer.echo(f"Wrote {out}")
+        typer.echo(f"Wrote {shown_path(out)}")
 
 
 def _table(found: NextTests) -> Table:

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import typer
 
+from softcal.cli.printing import shown_path
+
 
 @contextmanager
 def page_beside(folder: Path, *, wanted: bool) -> Generator[None]:
@@ -26,4 +28,4 @@ def page_beside(folder: Path, *, wanted: bool) -> Generator[None]:
 
             webbrowser.open(page.address)
         yield
-    typer.echo(f"The page has ended. It is shown again by: softcal watch {shlex.quote(str(folder))}", err=True)
+    typer.echo(f"The page has ended. It is shown again by: softcal watch {shlex.quote(shown_path(folder))}", err=True)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -16,6 +18,15 @@ if TYPE_CHECKING:
     from softcal.report.tables import ReportTable
 
 LOG_WIDTH = 160  # a log does not wrap
+
+
+def shown_path(path: Path) -> str:
+    """A path as it is typed in the present folder, without `a/../b`; absolute where that is shorter."""
+    absolute = os.path.abspath(path)
+    try:
+        return min(os.path.relpath(path), absolute, key=len)
+    except ValueError:  # it lies on another drive
+        return absolute
 
 
 def print_table(table: Table) -> None:

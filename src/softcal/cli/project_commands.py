@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -9,7 +10,7 @@ from typing import Annotated
 import typer
 
 from softcal.cli.app import ProjectFile, app, exit_on_error
-from softcal.cli.printing import print_warnings
+from softcal.cli.printing import print_warnings, shown_path
 from softcal.cli.running import clock
 from softcal.errors import Fault, InputError
 
@@ -26,7 +27,7 @@ def init(
     from softcal.workflows.template import write_template
 
     path = write_template(template, folder)
-    typer.echo(f"Wrote {path}. Check it with: softcal check {path}")
+    typer.echo(f"Wrote {shown_path(path)}. Check it with: softcal check {shlex.quote(shown_path(path))}")
 
 
 @app.command()
@@ -67,5 +68,5 @@ def check(
     for note in report.notes:
         typer.echo(f"Note: {note}", err=True)
     if pictures:
-        typer.echo(f"Pictures: {', '.join(str(path) for path in report.pictures)}")
+        typer.echo(f"Pictures: {', '.join(map(shown_path, report.pictures))}")
     typer.echo("The project is in order." if not report.warnings else "The project can be used; see the warnings.")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.app import ProjectFile, app, exit_on_error
+from softcal.cli.printing import shown_path
 from softcal.cli.running import clock, motion_bars
 from softcal.cli.values import Engine, Values, parsed_values
 from softcal.errors import Fault, InputError
@@ -69,7 +70,7 @@ def simulate(
                 _print_status(name, response)
 
             responses = simulate_to_folder(loaded, chosen, out, engine=engine, stage=show, ready=print_status)
-    typer.echo(f"Wrote {out}")
+    typer.echo(f"Wrote {shown_path(out)}")
     for response in responses.values():
         if response.stopped_by is not None:
             raise response.stopped_by

@@ -11,7 +11,7 @@ from softcal.cli.app import ProjectFile, app, exit_on_error, resumable
 from softcal.cli.calibrate_commands import report_run
 from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.page_beside import page_beside
-from softcal.cli.printing import print_table, print_warnings
+from softcal.cli.printing import print_table, print_warnings, shown_path
 from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, Values, WithPage, WithReport, Workers, names, parsed_pairs, parsed_values
 
@@ -75,7 +75,7 @@ def sweep(  # noqa: PLR0913 (one argument for each option)
             _print_sweep(found)
             if found.stopped_by is not None:
                 raise found.stopped_by
-        typer.echo(f"Sweep: {folder}")
+        typer.echo(f"Sweep: {shown_path(folder)}")
         if report:
             report_run(folder, None)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.app import app, exit_on_error
-from softcal.cli.printing import print_table, print_warnings
+from softcal.cli.printing import print_table, print_warnings, shown_path
 from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, Values, Workers, names, parsed_values
 
@@ -73,7 +73,7 @@ def validate(
     _print_validation(found)
     if out is not None:
         write_validation(found, out)
-        typer.echo(f"Wrote {out}")
+        typer.echo(f"Wrote {shown_path(out)}")
 
 
 def _print_validation(found: Validation) -> None:

@@ -24,6 +24,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from softcal.checks import as_path
 from softcal.errors import Fault, InputError, ProjectFileError, StorageError, nearest
 from softcal.experiments.table import Table, load_table, split_header
 from softcal.experiments.table_format import TableFormat
@@ -140,9 +141,12 @@ def parse_fleet(
     ------
     StorageError
         Where the table or the template cannot be read.
+    InputError
+        For anything but paths.
     """
-    path = Path(source) / TABLE if Path(source).is_dir() else Path(source)
-    of = path.parent / TEMPLATE if template is None else Path(template)
+    path = as_path(source, "source", "the path of a table, or of a folder with one")
+    path = path / TABLE if path.is_dir() else path
+    of = path.parent / TEMPLATE if template is None else as_path(template, "template", "the path of a project file")
     for one, kind, attempt in ((path, "table of the fleet", ""), (of, "template", "--template FILE")):
         if found := not_a_file(one):
             raise StorageError(Fault(f"the {kind} cannot be read", str(one), found, "a regular file", attempt))

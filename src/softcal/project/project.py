@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from softcal.checks import as_path
 from softcal.errors import InputError
 from softcal.materials.catalogue import LAWS
 from softcal.project.document import Entry
@@ -114,6 +115,20 @@ class Project:
         return project_html(self)
 
 
+ProjectSource = Project | str | Path
+
+
+def project_of(source: ProjectSource) -> Project:
+    """The project itself, or that of a project file.
+
+    Raises
+    ------
+    InputError
+        For anything else, and as `load`.
+    """
+    return source if isinstance(source, Project) else load(source)
+
+
 def load(
     path: str | Path,
     *,
@@ -145,7 +160,7 @@ def load(
     StorageError
         Where the project file cannot be read.
     """
-    path = Path(path)
+    path = as_path(path, "project", "a project, or the path of a project file")
     document = read_document(path)
     given = {key: one if isinstance(one, Entry) else Entry(one) for key, one in (changes or {}).items()}
     document = document.changed(given)

@@ -24,7 +24,7 @@ from softcal.executors.executor import Executor
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.names import JOINT
-from softcal.project.project import Project
+from softcal.project.project import Project, ProjectSource, project_of
 from softcal.project.section import changed
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.workflows.engines import SOFTCAL, engine_for, engine_identity, left_out_sentence
@@ -48,7 +48,7 @@ class Calibrations(Outcome):
 
 
 def calibrate(
-    project: Project,
+    project: ProjectSource,
     *,
     out: str | Path | None = None,
     resume: bool = False,
@@ -63,6 +63,8 @@ def calibrate(
 
     Parameters
     ----------
+    project
+        A project, or the path of a project file.
     out
         Run folder, new or empty; None keeps nothing on disk.
     resume
@@ -87,11 +89,12 @@ def calibrate(
     Raises
     ------
     InputError
-        Where nothing is free or nothing was measured, an option makes no sense, or the folder cannot be used; for an
-        engine that does not exist, is not installed, or cannot have the robot.
+        Where nothing is free or nothing was measured, an option makes no sense, or the folder cannot be used; for a
+        project that cannot be loaded; for an engine that does not exist, is not installed, or cannot have the robot.
     CalibrationError
         Where no trial could be simulated.
     """
+    project = project_of(project)
     settings, problems = plan(project, engine, **changes)
     identity = engine_identity(engine, project.engines)
     shared = {label: None if storage is None else Sharing(storage, _study(project, label)) for label in problems}

@@ -15,7 +15,7 @@ from softcal.checks import Ints
 from softcal.errors import Fault, InputError
 from softcal.geometry.cell import CELLS
 from softcal.materials.catalogue import LAWS
-from softcal.project.project import Project
+from softcal.project.project import Project, ProjectSource, project_of
 from softcal.sensing.channel import TIME, ChannelName
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.build import twin_of
@@ -44,18 +44,20 @@ class CheckReport:
 
 
 def check(
-    project: Project,
+    project: ProjectSource,
     out_dir: str | Path | None = None,
     *,
     solve: bool = True,
     progress: Callable[[str], None] = lambda stage: None,
     ready: BlockObserver = lambda rows, warnings: None,
 ) -> CheckReport:
-    """Check a loaded project: build the twin, solve it at rest and at the end of each experiment at the start values,
+    """Check a project: build the twin, solve it at rest and at the end of each experiment at the start values,
     compare it with the data, draw the pictures.
 
     Parameters
     ----------
+    project
+        A project, or the path of a project file.
     out_dir
         Folder for `robot.png|svg`, `states.png|svg` and `data-<experiment>.png|svg`; older ones there are replaced.
         None draws nothing.
@@ -67,10 +69,11 @@ def check(
     Raises
     ------
     InputError
-        Where the twin cannot be built.
+        Where the project cannot be loaded, or the twin cannot be built.
     StorageError
         Where the folder cannot be written.
     """
+    project = project_of(project)
     bodies = (*_body_rows(project), *_rod_rows(project))
     ready(bodies, ())
     progress("Building the twin")

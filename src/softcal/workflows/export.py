@@ -53,8 +53,8 @@ class ExportRequest:
 
     Attributes
     ----------
-    project : Project
-        The project, with the parameters at the values that are written.
+    project : Project, str or Path
+        The project, or the path of its file, with the parameters at the values that are written.
     pulls : sequence of str
         Pulls in the place of the experiments, such as "front=40mm".
     warn, note : callable
@@ -71,6 +71,11 @@ class ExportRequest:
     note: Reporter = _silent
     stage: Reporter = _silent
     motion: Observer | None = None
+
+    def __post_init__(self) -> None:
+        from softcal.project.project import project_of
+
+        object.__setattr__(self, "project", project_of(self.project))
 
     def cases(self) -> dict[str, Case]:
         """Name -> robot and protocol: the pulls together, else every experiment.
@@ -214,7 +219,7 @@ def register_export(*files: str, pulled: bool = True, hint: str = "", **options:
     return EXPORTS.decorator(lambda function: Export(function.__name__, function, files, options, pulled, hint))
 
 
-def write_export(name: str, request: ExportRequest, folder: Path, **options: Any) -> list[Path]:
+def write_export(name: str, request: ExportRequest, folder: str | Path, **options: Any) -> list[Path]:
     """Write an export into a new folder, completely or not at all; returns the files.
 
     Raises
@@ -228,7 +233,7 @@ def write_export(name: str, request: ExportRequest, folder: Path, **options: Any
     """
     from softcal.workflows.output import new_folder, require_free_folder
 
-    export = EXPORTS.named(name)
+    export, folder = EXPORTS.named(name), Path(folder)
     require_free_folder(folder)
     with new_folder(folder) as part:
         written = [path.relative_to(part) for path in export.function(request, part, **options)]

@@ -9,6 +9,7 @@ from pathlib import Path
 from softcal.analysis.importance import SIMULATIONS, ImportanceStudy, importance_study
 from softcal.calibration.likelihood_points import Observer
 from softcal.executors.executor import Executor
+from softcal.project.project import ProjectSource
 from softcal.workflows.importance_files import write_importance
 from softcal.workflows.output import require_free_folder
 from softcal.workflows.study_source import StudySource, study_source
@@ -39,7 +40,7 @@ def study_importance(
 
 
 def importance(
-    path: str | Path,
+    path: ProjectSource,
     *,
     calibration: str = "",
     values: Mapping[str, str] | None = None,
@@ -54,7 +55,7 @@ def importance(
     Parameters
     ----------
     path
-        A run folder, or a project file.
+        A run folder, a project file, or a project.
     calibration
         Label of a run's calibration; by default the joint one, else the first.
     values
@@ -79,7 +80,7 @@ def importance(
     """
     if out is not None:
         require_free_folder(Path(out))
-    source = study_source(Path(path), values, calibration)
+    source = study_source(path, values, calibration)
     found = study_importance(source, seed=seed, simulations=simulations, workers=workers, progress=progress)
     if out is not None:
         write_importance(found, source.project, source.calibration, Path(out))

@@ -11,6 +11,7 @@ from softcal.analysis.mesh_study import mesh_study as study_problem
 from softcal.errors import Fault, InputError
 from softcal.executors.executor import Executor
 from softcal.mechanics.elements import DEFAULT, higher_elements
+from softcal.project.project import ProjectSource
 from softcal.twin.finer import has_lower
 from softcal.workflows.mesh_study_files import write_study
 from softcal.workflows.output import require_free_folder
@@ -65,7 +66,7 @@ def study(
 
 
 def mesh_study(  # noqa: PLR0913 (one argument for each option)
-    path: str | Path,
+    path: ProjectSource,
     *,
     calibration: str = "",
     values: Mapping[str, str] | None = None,
@@ -81,7 +82,7 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
     Parameters
     ----------
     path
-        A run folder, or a project file.
+        A run folder, a project file, or a project.
     calibration
         Label of a run's calibration; by default the joint one, else the first.
     values
@@ -108,7 +109,7 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
     """
     if out is not None:
         require_free_folder(Path(out))
-    source = study_source(Path(path), values, calibration)
+    source = study_source(path, values, calibration)
     found = study(
         source,
         element=element,

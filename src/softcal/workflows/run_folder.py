@@ -23,6 +23,7 @@ from softcal.calibration.result_files import fits_of, response_file, result_json
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.store import write_text
 from softcal.calibration.stored import Record, contradiction, read_record
+from softcal.checks import as_path
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, StorageError
 from softcal.geometry.write import write_mesh
@@ -205,8 +206,10 @@ def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
         If there is no run or no result yet, a file is missing or damaged, or an input has changed.
     ProjectFileError
         Where the project in it cannot be loaded.
+    InputError
+        For anything but a path.
     """
-    folder = Path(folder)
+    folder = as_path(folder, "folder", "the path of a run folder")
     record = _record(folder)
     project, settings = project_of_run(folder)
     results = {

@@ -14,7 +14,7 @@ from softcal.calibration.problem import Simulate
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, ParameterError, SimulationError
 from softcal.mechanics.path_watch import path_watch
-from softcal.project.project import Project
+from softcal.project.project import Project, ProjectSource, project_of
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Command, Protocol, let_go_faults
 from softcal.twin.response import Response, Shown, Snapshot
@@ -32,7 +32,7 @@ PULL_SAMPLES = 41
 
 
 def simulate(
-    twin: Project | Robot,
+    twin: ProjectSource | Robot,
     protocol: Protocol | None = None,
     theta: Mapping[str, float] | None = None,
     *,
@@ -46,7 +46,7 @@ def simulate(
     Parameters
     ----------
     twin
-        A project, or a robot alone.
+        A project, the path of a project file, or a robot alone.
     protocol
         Tension [N] or shortening [m] of each cable, sample by sample; see `pull`.
     theta
@@ -72,7 +72,10 @@ def simulate(
     ParameterError
         For an unknown cable, parameter or experiment, or a value out of range; for a protocol that releases a cable
         with friction.
+    InputError
+        For a twin that is none of these, and as `load`.
     """
+    twin = twin if isinstance(twin, Robot) else project_of(twin)
     robot = twin.robot if isinstance(twin, Project) else twin
     if experiment and (protocol is not None or not isinstance(twin, Project)):
         what = (

@@ -10,10 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from softcal.checks import as_path
 from softcal.errors import Fault, InputError, ParameterError
 from softcal.project.names import JOINT
-from softcal.project.project import Project, load
+from softcal.project.project import Project, ProjectSource, load
 
+_SOURCES = "a project, or the path of a project file or a run folder"
 MESH_STUDY, IMPORTANCE = "mesh-study", "importance"  # folders of studies in a run
 
 if TYPE_CHECKING:
@@ -37,18 +39,19 @@ class StudySource:
     result: CalibrationResult | None = None
 
 
-def study_source(path: Path, values: Mapping[str, str] | None = None, calibration: str = "") -> StudySource:
-    """The values of a run's joint or named calibration, or those of a project file.
+def study_source(path: ProjectSource, values: Mapping[str, str] | None = None, calibration: str = "") -> StudySource:
+    """The values of a run's joint or named calibration, or those of a project or its file.
 
     Raises
     ------
     InputError
-        For any other path, an unknown calibration or a sweep, values for a run, or a project without measurements or
-        free parameters.
+        For any other path, an unknown calibration or a sweep, values for a run or for a project that is loaded already,
+        or a project without measurements or free parameters.
     StorageError
         For a folder that holds no run.
     """
-    if path.is_dir():
+    path = path if isinstance(path, Project) else as_path(path, "path", _SOURCES)
+    if not isinstance(path, Project) and path.is_dir():
         if values:
             raise InputError(
                 Fault("a run has its calibrated values", "--set", ", ".join(values), "a project file with --set")
@@ -56,7 +59,10 @@ def study_source(path: Path, values: Mapping[str, str] | None = None, calibratio
         return run_source(path, calibration)
     if calibration:
         raise InputError(Fault("a project file holds no calibrations", "--calibration", f"'{calibration}'"))
-    project = load(path, values=values or {})
+    if isinstance(path, Project) and values:
+        attempt = "softcal.load(path, values=…)"
+        raise InputError(Fault("a project has its values already", "values", ", ".join(values), attempt=attempt))
+    project = path if isinstance(path, Project) else load(path, values=values or {})
     from softcal.workflows.calibration import make_problem
 
     problem = make_problem(project)

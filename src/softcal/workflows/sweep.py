@@ -23,7 +23,7 @@ from softcal.errors import CalibrationError, Fault, InputError, ParameterError
 from softcal.executors.executor import Executor
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis, shown_configurations
 from softcal.project.bench_names import experiments_named
-from softcal.project.project import Project
+from softcal.project.project import Project, ProjectSource, project_of
 from softcal.workflows.calibration import make_loss
 from softcal.workflows.outcome import Outcome
 from softcal.workflows.run import SWEEP
@@ -52,7 +52,7 @@ class Swept(Outcome):
 
 
 def sweep(
-    project: Project,
+    project: ProjectSource,
     *,
     over: Mapping[str, str | Sequence[str | float]] | None = None,
     experiments: Sequence[str] | None = None,
@@ -68,6 +68,8 @@ def sweep(
 
     Parameters
     ----------
+    project
+        A project, or the path of a project file.
     over
         In the place of what the project says: values and ranges by parameter, such as
         `{"springs.youngs_modulus": "10GPa:1GPa:1GPa", "springs.poissons_ratio": ["0.4999", "0.45:0.05:0.05"]}`.
@@ -86,12 +88,14 @@ def sweep(
     Raises
     ------
     InputError
-        For a parameter, value, range or experiment that makes no sense, or a folder that cannot be used.
+        For a parameter, value, range or experiment that makes no sense, a folder that cannot be used, or a project that
+        cannot be loaded.
     CalibrationError
         Where no cell could be simulated; `sweep.csv` is written nevertheless.
     KeyboardInterrupt
         Where the user stopped it before any was.
     """
+    project = project_of(project)
     axes = _axes(project, over)
     if project.sweep is not None:
         shown_configurations(project.sweep.show, project.parameters, project.tied)

@@ -13,7 +13,7 @@ from softcal.calibration.settings import SearchSettings
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, ParameterError
 from softcal.executors.executor import Executor
-from softcal.project.project import Project
+from softcal.project.project import Project, ProjectSource, project_of
 from softcal.workflows.calibration import make_problem
 from softcal.workflows.output import require_free_file, write_new_file
 
@@ -22,7 +22,7 @@ Observer = Callable[[str, str, Progress], None]
 
 
 def validate(
-    projects: Mapping[str, Project],
+    projects: ProjectSource | Mapping[str, ProjectSource],
     *,
     hold_out: Sequence[Sequence[str]] = (),
     split: Sequence[str] = (),
@@ -34,7 +34,8 @@ def validate(
     Parameters
     ----------
     projects
-        Label -> model of one robot; all must have the same experiments.
+        A project, or the path of a project file; or label -> each of several models of one robot, which must have the
+        same experiments.
     hold_out
         Experiments to leave out together, fold by fold; names may be patterns. None: each by itself, in turn.
     split
@@ -46,12 +47,14 @@ def validate(
 
     Raises
     ------
+    InputError
+        For a project that cannot be loaded.
     ParameterError
         For experiments or tied parameters that do not exist, or projects whose experiments differ.
     CalibrationError
         Where nothing could be simulated.
     """
-    problems = _problems(projects, split)
+    problems = _problems(_by_label(projects), split)
     folds = folds_of(next(iter(problems.values()))[0], hold_out)
     models: dict[str, tuple[Prediction, ...]] = {}
     with stoppable() as stop:
@@ -97,6 +100,13 @@ def validation_csv(found: Validation) -> str:
                     n, rmse = len(held.fit.measured[channel]), held.fit.rmse[channel]
                     rows.append([*first, channel, held.fit.units[channel], rmse, "", "", "", n, values])
     return csv_text([*header, "parameters"], rows)
+
+
+def _by_label(projects: ProjectSource | Mapping[str, ProjectSource]) -> dict[str, Project]:
+    if isinstance(projects, Mapping):
+        return {label: project_of(one) for label, one in projects.items()}
+    only = project_of(projects)
+    return {only.name: only}
 
 
 def _problems(projects: Mapping[str, Project], split: Sequence[str]) -> dict[str, tuple[Problem, SearchSettings]]:

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
+from softcal.checks import as_path
 from softcal.errors import Fault, InputError
 from softcal.processes import beside
 
@@ -54,7 +55,7 @@ def watch_run(folder: str | Path, *, port: int | None = None) -> WatchedPage:
         Where NiceGUI is not installed, or the page cannot be served.
     """
     options = ["--wait", "--no-browser", *([] if port is None else ["--port", str(port)])]
-    command = [sys.executable, "-m", "softcal", "watch", *options, "--", str(Path(folder).absolute())]
+    command = [sys.executable, "-m", "softcal", "watch", *options, "--", str(as_path(folder, "folder").absolute())]
     with ExitStack() as stack:
         try:
             process = stack.enter_context(beside(command))

@@ -9,7 +9,7 @@ from softcal.calibration.experiment import PULLEY_FRICTION
 from softcal.calibration.result import CalibrationResult
 from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Dataset
-from softcal.project.project import Project
+from softcal.project.project import Project, ProjectSource, project_of
 from softcal.workflows.calibration import calibrated
 from softcal.workflows.simulation import robot_in
 
@@ -49,16 +49,20 @@ def whole_record(project: Project, name: str) -> Dataset | None:
     return record
 
 
-def compare_records(project: Project, result: CalibrationResult) -> dict[str, RecordFit]:
+def compare_records(project: ProjectSource, result: CalibrationResult) -> dict[str, RecordFit]:
     """Experiment -> comparison of the calibrated twin with its whole record, if it has one.
 
     Quasi-static, driven by every sample; paper A's Fig. 6 and Table II. A failed comparison gives its reason.
+    project: a project, or the path of a project file.
 
     Raises
     ------
+    InputError
+        If the project cannot be loaded.
     ParameterError
         If the result belongs to another project.
     """
+    project = project_of(project)
     found: dict[str, RecordFit] = {}
     at_values = calibrated(project, result)
     for name in result.experiments:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from importlib.metadata import entry_points
 from typing import Any, Generic, TypeVar, cast
 
-from softcal.errors import Fault, ParameterError, nearest
+from softcal.errors import Fault, ParameterError, unknown
 
 T = TypeVar("T")
 M = TypeVar("M")
@@ -113,8 +113,7 @@ class Catalogue(Mapping[str, T], Generic[T]):
 
     def unknown(self, name: str, where: str = "", among: Sequence[str] = ()) -> Fault:
         """The fault of a name without a member; among: the names that are allowed, where not just all members'."""
-        allowed = among or sorted(self)
-        return Fault(f"there is no such {self.what}", where, f"'{name}'", ", ".join(allowed), nearest(name, allowed))
+        return unknown(f"there is no such {self.what}", where, name, among or sorted(self))
 
     def add(self, member: T) -> None:
         """Add a member.

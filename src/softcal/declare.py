@@ -14,7 +14,7 @@ from numbers import Integral, Real
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Union, get_args, get_origin, get_type_hints
 
-from softcal.errors import Fault, InputError, nearest
+from softcal.errors import Fault, InputError, nearest, unknown
 
 if TYPE_CHECKING:
     from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
@@ -319,16 +319,16 @@ def read_mapping(
     """
     from pydantic_core import InitErrorDetails, ValidationError
 
-    unknown = [key for key in given if key not in known]
+    others = [key for key in given if key not in known]
     # A required key that was only mistyped is one mistake, reported once.
-    meant = {(nearest(str(key), known).strip("'"),) for key in unknown}
+    meant = {(nearest(str(key), known).strip("'"),) for key in others}
     found = [
         InitErrorDetails(
-            type=as_pydantic(Fault("unknown key", "", f"'{key}'", ", ".join(sorted(known)), nearest(str(key), known))),
+            type=as_pydantic(unknown("unknown key", "", str(key), sorted(known))),
             loc=(key,),
             input=given[key],
         )
-        for key in unknown
+        for key in others
     ]
     found += errors
     try:

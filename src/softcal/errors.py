@@ -15,7 +15,7 @@ SoftcalError
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 
@@ -44,11 +44,16 @@ class Fault:
     attempt: str = ""
 
     def __str__(self) -> str:
+        return self.told()
+
+    def told(self, *, verbose: bool = False) -> str:
+        """The fault as sentences; verbose: with all names that are allowed, however many."""
         text = f"{self.where}: {self.what}" if self.where else self.what
         if self.got:
             text += f"; got {self.got}"
         if self.allowed:
-            text += f"; allowed: {self.allowed}"
+            allowed = self.allowed.full if verbose and isinstance(self.allowed, Names) else self.allowed
+            text += f"; allowed: {allowed}"
         text = text if text.endswith("?") else text.rstrip(".") + "."
         if self.attempt:
             attempt = self.attempt.rstrip(".")
@@ -56,11 +61,64 @@ class Fault:
         return text
 
 
+FEW, NEAREST = 8, 3
+"""Names that a message lists; of more it has their number and as many as NEAREST of the most similar."""
+
+
+class Names(str):
+    """Names that are allowed, as a message has them: all of few, else how many there are; `full` has all."""
+
+    full: str
+
+    @classmethod
+    def of(cls, known: Sequence[str], more: str = "") -> Names:
+        """The text of some names, or of their number; more: what else is allowed."""
+        few = len(known) <= FEW
+        text = cls((", ".join(known) if few else f"one of {len(known)} names (--verbose lists them)") + more)
+        text.full = ", ".join(known) + more
+        return text
+
+    def __reduce__(self) -> tuple[object, tuple[str], dict[str, str]]:
+        return Names, (str(self),), {"full": self.full}
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """The known name most similar to `name`, quoted, for a fault's `attempt`; "" if none is similar."""
+    return "".join(f"'{one}'" for one in _alike(name, known, 1, 0.5))
+
+
+def _alike(name: str, known: Iterable[str], n: int, cutoff: float = 0.0) -> list[str]:
+    """The n known names most similar to `name`, the most similar first."""
     folded = {candidate.casefold(): candidate for candidate in known}
-    match = difflib.get_close_matches(name.casefold(), folded, n=1, cutoff=0.5)
-    return f"'{folded[match[0]]}'" if match else ""
+    return [folded[one] for one in difflib.get_close_matches(name.casefold(), folded, n, cutoff)]
+
+
+def unknown(
+    what: str,
+    where: str,
+    name: str,
+    known: Iterable[str],
+    *,
+    among: Iterable[str] = (),
+    got: str | None = None,
+    more: str = "",
+    none: str = "none",
+) -> Fault:
+    """The fault of a name that does not exist, with the names that do: all where they are few, else the nearest three.
+
+    among: those of the known names that come first as the one that was meant; got: how the name is shown, by default
+    quoted; more: what is allowed beside the names; none: what is said where there is no name at all.
+    """
+    names = list(dict.fromkeys(known))
+    if len(names) <= FEW:
+        attempt = nearest(name, [*among] or names)
+    else:
+        likely = _alike(name, among, NEAREST)
+        others = _alike(name, (one for one in names if one not in likely), NEAREST)
+        *first, last = (f"'{one}'" for one in [*likely, *others][:NEAREST])
+        attempt = f"{', '.join(first)} or {last}"
+    shown = f"'{name}'" if got is None else got
+    return Fault(what, where, shown, Names.of(names, more) if names else none, attempt)
 
 
 class SoftcalError(Exception):
@@ -74,7 +132,11 @@ class InputError(SoftcalError):
         if isinstance(faults, str):
             faults = Fault(faults)
         self.faults: tuple[Fault, ...] = (faults,) if isinstance(faults, Fault) else tuple(faults)
-        Exception.__init__(self, "\n".join(str(fault) for fault in self.faults))
+        Exception.__init__(self, self.told())
+
+    def told(self, *, verbose: bool = False) -> str:
+        """All faults, one a line; verbose: with all names that are allowed, however many."""
+        return "\n".join(fault.told(verbose=verbose) for fault in self.faults)
 
     def __reduce__(self) -> tuple[type[InputError], tuple[tuple[Fault, ...]]]:
         return type(self), (self.faults,)

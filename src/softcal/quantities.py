@@ -13,7 +13,7 @@ from numbers import Real
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from softcal.declare import Check, Reading, shown
-from softcal.errors import Fault, ParameterError
+from softcal.errors import Fault, ParameterError, unknown
 from softcal.units import parse_quantity
 
 if TYPE_CHECKING:
@@ -188,9 +188,7 @@ def quantity(kind: str) -> Quantity:
         For an unknown kind.
     """
     if kind not in QUANTITIES:
-        raise ParameterError(
-            Fault("there is no such kind of quantity", got=f"'{kind}'", allowed=", ".join(sorted(QUANTITIES)))
-        )
+        raise ParameterError(unknown("there is no such kind of quantity", "", kind, sorted(QUANTITIES)))
     return QUANTITIES[kind]
 
 

@@ -20,7 +20,7 @@ from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.scope import P
 from softcal.calibration.uncertain import MESH_ERROR, UncertainParameter
 from softcal.checks import Floats
-from softcal.errors import Fault, InputError, SimulationError
+from softcal.errors import Fault, InputError, SimulationError, unknown
 from softcal.executors.executor import Executor
 from softcal.sensing.channel import ChannelName
 from softcal.sensing.sensors.cable import SHORTENING
@@ -76,10 +76,7 @@ def planned(problem: Problem, theta: Mapping[str, float], candidate: Candidate) 
     if candidate.name in names:
         raise InputError(Fault("an experiment has the name of the candidate", candidate.name))
     if candidate.like not in names:
-        allowed = ", ".join(names)
-        raise InputError(
-            Fault("there is no such experiment to be like", candidate.name, f"'{candidate.like}'", allowed)
-        )
+        raise InputError(unknown("there is no such experiment to be like", candidate.name, candidate.like, names))
     like = problem.experiments[names.index(candidate.like)]
     test = as_experiment(candidate, like)
     own = own_parameters(candidate, like, problem.space.parameters)

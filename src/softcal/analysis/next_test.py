@@ -21,7 +21,7 @@ from softcal.calibration.intervals import box_intervals, student
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem
 from softcal.checks import Floats
-from softcal.errors import CalibrationError, Fault, InputError, ParameterError, nearest
+from softcal.errors import CalibrationError, InputError, ParameterError, unknown
 from softcal.executors.executor import Executor
 from softcal.units import format_quantity
 
@@ -111,9 +111,7 @@ def next_tests(
     labels = problem.space.labels
     label = parameter or default_parameter(problem)
     if label not in labels:
-        raise ParameterError(
-            Fault("there is no such free parameter", "--for", f"'{label}'", ", ".join(labels), nearest(label, labels))
-        )
+        raise ParameterError(unknown("there is no such free parameter", "--for", label, labels))
     plans: dict[str, Plan] = {}
     failures: dict[str, str] = {}
     for candidate in candidates:

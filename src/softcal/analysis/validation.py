@@ -19,7 +19,7 @@ from softcal.calibration.result import CalibrationResult, ExperimentFit, HeldOut
 from softcal.calibration.run import calibrate
 from softcal.calibration.search import Progress
 from softcal.calibration.settings import SearchSettings
-from softcal.errors import Fault, ParameterError
+from softcal.errors import Fault, ParameterError, unknown
 from softcal.executors.executor import Executor
 
 
@@ -82,7 +82,7 @@ def folds_of(problem: Problem, wanted: Sequence[Sequence[str]] = ()) -> list[tup
     names = [experiment.name for experiment in problem.experiments]
     folds = [tuple(n for n in names if any(fnmatchcase(n, w) for w in fold)) for fold in wanted]
     faults = [
-        Fault("there is no such experiment to leave out", got=f"'{w}'", allowed=", ".join(names))
+        unknown("there is no such experiment to leave out", "", w, names)
         for fold in wanted
         for w in fold
         if not any(fnmatchcase(n, w) for n in names)

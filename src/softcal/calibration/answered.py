@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from softcal.calibration.experiment import Experiment
-from softcal.errors import Fault, nearest
+from softcal.errors import Fault, unknown
 from softcal.sensing.channel import carriers
 from softcal.twin.channels import channels_of, sensors_of
 from softcal.twin.robot import Robot
@@ -20,13 +20,10 @@ def channel_faults(robot: Robot, experiment: Experiment) -> list[Fault]:
             continue
         if own:
             what = f"{channel.carrier} has no such channel"
-            faults[short] = Fault(what, experiment.name, short, ", ".join(own), nearest(str(channel), own))
+            faults[short] = unknown(what, experiment.name, str(channel), own, got=short)
             continue
         parts = ("plates",) if short != str(channel) else carriers(channel.kind)
         known = [part.name for of in parts for part in getattr(robot, of)]
         what = f"the robot has no such {' or '.join(of.removesuffix('s') for of in parts) or 'channel'}"
-        attempt = "" if short != str(channel) else nearest(channel.carrier, known)
-        faults[channel.carrier] = Fault(
-            what, experiment.name, channel.carrier or short, ", ".join(known) or "none", attempt
-        )
+        faults[channel.carrier] = unknown(what, experiment.name, channel.carrier, known, got=channel.carrier or short)
     return [faults[key] for key in sorted(faults)]

@@ -22,7 +22,7 @@ from softcal.calibration.problem import Problem
 from softcal.calibration.residuals import FEWEST as SHORT
 from softcal.calibration.residuals import residual_record
 from softcal.calibration.reweighted import FEWEST, NONE
-from softcal.errors import Fault, InputError
+from softcal.errors import Fault, InputError, unknown
 from softcal.sensing.sensors.cable import TENSION
 from softcal.units import format_quantity
 
@@ -41,7 +41,7 @@ def groups_of(problem: Problem, blocks: Sequence[Block], kind: str) -> list[np.n
         Where there is no such kind of group, or fewer than three groups.
     """
     if kind not in KINDS:
-        raise InputError(Fault("this is no kind of group", "--over", f"'{kind}'", ", ".join(KINDS)))
+        raise InputError(unknown("this is no kind of group", "--over", kind, KINDS))
     experiments = {one.name: one for one in problem.experiments}
     found: list[np.ndarray] = []
     for block in blocks:

@@ -22,7 +22,7 @@ from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import HeldOut, Note
 from softcal.checks import Floats
-from softcal.errors import Fault, ParameterError, nearest
+from softcal.errors import Fault, ParameterError, unknown
 from softcal.twin.parameters import robot_parameters
 
 # Trajectories for the fit of an experiment's own nuisances; the problem is nearly linear.
@@ -41,10 +41,7 @@ def fitted_part(problem: Problem, hold_out: Sequence[str]) -> Problem:
     faults: list[Fault] = []
     for name in dict.fromkeys(hold_out):
         if name not in names:
-            attempt = nearest(name, names)
-            faults.append(
-                Fault("there is no such experiment to hold out", "hold_out", f"'{name}'", ", ".join(names), attempt)
-            )
+            faults.append(unknown("there is no such experiment to hold out", "hold_out", name, names))
     if set(names) <= set(hold_out):
         faults.append(Fault("no experiment is left to fit", "hold_out", got=", ".join(hold_out)))
     of_robot = robot_parameters(problem.robot)

@@ -14,7 +14,7 @@ from softcal.calibration.frame import FRAME, rotation, rotation_rates
 from softcal.calibration.play import play
 from softcal.calibration.pulley_gain import PulleyGain, gain_of
 from softcal.checks import Floats
-from softcal.errors import Fault, ParameterError
+from softcal.errors import Fault, ParameterError, unknown
 from softcal.sensing.channel import ChannelName, positions
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.protocol import Command, Protocol
@@ -108,9 +108,9 @@ def observe(
     wanted_channels = dict.fromkeys(map(str, [*map(experiment.twin_channel, experiment.compared), *points]))
     missing = [name for name in wanted_channels if name not in response.channels]
     if missing:
-        allowed = ", ".join(response.channels)
+        there = response.channels
         raise ParameterError(
-            [Fault(f"the twin has no channel '{name}'", experiment.name, allowed=allowed) for name in missing]
+            [unknown(f"the twin has no channel '{name}'", experiment.name, name, there, got="") for name in missing]
         )
     wanted = tuple(names)
     by_control = {channel: _controls(experiment, rig, channel)[1] for channel in experiment.drives}

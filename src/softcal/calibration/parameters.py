@@ -11,7 +11,7 @@ import numpy as np
 
 from softcal.calibration.scope import ScopedParameter, doubled, expanded, resolved
 from softcal.checks import Floats
-from softcal.errors import Fault, ParameterError
+from softcal.errors import Fault, ParameterError, unknown
 from softcal.twin.parameters import ParameterInfo
 
 Scale = Literal["linear", "log"]
@@ -155,9 +155,9 @@ def search_space(
     faults: list[Fault] = []
     found: list[FreeParameter] = []
     for given in parameters:
-        parameter, unknown = resolved(given, known)
-        faults += [*unknown, *_faults(parameter)]
-        if unknown:
+        parameter, wrong = resolved(given, known)
+        faults += [*wrong, *_faults(parameter)]
+        if wrong:
             continue
         infos = [known[target] for target in parameter.targets]
         faults += [fault for info in infos for fault in _limit_faults(parameter, info)]
@@ -182,8 +182,8 @@ def split(space: SearchSpace, label: str, known: Mapping[str, ParameterInfo]) ->
     """
     tied = [p.label for p in space.parameters if len(p.targets) > 1]
     if label not in tied:
-        allowed = ", ".join(tied) or "none is tied in this project"
-        raise ParameterError(Fault("no tied parameters have this name", label, allowed=allowed))
+        what, none = "no tied parameters have this name", "none is tied in this project"
+        raise ParameterError(unknown(what, label, label, tied, got="", none=none))
     parts: list[FreeParameter] = []
     for p in space.parameters:
         if p.label != label:

@@ -12,7 +12,7 @@ from softcal.calibration.friction import friction_faults
 from softcal.calibration.loss import Loss
 from softcal.calibration.parameters import SearchSpace, search_space
 from softcal.calibration.uncertain import UncertainParameter, free_and_uncertain, uncertain_parameters
-from softcal.errors import Fault, ParameterError
+from softcal.errors import Fault, ParameterError, unknown
 from softcal.twin.parameters import ParameterInfo, out_of_range, robot_parameters, unknown_name
 from softcal.twin.robot import Robot
 
@@ -52,7 +52,7 @@ def _part_faults(robot: Robot, experiments: Sequence[Experiment]) -> list[Fault]
         faults.append(Fault("there is no experiment to calibrate with", "experiments", allowed="at least one"))
     for experiment in experiments:
         faults += [
-            Fault("the robot has no such cable", experiment.name, got=cable, allowed=", ".join(cables) or "none")
+            unknown("the robot has no such cable", experiment.name, cable, cables)
             for cable in experiment.cables
             if cable not in cables
         ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from softcal.calibration.option import Option
-from softcal.errors import Fault, InputError, ParameterError, nearest
+from softcal.errors import InputError, ParameterError, unknown
 from softcal.limits import LIMITS
 
 
@@ -77,7 +77,7 @@ class SearchSettings:
         budget = self.trials if self.trials is not None else trials
         allowed = [*(one.name for one in fields(self)), *(option.name for option in options)]
         faults = [
-            Fault("there is no such setting of a search", name, "", ", ".join(allowed), nearest(name, allowed))
+            unknown("there is no such setting of a search", name, name, allowed, got="")
             for name in self.options
             if name not in known
         ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +18,8 @@ from softcal.errors import Fault, InputError, SoftcalError
 P = ParamSpec("P")
 
 BAD_INPUT, FAILED = 2, 1
+VERBOSE = "verbose"
+Verbose = Annotated[bool, typer.Option("--verbose", help="With an unknown name, list all that there are.")]
 
 app = typer.Typer(
     name="softcal",
@@ -52,13 +55,14 @@ def exit_on_error(command: Callable[P, None]) -> Callable[P, None]:
 
     @functools.wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        verbose = bool(kwargs.pop(VERBOSE, False))
         try:
             _require_paths(kwargs.values())
             command(*args, **kwargs)
         except InputError as error:
             n = len(error.faults)
             heading = f"Error: {n} faults:\n" if n > 1 else "Error: "
-            typer.echo(heading + str(error), err=True)
+            typer.echo(heading + error.told(verbose=verbose), err=True)
             raise typer.Exit(BAD_INPUT) from None
         except SoftcalError as error:
             typer.echo(f"Error: {error}", err=True)
@@ -67,6 +71,11 @@ def exit_on_error(command: Callable[P, None]) -> Callable[P, None]:
             typer.echo("Stopped.", err=True)
             raise typer.Exit(exit_code(stop)) from None
 
+    # Every command has the option, which Typer reads from here.
+    signature = inspect.signature(command, eval_str=True)
+    option = inspect.Parameter(VERBOSE, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Verbose)
+    run.__dict__["__signature__"] = signature.replace(parameters=[*signature.parameters.values(), option])
+    run.__annotations__ = {one.name: one.annotation for one in (*signature.parameters.values(), option)}
     return run
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from softcal.checks import Floats, as_path
 from softcal.coupons.coupon import Coupon
 from softcal.coupons.kind import KINDS, CouponKind
-from softcal.errors import DatasetError, Fault, ParameterError, UnitError, nearest
+from softcal.errors import DatasetError, Fault, ParameterError, UnitError, unknown
 from softcal.experiments.columns import N_NAMED, Columns, read_columns
 from softcal.experiments.header import find_column, unit_of_column
 from softcal.experiments.read import line_numbers, not_numbers
@@ -52,7 +52,7 @@ def coupon_kind(name: str) -> CouponKind:
     what = "there is no such kind of test"
     if name in _WITH_MEMORY:
         what = "the kind of test says how the coupon is strained; how it goes on in time is in a column 'time'"
-    raise ParameterError(Fault(what, "--test", f"'{name}'", ", ".join(KINDS), nearest(name, KINDS)))
+    raise ParameterError(unknown(what, "--test", name, KINDS))
 
 
 def read_coupons(path: str | Path, test: str, *, needs_stress: bool = True) -> list[Coupon]:

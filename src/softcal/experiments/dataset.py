@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats, frozen_floats
-from softcal.errors import DatasetError, Fault
+from softcal.errors import DatasetError, Fault, unknown
 
 
 @dataclass(frozen=True)
@@ -105,9 +105,7 @@ class Dataset:
             If the dataset has no such channel.
         """
         if channel not in self.channels:
-            raise DatasetError(
-                Fault(f"no channel '{channel}'", where=self.name, allowed=", ".join(self.channels) or "none")
-            )
+            raise DatasetError(unknown(f"no channel '{channel}'", self.name, channel, self.channels, got=""))
         return self.channels[channel].values
 
     def with_channels(self, step: Step, **values: Floats) -> Dataset:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softcal.errors import DatasetError, Fault, UnitError, nearest
+from softcal.errors import DatasetError, Fault, UnitError, nearest, unknown
 from softcal.experiments.columns import Filter
 from softcal.experiments.orientation import QUATERNION
 from softcal.experiments.table import Table, bare_unit, is_unit, load_table, split_header
@@ -124,11 +124,13 @@ def _check_channels(path: Path, columns: Mapping[str, ColumnSpec]) -> None:
     where = f"columns for {path.name}"
     allowed = [*kinds(), *QUATERNION, MASS]
     faults = [
-        Fault(
+        unknown(
             f"no channel has the name '{key}'",
-            where=where,
-            allowed=", ".join(allowed) + "; with the part's name before it, such as cable1.tension or m4.x",
-            attempt=nearest(key, allowed),
+            where,
+            key,
+            allowed,
+            got="",
+            more="; with the part's name before it, such as cable1.tension or m4.x",
         )
         for key in columns
         if column_unit(key) is None

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.errors import DatasetError, Fault, StorageError, nearest
+from softcal.errors import DatasetError, Fault, StorageError, unknown
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.units import unit_factor
 
@@ -146,7 +146,7 @@ def _columns(path: Path, labels: list[str], markers: Mapping[str, str]) -> dict[
         faults.append(Fault("no marker is requested", where, allowed=known))
     for label in dict.fromkeys(wanted.strip() for wanted in markers.values()):
         if not counts[label]:
-            faults.append(Fault("no point has this label", where, f"'{label}'", known, nearest(label, labels)))
+            faults.append(unknown("no point has this label", where, label, labels))
         elif counts[label] > 1:
             faults.append(Fault("two points have this label", where, f"'{label}'", "labels that differ"))
     if faults:

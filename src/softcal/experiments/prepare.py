@@ -11,13 +11,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from softcal.errors import DatasetError, Fault, InputError, nearest
+from softcal.errors import DatasetError, Fault, InputError, unknown
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.step import STEPS, PreparationStep, Setting
 from softcal.limits import LIMITS
 from softcal.quantities import QUANTITIES
 from softcal.sensing.channel import channel_unit, kinds
 from softcal.units import parse_quantity
+
+_WRONG = "the setting does not fit"
 
 
 @dataclass(frozen=True)
@@ -98,15 +100,7 @@ def _parse_step(step: Mapping[str, Any] | str, where: str, faults: list[Fault]) 
     values: dict[str, Any] = {}
     for key, value in given.items():
         if key not in preparation.settings:
-            faults.append(
-                Fault(
-                    "unknown setting",
-                    where=where,
-                    got=f"'{key}'",
-                    allowed=", ".join(preparation.settings),
-                    attempt=nearest(str(key), preparation.settings),
-                )
-            )
+            faults.append(unknown("unknown setting", where, str(key), preparation.settings))
             continue
         try:
             values[key] = _parse_setting(preparation, key, value, given, f"{where}.{key}")
@@ -140,16 +134,16 @@ def _parse_setting(
         case "channel":
             if isinstance(value, str) and channel_unit(value) is not None:
                 return value
-            raise _wrong(where, value, ", ".join(kinds()), nearest(str(value), kinds()))
+            raise DatasetError(unknown(_WRONG, where, str(value), kinds(), got=repr(value)))
         case "cycles":
             if isinstance(value, Sequence) and not isinstance(value, str) and value:
                 numbers: list[object] = list(value)
                 if all(isinstance(number, int) and not isinstance(number, bool) for number in numbers):
                     return numbers
-            allowed = ", ".join(setting.choices) + ", or a list of cycle numbers"
-            raise _wrong(where, value, allowed, nearest(str(value), setting.choices))
+            more = ", or a list of cycle numbers"
+            raise DatasetError(unknown(_WRONG, where, str(value), setting.choices, got=repr(value), more=more))
         case "choice":
-            raise _wrong(where, value, ", ".join(setting.choices), nearest(str(value), setting.choices))
+            raise DatasetError(unknown(_WRONG, where, str(value), setting.choices, got=repr(value)))
         case quantity:
             return QUANTITIES[quantity].read(value, where=where)
 
@@ -167,12 +161,10 @@ def _parse_of_channel(
         return parse_quantity(value, unit, where=where)
     except InputError:
         if setting.choices and isinstance(value, str) and not any(c.isdigit() for c in value):
-            allowed = f"{', '.join(setting.choices)}, or a quantity such as '1 {unit}'"
-            raise _wrong(where, value, allowed, nearest(value, setting.choices)) from None
+            more = f", or a quantity such as '1 {unit}'"
+            raise DatasetError(unknown(_WRONG, where, value, setting.choices, got=repr(value), more=more)) from None
         raise
 
 
-def _wrong(where: str, value: object, allowed: str, attempt: str = "") -> DatasetError:
-    return DatasetError(
-        Fault("the setting does not fit", where=where, got=repr(value), allowed=allowed, attempt=attempt)
-    )
+def _wrong(where: str, value: object, allowed: str) -> DatasetError:
+    return DatasetError(Fault(_WRONG, where=where, got=repr(value), allowed=allowed))

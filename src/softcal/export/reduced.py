@@ -22,7 +22,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from softcal.checks import Floats
-from softcal.errors import Fault, ParameterError, SimulationError
+from softcal.errors import Fault, ParameterError, SimulationError, unknown
 from softcal.export import reduced_model as evaluator
 from softcal.export.history_faults import history_faults
 from softcal.twin.parameters import robot_parameters
@@ -219,7 +219,7 @@ def _error(unit: str, difference: Floats, change: Floats | float) -> ChannelErro
 
 def _faults(robot: Robot, reaches: Mapping[str, Reach], samples: int) -> list[Fault]:
     known = [cable.name for cable in robot.cables]
-    faults = [Fault("there is no such cable", name, allowed=", ".join(known)) for name in reaches if name not in known]
+    faults = [unknown("there is no such cable", name, name, known, got="") for name in reaches if name not in known]
     faults += history_faults(robot, "a reduced model")
     if any(cable.line.friction_memory for cable in robot.cables):
         rough = ", ".join(cable.name for cable in robot.cables if cable.line.friction_memory)

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from softcal.declare import shown
-from softcal.errors import Fault, nearest
+from softcal.errors import Fault, unknown
 
 # Function -> number of its arguments.
 FUNCTIONS = {"log": 1, "exp": 1, "sqrt": 1, "sinh": 1, "cosh": 1, "tanh": 1, "Rational": 2}
@@ -39,7 +39,7 @@ def _faults(part: ast.AST, where: str, known: Collection[str]) -> list[Fault]:
     """Those of a part, or else of the parts in it."""
     if isinstance(part, ast.Name):
         what = "this function has no argument" if part.id in FUNCTIONS else "the law has no such symbol"
-        fault = Fault(what, where, f"'{part.id}'", ", ".join(known), nearest(part.id, known))
+        fault = unknown(what, where, part.id, known)
         return [] if part.id in known else [fault]
     if wrong := _wrong(part):
         return [Fault(wrong, where, shown(ast.unparse(part)), ALLOWED)]

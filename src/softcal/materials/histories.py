@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from softcal.errors import Fault, ParameterError, nearest
+from softcal.errors import Fault, ParameterError, unknown
 from softcal.materials.flow import Flow
 from softcal.materials.inelastic import History, Inelastic
 from softcal.materials.maxwell import Maxwell
@@ -31,11 +31,7 @@ def history_of(names: Sequence[str], where: str = "history", *, of_rod: bool = F
     ParameterError
         For an unknown part, one that a rod does not have, one named twice, and more than one relaxation or flow.
     """
-    faults = [
-        Fault("there is no such part of a history", where, f"'{name}'", ", ".join(PARTS), nearest(name, PARTS))
-        for name in names
-        if name not in PARTS
-    ]
+    faults = [unknown("there is no such part of a history", where, name, PARTS) for name in names if name not in PARTS]
     sections = ", ".join(name for name, part in PARTS.items() if part.of_sections)
     faults += [
         Fault("the sections of a rod have no such part of a history", where, f"'{name}'", sections)

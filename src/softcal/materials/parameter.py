@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from softcal.errors import Fault, ParameterError
+from softcal.errors import Fault, ParameterError, unknown
 from softcal.quantities import Quantity
 
 
@@ -46,9 +46,8 @@ def complete(given: Mapping[str, float], constants: Sequence[Parameter], *, owne
         For unknown constants, missing ones without a default, and values out of range; all at once.
     """
     names = [constant.name for constant in constants]
-    allowed = ", ".join(names)
     faults = [
-        Fault("there is no such constant", where=f"{owner}.{name}", allowed=allowed)
+        unknown("there is no such constant", f"{owner}.{name}", name, names, got="")
         for name in given
         if name not in names
     ]

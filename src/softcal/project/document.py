@@ -9,7 +9,7 @@ from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from softcal.errors import Fault, InputError, ProjectFileError, nearest
+from softcal.errors import Fault, InputError, ProjectFileError, nearest, unknown
 
 # The path to a value: keys of mappings and numbers of list entries.
 KeyPath = tuple[str | int, ...]
@@ -104,13 +104,8 @@ class Findings:
     def unknown(self, path: KeyPath, kind: str, got: str, known: Iterable[str]) -> None:
         """Record a name that does not exist, with the nearest that does."""
         known = sorted(known)
-        self.add(
-            path,
-            f"there is no such {kind}",
-            got=f"'{got}'",
-            allowed=", ".join(known) or f"none is defined: this project has no {kind}",
-            attempt=nearest(got, known),
-        )
+        none = f"none is defined: this project has no {kind}"
+        self.faults.append(unknown(f"there is no such {kind}", self.document.where(path), got, known, none=none))
 
     @contextmanager
     def at(self, path: KeyPath) -> Generator[None]:

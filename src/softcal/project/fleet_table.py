@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from softcal.checks import as_path
-from softcal.errors import Fault, InputError, ProjectFileError, StorageError, nearest
+from softcal.errors import Fault, InputError, ProjectFileError, StorageError, nearest, unknown
 from softcal.experiments.table import Table, load_table, split_header
 from softcal.experiments.table_format import TableFormat
 from softcal.experiments.text_file import open_text
@@ -251,7 +251,7 @@ class _RowReader:
         for name in self.by:
             if name not in known:
                 what = "the table has no such factor"
-                self.faults.append(Fault(what, "--by", f"'{name}'", ", ".join(known) or "none", nearest(name, known)))
+                self.faults.append(unknown(what, "--by", name, known))
 
     def _column(self, place: int, header: str, cells: Sequence[str]) -> _TableColumn | None:
         """What a column means; None for an empty one, and for one that is at fault."""

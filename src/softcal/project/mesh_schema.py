@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import TypeAdapter
 
 from softcal.declare import Reading, shown
-from softcal.errors import Fault, InputError, nearest
+from softcal.errors import Fault, InputError, unknown
 from softcal.geometry.disc import SolidDisc
 from softcal.geometry.generate import require_target
 from softcal.geometry.neck import Neck
@@ -87,8 +87,7 @@ def _read_shape(value: Any) -> DrawnShape | Primitive:
 def _primitive(value: dict[str, Any]) -> Primitive:
     name = value[KEY]
     if not isinstance(name, str) or name not in PRIMITIVES:
-        meant = nearest(str(name), PRIMITIVES)
-        raise InputError(Fault("there is no such primitive", "", shown(name), ", ".join(PRIMITIVES), meant))
+        raise InputError(unknown("there is no such primitive", "", str(name), PRIMITIVES, got=shown(name)))
     return TypeAdapter(PRIMITIVES[name]).validate_python({key: given for key, given in value.items() if key != KEY})
 
 

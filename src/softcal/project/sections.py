@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from softcal.calibration.loss import LOSSES
 from softcal.calibration.rig import CommonRig
 from softcal.calibration.uncertain import RESERVED
-from softcal.errors import Fault, ProjectFileError, nearest
+from softcal.errors import Fault, ProjectFileError, unknown
 from softcal.experiments.prepare import PlannedStep
 from softcal.export.sofa_settings import Engines
 from softcal.limits import LIMITS
@@ -160,9 +160,7 @@ def _find_meshes(document: Document, files: InputFiles, findings: Findings) -> N
 def _check_keys(document: Document, findings: Findings) -> None:
     for key in document.data:
         if key not in SECTIONS:
-            findings.add(
-                (key,), "unknown key", got=f"'{key}'", allowed=", ".join(SECTIONS), attempt=nearest(key, SECTIONS)
-            )
+            findings.faults.append(unknown("unknown key", document.where((key,)), key, SECTIONS))
     for key, allowed in (("softcal", f"softcal: {FORMAT}"), ("name", "a name for people"), ("robot", "the robot")):
         if document.data.get(key) is None:
             findings.add((), "a key is missing", got=f"no '{key}'", allowed=allowed)

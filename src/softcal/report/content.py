@@ -10,7 +10,7 @@ from softcal.analysis.mesh_study import MeshStudy
 from softcal.analysis.record import RecordFit
 from softcal.calibration.result import CalibrationResult, SearchResult, SweepResult
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
-from softcal.errors import Fault, InputError
+from softcal.errors import Fault, InputError, unknown
 from softcal.experiments.dataset import Dataset
 from softcal.materials.infill import PrintInfill
 from softcal.report.compared import Compared
@@ -140,7 +140,7 @@ class ReportContent:
             if name not in self.experiments
         ]
         faults += [
-            Fault(f"{what} of a calibration that does not exist", got=label, allowed=", ".join(self.results))
+            unknown(f"{what} of a calibration that does not exist", "", label, self.results)
             for what, labels in (
                 ("a landscape", self.landscapes),
                 ("whole records", self.records),

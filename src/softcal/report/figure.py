@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeVar, get_args
 
 from softcal.catalogue import Catalogue, FunctionMember
-from softcal.errors import Fault, ParameterError
+from softcal.errors import Fault, ParameterError, unknown
 from softcal.report.content import ReportContent
 from softcal.report.format import file_stem
 from softcal.report.style import encode
@@ -95,7 +95,7 @@ def _faults(figure: ReportFigure, _: Mapping[str, ReportFigure]) -> list[Fault]:
     where, sections = f"figure {figure.name}", get_args(Section)
     faults = [] if figure.summary else [Fault("the figure has no description", where, attempt="a docstring")]
     if figure.section not in sections:
-        faults.append(Fault("the report has no such section", where, f"'{figure.section}'", ", ".join(sections)))
+        faults.append(unknown("the report has no such section", where, figure.section, sections))
     return faults
 
 

@@ -10,7 +10,7 @@ from typing import ClassVar, Protocol
 from softcal.catalogue import Catalogue
 from softcal.checks import Floats
 from softcal.declare import Declared
-from softcal.errors import Fault
+from softcal.errors import Fault, unknown
 from softcal.sensing.kind import ChannelKind
 
 # Parts of a robot that sensors may come with, in the order of their channels.
@@ -107,7 +107,7 @@ def _faults(sensor: type[Sensor], known: Mapping[str, type[Sensor]]) -> list[Fau
     if faults:
         return faults
     if sensor.of not in ("", *PARTS):
-        faults.append(Fault("no such parts have sensors", where, f"'{sensor.of}'", ", ".join(PARTS)))
+        faults.append(unknown("no such parts have sensors", where, sensor.of, PARTS))
     names = [kind.name for kind in sensor.kinds]
     if not names or len(set(names)) < len(names):
         faults.append(Fault("a sensor has one or more channels, of different kinds", where, ", ".join(names) or "none"))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softcal.checks import Floats, Ints
-from softcal.errors import Fault, MeshError
+from softcal.errors import Fault, MeshError, unknown
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.attachment import attach_ball, attach_point, attach_rate
 from softcal.mechanics.cable_routes import build_cables
@@ -179,8 +179,8 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
             carried = carriers(on, at if drawn is None else drawn)
             return [(builder.add(at[None, :], frame), weight) for frame, weight in carried]
         if on not in meshes:
-            known = ", ".join([*meshes, *rods, *frames.of_plate])
-            raise MeshError(Fault("there is no such body, rod or plate", where=where, got=on, allowed=known))
+            known = [*meshes, *rods, *frames.of_plate]
+            raise MeshError(unknown("there is no such body, rod or plate", where, on, known))
         if may_stand_off:
             held = attach_point(meshes[on], at, may_stand_off=True, where=where)
         else:

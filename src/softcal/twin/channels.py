@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.errors import Fault, ParameterError, nearest
+from softcal.errors import Fault, ParameterError, unknown
 from softcal.sensing.channel import ChannelName
 from softcal.sensing.sensor import PARTS, SENSORS, NamedSensor, Sensor
 from softcal.twin.robot import Robot
@@ -130,6 +130,5 @@ V = TypeVar("V")
 
 def _named(name: str, what: str, known: Mapping[str, V]) -> V:
     if name not in known:
-        allowed = ", ".join(known) or "none"
-        raise _NoPart(Fault(f"the robot has no such {what}", "", f"'{name}'", allowed, nearest(name, known)))
+        raise _NoPart(unknown(f"the robot has no such {what}", "", name, known))
     return known[name]

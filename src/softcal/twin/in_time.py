@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.errors import Fault, InputError, ParameterError, SimulationError
+from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
 from softcal.mechanics.crossing import Crossings
 from softcal.mechanics.dynamics import Dynamics
 from softcal.mechanics.path_watch import path_watch
@@ -80,8 +80,8 @@ def simulate_in_time(
     settling = settings.settle
     watched = [part.name for part in (*robot.plates, *robot.markers)]
     if settling is not None and settling.on not in ("", *watched):
-        allowed = ", ".join(watched) or "none: leave it empty"
-        raise InputError(Fault("there is no such plate or marker", "settling", settling.on, allowed))
+        what, none = "there is no such plate or marker", "none: leave it empty"
+        raise InputError(unknown(what, "settling", settling.on, watched, none=none))
     twin = twin_of(robot)
     theta = parameter_values(robot)
     inertia = robot_inertia(twin, robot, settings.masses)

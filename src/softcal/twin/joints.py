@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.errors import Fault, MeshError
+from softcal.errors import Fault, MeshError, unknown
 from softcal.geometry.cell import LINEAR
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.overlap import distances_outside
@@ -44,10 +44,9 @@ def number_frames(robot: Robot) -> Frames:
     n = len(moving)
     own: dict[str, Ints] = {}
     for rod in robot.rods:
-        unknown = [name for name in rod.clamped if name not in plates]
-        if unknown:
-            allowed = ", ".join(plates) or "none"
-            raise MeshError(Fault("there is no such plate", f"{rod.name}, clamped", ", ".join(unknown), allowed))
+        for name in rod.clamped:
+            if name not in plates:
+                raise MeshError(unknown("there is no such plate", f"{rod.name}, clamped", name, plates))
         held = np.concatenate([rod.fixed, *rod.clamped.values()])
         if len(held) == 0:
             raise MeshError(Fault("the rod is not attached: no node is fixed or clamped to a plate", where=rod.name))
@@ -92,7 +91,7 @@ def join_ties(robot: Robot, meshes: dict[str, TetMesh], first: dict[str, int]) -
     for tie in robot.ties:
         for key, name in (("body", tie.body), ("on", tie.on)):
             if name not in bodies:
-                raise MeshError(Fault("there is no such body", f"{tie.name}.{key}", name, ", ".join(bodies)))
+                raise MeshError(unknown("there is no such body", f"{tie.name}.{key}", name, bodies))
         if tie.body == tie.on:
             raise MeshError(Fault("a body cannot be tied to itself", where=tie.name, got=tie.body))
         fault = tie_fault(tie, bodies[tie.body].mesh, meshes[tie.on])

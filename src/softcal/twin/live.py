@@ -10,7 +10,7 @@ from typing import Protocol as Shape
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.errors import Fault, ParameterError, SimulationError, nearest
+from softcal.errors import Fault, ParameterError, SimulationError, unknown
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.march import Reached, Target, by_command
 from softcal.mechanics.node import by_parameters
@@ -272,9 +272,8 @@ class LiveTwin:
 
     def _commands(self, commands: Mapping[str, float], elapsed: float) -> dict[str, Command]:
         """The commands of all driven cables, checked."""
-        driven = ", ".join(self._controls) or "none"
         faults = [
-            Fault("this cable is not driven", name, allowed=driven, attempt=nearest(name, self._controls))
+            unknown("this cable is not driven", name, name, self._controls, got="")
             for name in commands
             if name not in self._controls
         ]

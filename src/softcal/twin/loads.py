@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.errors import Fault, MeshError
+from softcal.errors import MeshError, unknown
 from softcal.geometry.cell import LINEAR
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import linear_numbers
@@ -43,7 +43,7 @@ def surface_forces(
         For a body that does not exist, or a triangle that is no face of its mesh.
     """
     if load.on not in meshes:
-        raise MeshError(Fault("there is no such body", where=load.name, got=load.on, allowed=", ".join(meshes)))
+        raise MeshError(unknown("there is no such body", load.name, load.on, meshes))
     mesh, own = meshes[load.on], given[load.on]
     faces = matching_faces(own, load.faces, where=load.name)
     if mesh.cell is LINEAR and own.cell is not LINEAR:
@@ -102,8 +102,7 @@ def build_moments(robot: Robot, layout: Layout, of_plate: Mapping[str, int], of_
         if not isinstance(load, Moment):
             continue
         if load.on not in of_plate and load.on not in rods:
-            known = ", ".join([*of_plate, *rods])
-            raise MeshError(Fault("there is no such plate or rod", where=load.name, got=load.on, allowed=known))
+            raise MeshError(unknown("there is no such plate or rod", load.name, load.on, [*of_plate, *rods]))
         unit = per_unit[f"{load.name}.moment"] = np.zeros((layout.n_frames, 3))
         if load.on in of_plate:
             unit[of_plate[load.on]] = load.direction

@@ -16,7 +16,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.declare import ByShape, Declared, Reading
-from softcal.errors import Fault, InputError, nearest
+from softcal.errors import Fault, InputError, unknown
 from softcal.geometry.coil import Coil
 from softcal.geometry.rod_shapes import ELEMENTS_PER_TURN
 from softcal.geometry.section import RoundBar
@@ -348,9 +348,7 @@ def _name_faults(of: Manipulator) -> list[Fault]:
     faults: list[Fault] = []
     if isinstance(moduli, Mapping):
         faults += [
-            Fault("there is no such spring", f"{key}.{name}", f"'{name}'", ", ".join(springs), nearest(name, springs))
-            for name in moduli
-            if name not in springs
+            unknown("there is no such spring", f"{key}.{name}", name, springs) for name in moduli if name not in springs
         ]
         if missing := [name for name in springs if name not in moduli]:
             allowed = "one for each, or one for all"

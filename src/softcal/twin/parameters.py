@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from softcal.errors import Fault, ParameterError, nearest
+from softcal.errors import Fault, ParameterError, unknown
 from softcal.geometry.shape import LENGTHS
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.quantities import QUANTITIES, Quantity
@@ -232,12 +232,7 @@ def _with_size(load: PointLoad | Moment | SurfaceLoad, values: Mapping[str, floa
 def unknown_name(name: str, known: Mapping[str, object]) -> Fault:
     """The fault of a parameter that does not exist, with the nearest that does."""
     of_the_same = [one for one in known if parameter_name(one).owner == parameter_name(name).owner]
-    return Fault(
-        "there is no such parameter",
-        where=name,
-        allowed=", ".join(sorted(known)),
-        attempt=nearest(name, of_the_same or known),
-    )
+    return unknown("there is no such parameter", name, name, sorted(known), among=of_the_same, got="")
 
 
 def out_of_range(info: ParameterInfo, value: float) -> Fault | None:

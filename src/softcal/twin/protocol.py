@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 
 from softcal.checks import Floats, Ints, frozen_floats
-from softcal.errors import Fault, InputError
+from softcal.errors import Fault, InputError, unknown
 from softcal.sensing.channel import ChannelName, kinds
 from softcal.twin.robot import Control, Robot
 
@@ -202,7 +202,7 @@ def command_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
     faults: list[Fault] = []
     for name, command in protocol.commands.items():
         if name not in cables:
-            faults.append(Fault("there is no such cable", where=name, allowed=", ".join(cables) or "none"))
+            faults.append(unknown("there is no such cable", name, name, cables, got=""))
             continue
         length = cables[name].length
         if command.control == "tension" and command.values.min(initial=0.0) < 0.0:

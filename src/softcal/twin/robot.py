@@ -18,7 +18,7 @@ from softcal.arrays import (
 )
 from softcal.checks import Floats, frozen_floats
 from softcal.declare import ByShape, Check, Checked, Declared
-from softcal.errors import Fault, InputError
+from softcal.errors import Fault, InputError, unknown
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.section import CrossSection
@@ -302,8 +302,8 @@ class Plate(NamedPart):
             Where the plate has no such hole.
         """
         if hole not in self.holes:
-            known = ", ".join(self.holes) or "none: the plate has no holes"
-            raise InputError(Fault("the plate has no such hole", where=self.name, got=f"'{hole}'", allowed=known))
+            none = "none: the plate has no holes"
+            raise InputError(unknown("the plate has no such hole", self.name, hole, self.holes, none=none))
         return ViaPoint(self.holes[hole], self.name)
 
 

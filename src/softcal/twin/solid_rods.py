@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from softcal.checks import Ints
-from softcal.errors import Fault, MeshError
+from softcal.errors import Fault, MeshError, unknown
 from softcal.geometry.section import RoundBar, SectionConstants
 from softcal.geometry.varied_section import VariedSection
 from softcal.geometry.wire import wire_mesh
@@ -45,9 +45,8 @@ def with_solid_rods(
     """
     rods = {rod.name: rod for rod in robot.rods}
     chosen = tuple(rods) if names is None else tuple(names)
-    unknown = [name for name in chosen if name not in rods]
-    if unknown:
-        raise MeshError(Fault("there is no such rod", where="robot", got=", ".join(unknown), allowed=", ".join(rods)))
+    if faults := [unknown("there is no such rod", "robot", name, rods) for name in chosen if name not in rods]:
+        raise MeshError(faults)
     bodies = {name: solid_body(rods[name], rings=rings, element=element) for name in chosen}
     return replace(
         robot,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.errors import Fault, InputError, nearest
+from softcal.errors import Fault, InputError, unknown
 
 if TYPE_CHECKING:
     import cv2.aruco
@@ -97,15 +97,7 @@ def find_dictionary(name: str) -> cv2.aruco.Dictionary:
 
     known = dictionary_names()
     if name not in known:
-        raise InputError(
-            Fault(
-                "there is no such dictionary of markers",
-                "--dictionary",
-                f"'{name}'",
-                ", ".join(known),
-                nearest(name, known),
-            )
-        )
+        raise InputError(unknown("there is no such dictionary of markers", "--dictionary", name, known))
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 

@@ -19,7 +19,7 @@ from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.calibration.run import require_joinable
 from softcal.calibration.search import Progress
 from softcal.calibration.shared_search import Sharing
-from softcal.errors import CalibrationError, Fault, InputError, ParameterError, nearest
+from softcal.errors import CalibrationError, Fault, InputError, ParameterError, unknown
 from softcal.executors.executor import Executor
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration_schema import CalibrationSection
@@ -175,12 +175,7 @@ def require_options(given: Mapping[str, object]) -> None:
     """
     known = {*_fields(), *options_of()}
     faults = [
-        Fault(
-            "neither a method nor a loss has this option",
-            f"--option {name}={value}",
-            allowed=", ".join(sorted(known)),
-            attempt=nearest(name, known),
-        )
+        unknown("neither a method nor a loss has this option", f"--option {name}={value}", name, sorted(known), got="")
         for name, value in given.items()
         if name not in known
     ]
@@ -201,9 +196,8 @@ def _require_used(
     """
     used = options_of({"method": OPTIMISERS[settings.method], "loss": LOSSES[settings.loss]})
     what = f"neither the method {settings.method} nor the loss {settings.loss} has this option"
-    allowed = ", ".join(sorted(used)) or "none"
     faults = [
-        Fault(what, where(name), allowed=allowed, attempt=nearest(name, (*used, *others)))
+        unknown(what, where(name), name, sorted(used), among=(*used, *others), got="")
         for name in options
         if name not in used
     ]

@@ -11,7 +11,7 @@ import numpy as np
 
 from softcal.coupons.fitted_material import FittedMaterial, PredictedCoupon
 from softcal.coupons.free_constants import free_constants
-from softcal.errors import Fault, InputError, ParameterError, StorageError
+from softcal.errors import Fault, InputError, ParameterError, StorageError, unknown
 from softcal.materials.catalogue import LAWS
 from softcal.quantities import QUANTITIES
 
@@ -74,7 +74,7 @@ def read_material(folder: Path, law: str | None = None) -> FittedMaterial:
         name = law or recommended or (next(iter(laws)) if len(laws) == 1 else None)
         if name is None or name not in laws:
             what = "the record has no such law" if law else "the record recommends no law"
-            raise ParameterError(Fault(what, "--law", law or "", ", ".join(laws)))
+            raise ParameterError(unknown(what, "--law", law or "", laws, got=law or ""))
         if name not in LAWS:
             raise ParameterError(LAWS.unknown(name, f"{path}: laws"))
         return _material(name, laws[name]["material"], float(record["poissons_ratio"]))

@@ -16,7 +16,7 @@ from softcal.calibration.resampling import jackknife
 from softcal.calibration.result import SearchResult
 from softcal.calibration.uncertain import MESH_ERROR
 from softcal.checks import as_path
-from softcal.errors import Fault, InputError
+from softcal.errors import Fault, InputError, unknown
 from softcal.executors.chosen import executor_of
 from softcal.executors.executor import Executor
 from softcal.workflows.intervals_files import folder_name, write_intervals
@@ -83,11 +83,11 @@ def check_method(by: str, over: str = "") -> None:
         Where there is none, or it takes none.
     """
     if by not in METHODS:
-        raise InputError(Fault("this is no method for intervals", "--by", f"'{by}'", ", ".join(METHODS)))
+        raise InputError(unknown("this is no method for intervals", "--by", by, METHODS))
     if over and by not in GROUPED:
         raise InputError(Fault(f"'{by}' takes no groups", "--over", f"'{over}'", f"--by {' or '.join(GROUPED)}"))
     if over and over not in KINDS:
-        raise InputError(Fault("this is no kind of group", "--over", f"'{over}'", ", ".join(KINDS)))
+        raise InputError(unknown("this is no kind of group", "--over", over, KINDS))
 
 
 def intervals(  # noqa: PLR0913 (one keyword for each option)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from softcal.analysis.mesh_study import UNKNOWNS, MeshStudy, Observer
 from softcal.analysis.mesh_study import mesh_study as study_problem
-from softcal.errors import Fault, InputError
+from softcal.errors import Fault, InputError, unknown
 from softcal.executors.executor import Executor
 from softcal.mechanics.elements import DEFAULT, higher_elements
 from softcal.project.project import ProjectSource
@@ -40,9 +40,7 @@ def study(
     """
     faults: list[Fault] = []
     if element not in higher_elements():
-        faults.append(
-            Fault("this is not a higher-order element", "--element", f"'{element}'", ", ".join(higher_elements()))
-        )
+        faults.append(unknown("this is not a higher-order element", "--element", element, higher_elements()))
     if not 0 <= halvings <= MOST_HALVINGS:
         allowed = f"0 to {MOST_HALVINGS}"
         faults.append(Fault("this number of halvings is not allowed", "--halvings", str(halvings), allowed))

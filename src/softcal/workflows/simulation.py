@@ -12,7 +12,7 @@ from softcal.calibration.experiment import Experiment
 from softcal.calibration.observation import protocol_told
 from softcal.calibration.problem import Simulate
 from softcal.csv_text import csv_text
-from softcal.errors import Fault, ParameterError, SimulationError
+from softcal.errors import Fault, ParameterError, SimulationError, unknown
 from softcal.mechanics.path_watch import path_watch
 from softcal.project.project import Project, ProjectSource, project_of
 from softcal.twin.parameters import robot_parameters, with_parameters
@@ -126,7 +126,7 @@ def simulate_each(
 
     Raises
     ------
-    SimulationError
+    SimulationError, unknown
         If one of them has no solution.
     KeyboardInterrupt
         Where it is stopped and nothing is ready, or to be kept.
@@ -191,11 +191,13 @@ def _chosen(project: Project, experiment: str) -> Experiment:
     name = experiment or (known[0] if len(known) == 1 else "")
     if name not in project.experiments:
         raise ParameterError(
-            Fault(
+            unknown(
                 "there is no such experiment" if experiment else "the experiment is not specified",
-                where=str(project.path),
-                got=f"'{experiment}'" if experiment else "",
-                allowed=", ".join(known) or "none is defined in this project: give a pull instead",
+                str(project.path),
+                experiment,
+                known,
+                got=None if experiment else "",
+                none="none is defined in this project: give a pull instead",
             )
         )
     return project.experiments[name]
@@ -211,7 +213,7 @@ def pull(robot: Robot, cable: str, control: Control, end: float, samples: int = 
     """
     known = [part.name for part in robot.cables]
     if cable not in known:
-        raise ParameterError(Fault("the robot has no such cable", got=f"'{cable}'", allowed=", ".join(known)))
+        raise ParameterError(unknown("the robot has no such cable", "", cable, known))
     if samples < 2 or samples != int(samples):
         raise ParameterError(Fault("a pull cannot have so many samples", "samples", f"{samples:g}", "2, 3, …"))
     if not end > 0:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softcal.checks import as_path
-from softcal.errors import Fault, InputError, ParameterError
+from softcal.errors import Fault, InputError, ParameterError, unknown
 from softcal.project.names import JOINT
 from softcal.project.project import Project, ProjectSource, load
 
@@ -104,9 +104,7 @@ def _of_run(run: CalibrationRun, calibration: str) -> StudySource:
 
     label = calibration or (JOINT if JOINT in run.results else next(iter(run.results)))
     if label not in run.results:
-        raise InputError(
-            Fault("the run has no such calibration", "--calibration", f"'{label}'", ", ".join(run.results))
-        )
+        raise InputError(unknown("the run has no such calibration", "--calibration", label, run.results))
     result = run.results[label]
     problem = make_problem(run.project, run.settings).only(list(result.experiments))
     engine = result.hashes.get("engine", SOFTCAL)

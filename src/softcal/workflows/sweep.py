@@ -19,7 +19,7 @@ from softcal.calibration.store import write_text
 from softcal.calibration.sweep import sweep as sweep_problem
 from softcal.calibration.trial_journal import stored_trials
 from softcal.csv_text import csv_text
-from softcal.errors import CalibrationError, Fault, InputError, ParameterError
+from softcal.errors import CalibrationError, Fault, InputError, ParameterError, unknown
 from softcal.executors.executor import Executor
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis, shown_configurations
 from softcal.project.bench_names import experiments_named
@@ -159,7 +159,7 @@ def make_sweep(project: Project, axes: Sequence[Axis], experiments: Sequence[str
         wanted = project.sweep.experiments
     names = experiments_named(wanted, project.experiments)
     faults = [
-        Fault("there is no such experiment", "experiments", f"'{name}'", ", ".join(project.experiments) or "none")
+        unknown("there is no such experiment", "experiments", name, project.experiments)
         for name in names
         if name not in project.experiments
     ]

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 import softcal
-from softcal.errors import Fault, InputError
+from softcal.errors import InputError, unknown
 from softcal.workflows.output import new_folder
 
 
@@ -26,7 +26,7 @@ def write_template(name: str, folder: str | Path) -> Path:
         Where the folder holds files, or cannot be written.
     """
     if name not in templates():
-        raise InputError(Fault("there is no such template", got=f"'{name}'", allowed=", ".join(templates())))
+        raise InputError(unknown("there is no such template", "", name, templates()))
     with new_folder(Path(folder), "another DIR") as part:
         shutil.copytree(_home() / name, part, dirs_exist_ok=True)
     return Path(folder) / "project.yaml"

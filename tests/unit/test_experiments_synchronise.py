@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 
 from softcal.errors import DatasetError, InputError
 from softcal.experiments.dataset import Channel, Dataset, Step
-from softcal.experiments.synchronise import CommonMotion, fit_clock, synchronise
+from softcal.experiments.synchronise import CommonMotion, clock_warning, fit_clock, synchronise
 
 MOVED = bench_record.motion(4)
 
@@ -67,9 +67,36 @@ def test_files_in_the_other_order_are_told_the_right_one() -> None:
         synchronise(imu(3.0), utm())
 
 
-@pytest.mark.parametrize(("rate", "told"), [(4e-4, r"runs [34]\d\d ppm faster"), (-4e-4, r"runs [34]\d\d ppm slower")])
+@pytest.mark.parametrize(("rate", "told"), [(1e-4, r"runs \d+ ppm faster"), (-1e-4, r"runs \d+ ppm slower")])
 def test_a_clock_that_loses_is_slower(rate: float, told: str) -> None:
     assert re.search(told, synchronise(utm(), imu(3.0, rate, noise=0.0)).provenance[-1].outcome)
+
+
+@pytest.mark.parametrize("rate", [4e-4, -1.6e-3])
+def test_a_rate_that_no_quartz_has_is_not_used(rate: float) -> None:
+    records = utm(), imu(3.0, rate)
+    step = synchronise(*records).provenance[-1]
+    plain = synchronise(*records, CommonMotion(estimate_rate=False)).provenance[-1]
+    assert (step.settings["rate"], step.settings["lag"]) == (0.0, plain.settings["lag"])
+    assert_allclose(step.settings["estimate"], rate, atol=1.5e-4)
+    pace = "faster" if rate > 0 else "slower"
+    assert re.search(rf"taken to run as fast, since no quartz clock runs \d+ ppm {pace}; corr", step.outcome)
+    assert "since" not in plain.outcome
+
+
+def test_a_short_record_of_a_material_that_lags_says_nothing_of_the_clock() -> None:
+    """31 s, three cycles, a pitch that follows the crosshead with a time constant of 1 s: its lag is not a clock's."""
+    time, cycles = np.arange(0.0, 31.0, 0.02), 3.0
+    moved = 0.02 * (1.0 - np.abs(2.0 * (cycles * time / 31.0 % 1.0) - 1.0))
+    pitch = np.zeros_like(moved)
+    for k in range(1, len(moved)):
+        pitch[k] = pitch[k - 1] + 0.02 * (10.0 * moved[k] - pitch[k - 1])
+    machine = Dataset("utm", {"time": Channel(time, "s"), "shortening": Channel(moved, "m")})
+    sensor = Dataset("imu", {"time": Channel(time + 2.3, "s"), "pitch": Channel(pitch, "rad")})
+    assert abs(fit_clock(machine, sensor, CommonMotion()).rate) > 5e-4
+    both = synchronise(machine, sensor)
+    assert both.provenance[-1].settings["rate"] == 0.0
+    assert "is taken to run as fast" in clock_warning(both)
 
 
 def test_only_samples_that_both_have_are_kept() -> None:

@@ -157,14 +157,15 @@ def _fit(  # noqa: PLR0913 (one argument for each option)
     from softcal.coupons.comparison import compare_laws, require_times
     from softcal.materials.histories import history_of
     from softcal.project.material_block import material_block
-    from softcal.report.coupon_sentences import verdict
-    from softcal.report.coupon_tables import constants_table, laws_table, tests_table
+    from softcal.report.coupon_sentences import moduli, verdict
+    from softcal.report.coupon_tables import constants_table, laws_table, moduli_table, tests_table
     from softcal.workflows.coupon import write_comparison
 
     require_times(further, history_of(history, "--history"))
     with clock() as doing:
         found = compare_laws(coupons, law, history=history, poissons_ratio=poissons_ratio, reach=reach, doing=doing)
     print_report_table(laws_table(found))
+    print_report_table(moduli_table(found))
     for name, other in found.same_as.items():
         typer.echo(f"{name}: in an incompressible body the same as {other}.")
     for name, why in found.left_out.items():
@@ -175,6 +176,7 @@ def _fit(  # noqa: PLR0913 (one argument for each option)
     if history or predicted:
         print_report_table(tests_table(shown.name, shown.fit.tests(found.coupons), predicted))
     typer.echo(verdict(found))
+    typer.echo(moduli(shown))
     if chosen is not None:
         typer.echo("\n" + material_block(chosen.fit, found, body))
     if out is not None:

@@ -17,6 +17,7 @@ from softcal.coupons.fitted_material import FittedMaterial, PredictedCoupon, fit
 from softcal.coupons.free_constants import FreeConstants
 from softcal.coupons.history_search import best_values
 from softcal.coupons.problem import CouponLoss, CouponProblem, coupon_loss
+from softcal.coupons.small_strain import SmallStrain, small_strain
 from softcal.coupons.stability import Stability, stability
 from softcal.materials.law import Law
 
@@ -76,6 +77,11 @@ class LawFit:
     def estimates(self) -> dict[str, Estimate]:
         """The fitted constants by name."""
         return self.statistics.estimates(self.space, self.theta)
+
+    @property
+    def small_strain(self) -> SmallStrain:
+        """Its moduli at small strain."""
+        return small_strain(self.material, self.estimates)
 
     @property
     def is_determined(self) -> bool:

@@ -30,6 +30,7 @@ INVARIANTS = ("I1", "I2", "J")
 ALONG = "I4"  # squared stretch along the direction of a law that has one
 STRETCHES = ("lambda1", "lambda2", "lambda3")
 SOME_INVARIANTS, SOME_STRETCHES = (3.2, 3.3, 1.05, 1.1), (0.1, -0.06, 0.03)  # of a deformation like any other
+PLAIN = 100  # largest denominator of a number in a formula
 COMPLEX_STEP = 1e-20  # of a constant: no difference is taken, so nothing is lost
 
 
@@ -119,6 +120,23 @@ class Law:
         mu, K = self.shear_modulus(theta), self._compressed(theta)
         return (3.0 * K - 2.0 * mu) / (2.0 * (3.0 * K + mu))
 
+    def at_small_strain(self, theta: Mapping[str, float]) -> dict[str, float]:
+        """Young's modulus [Pa] and Poisson's ratio at small strain, as rods have them, at constants theta [SI]."""
+        return {"youngs_modulus": self.youngs_modulus(theta), "poissons_ratio": self.poissons_ratio(theta)}
+
+    @functools.cached_property
+    def shear_formula(self) -> str:
+        """The shear modulus at small strain by the names of the constants, such as "alpha1 mu1/2"."""
+        import sympy
+
+        letters, variables, scope = _scope(self)
+        shear = sympy.expand(_shear_at_rest(to_sympy(self.distortional, scope), variables))
+        named = {letters[one.symbol]: sympy.Symbol(one.name) for one in self.parameters}
+        # Series have fractions that nobody reads.
+        rounded = {one: sympy.Float(one, 4) for one in shear.atoms(sympy.Rational) if one.q > PLAIN}
+        text = str(sympy.factor_terms(shear.xreplace(rounded), fraction=False).xreplace(named))
+        return text.replace("**", "^").replace("*", " ")
+
     def is_proportional(self, theta: Mapping[str, float]) -> bool:
         """Whether the energy is proportional to all moduli among its constants together, at constants theta [SI]."""
         compiled = compile_law(self)
@@ -163,17 +181,25 @@ class CompiledLaw:
     shifted: Callable[..., Any]  # s and its derivatives by the parameters
 
 
-@functools.cache
-def compile_law(law: Law) -> CompiledLaw:
-    """Differentiate the energy with SymPy and turn the derivatives into NumPy functions; cached."""
+def _scope(law: Law) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """The constants by their letters, the variables by name, and both with all else that the law's texts may name."""
     import sympy
 
-    letters = {letter: sympy.Symbol(letter, real=True) for letter in (parameter.symbol for parameter in law.parameters)}
+    letters = {one.symbol: sympy.Symbol(one.symbol, real=True) for one in law.parameters}
     variables = {name: sympy.Symbol(name, positive=True) for name in law.variables}
     J = variables["J"] if "J" in variables else sympy.Mul(*variables.values())
     scope: dict[str, Any] = {**letters, **variables, "J": J, "pi": sympy.pi}
     for symbol, text in law.symbols.items():
         scope[symbol] = to_sympy(text, scope)
+    return letters, variables, scope
+
+
+@functools.cache
+def compile_law(law: Law) -> CompiledLaw:
+    """Differentiate the energy with SymPy and turn the derivatives into NumPy functions; cached."""
+    import sympy
+
+    letters, variables, scope = _scope(law)
     psi_d, kappa, shifted = (to_sympy(text, scope) for text in (law.distortional, law.bulk, law.shifted))
     volume = sympy.Symbol("J", positive=True)
     g = to_sympy(law.volumetric_strain, {**scope, "J": volume})

@@ -11,6 +11,7 @@ from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.rig import CommonRig
 from softcal.errors import Fault, ParameterError, ProjectFileError
 from softcal.experiments.plausibility import copies
+from softcal.materials.components import NO_DIRECTION
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis
 from softcal.project.bench import Bench, build_bench
 from softcal.project.bench_fit import check_test, held_rig, held_robot
@@ -46,7 +47,9 @@ def build_project(
     experiments, parameters = sections.experiments, sections.parameters
     built = build_robot(sections.robot, mesh_maker(files), findings)
     for body in built.robot.bodies if built else ():
-        require_at_rest(body, sections.laws, findings)
+        require_at_rest(body.law, body.parameters, body.direction, sections.laws, findings)
+    for rod in sections.robot.rods.values():
+        require_at_rest(rod.law or "", rod.constants, NO_DIRECTION, sections.laws, findings)
     given = untied(values, parameters)
     rig = _with_held_friction(sections.rig, given)
     benches = {

@@ -9,11 +9,12 @@ from pydantic import BeforeValidator, Field
 from pydantic_core import InitErrorDetails
 
 from softcal.declare import listed
+from softcal.errors import Fault, InputError
 from softcal.materials.catalogue import LAWS, LawName, constants_of
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.materials.histories import PARTS, history_of
 from softcal.materials.inelastic import History
-from softcal.materials.parameter import Parameter
+from softcal.materials.parameter import Parameter, complete
 from softcal.project.section import Section, read_quantities
 from softcal.twin.robot import Body
 
@@ -96,7 +97,45 @@ class LawSection(HistorySection):
 
     @classmethod
     def _elastic(cls, given: Mapping[str, Any]) -> Sequence[Parameter] | None:
-        """Those of the law; none where there is none of that name, which is a fault of its own."""
-        name = given.get("law", cls.model_fields["law"].default)
-        law = LAWS.get(name) if isinstance(name, str) else None
-        return None if law is None else law.parameters
+        return _constants_of(given.get("law", cls.model_fields["law"].default))
+
+
+class SmallStrainSection(HistorySection):
+    """Young's modulus and Poisson's ratio, or a law that has them at small strain with its constants; and the constants
+    of the history.
+    """
+
+    law: LawName | None = None
+
+    @classmethod
+    def _elastic(cls, given: Mapping[str, Any]) -> Sequence[Parameter] | None:
+        name = given.get("law")
+        return LINEAR_ELASTIC if name is None else _constants_of(name)
+
+    def _check(self) -> None:
+        super()._check()
+        if self.law is not None and LAWS[self.law].is_directed:
+            allowed = "a law without a build direction"
+            raise InputError(Fault("a rod has one modulus", "law", f"'{self.law}'", allowed))
+
+    @property
+    def at_small_strain(self) -> dict[str, float]:
+        """The constants of the material as a rod has them [SI]: of a law its moduli at small strain.
+
+        Raises
+        ------
+        ParameterError
+            For constants that the law does not allow.
+        """
+        if self.law is None:
+            return dict(self.constants)
+        law = LAWS[self.law]
+        own = {name: value for name, value in self.constants.items() if name in law.names}
+        theta = complete(own, law.parameters, owner=law.name)
+        return {**law.at_small_strain(theta), **{k: v for k, v in self.constants.items() if k not in own}}
+
+
+def _constants_of(name: object) -> Sequence[Parameter] | None:
+    """Those of a law; none where there is none of that name, which is a fault of its own."""
+    law = LAWS.get(name) if isinstance(name, str) else None
+    return None if law is None else law.parameters

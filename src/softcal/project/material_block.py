@@ -10,7 +10,8 @@ from __future__ import annotations
 from softcal.calibration.digits import NORMAL_95
 from softcal.coupons.comparison import LawComparison
 from softcal.coupons.law_fit import LawFit
-from softcal.units import format_quantity
+from softcal.report.coupon_tables import modulus_texts
+from softcal.units import format_quantity, plain
 
 ENOUGH = 3  # specimens of one kind of test
 _DIGITS = 6
@@ -29,6 +30,14 @@ def material_block(fit: LawFit, comparison: LawComparison, body: str) -> str:
         lines.append(f"{parameter.name}: {text}")
     if fit.constants.parts:
         lines.append(f"history: [{', '.join(fit.constants.parts)}]")
+    at = fit.small_strain
+    E, ends = modulus_texts(at)
+    G = format_quantity(at.shear_modulus, "Pa", digits=3)
+    lines += [
+        f"# At small strain E {E}{f' ({ends})' if ends else ''}, nu {plain(at.poissons_ratio, 4)},",
+        f"# G = {at.formula} = {G}.",
+        f"# A rod (robot.rods.{body}) takes the law and its constants as well, and uses this E and nu at any strain.",
+    ]
     found = priors(fit, comparison)
     lines.append("")
     if not found:

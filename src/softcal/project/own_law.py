@@ -16,17 +16,18 @@ from softcal.project.document import Findings
 from softcal.project.law_schema import OwnLawSection, register_laws
 from softcal.project.section import entries
 from softcal.project.yaml_file import read_document
-from softcal.twin.robot import Body
 
 AT_REST = 1e-9  # of the moduli: the largest stress that rounding leaves
 
 
-def require_at_rest(body: Body, own: Collection[str], findings: Findings) -> None:
-    """Record a law of the file that is not free of stress and energy at rest, or gives way there, at the constants of
-    a body.
+def require_at_rest(
+    law: str, theta: Mapping[str, float], direction: Floats, own: Collection[str], findings: Findings
+) -> None:
+    """Record a law that is not free of stress and energy at rest, or gives way there, at the constants theta [SI] of a
+    body or rod; own: the laws of the file, which alone are looked at.
     """
-    if body.law in own:
-        _check_at_rest(LAWS[body.law], body.parameters, body.direction, findings)
+    if law in own:
+        _check_at_rest(LAWS[law], theta, direction, findings)
 
 
 def read_laws(path: Path) -> None:

@@ -83,7 +83,18 @@ def build_rod(
                 for part, material in rod.materials.items()
             ]
             ends = _nodes(line, shape.length, fixed)
-            return Rod(name, line, section, rod.constants, held, ends, rod.density, tuple(inclusions), rod.history)
+            return Rod(
+                name,
+                line,
+                section,
+                rod.at_small_strain,
+                held,
+                ends,
+                rod.density,
+                tuple(inclusions),
+                rod.history,
+                rod.law or "",
+            )
     return None
 
 

@@ -16,7 +16,7 @@ from softcal.limits import LIMITS
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.materials.histories import history_constants
 from softcal.materials.parameter import Parameter
-from softcal.project.constants import ConstantsSection, HistorySection
+from softcal.project.constants import ConstantsSection, SmallStrainSection
 from softcal.project.section import Section
 from softcal.quantities import QUANTITIES, Density
 from softcal.twin.robot import Rod
@@ -79,7 +79,7 @@ class RodMaterialSection(ConstantsSection):
         return {**{one.name: one for one in LINEAR_ELASTIC}, **history_constants()}
 
 
-class RodSection(HistorySection):
+class RodSection(SmallStrainSection):
     """A slender elastic part: its shape, section (one all along, or several at stations), materials, and supports."""
 
     straight: Straight | None = None

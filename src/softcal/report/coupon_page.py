@@ -10,7 +10,7 @@ from softcal.coupons.fitted_material import PredictedCoupon
 from softcal.coupons.plausibility import implausible
 from softcal.report.coupon_constants import shown_constants
 from softcal.report.coupon_sentences import conclusions, verdict, warnings, with_history
-from softcal.report.coupon_tables import coupons_table, laws_table, limit_texts, percent, tests_table
+from softcal.report.coupon_tables import coupons_table, laws_table, limit_texts, moduli_table, percent, tests_table
 from softcal.report.figure import Picture
 from softcal.report.format import joined
 from softcal.report.page import KeyNumber, marks, render
@@ -72,6 +72,7 @@ def render_coupon_page(
         across=_is_wide(found),
         coupons=coupons_table(found.coupons, [p.coupon for p in predicted]),
         laws=laws_table(found),
+        moduli=moduli_table(found),
         tests=tests_table(one.name, fitted, predicted) if found.history or predicted else None,
         same_as=found.same_as,
         left_out=found.left_out,

@@ -11,9 +11,9 @@ from softcal.calibration.sensitivity import ONE_EXPERIMENT, not_included
 from softcal.coupons.comparison import ComparedLaw, LawComparison
 from softcal.coupons.fitted_material import PredictedCoupon
 from softcal.report.conclusions import Sentence
-from softcal.report.coupon_tables import doubts, percent
+from softcal.report.coupon_tables import doubts, modulus_texts, percent
 from softcal.report.format import joined
-from softcal.units import plain
+from softcal.units import format_quantity, plain
 
 HOLDS = 0.8
 """A 95 % band that holds less of a test than this is too narrow for it: the rows of a test are not independent."""
@@ -29,6 +29,19 @@ def verdict(found: LawComparison) -> str:
         f"Recommended: {with_history(chosen)}, stable {up_to}. Where {found.kept_out} is predicted by the others its "
         f"error is {percent(chosen.held_out_error, 1)}, nearly the least of the stable laws with constants that the "
         "tests determine, and it has the fewest constants of those."
+    )
+
+
+def moduli(one: ComparedLaw) -> str:
+    """The moduli of a law at small strain, and what its constants have to do with them."""
+    at = one.fit.small_strain
+    E, ends = modulus_texts(at)
+    G = format_quantity(at.shear_modulus, "Pa", digits=3)
+    long_after = " after a long time" if one.fit.constants.parts else ""
+    return (
+        f"At small strain{long_after} {one.name} has E = {E}{f' ({ends})' if ends else ''} and "
+        f"ν = {plain(at.poissons_ratio, 4)}, which is stated: its shear modulus is {at.formula} = {G}. "
+        "Rods use these moduli at any strain."
     )
 
 
@@ -56,6 +69,7 @@ def conclusions(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> l
         text = f"Nearer on what was held out, and not recommended: {joined(nearer)}."
         said.append(Sentence(text, "note"))
     said.append(_specimens(found, one))
+    said.append(Sentence(moduli(one), "note"))
     said += [_prediction(p) for p in predicted if p.is_measured]
     of_robots = ONE_EXPERIMENT, not_included(())
     said += [Sentence(note.text, note.level) for note in one.fit.statistics.notes if note.text not in of_robots]

@@ -11,9 +11,10 @@ from softcal.calibration.digits import interval_text, value_text
 from softcal.coupons.comparison import ComparedLaw, LawComparison
 from softcal.coupons.coupon import Coupon
 from softcal.coupons.fitted_material import PredictedCoupon
+from softcal.coupons.small_strain import SmallStrain
 from softcal.coupons.stability import Stability
 from softcal.report.tables import Cell, Column, ReportTable
-from softcal.units import format_quantity, plain
+from softcal.units import digits_that_tell, format_quantity, format_range, plain
 
 
 def coupons_table(fitted: Sequence[Coupon], predicted: Sequence[Coupon] = ()) -> ReportTable:
@@ -76,6 +77,30 @@ def laws_table(found: LawComparison) -> ReportTable:
         "which the law gives way."
     )
     return ReportTable("laws", "All laws", tuple(Column(label) for label in labels), tuple(rows), note)
+
+
+def moduli_table(found: LawComparison) -> ReportTable:
+    """A row for each law: its moduli at small strain, and what its constants have to do with them."""
+    rows: list[tuple[Cell, ...]] = []
+    for one in found.laws:
+        at = one.fit.small_strain
+        E, ends = modulus_texts(at)
+        G = format_quantity(at.shear_modulus, "Pa", digits=3)
+        rows.append((one.name, E, ends or "none", plain(at.poissons_ratio, 4), G, at.formula))
+    labels = ("law", "E", "95 %", "ν, stated", "G", "G by the constants")
+    note = "At small strain" + ("; after a long time, without what the history adds." if found.history else ".")
+    return ReportTable("moduli", "Moduli at small strain", tuple(map(Column, labels)), tuple(rows), note)
+
+
+def modulus_texts(at: SmallStrain) -> tuple[str, str]:
+    """Young's modulus and its 95 % interval in words, "" where there is none."""
+    if at.interval is None:
+        return format_quantity(at.youngs_modulus, "Pa", digits=3), ""
+    digits = digits_that_tell(*at.interval)
+    return (
+        format_quantity(at.youngs_modulus, "Pa", digits=digits),
+        format_range(*at.interval, "Pa", digits=digits),
+    )
 
 
 def doubts(one: ComparedLaw) -> list[str]:

@@ -162,6 +162,7 @@ class Rod(NamedPart):
     density : [kg/m^3]
     inclusions : Elements of other materials; constants not given are the rod's
     history : What its materials do beyond their elasticity: names of `softcal.materials.histories`, such as flow
+    law : The law whose moduli at small strain its own are (`law.at_small_strain`), for those who read of it; or ""
     """
 
     centreline: Centreline
@@ -172,6 +173,7 @@ class Rod(NamedPart):
     density: Density = 0.0
     inclusions: tuple[Material, ...] = ()
     history: tuple[str, ...] = ()
+    law: str = ""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -213,7 +213,7 @@ def _rod_rows(project: Project) -> list[tuple[str, str]]:
                 f"{format_quantity(float(line.stations[-1]), 'm')} long, {len(line.lengths)} elements, "
                 f"{format_quantity(rod.section.constants.outer_diameter, 'm')} thick, attached: {', '.join(held)}",
             ),
-            *_material_rows(rod, "", "elements"),
+            *_material_rows(rod, f"{rod.law} at small strain, as rods use it at any: " * bool(rod.law), "elements"),
         ]
     return rows
 

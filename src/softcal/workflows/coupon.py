@@ -233,6 +233,7 @@ def _law_json(one: ComparedLaw, found: LawComparison) -> dict[str, Any]:
     fit = one.fit
     return {
         "constants": dict(fit.theta),
+        "small_strain": asdict(fit.small_strain),
         "material": material_json(fit.material),
         "tests": [prediction_json(one) for one in fit.tests(found.coupons)],
         "fitted": {name: asdict(estimate) for name, estimate in fit.estimates.items()},

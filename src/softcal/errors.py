@@ -46,6 +46,11 @@ class Fault:
     def __str__(self) -> str:
         return self.told()
 
+    def _repr_html_(self) -> str:
+        import html
+
+        return f"<div>{html.escape(str(self))}</div>"
+
     def told(self, *, verbose: bool = False) -> str:
         """The fault as sentences; verbose: with all names that are allowed, however many."""
         text = f"{self.where}: {self.what}" if self.where else self.what

@@ -29,6 +29,11 @@ def html_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}"
 
 
+def summary(title: str, header: Sequence[str], rows: Sequence[Sequence[object]], sentences: Iterable[str] = ()) -> str:
+    """A heading, a table, and sentences below it."""
+    return "".join([heading(title), html_table(header, rows), *map(paragraph, sentences)])
+
+
 def heading(text: str) -> str:
     """A line in bold."""
     return f"<div><b>{_escaped(text)}</b></div>"

@@ -11,12 +11,14 @@ from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 from softcal.declare import Check, Reading, shown
+from softcal.display import displayed
 from softcal.errors import Fault, InputError, ParameterError
 
 if TYPE_CHECKING:
     from pydantic_core import CoreSchema
 
 
+@displayed
 @dataclass(frozen=True)
 class Limit:
     """Allowed range of a count: least to most of `of`; attempt: suggestion if there are more.

@@ -13,6 +13,7 @@ from numbers import Real
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from softcal.declare import Check, Reading, shown
+from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.units import parse_quantity
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from pydantic_core import CoreSchema
 
 
+@displayed
 @dataclass(frozen=True)
 class Quantity:
     """A kind of quantity: its unit, and the range [unit] in which it must lie.

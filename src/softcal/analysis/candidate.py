@@ -10,6 +10,7 @@ import numpy as np
 from softcal.calibration.experiment import Experiment, rig_kind
 from softcal.calibration.scope import P
 from softcal.checks import Floats
+from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.sensing.channel import ChannelName, channel_name, kinds
@@ -17,6 +18,7 @@ from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.parameter_name import parameter_name
 
 
+@displayed
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
     """A test that could be made.

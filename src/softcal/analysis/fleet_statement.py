@@ -9,8 +9,10 @@ from softcal.analysis.fleet_factors import FactorEffect, factor_effects, not_apa
 from softcal.analysis.infill_law import InfillLaw, infill_laws, log_infill
 from softcal.analysis.population import Population, comparisons, population
 from softcal.analysis.specimen import Specimen
+from softcal.display import displayed
 
 
+@displayed
 @dataclass(frozen=True)
 class FleetStatement:
     """What the specimens of a fleet say together.

@@ -15,8 +15,10 @@ from softcal.analysis.sobol import Index, box_points, sobol_indices
 from softcal.calibration.likelihood_points import Observer
 from softcal.calibration.parameters import Scale
 from softcal.calibration.problem import Problem
+from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.executors.executor import Executor
+from softcal.html_text import summary
 from softcal.limits import require_at_least
 from softcal.units import format_quantity
 
@@ -24,6 +26,7 @@ SIMULATIONS = 400
 """Evaluations of the twin, at most."""
 
 
+@displayed
 @dataclass(frozen=True)
 class Range:
     """The bounds of a parameter [unit], and the scale on which it is uniform between them."""
@@ -42,6 +45,7 @@ class Pair:
     index: Index
 
 
+@displayed
 @dataclass(frozen=True)
 class OutputImportance:
     """The Sobol indices of one output.
@@ -62,6 +66,7 @@ class OutputImportance:
     surrogate_error: float
 
 
+@displayed
 @dataclass(frozen=True)
 class ImportanceStudy:
     """Sobol indices over a search box.
@@ -88,6 +93,17 @@ class ImportanceStudy:
     facts: Mapping[str, float]
     wall_s: float
     fanova: Mapping[str, float] = field(default_factory=dict[str, float])
+
+    def _repr_html_(self) -> str:
+        from softcal.analysis.importance_verdict import importance_sentences, index_text
+
+        rows = [
+            [name, label, index_text(first), index_text(output.total[label])]
+            for name, output in self.outputs.items()
+            for label, first in output.first.items()
+        ]
+        header = ["of", "parameter", "alone", "with others"]
+        return summary("Importance of the parameters", header, rows, [*self.notes, *importance_sentences(self)])
 
 
 def importance_study(

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from softcal.analysis.mesh_changes import Change, changes_between, grouped
+from softcal.calibration.digits import shown, value_text, with_unit
 from softcal.calibration.local_model import LocalModel, Point
 from softcal.calibration.loss import Block, rms, total
 from softcal.calibration.mesh_error import UNKNOWNS
@@ -32,10 +33,12 @@ from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import Estimate
 from softcal.calibration.sensitivity import local_statistics
 from softcal.checks import Floats
+from softcal.display import displayed
 from softcal.errors import MeshError, SimulationError
 from softcal.executors.chosen import executor_of
 from softcal.executors.each import LostCall, each
 from softcal.executors.executor import Executor
+from softcal.html_text import summary
 from softcal.mechanics.elements import DEFAULT, ELEMENTS
 from softcal.twin.finer import Size, elevated, halved, has_lower, size
 from softcal.twin.parameters import robot_parameters
@@ -51,6 +54,7 @@ _OFF = 2e-3  # of the search range: a larger distance from the optimum is report
 Observer = Callable[[str, int, int | None], None]
 
 
+@displayed
 @dataclass(frozen=True)
 class Finer:
     """One finer discretisation and its results at the calibrated values, or why there are none.
@@ -94,6 +98,7 @@ class Finer:
     seconds: float = 0.0
 
 
+@displayed
 @dataclass(frozen=True)
 class MeshStudy:
     """Result of a mesh study.
@@ -130,6 +135,18 @@ class MeshStudy:
     finer: tuple[Finer, ...]
     reference: str
     notes: tuple[str, ...] = ()
+
+    def _repr_html_(self) -> str:
+        from softcal.analysis.mesh_verdict import mesh_verdicts
+
+        finer = [one for one in self.finer if not one.failure]
+        rows = [
+            [label, value_text(estimate), *(with_unit(estimate, shown(estimate, one.values[label])) for one in finer)]
+            for label, estimate in self.parameters.items()
+        ]
+        header = ["parameter", "on its mesh", *(one.name for one in finer)]
+        told = [*self.notes, *(one.text for one in mesh_verdicts(self))]
+        return summary("What the mesh makes of the parameters", header, rows, told)
 
     @property
     def best(self) -> Finer | None:

@@ -21,11 +21,14 @@ from softcal.calibration.intervals import box_intervals, student
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem
 from softcal.checks import Floats
+from softcal.display import displayed
 from softcal.errors import CalibrationError, InputError, ParameterError, unknown
 from softcal.executors.executor import Executor
+from softcal.html_text import summary
 from softcal.units import format_quantity
 
 
+@displayed
 @dataclass(frozen=True)
 class Outlook:
     """What is expected of a candidate.
@@ -54,6 +57,7 @@ class Outlook:
     failure: str = ""
 
 
+@displayed
 @dataclass(frozen=True)
 class NextTests:
     """Candidates in the order of the expected interval of one parameter, shortest first (c-optimal).
@@ -77,6 +81,17 @@ class NextTests:
     outlooks: tuple[Outlook, ...]
     notes: tuple[str, ...] = ()
     n_solves: int = 0
+
+    def _repr_html_(self) -> str:
+        from softcal.analysis.next_test_verdict import interval_text, verdict
+
+        def cells(interval: tuple[float, float] | None, share: float | None) -> list[str]:
+            return [interval_text(interval, self.unit) if interval else "–", "–" if share is None else f"{share:.2f}"]
+
+        rows = [["(at present)", *cells(self.interval, 1.0)]]
+        rows += [[one.candidate.name, *cells(one.interval, one.share)] for one in self.outlooks if not one.failure]
+        header = ["candidate", f"{self.parameter}, 95 %", "length of the interval"]
+        return summary("Tests that could be made next", header, rows, [verdict(self), *self.notes])
 
     @property
     def best(self) -> Outlook | None:

@@ -9,9 +9,11 @@ from softcal.calibration.fit import experiment_fit
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import ExperimentFit
+from softcal.display import displayed
 from softcal.twin.parameters import parameter_values
 
 
+@displayed
 @dataclass(frozen=True)
 class Nominal:
     """Loss and fits at the nominal values, or why there are none.

@@ -22,6 +22,7 @@ from softcal.calibration.parameters import Scale
 from softcal.calibration.random_effects import DIFFERS, welch_test
 from softcal.calibration.result import Estimate
 from softcal.checks import Floats
+from softcal.display import displayed
 
 Interval = tuple[float, float]
 FEWEST = 2
@@ -103,6 +104,7 @@ class Outlier:
     chance: float
 
 
+@displayed
 @dataclass(frozen=True)
 class Population:
     """One parameter over the specimens.

@@ -15,6 +15,7 @@ from softcal.calibration.experiment import Experiment
 from softcal.calibration.fit import experiment_fit
 from softcal.calibration.observation import observe, protocol_told
 from softcal.calibration.result import ExperimentFit
+from softcal.display import displayed
 from softcal.errors import ParameterError
 from softcal.experiments.dataset import Dataset
 from softcal.twin.protocol import command_faults, let_go_faults
@@ -25,6 +26,7 @@ from softcal.twin.simulate import simulate
 MAX_SOLVED_SAMPLES = 200
 
 
+@displayed
 @dataclass(frozen=True)
 class RecordFit:
     """Comparison of the twin with a whole record, or why it failed.

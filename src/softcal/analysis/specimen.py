@@ -11,6 +11,7 @@ from softcal.calibration.between_markers import MARKERS
 from softcal.calibration.budget import BOUNDS
 from softcal.calibration.result import Estimate
 from softcal.calibration.uncertain import EACH
+from softcal.display import displayed
 
 State = Literal["DONE", "FAILED"]
 Factor = str | float | None
@@ -20,6 +21,7 @@ _OWN = ("noise", "prior", "experiments", "set-ups", MARKERS, BOUNDS)
 """Sources of error that are drawn anew for every specimen."""
 
 
+@displayed
 @dataclass(frozen=True)
 class Specimen:
     """A specimen of a fleet, calibrated or not.

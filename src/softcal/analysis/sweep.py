@@ -16,6 +16,8 @@ from softcal.analysis.nominal import Nominal
 from softcal.calibration.loss import LOSSES
 from softcal.calibration.outcome import bound_note
 from softcal.calibration.result import ExperimentFit, SearchResult, SweepResult, Trial
+from softcal.display import displayed
+from softcal.units import format_quantity
 
 ALL = "all"
 # Relative difference up to which errors are equal: rounding changes the last digits of an error that a parameter does
@@ -51,7 +53,15 @@ class ErrorSection:
         """An error [unit] in the display unit."""
         return error if self.length is None else 100 * error / self.length
 
+    def text(self, error: float | None) -> str:
+        """An error [unit] in words; "" where there is none."""
+        if error is None:
+            return ""
+        shown = self.shown(error)
+        return f"{shown:.3g} %" if self.shown_unit == "%" else format_quantity(shown, self.shown_unit, digits=3)
 
+
+@displayed
 @dataclass(frozen=True)
 class BestCell:
     """The cell of the grid with the least error of a section.

@@ -19,10 +19,14 @@ from softcal.calibration.result import CalibrationResult, ExperimentFit, HeldOut
 from softcal.calibration.run import calibrate
 from softcal.calibration.search import Progress
 from softcal.calibration.settings import SearchSettings
+from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.executors.executor import Executor
+from softcal.html_text import summary
+from softcal.units import format_quantity
 
 
+@displayed
 @dataclass(frozen=True)
 class Prediction:
     """One fold: the experiments left out, the fit without them, and its predictions of them by experiment."""
@@ -35,6 +39,7 @@ class Prediction:
         return self.result.held_out
 
 
+@displayed
 @dataclass(frozen=True)
 class Validation:
     """Result of a cross-validation.
@@ -46,6 +51,16 @@ class Validation:
     """
 
     models: Mapping[str, tuple[Prediction, ...]]
+
+    def _repr_html_(self) -> str:
+        rows = [
+            [model, ", ".join(one.left_out), experiment, *cells]
+            for model, predictions in self.models.items()
+            for one in predictions
+            for experiment, held in one.held_out.items()
+            for cells in _error_cells(held.fit)
+        ]
+        return summary("Predictions of what was left out", ["model", "left out", "experiment", "of", "RMS error"], rows)
 
     def errors(self, model: str) -> dict[str, float]:
         """Error of a model over all its predictions: RMS of all distances [m], or of each channel [SI].
@@ -69,6 +84,14 @@ def pooled_errors(fits: Sequence[ExperimentFit]) -> dict[str, float]:
             squares[channel] = squares.get(channel, 0.0) + n * fit.rmse[channel] ** 2
             counts[channel] = counts.get(channel, 0) + n
     return {name: math.sqrt(squares[name] / counts[name]) for name in squares}
+
+
+def _error_cells(fit: ExperimentFit) -> list[tuple[str, str]]:
+    """What was predicted, and its error in words."""
+    return [
+        (name, format_quantity(error, "m" if name == "distance" else fit.units[name], digits=3))
+        for name, error in pooled_errors([fit]).items()
+    ]
 
 
 def folds_of(problem: Problem, wanted: Sequence[Sequence[str]] = ()) -> list[tuple[str, ...]]:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 
 from softcal.calibration.parameters import Scale
 from softcal.calibration.result import Estimate
+from softcal.display import displayed
+from softcal.html_text import summary
 from softcal.units import digits_that_tell, format_quantity, readable_unit
 
 DIFFERS = 0.1
@@ -18,6 +20,7 @@ UNLIKELY = 0.05
 """Chance below which two estimated scatters differ."""
 
 
+@displayed
 @dataclass(frozen=True)
 class CheckedInterval:
     """The 95 % interval of one parameter, found twice.
@@ -77,6 +80,7 @@ class CheckedInterval:
         return math.log(value) if self.scale == "log" else value
 
 
+@displayed
 @dataclass(frozen=True)
 class IntervalStudy:
     """Intervals of all parameters by one method.
@@ -123,6 +127,14 @@ class IntervalStudy:
             f"{text}, but of so few groups chance explains much: {', '.join(large)} differ{'s' * (len(large) == 1)} by "
             "more than the quick half-length. Where a group is suspect, look at the values without it."
         )
+
+    def _repr_html_(self) -> str:
+        rows = [
+            [label, format_quantity(one.value, one.unit), interval_text(one, one.quick), interval_text(one, one.found)]
+            for label, one in self.intervals.items()
+        ]
+        header = ["parameter", "value", "quick", self.by]
+        return summary("95 % intervals", header, rows, [*self.notes, *self.sentences])
 
     @property
     def sentences(self) -> tuple[str, ...]:

@@ -26,6 +26,7 @@ import numpy as np
 from softcal.calibration.frame import FRAME
 from softcal.calibration.rig import Rig
 from softcal.checks import Floats
+from softcal.display import displayed
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset
 from softcal.quantities import QUANTITIES, Quantity, noise_in
@@ -45,6 +46,7 @@ _OF_PULLEYS = {
 }
 
 
+@displayed
 @dataclass(frozen=True)
 class Experiment:
     """A prepared dataset, what drives the twin, what is compared with it, and the rig.

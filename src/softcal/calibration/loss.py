@@ -20,6 +20,7 @@ from softcal.calibration.experiment import Experiment
 from softcal.calibration.option import FAMILIES, Option, option_faults
 from softcal.catalogue import Catalogue
 from softcal.checks import Floats
+from softcal.display import displayed
 from softcal.errors import DatasetError, Fault
 from softcal.sensing.channel import channel_name
 
@@ -71,6 +72,7 @@ class Block:
         return not self.experiment or channel_name(self.channel).kind.is_force
 
 
+@displayed
 class Loss(ABC):
     """A loss: a sum over blocks of a convex function of the block's residual; where `rooted`, the root of that sum.
 

@@ -11,9 +11,11 @@ from softcal.calibration.option import FAMILIES, Option, option_faults, options_
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.settings import SearchSettings
 from softcal.catalogue import Catalogue
+from softcal.display import displayed
 from softcal.errors import Fault
 
 
+@displayed
 @dataclass(frozen=True)
 class Proposal:
     """A point to be evaluated: its number in the search, and theta [SI] by label."""
@@ -22,6 +24,7 @@ class Proposal:
     theta: Mapping[str, float]
 
 
+@displayed
 class Optimiser(ABC):
     """A search by ask and tell.
 

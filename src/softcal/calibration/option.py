@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+from softcal.display import displayed
 from softcal.errors import Fault
 from softcal.limits import Limit
 from softcal.quantities import Quantity
@@ -14,6 +15,7 @@ from softcal.quantities import Quantity
 TAKEN = ("axes", "batch", "fit", "hold_out", "importance_kind", "loss", "method", "options", "seed", "split", "trials")
 
 
+@displayed
 @dataclass(frozen=True)
 class Option:
     """A number that project files can give a loss or an optimiser under `calibration`, such as alpha or starts.

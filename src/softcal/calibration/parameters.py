@@ -11,6 +11,7 @@ import numpy as np
 
 from softcal.calibration.scope import ScopedParameter, doubled, expanded, resolved
 from softcal.checks import Floats
+from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.twin.parameters import ParameterInfo
 
@@ -19,6 +20,7 @@ TWICE = "the parameter is free twice"
 _ROUNDING = 1e-14  # of the search range
 
 
+@displayed
 @dataclass(frozen=True)
 class FreeParameter(ScopedParameter):
     """A parameter to be found.
@@ -47,6 +49,7 @@ class FreeParameter(ScopedParameter):
     floor: float = -math.inf
 
 
+@displayed
 @dataclass(frozen=True)
 class SearchSpace:
     """The free parameters, expanded per experiment and set-up. `z` is the point in the unit box, `theta` [SI] by label.

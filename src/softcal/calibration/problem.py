@@ -26,6 +26,7 @@ from softcal.calibration.scope import ScopedParameter
 from softcal.calibration.trajectory import Member, Trajectory, shared_out
 from softcal.calibration.uncertain import UncertainParameter, uncertain_parameters
 from softcal.checks import Floats
+from softcal.display import displayed
 from softcal.errors import InputError, MeshError, SimulationError
 from softcal.twin.parameters import MODULUS, ParameterInfo, robot_parameters
 from softcal.twin.protocol import Protocol
@@ -108,6 +109,7 @@ class Contribution(NamedTuple):
     n_factorisations: int
 
 
+@displayed
 @dataclass(frozen=True)
 class Problem:
     """A robot, its experiments, the free parameters, and the loss.

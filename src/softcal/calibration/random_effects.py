@@ -17,6 +17,7 @@ import numpy as np
 
 from softcal.calibration.mixed_effects import mixed_effects
 from softcal.checks import Floats
+from softcal.display import displayed
 
 Kind = Literal["experiments", "set-ups"]
 DIFFERS = 0.05
@@ -60,6 +61,7 @@ class RandomEffects:
         return replace(self, chance=min(1.0, n * self.chance))
 
 
+@displayed
 @dataclass(frozen=True)
 class Spread:
     """One parameter in several experiments.

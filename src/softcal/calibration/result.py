@@ -17,6 +17,7 @@ from softcal.calibration.random_effects import Spread
 from softcal.calibration.residuals import ResidualRecord
 from softcal.calibration.uncertain import EACH
 from softcal.checks import Floats
+from softcal.display import displayed
 from softcal.experiments.hysteresis import Loop
 from softcal.sensing.channel import channel_name
 
@@ -26,6 +27,7 @@ BEYOND = 2.0  # standard errors
 TrialState = Literal["COMPLETE", "FAILED"]
 
 
+@displayed
 @dataclass(frozen=True)
 class Note:
     """A remark on how far a result can be trusted.
@@ -45,6 +47,7 @@ class Note:
         return self.text
 
 
+@displayed
 @dataclass(frozen=True)
 class Trial:
     """One evaluation of the loss.
@@ -82,6 +85,7 @@ class Trial:
     errors: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
 
 
+@displayed
 @dataclass(frozen=True)
 class Estimate:
     """A calibrated parameter.
@@ -180,6 +184,7 @@ class CycleFit:
     simulated: Loop
 
 
+@displayed
 @dataclass(frozen=True)
 class ExperimentFit:
     """Goodness of fit of one experiment: errors of the compared channels and distances of markers and plates.
@@ -245,6 +250,7 @@ class ExperimentFit:
         return Distance(mean, max(d.max for d in held), rms, n)
 
 
+@displayed
 @dataclass(frozen=True)
 class HeldOut:
     """An experiment that was predicted, not fitted.
@@ -265,7 +271,7 @@ class HeldOut:
     own: Mapping[str, float] = field(default_factory=dict[str, float])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SearchResult(ABC):
     """The outcome of a search: the theta of the lowest loss, the twin there, and every evaluation.
 
@@ -335,6 +341,11 @@ class SearchResult(ABC):
         default_factory=dict[str, Mapping[str, ResidualRecord]]
     )
 
+    def __repr__(self) -> str:
+        from softcal.calibration.result_html import result_text
+
+        return result_text(self)
+
     def _repr_html_(self) -> str:
         from softcal.calibration.result_html import result_html
 
@@ -353,7 +364,8 @@ class SearchResult(ABC):
         return sum(fit.n_values for fit in self.experiments.values()) <= len(self.parameters)
 
 
-@dataclass(frozen=True)
+@displayed
+@dataclass(frozen=True, repr=False)
 class CalibrationResult(SearchResult):
     """The outcome of one calibration (one experiment, or several jointly).
 
@@ -370,7 +382,8 @@ class CalibrationResult(SearchResult):
         return self.converged is False
 
 
-@dataclass(frozen=True, kw_only=True)
+@displayed
+@dataclass(frozen=True, kw_only=True, repr=False)
 class SweepResult(SearchResult):
     """The outcome of a sweep: the loss in every cell of a grid. Its `parameters` are those of the best cell.
 

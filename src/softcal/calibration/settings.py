@@ -7,10 +7,12 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from softcal.calibration.option import Option
+from softcal.display import displayed
 from softcal.errors import InputError, ParameterError, unknown
 from softcal.limits import LIMITS
 
 
+@displayed
 @dataclass(frozen=True)
 class SearchSettings:
     """The settings of a search.

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 from softcal.calibration.scope import ScopedParameter, doubled, expanded, resolved
+from softcal.display import displayed
 from softcal.errors import Fault, ParameterError
 from softcal.twin.parameters import ParameterInfo
 
@@ -24,6 +25,7 @@ RESERVED = ("noise", "prior", "experiments", "set-ups", "markers", "mesh", "boun
 """Sources of error that an uncertain parameter of a user must not be named after."""
 
 
+@displayed
 @dataclass(frozen=True)
 class UncertainParameter(ScopedParameter):
     """A parameter that is not fitted and not exactly known.

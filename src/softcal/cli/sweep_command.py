@@ -18,7 +18,6 @@ from softcal.cli.values import LOCAL, On, Values, WithPage, WithReport, Workers,
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from softcal.analysis.sweep import BestCell
     from softcal.workflows.sweep import Swept
 
 OVER = "NAME=VALUES, such as springs.youngs_modulus=10GPa:1GPa:1GPa"
@@ -101,15 +100,6 @@ def _table(found: Swept) -> Table:
     for best in found.best:
         cells = [format_quantity(best.trial.theta[name], p.unit) for name, p in result.parameters.items()]
         gain = best.reduction
-        errors = [_error(best, best.error), _error(best, best.nominal), "" if gain is None else f"{gain:.0f} %"]
+        errors = [*map(best.section.text, (best.error, best.nominal)), "" if gain is None else f"{gain:.0f} %"]
         table.add_row(best.section.name, *cells, *errors)
     return table
-
-
-def _error(best: BestCell, error: float | None) -> str:
-    from softcal.units import format_quantity
-
-    if error is None:
-        return ""
-    shown, unit = best.section.shown(error), best.section.shown_unit
-    return f"{shown:.3g} %" if unit == "%" else format_quantity(shown, unit, digits=3)

@@ -8,14 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from softcal.calibration.digits import value_text
 from softcal.coupons.coupon import Coupon
 from softcal.coupons.free_constants import POISSONS_RATIO, FreeConstants, free_constants
 from softcal.coupons.held_out import folds, held_out_errors, joint_error
 from softcal.coupons.law_fit import LawFit, fit_law
+from softcal.display import displayed
 from softcal.errors import CalibrationError, Fault, ParameterError
+from softcal.html_text import summary
 from softcal.materials.catalogue import LAWS
 from softcal.materials.histories import history_of
 from softcal.materials.inelastic import History
+from softcal.units import format_quantity
 
 REACH = 1.5
 """Default stretch up to which stability is looked at, over the largest of the tests."""
@@ -24,6 +28,7 @@ NEARLY = 1.1
 _SAME = 1e-6  # of the root mean square of the stresses
 
 
+@displayed
 @dataclass(frozen=True)
 class ComparedLaw:
     """A fitted law, and its errors on tests held out.
@@ -46,11 +51,17 @@ class ComparedLaw:
         return self.fit.law.name
 
     @property
+    def doubts(self) -> list[str]:
+        """What keeps it from being recommended."""
+        return ["unstable"] * (not self.fit.stability.is_stable) + ["not determined"] * (not self.fit.is_determined)
+
+    @property
     def held_out_error(self) -> float:
         """Root mean square over what was held out [-]."""
         return joint_error(list(self.held_out.values()))
 
 
+@displayed
 @dataclass(frozen=True)
 class LawComparison:
     """Laws fitted to the same tests.
@@ -77,6 +88,17 @@ class LawComparison:
     left_out: Mapping[str, str]
     poissons_ratio: float
     history: tuple[str, ...] = ()
+
+    def _repr_html_(self) -> str:
+        rows: list[list[str]] = []
+        for one in self.laws:
+            E = format_quantity(one.fit.small_strain.youngs_modulus, "Pa", digits=3)
+            constants = ", ".join(f"{name} = {value_text(e)}" for name, e in one.fit.estimates.items())
+            errors = (f"{100 * error:.1f} %" for error in (one.fit.error, one.held_out_error))
+            rows.append([one.name, *errors, E, constants, ", ".join(one.doubts)])
+        header = ["law", "error", "held out", "E at small strain", "constants", "doubts"]
+        chosen = "none" if self.recommended is None else self.recommended.name
+        return summary(f"{len(self.coupons)} tests; recommended: {chosen}", header, rows)
 
     @property
     def recommended(self) -> ComparedLaw | None:

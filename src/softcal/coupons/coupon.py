@@ -9,8 +9,10 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.coupons.kind import KINDS, CouponKind, CouponStates
+from softcal.display import displayed
 
 
+@displayed
 @dataclass(frozen=True)
 class Coupon:
     """One test of one specimen: with times a way in their order, else in the order of the file.

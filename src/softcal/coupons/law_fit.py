@@ -19,9 +19,11 @@ from softcal.coupons.history_search import best_values
 from softcal.coupons.problem import CouponLoss, CouponProblem, coupon_loss
 from softcal.coupons.small_strain import SmallStrain, small_strain
 from softcal.coupons.stability import Stability, stability
+from softcal.display import displayed
 from softcal.materials.law import Law
 
 
+@displayed
 @dataclass(frozen=True)
 class LawFit:
     """A law with the constants that fit coupon tests best.

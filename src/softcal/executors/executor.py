@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from softcal.catalogue import Catalogue
+from softcal.display import displayed
 from softcal.errors import CalibrationError, Fault
 
 TRIES = 3
@@ -33,6 +34,7 @@ class WorkerState:
     done: int
 
 
+@displayed
 class Executor(concurrent.futures.Executor, ABC):
     """Makes calls in workers. To be closed, best by `with`.
 

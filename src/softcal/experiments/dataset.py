@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats, frozen_floats
+from softcal.display import displayed
 from softcal.errors import DatasetError, Fault, unknown
 
 
+@displayed
 @dataclass(frozen=True)
 class Channel:
     """One measured quantity.
@@ -43,6 +45,7 @@ class Step:
     outcome: str = ""
 
 
+@displayed
 @dataclass(frozen=True)
 class Dataset:
     """Measured channels of equal length, and their provenance.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
 from softcal.catalogue import Catalogue, FunctionMember
+from softcal.display import displayed
 from softcal.errors import Fault
 from softcal.experiments.dataset import Dataset
 from softcal.quantities import QUANTITIES
@@ -17,6 +18,7 @@ KINDS = ("of channel", "count", "flag", "channel", "choice", "cycles")
 LeavesOut = Literal["", "samples", "cycles"]
 
 
+@displayed
 @dataclass(frozen=True)
 class Setting:
     """A setting of a step.

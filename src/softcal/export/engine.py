@@ -9,6 +9,7 @@ from typing import Any
 from softcal.calibration.problem import SOFTCAL, Simulate
 from softcal.catalogue import Catalogue
 from softcal.checks import Floats
+from softcal.display import displayed
 from softcal.errors import Fault, SimulationError
 from softcal.export.sofa_settings import SofaSettings
 from softcal.sensing.channel import ChannelName
@@ -51,6 +52,7 @@ class Running:
     sofa: SofaSettings = field(default_factory=SofaSettings)
 
 
+@displayed
 @dataclass(frozen=True)
 class Engine:
     """Another program that solves a robot's statics.

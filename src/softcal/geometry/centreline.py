@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from softcal.checks import Floats, frozen_floats
+from softcal.display import displayed
 from softcal.errors import Fault, MeshError
 
 
+@displayed
 @dataclass(frozen=True)
 class Centreline:
     """nodes (m, 3) [m]; triads (m, 3, 3): columns d1, d2, d3 of each node's cross-section, d3 along the tangent;

@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
+from softcal.display import displayed
 from softcal.errors import Fault, MeshError
 from softcal.geometry.cell import CELLS, Cell, cell_of
 from softcal.geometry.faces import outer_faces
@@ -17,6 +18,7 @@ from softcal.geometry.faces import outer_faces
 ROUNDING = 1e-8  # of a tet's extent
 
 
+@displayed
 @dataclass(frozen=True)
 class TetMesh:
     """Tetrahedra of order one (4 nodes) or two (10 nodes, VTK order).

@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 from softcal.declare import Declared
+from softcal.display import displayed
 from softcal.errors import Fault, InputError, MeshError
 from softcal.quantities import QUANTITIES, Area, PositiveRatio, SecondMoment, Size
 
@@ -53,6 +54,7 @@ class CrossSection(Declared, ABC):
         return self.constants
 
 
+@displayed
 @dataclass(frozen=True)
 class RoundBar(CrossSection):
     """A round bar or, with an inner diameter, a tube.
@@ -93,6 +95,7 @@ class RoundBar(CrossSection):
         return SectionConstants(math.pi * (outer**2 - inner**2) / 4.0, second, second, 2.0 * second, shear, shear)
 
 
+@displayed
 @dataclass(frozen=True)
 class RectangularBar(CrossSection):
     """A rectangular bar.
@@ -120,6 +123,7 @@ class RectangularBar(CrossSection):
         return SectionConstants(b * h, b * h**3 / 12.0, h * b**3 / 12.0, torsion, shear, shear)
 
 
+@displayed
 @dataclass(frozen=True)
 class GivenSection(CrossSection):
     """A section with given constants.

@@ -14,6 +14,7 @@ from typing import Any, Self
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.display import displayed
 from softcal.errors import Fault, MeshError
 from softcal.geometry.disc import SolidDisc
 from softcal.geometry.mesh import TetMesh
@@ -66,6 +67,7 @@ class BodyShape(ABC):
         """
 
 
+@displayed
 @dataclass(frozen=True)
 class PrimitiveShape(BodyShape):
     """The shape of a mesh of a primitive, whose lengths are parameters.
@@ -122,6 +124,7 @@ class PrimitiveShape(BodyShape):
             )
 
 
+@displayed
 @dataclass(frozen=True)
 class DrawnShape(BodyShape):
     """The shape of any mesh: its scale about the centre of its fixed nodes, and an offset of its surface outwards.

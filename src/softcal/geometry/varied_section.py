@@ -5,11 +5,13 @@ from __future__ import annotations
 from bisect import bisect_right
 from dataclasses import dataclass, fields
 
+from softcal.display import displayed
 from softcal.errors import Fault, MeshError
 from softcal.geometry.section import CrossSection, SectionConstants
 from softcal.quantities import Share
 
 
+@displayed
 @dataclass(frozen=True)
 class VariedSection(CrossSection):
     """Sections of one kind at stations of a rod; between them every dimension varies linearly.

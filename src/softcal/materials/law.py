@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.display import displayed
 from softcal.materials.expression import to_sympy
 from softcal.materials.parameter import Parameter
 
@@ -34,6 +35,7 @@ PLAIN = 100  # largest denominator of a number in a formula
 COMPLEX_STEP = 1e-20  # of a constant: no difference is taken, so nothing is lost
 
 
+@displayed
 @dataclass(frozen=True)
 class Law:
     """An energy with named constants.

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.quantities import Quantity
 
 
+@displayed
 @dataclass(frozen=True)
 class Parameter:
     """A constant of a law, or of a rod.

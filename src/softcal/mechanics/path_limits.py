@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from softcal.declare import Declared
+from softcal.display import displayed
 from softcal.limits import LIMITS
 from softcal.quantities import Duration
 from softcal.units import format_quantity
@@ -16,6 +17,7 @@ GAIN = 0.01  # of a path's length so far: a smaller gain counts as none
 Count = Annotated[int, LIMITS["factorisations"]]
 
 
+@displayed
 @dataclass(frozen=True)
 class PathLimits(Declared):
     """Limits of the work on each load path, in factorisations of the tangent, which depend on no machine.

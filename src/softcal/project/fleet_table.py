@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from softcal.checks import as_path
+from softcal.display import displayed
 from softcal.errors import Fault, InputError, ProjectFileError, StorageError, nearest, unknown
 from softcal.experiments.table import Table, load_table, split_header
 from softcal.experiments.table_format import TableFormat
@@ -81,6 +82,7 @@ class FleetRow:
     measured: tuple[str, ...] = ()
 
 
+@displayed
 @dataclass(frozen=True)
 class FleetTable:
     """A table of specimens without faults of its own.

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softcal.checks import as_path
+from softcal.display import displayed
 from softcal.errors import InputError
 from softcal.materials.catalogue import LAWS
 from softcal.project.document import Entry
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from softcal.twin.time_settings import TimeSettings
 
 
+@displayed
 @dataclass(frozen=True)
 class Project:
     """The contents of a project file; numbers in SI.

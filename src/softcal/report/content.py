@@ -10,6 +10,7 @@ from softcal.analysis.mesh_study import MeshStudy
 from softcal.analysis.record import RecordFit
 from softcal.calibration.result import CalibrationResult, SearchResult, SweepResult
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
+from softcal.display import displayed
 from softcal.errors import Fault, InputError, unknown
 from softcal.experiments.dataset import Dataset
 from softcal.materials.infill import PrintInfill
@@ -74,6 +75,7 @@ class Landscape:
             object.__setattr__(self, "failed", failed)
 
 
+@displayed
 @dataclass(frozen=True)
 class ReportContent:
     """What a report is about: results, measurements, shapes; a figure draws from it.

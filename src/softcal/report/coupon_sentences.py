@@ -11,7 +11,7 @@ from softcal.calibration.sensitivity import ONE_EXPERIMENT, not_included
 from softcal.coupons.comparison import ComparedLaw, LawComparison
 from softcal.coupons.fitted_material import PredictedCoupon
 from softcal.report.conclusions import Sentence
-from softcal.report.coupon_tables import doubts, modulus_texts, percent
+from softcal.report.coupon_tables import modulus_texts, percent
 from softcal.report.format import joined
 from softcal.units import format_quantity, plain
 
@@ -128,7 +128,7 @@ def _nearer(found: LawComparison) -> list[ComparedLaw]:
 
 def _why_not(one: ComparedLaw) -> str:
     n = len(one.fit.values)
-    return " and ".join(doubts(one)) or f"{n} constants for nearly the same error"
+    return " and ".join(one.doubts) or f"{n} constants for nearly the same error"
 
 
 def _specimens(found: LawComparison, one: ComparedLaw) -> Sentence:

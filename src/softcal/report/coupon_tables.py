@@ -70,7 +70,7 @@ def laws_table(found: LawComparison) -> ReportTable:
         aic = f"{fit.aic - least:.0f}" if math.isfinite(fit.aic) else "none"
         errors = percent(fit.error, 1), percent(one.held_out_error, 1)
         limits = limit_texts(fit.stability).values()
-        rows.append((one.name, str(len(fit.values)), *errors, aic, *limits, ", ".join(doubts(one))))
+        rows.append((one.name, str(len(fit.values)), *errors, aic, *limits, ", ".join(one.doubts)))
     note = (
         "Error: root mean square over that of the stresses. Held out: that of tests, or blocks of rows, that were not "
         "fitted. AICc: less the least one. Stable: up to the largest stretch that was looked at, or below the one from "
@@ -101,11 +101,6 @@ def modulus_texts(at: SmallStrain) -> tuple[str, str]:
         format_quantity(at.youngs_modulus, "Pa", digits=digits),
         format_range(*at.interval, "Pa", digits=digits),
     )
-
-
-def doubts(one: ComparedLaw) -> list[str]:
-    """What keeps a law from being recommended."""
-    return ["unstable"] * (not one.fit.stability.is_stable) + ["not determined"] * (not one.fit.is_determined)
 
 
 def limit_texts(stability: Stability) -> dict[str, str]:

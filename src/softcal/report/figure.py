@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeVar, get_args
 
 from softcal.catalogue import Catalogue, FunctionMember
+from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.report.content import ReportContent
 from softcal.report.format import file_stem
@@ -19,6 +20,7 @@ Section = Literal["overview", "compared", "twin", "fit", "record", "bench", "par
 LAST = 100  # of the figures of its section: one of a user's own
 
 
+@displayed
 @dataclass(frozen=True)
 class Drawing:
     """One drawing of a figure of the report, with its caption.

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from softcal.display import displayed
 from softcal.errors import Fault, StorageError
 from softcal.report.all_tables import all_tables
 from softcal.report.content import ReportContent
@@ -16,6 +17,7 @@ from softcal.report.html import render_page
 Observer = Callable[[str], None]  # called with the name of each stage
 
 
+@displayed
 @dataclass(frozen=True)
 class ReportPaths:
     """Files written. notes: remarks for the reader, such as a renderer that failed."""

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
+from softcal.display import displayed
 from softcal.quantities import Quantity
 
 
+@displayed
 @dataclass(frozen=True)
 class ChannelKind:
     """What a channel measures.

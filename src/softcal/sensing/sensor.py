@@ -10,6 +10,7 @@ from typing import ClassVar, Protocol
 from softcal.catalogue import Catalogue
 from softcal.checks import Floats
 from softcal.declare import Declared
+from softcal.display import displayed
 from softcal.errors import Fault, unknown
 from softcal.sensing.kind import ChannelKind
 
@@ -59,6 +60,7 @@ class PostureRates(Protocol):
         ...
 
 
+@displayed
 class Sensor(Declared, ABC):
     """What reads one or more channels of a robot: a frozen dataclass, whose fields a project file gives.
 
@@ -86,6 +88,7 @@ class Sensor(Declared, ABC):
         """The channels' rates (n, k) at a posture."""
 
 
+@displayed
 @dataclass(frozen=True)
 class NamedSensor:
     """A sensor on a robot. name: first part of its channels' names."""

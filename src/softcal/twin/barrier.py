@@ -11,6 +11,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.declare import Declared
+from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import boundary_faces, edges_of
@@ -26,6 +27,7 @@ GAP = 0.02  # of a wire's diameter
 FITTED: Any = None  # a value that a robot chooses for its parts
 
 
+@displayed
 @dataclass(frozen=True)
 class Contact(Declared):
     """Contact between surfaces of bodies, discs and wires of rods, which prevents interpenetration.

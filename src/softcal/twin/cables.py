@@ -11,6 +11,7 @@ import numpy as np
 from softcal.arrays import Position
 from softcal.checks import Floats
 from softcal.declare import Checked, Declared
+from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.quantities import (
     Angle,
@@ -37,6 +38,7 @@ ROUTING = ("routing_offset", "routing_angle", "routing_twist")
 COINCIDENT = 1e-12  # of a cable's length: neighbouring via points as near as this are at one place
 
 
+@displayed
 @dataclass(frozen=True)
 class RoutingAxis(Declared):
     """A line: the routing offset of a cable moves its via points away from it, the routing angle and twist turn
@@ -109,6 +111,7 @@ class RoutingAxis(Declared):
         return (at - np.asarray(self.point)) @ np.asarray(self.direction) / float(np.linalg.norm(self.direction))
 
 
+@displayed
 @dataclass(frozen=True)
 class ViaPoint(Checked):
     """A point that a cable runs through.
@@ -166,6 +169,7 @@ def refuse_presliding_alone(presliding: float | None, *, has_memory: bool) -> No
         )
 
 
+@displayed
 @dataclass(frozen=True)
 class CableLine(Declared):
     """What a cable is made of; by default it does not stretch, and its friction is that of a cable that is only pulled.
@@ -212,6 +216,7 @@ class CableLine(Declared):
             )
 
 
+@displayed
 @dataclass(frozen=True)
 class Cable(NamedPart):
     """A cable through via points, its fixed end first or last; length L = sum |p_{i+1} - p_i|.

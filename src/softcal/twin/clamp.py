@@ -15,6 +15,7 @@ import numpy as np
 from softcal.arrays import UnitVector
 from softcal.checks import Floats, Ints
 from softcal.declare import Declared
+from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import to_linear
@@ -29,6 +30,7 @@ CONSTANT = 0.1
 SHORTEST = 0.02
 
 
+@displayed
 @dataclass(frozen=True)
 class Clamp(Declared):
     """What fixes a body at a plane face.

@@ -9,11 +9,13 @@ import numpy as np
 
 from softcal.arrays import ForceVector, MomentVector, Position, Traction, Triangles, UnitVector
 from softcal.checks import Floats, frozen_floats
+from softcal.display import displayed
 from softcal.twin.part import NamedPart
 
 CHOSEN: Any = None  # a load's direction, where it is omitted: that of its vector
 
 
+@displayed
 @dataclass(frozen=True)
 class PointLoad(NamedPart):
     """A dead force at a point of a body, plate or rod.
@@ -43,6 +45,7 @@ def _direction(vector: Floats) -> Floats:
     return frozen_floats(vector / size if size > 0.0 else vector, name="direction")
 
 
+@displayed
 @dataclass(frozen=True)
 class Moment(NamedPart):
     """A dead moment on a plate, or on a rod: its direction stays the same as the part turns.
@@ -66,6 +69,7 @@ class Moment(NamedPart):
             object.__setattr__(self, "direction", _direction(self.moment))
 
 
+@displayed
 @dataclass(frozen=True)
 class SurfaceLoad(NamedPart):
     """A dead traction on a part of a body's surface.

@@ -10,6 +10,7 @@ from typing import Protocol as Shape
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, SimulationError, unknown
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.march import Reached, Target, by_command
@@ -39,6 +40,7 @@ class HasRobot(Shape):
     def robot(self) -> Robot: ...
 
 
+@displayed
 @dataclass(frozen=True)
 class Jacobian:
     """Derivatives of channels, in SI.
@@ -67,6 +69,7 @@ class Jacobian:
         return self.values[[self.channels.index(channel) for channel in channels]]
 
 
+@displayed
 @dataclass(frozen=True, eq=False)
 class LiveState:
     """An equilibrium of a live twin.
@@ -131,6 +134,7 @@ class LiveState:
         return self._place.warnings()
 
 
+@displayed
 class LiveTwin:
     """A robot's equilibrium that follows commands, one state after the other, at the cost of a kept factorisation.
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.declare import ByShape, Declared, Reading
+from softcal.display import displayed
 from softcal.errors import Fault, InputError, unknown
 from softcal.geometry.coil import Coil
 from softcal.geometry.rod_shapes import ELEMENTS_PER_TURN
@@ -64,6 +65,7 @@ MESHED_BY = {"rod": ("elements_per_turn",), "solid": ("rings", "layers_per_turn"
 """Which settings of springs determine their elements, by their model."""
 
 
+@displayed
 @dataclass(frozen=True, kw_only=True)
 class Springs(Declared):
     """The springs of a manipulator, all alike except for moduli given by name.
@@ -151,6 +153,7 @@ class DiscMarkers(Declared):
     azimuth: Angle = 1.5 * math.pi
 
 
+@displayed
 @dataclass(frozen=True, kw_only=True)
 class Manipulator(Declared):
     """Discs joined by helical springs, and cables that end at some of them; defaults are paper B's where it gives them.

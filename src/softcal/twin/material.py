@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from softcal.arrays import Numbers
+from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.materials.inelastic import History
 from softcal.materials.parameter import Parameter, complete
@@ -16,6 +17,7 @@ from softcal.quantities import Density
 from softcal.twin.part import NamedPart
 
 
+@displayed
 @dataclass(frozen=True)
 class Material(NamedPart):
     """A material of some tets of a mesh, or of some elements of a rod.

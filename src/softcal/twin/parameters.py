@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.geometry.shape import LENGTHS
 from softcal.materials.catalogue import LAWS, constants_of
@@ -22,6 +23,7 @@ Part = TypeVar("Part", Body, Rod, Material)
 Whole = TypeVar("Whole", Body, Rod)
 
 
+@displayed
 @dataclass(frozen=True)
 class ParameterInfo:
     """A parameter that exists.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 
 from softcal.checks import Floats, Ints, frozen_floats
+from softcal.display import displayed
 from softcal.errors import Fault, InputError, unknown
 from softcal.sensing.channel import ChannelName, kinds
 from softcal.twin.robot import Control, Robot
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from softcal.mechanics.term import Controls
 
 
+@displayed
 @dataclass(frozen=True)
 class Command:
     """One cable's prescribed `tension` [N, >= 0] or `shortening` [m, + = pulled], shape (n_samples,).
@@ -39,6 +41,7 @@ class Command:
             raise InputError(Fault("the command has no sample", self.control, allowed="one value or more"))
 
 
+@displayed
 @dataclass(frozen=True)
 class Protocol:
     """Commands by cable name, all of one length. A cable that is not named is slack (tension zero), or stays at zero

@@ -9,10 +9,12 @@ from typing import Literal
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.display import displayed
 
 Shown = bool | Literal["samples"]
 
 
+@displayed
 @dataclass(frozen=True)
 class Snapshot:
     """A solved shape to draw: positions of every body's mesh points, cable polylines, plate poses.
@@ -58,6 +60,7 @@ class Snapshot:
     rod_strains: Mapping[str, float] = field(default_factory=dict)
 
 
+@displayed
 @dataclass(frozen=True)
 class Response:
     """Channels by name, each of shape (n_samples,), in SI.

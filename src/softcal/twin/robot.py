@@ -18,6 +18,7 @@ from softcal.arrays import (
 )
 from softcal.checks import Floats, frozen_floats
 from softcal.declare import ByShape, Check, Checked, Declared
+from softcal.display import displayed
 from softcal.errors import Fault, InputError, unknown
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.mesh import TetMesh
@@ -50,6 +51,7 @@ Control = Literal["tension", "shortening"]
 CHOSEN: Any = None
 
 
+@displayed
 @dataclass(frozen=True)
 class Body(NamedPart):
     """A deformable body.
@@ -148,6 +150,7 @@ class Body(NamedPart):
         return replace(self, mesh=mesh, clamp=None)
 
 
+@displayed
 @dataclass(frozen=True)
 class Rod(NamedPart):
     """A slender elastic part as a geometrically exact rod: a backbone, or the wire of a helical spring.
@@ -219,6 +222,7 @@ class Rod(NamedPart):
         return self.centreline.lengths[:, None] * ends / 6.0
 
 
+@displayed
 @dataclass(frozen=True)
 class Disc(Declared):
     """The shape of a plate: a flat cylinder, drawn and kept clear of bodies; the statics do not need it.
@@ -261,6 +265,7 @@ Inertia = Annotated[
 ]
 
 
+@displayed
 @dataclass(frozen=True)
 class Plate(NamedPart):
     """A rigid plate tied to nodes of one body (or of several), or clamped to rods.
@@ -309,6 +314,7 @@ class Plate(NamedPart):
         return ViaPoint(self.holes[hole], self.name)
 
 
+@displayed
 @dataclass(frozen=True)
 class Tie(NamedPart):
     """Nodes of a body bonded to another body, whose mesh need not match; tie the finer side to the coarser.
@@ -326,6 +332,7 @@ class Tie(NamedPart):
     tolerance: Size | None = None
 
 
+@displayed
 @dataclass(frozen=True)
 class Marker(NamedPart):
     """A point whose position is measured.
@@ -355,6 +362,7 @@ class Marker(NamedPart):
         return self if np.array_equal(offset, self.offset) else replace(self, offset=offset)
 
 
+@displayed
 @dataclass(frozen=True)
 class Robot(Checked):
     """Bodies, rods, plates, ties, cables, loads, markers and sensors, with gravity and contact.

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats, frozen_floats
+from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Control, Robot
 
 
+@displayed
 @dataclass(frozen=True)
 class Schedule:
     """Commands by cable over time: values at `times` (n,) [s], from 0 on and ascending; linear in between, then

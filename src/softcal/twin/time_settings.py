@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from softcal.declare import Declared
+from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.mechanics.damping import Damping, DampingKind, Scheme
 from softcal.quantities import Duration, Rate, Speed, Time
@@ -13,6 +14,7 @@ from softcal.quantities import Duration, Rate, Speed, Time
 MassMatrix = Literal["consistent", "lumped"]
 
 
+@displayed
 @dataclass(frozen=True)
 class Settling(Declared):
     """Criterion of rest after the schedule: no speed above `speed` [m/s] for `hold` [s].
@@ -35,6 +37,7 @@ class Settling(Declared):
     on: str = ""
 
 
+@displayed
 @dataclass(frozen=True)
 class TimeSettings(Declared):
     """Settings of the time integration.

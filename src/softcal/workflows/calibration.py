@@ -15,12 +15,15 @@ from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.option import options_of
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult, SearchResult
+from softcal.calibration.result_html import ESTIMATE, estimate_cells, result_html
 from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.calibration.run import require_joinable
 from softcal.calibration.search import Progress
 from softcal.calibration.shared_search import Sharing
+from softcal.display import displayed
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError, unknown
 from softcal.executors.executor import Executor
+from softcal.html_text import paragraph, summary
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.names import JOINT
@@ -35,11 +38,24 @@ from softcal.workflows.run_folder import begin_run, calibration_folder, finish_r
 Observer = Callable[[str, Progress], None]
 
 
+@displayed
 @dataclass(frozen=True)
 class Calibrations(Outcome):
     """What was found: result by label (an experiment's name, or "joint"), and where it is kept."""
 
     results: Mapping[str, CalibrationResult]
+
+    def _repr_html_(self) -> str:
+        kept = [f"Kept in {self.folder}."] if self.folder is not None else []
+        if len(self.results) == 1:
+            return result_html(self.headline) + "".join(map(paragraph, kept))
+        rows = [
+            [label, name, *estimate_cells(one)]
+            for label, r in self.results.items()
+            for name, one in r.parameters.items()
+        ]
+        ends = [f"{label}: {result.status}" for label, result in self.results.items()]
+        return summary(f"{len(self.results)} calibrations", ["calibration", "parameter", *ESTIMATE], rows, ends + kept)
 
     @property
     def headline(self) -> CalibrationResult:

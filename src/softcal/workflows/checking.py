@@ -12,8 +12,10 @@ import numpy as np
 from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.calibration.scope import ScopedParameter
 from softcal.checks import Ints
+from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.geometry.cell import CELLS
+from softcal.html_text import summary
 from softcal.materials.catalogue import LAWS
 from softcal.project.project import Project, ProjectSource, project_of
 from softcal.sensing.channel import TIME, ChannelName
@@ -33,6 +35,7 @@ from softcal.workflows.start_states import BlockObserver, start_states
 STIFFNESS_MARGIN = 2.0
 
 
+@displayed
 @dataclass(frozen=True)
 class CheckReport:
     """Result of a check: rows of (part, description), warnings as sentences, paths of the pictures if drawn."""
@@ -41,6 +44,10 @@ class CheckReport:
     warnings: tuple[str, ...]
     pictures: tuple[Path, ...] = ()
     notes: tuple[str, ...] = field(default_factory=tuple)
+
+    def _repr_html_(self) -> str:
+        told = [*(f"Warning: {warning}" for warning in self.warnings), *(f"Note: {note}" for note in self.notes)]
+        return summary("The project", ["part", ""], self.rows, told)
 
 
 def check(

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from softcal.catalogue import Catalogue, FunctionMember
+from softcal.display import displayed
 from softcal.errors import Fault
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ def _silent(_: str) -> None:
     """The reporter of nothing."""
 
 
+@displayed
 @dataclass(frozen=True)
 class ExportOption:
     """An option of an export on the command line.
@@ -47,6 +49,7 @@ class ExportOption:
     metavar: str = ""
 
 
+@displayed
 @dataclass(frozen=True)
 class ExportRequest:
     """What is to be exported, and whom to tell what.

@@ -12,14 +12,18 @@ from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
 
 from softcal.analysis.fleet_statement import FleetStatement, fleet_statement
+from softcal.analysis.fleet_verdict import fleet_sentences
 from softcal.analysis.specimen import Specimen, State
+from softcal.calibration.digits import value_text
 from softcal.calibration.interrupts import stoppable
 from softcal.calibration.live import told_live
 from softcal.calibration.search import Progress
+from softcal.display import displayed
 from softcal.errors import ProjectFileError, SoftcalError, StorageError
 from softcal.executors.chosen import executor_of
 from softcal.executors.each import LostCall, each
 from softcal.executors.executor import Executor
+from softcal.html_text import summary
 from softcal.project.alike_faults import merged
 from softcal.project.fleet_table import FleetRow, FleetTable, parse_fleet, row_project
 from softcal.workflows.calibration import calibrate
@@ -42,6 +46,7 @@ Observer = Callable[[str, int, int, int], None]
 """Told what is done, of how many specimens, how many are finished, and how many of those failed."""
 
 
+@displayed
 @dataclass(frozen=True)
 class Fleet(Outcome):
     """The specimens of a fleet, and what they say together.
@@ -61,6 +66,20 @@ class Fleet(Outcome):
     statement: FleetStatement
     _: KW_ONLY
     folder: Path
+
+    def _repr_html_(self) -> str:
+        labels = dict.fromkeys(label for one in self.specimens for label in one.parameters)
+        rows = [
+            [
+                one.name,
+                one.state if one.state == "DONE" else f"FAILED: {one.reason}",
+                *(value_text(one.parameters[label]) if label in one.parameters else "–" for label in labels),
+            ]
+            for one in self.specimens
+        ]
+        told = [sentence.text for sentence in fleet_sentences(self.specimens, self.statement)]
+        title = f"{len(self.specimens)} specimens, kept in {self.folder}"
+        return summary(title, ["specimen", "state", *labels], rows, told)
 
 
 def fleet(

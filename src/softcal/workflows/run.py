@@ -8,6 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from softcal.calibration.result import CalibrationResult, Estimate, SearchResult, SweepResult
+from softcal.calibration.result_html import result_html
+from softcal.display import displayed
+from softcal.html_text import paragraph
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project
 from softcal.twin.robot import Robot
@@ -42,6 +45,9 @@ class Run(ABC):
     hashes: Mapping[str, str]
     created: str
 
+    def _repr_html_(self) -> str:
+        return result_html(self.headline) + paragraph(f"Kept in {self.folder}.")
+
     @property
     @abstractmethod
     def headline(self) -> SearchResult:
@@ -65,6 +71,7 @@ class Run(ABC):
         return watch_run(self.folder)
 
 
+@displayed
 @dataclass(frozen=True)
 class CalibrationRun(Run):
     """The stored run of one or several calibrations.
@@ -82,6 +89,7 @@ class CalibrationRun(Run):
         return headline_of(self.results)[1]
 
 
+@displayed
 @dataclass(frozen=True)
 class SweepRun(Run):
     """The stored run of a sweep.

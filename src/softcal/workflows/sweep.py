@@ -19,11 +19,14 @@ from softcal.calibration.store import write_text
 from softcal.calibration.sweep import sweep as sweep_problem
 from softcal.calibration.trial_journal import stored_trials
 from softcal.csv_text import csv_text
+from softcal.display import displayed
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError, unknown
 from softcal.executors.executor import Executor
+from softcal.html_text import summary
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis, shown_configurations
 from softcal.project.bench_names import experiments_named
 from softcal.project.project import Project, ProjectSource, project_of
+from softcal.units import format_quantity
 from softcal.workflows.calibration import make_loss
 from softcal.workflows.outcome import Outcome
 from softcal.workflows.run import SWEEP
@@ -32,6 +35,7 @@ from softcal.workflows.run_folder import begin_run, calibration_folder, finish_s
 FORMULA = "nominal error / error of the best cell - 1; 100 % where the error was halved"
 
 
+@displayed
 @dataclass(frozen=True)
 class Swept(Outcome):
     """What a sweep of a project found.
@@ -49,6 +53,22 @@ class Swept(Outcome):
     result: SweepResult
     nominal: Nominal
     best: tuple[BestCell, ...]
+
+    def _repr_html_(self) -> str:
+        units = {name: one.unit for name, one in self.result.parameters.items()}
+        rows = [
+            [
+                one.section.name,
+                *(format_quantity(one.trial.theta[name], unit) for name, unit in units.items()),
+                *(one.section.text(error) for error in (one.error, one.nominal)),
+            ]
+            for one in self.best
+        ]
+        notes = [str(note) for note in self.result.notes]
+        title = f"{len(self.result.trials)} cells, {self.result.n_failed_trials} of them failed"
+        return summary(
+            title, ["best for", *units, "error", "at the nominal values"], rows, [self.result.status, *notes]
+        )
 
 
 def sweep(

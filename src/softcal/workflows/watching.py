@@ -10,12 +10,14 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from softcal.checks import as_path
+from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.processes import beside
 
 _SAID = "Page: "
 
 
+@displayed
 class WatchedPage:
     """A page that is served until it is closed, or this program ends; a notebook shows it in a frame.
 

@@ -1,0 +1,123 @@
+"""How softcal's objects are shown: a short text, and a small table in a notebook.
+
+`displayed` gives a class both, by its fields; a class that says more of itself defines `_repr_html_` or `__repr__`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import MISSING, fields, is_dataclass
+from pathlib import PurePath
+from typing import Any, TypeVar
+
+from softcal.html_text import heading, html_table
+
+T = TypeVar("T")
+
+LONGEST = 160  # characters of the text of an object
+MOST = 4  # names or numbers that are listed
+LONG_TEXT = 60
+
+
+def displayed(cls: type[T]) -> type[T]:
+    """Decorator of a class whose objects users see: their text is short, and a notebook shows a table of their fields.
+
+    The text that a dataclass makes, of all that it holds, does not stay; one that is written does, with `repr=False`.
+    """
+    made = vars(cls).get("__dataclass_params__")
+    if cls.__repr__ is object.__repr__ or (made is not None and made.repr):
+        setattr(cls, "__repr__", short_text)  # noqa: B010 (of a class in general pyright allows no assignment)
+    if not hasattr(cls, "_repr_html_"):
+        setattr(cls, "_repr_html_", field_table)  # noqa: B010
+    return cls
+
+
+def short_text(thing: object) -> str:
+    """Class(field=value, …) of the fields that are neither empty nor as by default, cut after 160 characters."""
+    text = f"{type(thing).__name__}("
+    for k, (name, value) in enumerate(_told(thing)):
+        more = f"{', ' if k else ''}{name}={brief(value)}"
+        if len(text) + len(more) > LONGEST:
+            return f"{text}{', ' if k else ''}…)"
+        text += more
+    return f"{text})"
+
+
+def field_table(thing: object) -> str:
+    """The table of an object's fields, as short_text has them."""
+    return heading(title(thing)) + html_table(
+        ["field", "value"], [[name, brief(value)] for name, value in _told(thing)]
+    )
+
+
+def title(thing: object) -> str:
+    """The class and the name of an object that has one."""
+    name = getattr(thing, "name", "")
+    return f"{type(thing).__name__} {name}" if isinstance(name, str) and name else type(thing).__name__
+
+
+def brief(value: object) -> str:
+    """A value in a few characters: numbers and names where there are few, else how many of what there are."""
+    match value:
+        case str():
+            return repr(value if len(value) <= LONG_TEXT else value[:LONG_TEXT] + "…")
+        case bool() | None | PurePath():
+            return str(value)
+        case float():
+            return f"{value:.6g}"
+        case Mapping():
+            return _listed([str(key) for key in value], len(value))
+        case Sequence() | Set():
+            return _listed([_item(one) for one in list(value)[: MOST + 1]], len(value))
+        case type():
+            return value.__name__
+        case _ if hasattr(value, "shape") and hasattr(value, "tolist"):
+            return _array(value)
+        case _ if is_dataclass(value):
+            return title(value)
+        case _ if callable(value):
+            return getattr(value, "__name__", type(value).__name__)
+        case _:
+            text = str(value)
+            return text if len(text) <= LONG_TEXT and "0x" not in text else type(value).__name__
+
+
+def _array(value: Any) -> str:
+    """An array: its numbers where they are few, else its shape."""
+    if value.ndim == 0:
+        return brief(value.tolist())
+    few = value.size <= MOST and value.dtype.kind in "fiub"
+    return f"[{', '.join(map(brief, value.ravel().tolist()))}]" if few else f"array {value.shape}"
+
+
+def _item(one: object) -> str:
+    name = getattr(one, "name", None)
+    return name if isinstance(name, str) else brief(one)
+
+
+def _listed(items: Sequence[str], n: int) -> str:
+    return f"[{', '.join(items)}]" if n <= MOST and sum(map(len, items)) <= LONG_TEXT else f"{n} entries"
+
+
+def _told(thing: object) -> list[tuple[str, object]]:
+    """The fields of an object that say something: neither empty nor as by default."""
+    if not is_dataclass(thing):
+        return [(name, value) for name, value in vars(thing).items() if not name.startswith("_")]
+    told: list[tuple[str, object]] = []
+    for one in fields(thing):
+        value = getattr(thing, one.name)
+        standard = one.default if one.default_factory is MISSING else one.default_factory()
+        if not (one.name.startswith("_") or _is_empty(value) or _is_same(value, standard)):
+            told.append((one.name, value))
+    return told
+
+
+def _is_empty(value: object) -> bool:
+    return value is None or (isinstance(value, str | Mapping | Sequence | Set) and not value)
+
+
+def _is_same(value: object, other: object) -> bool:
+    """Whether two values are one; arrays by their numbers."""
+    if type(value) is not type(other) or is_dataclass(value):
+        return value is other
+    return bool(value.tolist() == other.tolist()) if hasattr(value, "tolist") else bool(value == other)  # pyright: ignore

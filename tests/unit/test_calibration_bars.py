@@ -95,3 +95,25 @@ def test_bars_are_for_terminals_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     assert isinstance(calibration_progress(), CalibrationLines)
     be_a_terminal(monkeypatch, 100)
     assert isinstance(calibration_progress(), CalibrationBars)
+
+
+def test_a_limit_is_called_one(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search that ends at its minimum is not "2 % done": its bar shows no share, and is full at the end."""
+    with CalibrationLines(lambda: 0.0) as lines:
+        lines.show("joint", Progress(0, 120, 0, None, None, is_limit=True))
+        lines.show("joint", Progress(8, 120, 0, 0.5, {}, is_limit=True))
+    told = capsys.readouterr().err.splitlines()
+    assert told == ["joint: 0 of at most 120 (0 s)", "joint: 8 of at most 120, best loss 0.5 (0 s)"]
+    assert Progress(120, 120, 0, 0.5, {}, is_limit=True).count == "120/120"
+    be_a_terminal(monkeypatch, 80)
+    with CalibrationBars() as bars:
+        bars.show("joint without load52_a", Progress(3, 40, 0, 0.00569243, {}, is_limit=True))
+        assert [task.total for task in bars._progress.tasks] == [None]
+        bars.show("30mm", Progress(4, 40, 0, 0.00569243, {}, is_limit=True))
+        assert bars._progress.tasks[0].percentage == 100.0
+        bars.show("30mm", Progress(5, 40, 0, 0.00569243, {}, "mesh", is_limit=True))
+        assert bars._progress.tasks[1].percentage == 100.0
+        bars._progress.refresh()
+        drawn = last_lines(capsys.readouterr().err, 6)
+    assert all(len(line) <= 80 for line in drawn)
+    assert any("5 of at most 40 best loss 0.00569243" in line for line in drawn)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -20,7 +21,7 @@ from softcal.report import check_figures
 from softcal.report.all_tables import all_tables
 from softcal.report.check_figures import draw_check
 from softcal.report.content import Landscape, ReportContent
-from softcal.report.figure import report_pictures
+from softcal.report.figure import FIGURES, report_pictures
 from softcal.report.html import render_page
 from softcal.report.scene_render import Rendering
 from softcal.report.write import ReportPaths, write_files, write_report
@@ -92,9 +93,16 @@ def test_writing_twice_gives_the_same_files(content: ReportContent, tmp_path: Pa
     name = "20 mm, 5 mm/s"
     experiments = {name: content.experiments[name]}
     lean = ReportContent("neck", {name: content.results[name]}, experiments)
-    told: list[str] = []
-    first = {path: path.read_bytes() for path in _all(write_report(lean, tmp_path, progress=told.append))}
-    assert told == ["Drawing the figures", "Writing the report"]
+    told: list[tuple[str, int, int]] = []
+
+    def progress(*step: Any) -> None:
+        told.append(step)
+
+    first = {path: path.read_bytes() for path in _all(write_report(lean, tmp_path, progress=progress))}
+    n = len(FIGURES) + 1
+    assert told[-1] == ("writing the page", n - 1, n)
+    assert [step[1:] for step in told] == [(k, n) for k in range(n)]
+    assert "drawing trajectory" in [step[0] for step in told]
     (tmp_path / "mine.txt").write_text("kept")
     second = {path: path.read_bytes() for path in _all(write_report(lean, tmp_path))}
     assert first == second

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from softcal.cli import export_commands, simulate_command
 from softcal.cli.app import app
-from softcal.cli.running import clock, motion_bars
+from softcal.cli.running import clock, motion_bars, steps
 
 
 def be_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -105,3 +105,34 @@ def test_into_a_file_a_stage_is_told_where_a_minute_passed(
             show(stage)
             now += 25.0
     assert capsys.readouterr().err == "four (75 s)\n"
+
+
+def test_the_steps_of_a_report_are_a_bar_on_a_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    be_a_terminal(monkeypatch)
+    with steps("Report") as show:
+        show("drawing overview", 2, 8)
+        show("drawing trajectory", 3, 8)
+    printed = capsys.readouterr().err
+    assert re.search(r"Report: drawing trajectory ━+.* 3/8 \d:\d\d:\d\d", "\n".join(drawn(printed)))
+    assert printed.endswith("\x1b[2K")
+
+
+def test_the_steps_of_a_report_are_a_line_or_two_in_a_file(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 100.0
+    monkeypatch.setattr("softcal.cli.running.time.monotonic", lambda: now)
+    with steps("Report") as show:
+        for k, name in enumerate(("reading the run", "simulating the twin", "drawing overview", "drawing twin")):
+            show(name, k, 4)
+            now += 25.0
+    assert capsys.readouterr().err == "Report: reading the run, 1 of 4 (0 s)\nReport: drawing twin, 4 of 4 (75 s)\n"
+
+
+def test_calibrate_says_what_the_report_is_doing(tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["calibrate", str(write_project(tmp_path)), "--option", "starts=1"])
+    assert done.exit_code == 0, done.output
+    assert re.search(r"^Report: reading the run, 1 of \d\d \(0 s\)$", done.stderr, re.MULTILINE)
+    assert re.search(r"^pull: \d of at most 40, best loss", done.stderr, re.MULTILINE)

@@ -39,6 +39,8 @@ class Progress:
         The lowest loss so far and its values [SI by label]; None before the first.
     stage
         The present computation, where it is not a trial: those after the search may take long.
+    is_limit
+        Whether `total` is a limit, before which a search ends that has found its minimum.
     """
 
     done: int
@@ -47,6 +49,13 @@ class Progress:
     best_loss: float | None
     best_theta: Mapping[str, float] | None
     stage: str = ""
+    is_limit: bool = False
+
+    @property
+    def count(self) -> str:
+        """The trials that are done, of how many: "12/120", or "12 of at most 120"."""
+        is_open = self.is_limit and self.done < self.total
+        return f"{self.done} of at most {self.total}" if is_open else f"{self.done}/{self.total}"
 
 
 Observer = Callable[[Progress], None]
@@ -293,6 +302,7 @@ def _progress(tally: _Tally, optimiser: Optimiser, stage: str = "") -> Progress:
         None if best is None else best.loss,
         None if best is None else best.theta,
         stage,
+        optimiser.expected is not None,
     )
 
 

@@ -14,7 +14,7 @@ from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.calibration_table import print_results, result_line
 from softcal.cli.page_beside import page_beside
 from softcal.cli.printing import print_warnings, shown_path
-from softcal.cli.running import clock, executor_told
+from softcal.cli.running import clock, executor_told, steps
 from softcal.cli.values import (
     LOCAL,
     SOFTCAL,
@@ -199,7 +199,7 @@ def report_run(
     """Write a run's report and say where it lies; solved: what `write_report` need not solve again."""
     from softcal.workflows.reporting import write_report
 
-    with clock() as show:
+    with steps("Report") as show:
         paths = write_report(run, out, figures=figures, solved=solved, progress=show)
     for note in paths.notes:
         typer.echo(f"Note: {note}", err=True)

@@ -53,6 +53,7 @@ class CalibrationBars:
     def __exit__(self, *exception: object) -> None:
         self._watch.close()
         self._end_stage()
+        self._end_tasks()
         if self._tasks:
             self._progress.stop()
 
@@ -63,17 +64,19 @@ class CalibrationBars:
         self._progress.start()
         self._end_stage()
         if label not in self._tasks:
-            self._tasks[label] = self._progress.add_task(label, total=state.total, count="", best="")
+            self._end_tasks()
+            self._tasks[label] = self._progress.add_task(label, total=None, count="", best="")
         best = "" if state.best_loss is None else f"best loss {state.best_loss:.6g}"
         failed = f", {state.failed} failed" if state.failed else ""
         self._progress.update(
             TaskID(int(str(self._tasks[label]))),
             completed=state.done,
-            total=state.total,
-            count=f"{state.done}/{state.total}",
+            # How far a search is that ends at its minimum is not known.
+            total=None if state.is_limit and not state.stage else state.done if state.is_limit else state.total,
+            count=state.count,
             best=best + failed,
         )
-        self._present = self._tasks[label], f"{state.done}/{state.total}, "
+        self._present = self._tasks[label], f"{state.count}, "
         if state.stage:
             self._stage = self._progress.add_task(f"{label}: {state.stage}", total=None, count="", best="")
             self._present = self._stage, ""
@@ -89,6 +92,12 @@ class CalibrationBars:
         if self._present is not None:
             task, count = self._present
             self._progress.update(TaskID(int(str(task))), count=f"{count}{100.0 * path.share:.0f} %")
+
+    def _end_tasks(self) -> None:
+        """A bar whose end was not known is full."""
+        for task in self._progress.tasks:
+            if task.total is None:
+                self._progress.update(task.id, total=max(task.completed, 1), completed=max(task.completed, 1))
 
     def _end_stage(self) -> None:
         from rich.progress import TaskID

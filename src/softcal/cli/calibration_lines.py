@@ -74,7 +74,7 @@ class CalibrationLines:
         failed = f", {state.failed} failed" if state.failed else ""
         stage = f"; {state.stage}" if state.stage else ""
         seconds = self._reported[label] - self._begun[label]
-        typer.echo(f"{label}: {state.done}/{state.total}{best}{failed}{stage}{path} ({seconds:.0f} s)", err=True)
+        typer.echo(f"{label}: {state.count}{best}{failed}{stage}{path} ({seconds:.0f} s)", err=True)
 
 
 def _tenth(state: Progress) -> int:

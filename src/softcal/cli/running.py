@@ -65,6 +65,34 @@ def clock(*, keeps: bool = False) -> Generator[Callable[[str], None]]:
 
 
 @contextmanager
+def steps(what: str) -> Generator[Callable[[str, int, int], None]]:
+    """On a terminal, a bar of the steps of some work, with the present one; elsewhere a line at its beginning, and one
+    where a minute passed.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(20), MofNCompleteColumn(), TimeElapsedColumn())
+    bar = Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty())
+    task = bar.add_task("", total=None)
+    began, said = time.monotonic(), -MOST
+
+    def show(doing: str, done: int, of: int) -> None:
+        nonlocal said
+        now = time.monotonic()
+        bar.start()
+        bar.update(task, description=f"{what}: {doing}", completed=done, total=of)
+        if bar.disable and now - began - said >= MOST:
+            said = now - began
+            typer.echo(f"{what}: {doing}, {done + 1} of {of} ({said:.0f} s)", err=True)
+
+    try:
+        yield show
+    finally:
+        bar.stop()
+
+
+@contextmanager
 def motion_bars(*, keeps: bool = False) -> Generator[Observer]:
     """On a terminal, a progress bar for each motion: over its schedule; the time to come to rest is unknown. keeps: as
     of `paths_watched`.

@@ -154,6 +154,16 @@ def named_figures(names: Collection[str]) -> list[ReportFigure]:
     return sorted((FIGURES[name] for name in FIGURES if name in names or not names), key=lambda figure: figure.place)
 
 
-def report_pictures(content: ReportContent, figures: Collection[str] = ()) -> list[Picture]:
-    """Draw all figures for which the content has data, or just those of some names."""
-    return [picture for figure in named_figures(figures) for picture in figure.pictures(content)]
+def report_pictures(
+    content: ReportContent,
+    figures: Collection[str] = (),
+    begin: Callable[[str, int], None] = lambda name, done: None,
+) -> list[Picture]:
+    """Draw all figures for which the content has data, or just those of some names; begin: called with each figure's
+    name and its number, from 0.
+    """
+    pictures: list[Picture] = []
+    for done, figure in enumerate(named_figures(figures)):
+        begin(figure.name, done)
+        pictures += figure.pictures(content)
+    return pictures

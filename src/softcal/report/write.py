@@ -11,10 +11,10 @@ from softcal.display import displayed
 from softcal.errors import Fault, StorageError
 from softcal.report.all_tables import all_tables
 from softcal.report.content import ReportContent
-from softcal.report.figure import report_pictures
+from softcal.report.figure import named_figures, report_pictures
 from softcal.report.html import render_page
 
-Observer = Callable[[str], None]  # called with the name of each stage
+Observer = Callable[[str, int, int], None]  # called with what is done next, its number from 0, and how many there are
 
 
 @displayed
@@ -38,7 +38,7 @@ def write_report(
     """Write `report.html`, `figures/*.png`, `figures/*.svg` and `tables/*.csv` into a folder.
 
     An older report in the folder is replaced file by file; other files are kept. All figures are drawn before any file
-    is written. figures: names of those that are drawn, by default all. progress: called with the name of each stage.
+    is written. figures: names of those that are drawn, by default all. progress: called before each and the page.
 
     Raises
     ------
@@ -47,16 +47,20 @@ def write_report(
     StorageError
         Where the folder cannot be written.
     """
-    folder, begin = Path(out_dir), progress or (lambda stage: None)
-    begin("Drawing the figures")
-    pictures, tables = report_pictures(content, figures), all_tables(content)
+    folder, begin = Path(out_dir), progress or (lambda stage, done, of: None)
+    n = len(named_figures(figures))
+
+    def drawing(name: str, done: int) -> None:
+        begin(f"drawing {name}", done, n + 1)
+
+    pictures, tables = report_pictures(content, figures, drawing), all_tables(content)
     files: dict[Path, bytes] = {}
     for picture in pictures:
         files[folder / "figures" / f"{picture.name}.png"] = picture.png
         files[folder / "figures" / f"{picture.name}.svg"] = picture.svg
     for table in tables.values():
         files[folder / "tables" / f"{table.key}.csv"] = table.as_csv().encode()
-    begin("Writing the report")
+    begin("writing the page", n, n + 1)
     page = folder / "report.html"
     files[page] = render_page(content, pictures, tables).encode()
     write_files(files)

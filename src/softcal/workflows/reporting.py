@@ -61,7 +61,8 @@ def write_report(
     solved
         Calibration -> furthest response (see `softcal.workflows.furthest`), if already solved.
     progress
-        Called with the name of each stage: reading the run, simulating, drawing, writing.
+        Called with what is done next, its number from 0, and how many there are: reading the run, simulating, each
+        figure, writing the page.
 
     Raises
     ------
@@ -70,13 +71,14 @@ def write_report(
     StorageError
         Where there is no run with a result, or the folder cannot be written.
     """
-    begin = progress or (lambda stage: None)
-    named_figures(figures)
-    begin("Reading the run")
+    begin = progress or (lambda stage, done, of: None)
+    of = len(named_figures(figures)) + 3
+    begin("reading the run", 0, of)
     read = load_run(run)
-    begin("Simulating the twin")
+    begin("simulating the twin", 1, of)
     content = report_content(read, solved or {})
-    return write_content(content, Path(out) if out is not None else read.folder, figures=figures, progress=begin)
+    folder = Path(out) if out is not None else read.folder
+    return write_content(content, folder, figures=figures, progress=lambda what, done, _: begin(what, done + 2, of))
 
 
 def report_content(run: CalibrationRun | SweepRun, solved: Mapping[str, Response] | None = None) -> ReportContent:

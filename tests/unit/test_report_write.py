@@ -42,6 +42,7 @@ def test_the_page_stands_alone(written: ReportPaths) -> None:
     page = written.page.read_text()
     assert written.page.stat().st_size < 5e6
     assert "<script" not in page
+    assert 'loading="lazy"' not in page  # a browser may print, or archive, the page without them
     sources = re.findall(r'(?:src|href)="([^"]*)"', page)
     assert sources
     assert all(source.startswith("data:image/") for source in sources)

@@ -33,7 +33,8 @@ def residual_histogram(content):
     for name, fit in content.headline_result.experiments.items():
         for channel in fit.rmse:
             figure = Figure()
-            figure.add_subplot().hist(fit.simulated[channel] - fit.measured[channel])
+            axes = figure.add_subplot(title="Residuals")
+            axes.hist(fit.simulated[channel] - fit.measured[channel])
             yield Drawing(figure, f"Residuals of {channel} in {name}.", of=f"{channel} {name}")
 '''
 
@@ -66,6 +67,9 @@ def test_its_drawings_have_captions_and_names_of_their_own(
     for content in (whole, bare):
         drawn = list(FIGURES[name].function(content))
         assert all(one.caption.endswith(".") and one.figure.axes for one in drawn)
+        titles = [one.heading for one in drawn]
+        assert len(set(titles)) == len(titles)
+        assert all(" " in title and title[0].isupper() for title in titles), titles
         assert len({one.of for one in drawn}) == len(drawn)
         assert all(one.of for one in drawn) or len(drawn) < 2
 
@@ -96,6 +100,7 @@ def test_a_figure_of_ones_own_is_in_the_report(histogram: ModuleType, tmp_path: 
     (section,) = [part for part in page.split("<section>") if "<h2>Measured and simulated</h2>" in part]
     assert "<figcaption>Residuals of tension in pull.</figcaption>" in section
     assert named_figures(())[-1].name == "residual-histogram"
+    assert "<title>Residuals</title>" in (tmp_path / "r/figures/residual-histogram-tension-pull.svg").read_text()
 
 
 def test_a_figure_that_nobody_registered_is_refused(tmp_path: Path) -> None:

@@ -7,18 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from pyvista import PolyData
 
 from softcal.geometry.centreline import straight
 from softcal.geometry.pose import Pose
 from softcal.geometry.section import RoundBar
 from softcal.report.check_figures import robot_scenes
-from softcal.report.robot_view import plate_disc, robot_points, rod_tube
-from softcal.report.scene import Arrow, Ball, FlatDisc, Part, Tube
+from softcal.report.robot_view import material_colours, plate_parts, robot_points, rod_colours, rod_tube
+from softcal.report.scene import Arrow, Ball, FlatDisc, Part, Tube, Wire
 from softcal.report.scene_twin import twin_scenes
 from softcal.report.style import LOOP, ORANGE
 from softcal.twin.facing import plate_normal, plate_radius, up_direction
 from softcal.twin.manipulator import Manipulator, Springs, manipulator
+from softcal.twin.material import Material
 from softcal.twin.robot import Cable, Disc, Plate, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
 from softcal.workflows.simulation import pull, twin_view
@@ -70,8 +72,7 @@ def test_a_rod_of_one_element_is_drawn():
 def test_a_disc_has_its_holes():
     one = robot()
     plate = one.plates[1]
-    part = plate_disc(one, plate, Pose(np.eye(3), plate.reference), "#0072b2", opacity=1.0)
-    assert part is not None
+    ((part,), _) = plate_parts(one, plate, Pose(np.eye(3), plate.reference), "#0072b2", 0.4)
     mesh = closed(part)
     rim, hole = (n / 2 * math.sin(2 * math.pi / n) / 4 for n in (96, 16))
     area = rim * 0.06**2 - 6 * hole * 0.003**2
@@ -83,8 +84,7 @@ def test_a_disc_has_its_holes():
 def test_a_disc_goes_with_its_plate():
     plate = Plate("top", {}, np.array([0.01, 0.0, 0.0]), disc=Disc(0.04, 0.01, centre=np.array([0.0, 0.0, 0.1])))
     turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    part = plate_disc(robot(), plate, Pose(turn, np.array([0.01, 0.0, 0.5])), "#0072b2", opacity=1.0)
-    assert part is not None
+    ((part,), _) = plate_parts(robot(), plate, Pose(turn, np.array([0.01, 0.0, 0.5])), "#0072b2", 0.4)
     np.testing.assert_allclose(part.mesh().center, [0.0, -0.1, 0.5], atol=2e-4)
     np.testing.assert_allclose(np.ptp(part.mesh().points, axis=0), [0.04, 0.01, 0.04], rtol=1e-2)
 
@@ -104,6 +104,38 @@ def test_plates_without_a_shape_face_along_the_rod_they_hold():
     assert plate_radius(plain, plain.plates[2]) >= 0.025
     assert plate_radius(one, one.plates[2]) == 0.03
     np.testing.assert_allclose(plate_normal(one, one.plates[2]), [0, 0, -1])
+
+
+def test_plates_without_a_shape_are_rings_around_their_rods():
+    one = robot()
+    plain = replace(one, plates=tuple(replace(plate, disc=None) for plate in one.plates))
+    (scene, _), _ = robot_scenes(plain)
+    wires = [part for part in scene.parts if isinstance(part, Wire)]
+    assert len(wires) == len(plain.plates)
+    assert not [part for part in scene.parts if isinstance(part, FlatDisc)]
+    ring, *arms = wires[1].paths
+    rod = plain.rods[0]
+    np.testing.assert_allclose(ring[:, 2], plain.plates[1].reference[2], atol=0.01)
+    assert np.linalg.norm(ring - rod.centreline.nodes[-1], axis=1).max() < 0.6 * rod.section.constants.outer_diameter
+    assert len(arms) >= len(plain.plates[1].holes)
+
+
+def test_the_materials_of_a_rod_meet_where_its_elements_do():
+    inclusion = Material("tip", np.array([2, 3]), {"youngs_modulus": 2e9})
+    rod = Rod(
+        "bar",
+        straight((0, 0, 0), (0, 0, 0.1), 4),
+        RoundBar(0.01),
+        {"youngs_modulus": 1e9, "poissons_ratio": 0.4},
+        fixed=np.array([0]),
+        inclusions=(inclusion,),
+    )
+    colours = material_colours(Robot(rods=(rod,)))
+    tube = rod_tube(rod, rod.centreline.nodes, rod_colours(rod, colours))
+    assert not isinstance(tube.colour, str)
+    changes = np.flatnonzero(np.any(np.diff(tube.colour, axis=0) != 0, axis=1))
+    np.testing.assert_allclose(tube.path[changes + 1, 2], [0.05])
+    assert [to_hex(tube.colour[end]) for end in (0, -1)] == [colours["bar"], colours["bar.tip"]]
 
 
 def test_a_hanging_robot_hangs_in_the_picture():

@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from matplotlib.text import Text
 from report_example import column_mesh, example_content, neck_robot, twin_view
 
 from softcal.geometry.cell import TET_EDGES
-from softcal.geometry.surface import boundary_triangles
-from softcal.report import scene_render
-from softcal.report.check_figures import region_colours, robot_scenes
+from softcal.geometry.fine_surface import fine_surface
+from softcal.geometry.surface import border, boundary, boundary_triangles
+from softcal.report import check_figures, scene_render
+from softcal.report.check_figures import draw_check, region_colours, robot_scenes
 from softcal.report.figure import FIGURES
+from softcal.report.figures import twin
+from softcal.report.robot_view import material_colours
 from softcal.report.scene import (
     Arrow,
+    FlatDisc,
     Label,
     Surface,
+    Wire,
     alike,
     extent_points,
 )
@@ -27,6 +34,7 @@ from softcal.report.scene_twin import twin_parts, twin_scenes
 from softcal.report.scene_worker import from_behind
 from softcal.report.style import DPI, MUTED, encode, new_figure
 from softcal.twin.facing import plate_normal, plate_radius
+from softcal.twin.material import Material
 from softcal.twin.robot import ViaPoint
 
 UNIT = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -54,6 +62,23 @@ def test_a_quadratic_face_gives_four_triangles() -> None:
     triangles = boundary_triangles(np.arange(10)[None])
     assert triangles.shape == (16, 3)
     assert enclosed(points, triangles) == pytest.approx(1 / 6)
+
+
+def test_quadratic_faces_are_drawn_curved() -> None:
+    points = np.concatenate([UNIT, [UNIT[list(pair)].mean(axis=0) for pair in TET_EDGES]])
+    tets = np.arange(10)[None]
+    fine = fine_surface(boundary(tets))
+    assert fine.triangles.shape == (64, 3)
+    assert fine.edges.shape == (6, 5), "every edge once"
+    assert len(np.unique(fine.triangles)) == len(fine.nodes) == 34, "every point once"
+    assert enclosed(fine.at(points), fine.triangles) == pytest.approx(1 / 6)
+    x, y, z = points.T
+    curved = np.stack([x + 0.3 * y * z, y - 0.2 * x**2, z + 0.1 * x * y], axis=1)  # quadratic, as the element is
+    x, y, z = fine.at(points).T
+    exact = np.stack([x + 0.3 * y * z, y - 0.2 * x**2, z + 0.1 * x * y], axis=1)
+    np.testing.assert_allclose(fine.at(curved), exact, atol=1e-12)
+    linear = fine_surface(boundary(tets[:, :4]))
+    assert (linear.triangles.shape, linear.edges.shape) == ((4, 3), (6, 2))
 
 
 def test_the_plate_covers_its_cables_and_faces_away_from_the_base() -> None:
@@ -93,8 +118,64 @@ def test_two_views_get_windows_of_one_size() -> None:
 
 def test_regions_are_told_apart() -> None:
     robot = neck_robot(column_mesh())
-    colours = region_colours(robot, robot.bodies[0])
+    colours = region_colours(robot, robot.bodies[0], boundary(robot.bodies[0].mesh.tets), "white")
     assert len(np.unique(colours, axis=0)) == 3
+
+
+def test_materials_have_colours_of_their_own_and_a_legend(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    view = twin_view(column_mesh())
+    (body,), tets = view.robot.bodies, view.tets["neck"]
+    middle = body.mesh.points[tets].mean(axis=1)
+    core = Material("core", np.flatnonzero(np.abs(middle[:, 2] - 0.05) < 0.01), {"youngs_modulus": 4e6})
+    robot = replace(view.robot, bodies=(replace(body, inclusions=(core,)),))
+    colours = material_colours(robot)
+    assert list(colours) == ["neck", "neck.core"]
+    (checked, _), _ = robot_scenes(robot)
+    rest, bent = twin_scenes(replace(view, robot=robot)).scenes
+    for scene in (checked, rest):
+        outer, inner = [p for p in scene.parts if isinstance(p, Surface) and p.colour is not MUTED]
+        assert outer.opacity < inner.opacity == 1.0, "what is inside is seen"
+        shade = inner.colour if isinstance(inner.colour, str) else to_hex(np.unique(inner.colour, axis=0)[0])
+        assert shade == colours["neck.core"]
+        volume = np.linalg.det(np.diff(body.mesh.points[tets[core.elements]], axis=1)).sum() / 6
+        assert enclosed(inner.points, inner.triangles) == pytest.approx(volume, rel=1e-9)
+    assert all(part.opacity == 1.0 for part in bent.parts if isinstance(part, Surface))
+    monkeypatch.setattr(check_figures, "render_scenes", lambda scenes, _: blank(len(scenes)))
+    monkeypatch.setattr(twin, "render_scenes", lambda scenes, _: blank(len(scenes)))
+    figures = [twin.draw_twin(replace(view, robot=robot)).figure]
+    monkeypatch.setattr(check_figures, "encode", lambda figure: figures.append(figure) or (b"", b""))
+    draw_check(robot, {}, tmp_path)
+    for figure in figures:
+        (legend,) = figure.legends
+        assert {"neck", "neck.core"} <= {text.get_text() for text in legend.get_texts()}
+
+
+def test_a_plate_of_no_shape_is_the_outline_of_what_it_holds_and_leads_to_its_cables() -> None:
+    view = twin_view(column_mesh())
+    for scene in twin_scenes(view).scenes:
+        (wire,) = [part for part in scene.parts if isinstance(part, Wire)]
+        snapshot = view.rest if scene.title == view.rest.label else view.bent
+        ends = [path[-1] for cable, path in snapshot.cables.items()]
+        ring, *arms = wire.paths
+        assert np.array_equal(ring[0], ring[-1])
+        np.testing.assert_allclose([arm[-1] for arm in arms], ends, atol=1e-9)
+        held = snapshot.points["neck"][view.robot.plates[0].nodes["neck"]]
+        assert np.linalg.norm(ring[:, None] - held, axis=2).min(axis=1).max() < 1e-9
+        (label,) = [label for label in scene.labels if label.text == "plate"]
+        assert {*map(tuple, label.at)} == {*map(tuple, ring)}, "its name points to it"
+    assert not [part for scene in robot_scenes(view.robot)[0] for part in scene.parts if isinstance(part, FlatDisc)]
+
+
+def test_the_border_of_two_squares_is_two_loops() -> None:
+    square = np.array([[0, 1, 2, 8, 9, 10], [0, 2, 3, 10, 11, 12]])
+    loops = border(np.concatenate([square, square + 20]))
+    assert [sorted(loop.tolist()) for loop in loops] == [
+        sorted([*range(4), 0, 8, 9, 11, 12]),
+        sorted([*range(20, 24), 20, 28, 29, 31, 32]),
+    ]
+    for loop in loops:
+        assert loop[0] == loop[-1]
+    assert border(square[:0]) == []
 
 
 def test_loads_and_gravity_become_arrows_of_their_direction() -> None:
@@ -175,13 +256,13 @@ def test_a_body_with_cables_inside_is_seen_through() -> None:
     inner = replace(robot.cables[0], via_points=(ViaPoint(np.array([0, 0, 0.05]), "neck"), *robot.cables[0].via_points))
     for cables, through in (((robot.cables[0],), False), ((inner,), True)):
         (scene, _), _ = robot_scenes(replace(robot, cables=cables))
-        (body,) = [part for part in scene.parts if isinstance(part, Surface) and part.edges]
+        (body,) = [part for part in scene.parts if isinstance(part, Surface) and part.edges is not None]
         assert (body.opacity < 1) is through
 
 
 def test_a_surface_to_see_through_is_drawn_from_behind() -> None:
     (scene, _), (camera, _) = robot_scenes(neck_robot(column_mesh()))
-    (body,) = [part for part in scene.parts if isinstance(part, Surface) and part.edges]
+    (body,) = [part for part in scene.parts if isinstance(part, Surface) and part.edges is not None]
     tints = np.arange(len(body.triangles))[:, None] / len(body.triangles) * np.ones(3)
     mesh = replace(body, colour=tints).mesh()
     drawn = from_behind(mesh, camera)
@@ -214,7 +295,7 @@ def test_what_is_fixed_is_grey_and_nothing_is_drawn_beneath_it() -> None:
     assert low == pytest.approx(robot.bodies[0].mesh.points[:, 2].min(), abs=1e-12)
     grey = [part for part in parts if isinstance(part, Surface) and isinstance(part.colour, str)]
     assert [part.colour for part in grey] == [MUTED]
-    assert set(grey[0].triangles.ravel()) <= set(robot.bodies[0].fixed)
+    assert grey[0].points[grey[0].triangles][..., 2].max() <= 0.014
     free = replace(robot, bodies=tuple(replace(body, fixed=np.array([], dtype=int)) for body in robot.bodies))
     parts, _ = twin_parts(replace(view, robot=free), view.rest, shades, 1.0)
     assert not [part for part in parts if isinstance(part, Surface) and isinstance(part.colour, str)]

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from watch_case import write_json, write_run
 
+from softcal.report.style import encode, new_figure
 from softcal.watch.report_figures import figure_bytes, report_figures
 from softcal.watch.run_reader import RunReader
 
@@ -32,6 +33,21 @@ def test_the_figures_of_a_report_are_there_with_it_the_fit_first(tmp_path: Path)
     assert figure_bytes(run, "overview.png") == PNG
     os.utime(run / "figures" / "overview.png", ns=(1, 1))
     assert RunReader(run).read().figures[0].changed == 1
+
+
+def test_a_figure_has_the_title_that_its_drawing_has(tmp_path: Path):
+    run = write_run(tmp_path / "run")
+    title = "Loss over the parameters: <b> & ν"
+    figures = run / "figures"
+    figures.mkdir()
+    figure = new_figure()
+    figure.add_subplot()
+    (figures / "loss-joint.png").write_bytes(PNG)
+    (figures / "loss-joint.svg").write_bytes(encode(figure, title)[1])
+    (tmp_path / "secret.svg").write_text("<svg><title>a secret</title></svg>")
+    (figures / "out.png").write_bytes(PNG)
+    (figures / "out.svg").symlink_to(tmp_path / "secret.svg")
+    assert {one.name: one.title for one in report_figures(run)} == {"loss-joint.png": title, "out.png": "Out"}
 
 
 def test_a_fleet_has_the_figures_of_its_report(tmp_path: Path):

@@ -12,6 +12,7 @@ from softcal.calibration.experiment import PULLEY_FRICTION
 from softcal.calibration.fanova import fanova_importance
 from softcal.calibration.fit import experiment_fit, missing_rows
 from softcal.calibration.loss import Block
+from softcal.calibration.loss_profile import loss_profiles
 from softcal.calibration.misfit import explained_by
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.problem import Evaluation, Problem
@@ -103,6 +104,9 @@ def conclude(
     if kind == "fanova":
         local = _of_all_trials(local, problem, best, trials, account.seed)
     parameters = local.estimates(space, best.theta)
+    if kind == "sensitivity":
+        curves = loss_profiles(space, problem.loss, best.theta, best.blocks, local.intervals)
+        parameters = {name: replace(one, profile=curves.get(name, ())) for name, one in parameters.items()}
     n_failed = sum(trial.state == "FAILED" for trial in trials)
     result = make(
         parameters=parameters,

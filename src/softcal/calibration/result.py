@@ -118,6 +118,9 @@ class Estimate:
         names; empty where the variance is not known.
     dof
         Degrees of freedom of the variance [-]; None where there is none, or the noise is known.
+    profile
+        Pairs of a value [unit] and the least loss there over all other parameters, by the derivatives at the best point
+        (`loss_profiles`), ascending; empty where a search is without derivatives, and for most rig parameters.
     """
 
     value: float
@@ -132,6 +135,7 @@ class Estimate:
     scale: Scale = "linear"
     shares: Mapping[str, float] = field(default_factory=dict[str, float])
     dof: float | None = None
+    profile: tuple[tuple[float, float], ...] = ()
 
     @property
     def noise_error(self) -> float | None:

@@ -56,6 +56,7 @@ def result_json(result: SearchResult) -> dict[str, Any]:
                 **({"shares": dict(p.shares)} if p.shares else {}),
                 **({} if p.dof is None else {"dof": p.dof}),
                 **({} if p.beyond is None else {"beyond": p.beyond}),
+                **({"profile": [list(pair) for pair in p.profile]} if p.profile else {}),
             }
             for name, p in result.parameters.items()
         },

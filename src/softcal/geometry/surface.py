@@ -22,10 +22,46 @@ def edges_of(faces: Ints) -> Ints:
     return np.unique(np.sort(pairs, axis=1), axis=0)
 
 
+def boundary(tets: Ints) -> Ints:
+    """Faces of a single tet, oriented outwards, shape (k, 3 or 6)."""
+    return all_faces(tets)[outer_faces(tets)]
+
+
 def boundary_triangles(tets: Ints) -> Ints:
     """Outward flat triangles (k, 3) of the boundary of linear or quadratic tets; a quadratic face gives four."""
-    faces = all_faces(tets)[outer_faces(tets)]
+    faces = boundary(tets)
     return np.concatenate([faces[:, part] for part in cell_of(tets).flat_faces])
+
+
+def border(faces: Ints) -> list[Ints]:
+    """Closed loops of nodes around triangles (k, 3 or 6) that share edges: their edges that belong to one of them.
+
+    The first node of a loop is also its last; the middle nodes of quadratic edges are between their ends.
+    """
+    if not len(faces):
+        return []
+    corners = faces[:, :3]
+    starts, ends = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
+    middles = faces[:, 3:].ravel() if faces.shape[1] > 3 else None
+    keys = np.sort(np.stack([starts, ends], axis=1), axis=1)
+    _, first, count = np.unique(keys, axis=0, return_index=True, return_counts=True)
+    follow: dict[int, list[int]] = {}
+    for k in first[count == 1].tolist():
+        follow.setdefault(int(starts[k]), []).append(k)
+    loops: list[Ints] = []
+    while follow:
+        at = begun = next(iter(follow))
+        loop = [at]
+        while at in follow:
+            k = follow[at].pop()
+            if not follow[at]:
+                del follow[at]
+            at = int(ends[k])
+            loop += [at] if middles is None else [int(middles[k]), at]
+            if at == begun:
+                break
+        loops.append(np.array(loop))
+    return loops
 
 
 def boundary_owners(mesh: TetMesh) -> Ints:

@@ -8,14 +8,27 @@ from pathlib import Path
 
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
 from softcal.experiments.dataset import Dataset
+from softcal.geometry.fine_surface import fine_surface
 from softcal.geometry.pose import Pose
 from softcal.geometry.ring import across
-from softcal.geometry.surface import boundary_triangles
 from softcal.report.figures.force_displacement import draw_record
 from softcal.report.format import file_stem, number
-from softcal.report.robot_view import balls, plate_disc, plate_rim, robot_points, rod_tube
+from softcal.report.robot_view import (
+    AROUND,
+    LINE,
+    balls,
+    has_materials,
+    material_colours,
+    material_faces,
+    material_legend,
+    outlines,
+    plate_parts,
+    robot_points,
+    rod_colours,
+    rod_tube,
+)
 from softcal.report.scene import (
     Arrow,
     Ball,
@@ -25,6 +38,7 @@ from softcal.report.scene import (
     Scene,
     Surface,
     Tube,
+    Wire,
     alike,
     bending_camera,
     extent_points,
@@ -40,7 +54,7 @@ from softcal.report.write import write_files
 from softcal.twin.facing import up_direction
 from softcal.twin.robot import Body, Moment, PointLoad, Robot, Rod, SurfaceLoad
 
-_BODY = "#d6d3cd"
+_MOST_EDGES = 20000  # tets of a mesh whose edges can be told apart
 _SEEN_THROUGH = 0.6  # opacity of what may have cables or markers inside
 
 
@@ -72,11 +86,14 @@ def draw_check(
     rendered = render_scenes((*scenes, *more[0]), (*cameras, *more[1]))
     own, others = (replace(rendered, pictures=part) for part in (rendered.pictures[:n], rendered.pictures[n:]))
     drawn = draw_side_by_side(scenes, cameras, own, colours=_legend(robot))
+    materials = material_legend(robot) if has_materials(robot) else None
     figures = {"robot": drawn.figure} | {
         f"data-{file_stem(name)}": draw_record(data) for name, data in datasets.items()
     }
     if states is not None:
-        figures["states"] = draw_side_by_side(states.scenes, states.cameras, others, largest=states.largest).figure
+        figures["states"] = draw_side_by_side(
+            states.scenes, states.cameras, others, largest=states.largest, colours=materials
+        ).figure
     pairs = {stem: (folder / f"{stem}.png", folder / f"{stem}.svg") for stem in figures}
     files: dict[Path, bytes] = {}
     for stem, figure in figures.items():
@@ -91,9 +108,11 @@ def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...
     """Two views of the robot at rest: from the side, and turned by 90 degrees from a higher viewpoint."""
     points = robot_points(robot)
     size = length_scale(points)
-    parts: list[Part] = [_surface(robot, body) for body in robot.bodies]
+    parts: list[Part] = [surface for body in robot.bodies for surface in _surfaces(robot, body)]
+    fixed = [path for body in robot.bodies for path in outlines(body, body.fixed)]
+    parts += [Wire(tuple(fixed), LINE * size, colour=INK)] if fixed else []
     parts += [_rod(robot, rod) for rod in robot.rods]
-    plates, others = _plates(robot)
+    plates, others = _plates(robot, size)
     parts += plates
     names: list[Label] = []
     radius = cable_radius(robot, size)
@@ -121,51 +140,56 @@ def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...
     return scenes, alike((bending_camera(extent, up, towards), bending_camera(extent, up, np.cross(up, towards))))
 
 
-def region_colours(robot: Robot, body: Body) -> Floats:
-    """RGB of each boundary triangle: fixed if all its nodes are fixed, tied if all belong to a plate."""
+def region_colours(robot: Robot, body: Body, faces: Ints, colour: str) -> Floats:
+    """RGB of each face: fixed if all its corners are fixed, tied if all belong to a plate, else `colour`."""
     from matplotlib.colors import to_rgb
 
-    triangles = boundary_triangles(body.mesh.tets)
-    colours = np.tile(to_rgb(_BODY), (len(triangles), 1))
+    corners = faces[:, :3]
+    colours = np.tile(to_rgb(colour), (len(faces), 1))
     for plate in robot.plates:
         if body.name in plate.nodes:
-            colours[np.isin(triangles, plate.nodes[body.name]).all(axis=1)] = to_rgb(BLUE)
-    colours[np.isin(triangles, body.fixed).all(axis=1)] = to_rgb(INK)
+            colours[np.isin(corners, plate.nodes[body.name]).all(axis=1)] = to_rgb(BLUE)
+    colours[np.isin(corners, body.fixed).all(axis=1)] = to_rgb(INK)
     for load in robot.loads:
         if isinstance(load, SurfaceLoad) and load.on == body.name:
-            colours[np.isin(triangles, load.faces).all(axis=1)] = to_rgb(RED)
+            colours[np.isin(corners, load.faces).all(axis=1)] = to_rgb(RED)
     return colours
 
 
-def _surface(robot: Robot, body: Body) -> Surface:
-    inside = any(via.on == body.name for cable in robot.cables for via in cable.via_points)
-    return Surface(
-        body.mesh.points,
-        boundary_triangles(body.mesh.tets),
-        colour=region_colours(robot, body),
-        opacity=_SEEN_THROUGH if inside else 1.0,
-        edges=body.mesh.n_tets < 20000,
-    )
+def _surfaces(robot: Robot, body: Body) -> list[Surface]:
+    """The surface of each material; one with cables or other materials inside is seen through."""
+    routed = any(via.on == body.name for cable in robot.cables for via in cable.via_points)
+    colours, found = material_colours(robot), list[Surface]()
+    for material, faces in material_faces(body, body.mesh.tets).items():
+        fine = fine_surface(faces)
+        around = material == body.name and len(body.materials) > 1
+        found.append(
+            Surface(
+                fine.at(body.mesh.points),
+                fine.triangles,
+                colour=fine.by_triangle(region_colours(robot, body, faces, colours[material])),
+                opacity=AROUND if around else _SEEN_THROUGH if routed else 1.0,
+                edges=fine.edges if material == body.name and body.mesh.n_tets < _MOST_EDGES else None,
+            )
+        )
+    return found
 
 
 def _rod(robot: Robot, rod: Rod) -> Tube:
     carried = [via.on for cable in robot.cables for via in cable.via_points] + [marker.on for marker in robot.markers]
     opacity = _SEEN_THROUGH if rod.name in carried else 1.0
-    return rod_tube(rod, rod.centreline.nodes, _BODY, opacity=opacity)
+    return rod_tube(rod, rod.centreline.nodes, rod_colours(rod, material_colours(robot)), opacity=opacity)
 
 
-def _plates(robot: Robot) -> tuple[list[Part], list[Label]]:
-    """Plates of known shape, and plates that no body's mesh shows, with their names."""
+def _plates(robot: Robot, size: float) -> tuple[list[Part], list[Label]]:
+    """Plates with their names."""
     parts: list[Part] = []
     labels: list[Label] = []
     for plate in robot.plates:
-        if plate.disc is None and plate.nodes:
-            continue
         pose = Pose(np.eye(3), plate.reference)
-        disc = plate_disc(robot, plate, pose, INK if plate.fixed else BLUE, opacity=1.0 if plate.disc else 0.5)
-        if disc is not None:
-            parts.append(disc)
-            labels.append(Label(plate.name, plate_rim(robot, plate, pose)))
+        drawn, around = plate_parts(robot, plate, pose, INK if plate.fixed else BLUE, size)
+        parts += drawn
+        labels.append(Label(plate.name, around))
     return parts, labels
 
 
@@ -178,8 +202,7 @@ def _carrier_colour(robot: Robot, carrier: str) -> str:
 def _legend(robot: Robot) -> dict[str, str]:
     """Legend: the meaning of each colour in the picture."""
     carriers = {_carrier_colour(robot, via.on) for cable in robot.cables for via in cable.via_points}
-    bends = " and ".join(kind for kind, parts in (("body", robot.bodies), ("rod", robot.rods)) if parts)
-    legend = {bends: _BODY}
+    legend = material_legend(robot)
     if any(len(body.fixed) for body in robot.bodies) or any(plate.fixed for plate in robot.plates):
         legend["fixed"] = INK
     if any(not plate.fixed for plate in robot.plates):

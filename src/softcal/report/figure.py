@@ -39,6 +39,8 @@ class Drawing:
         An emphasised remark on how it was drawn, or "".
     section : str or None
         Its section of the page, if not that of its figure.
+    title : str
+        What it shows, in a few words, for lists of figures; by default that of its first axes.
     """
 
     figure: Figure
@@ -47,6 +49,13 @@ class Drawing:
     shown: Literal["png", "svg"] = "svg"
     note: str = ""
     section: Section | None = None
+    title: str = ""
+
+    @property
+    def heading(self) -> str:
+        """Its title in one line; "" where its axes have none either."""
+        own = [axes.get_title(loc) for axes in self.figure.axes[:1] for loc in ("left", "center")]
+        return " ".join(next((text for text in (self.title, *own) if text), "").split())
 
 
 @dataclass(frozen=True)
@@ -85,7 +94,7 @@ class ReportFigure(FunctionMember):
         """Every drawing, as files."""
         for one in self.function(content):
             stem = f"{self.name}-{file_stem(one.of)}" if one.of else self.name
-            files = encode(one.figure)
+            files = encode(one.figure, one.heading)
             yield Picture(stem, one.section or self.section, one.caption, *files, one.shown, one.note)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from softcal.calibration.result import CalibrationResult, ExperimentFit
 from softcal.experiments.dataset import Channel, Dataset
-from softcal.geometry.surface import boundary_triangles
+from softcal.geometry.fine_surface import fine_surface
+from softcal.geometry.surface import boundary
 from softcal.pictures import drawn
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.judged import JOINT
@@ -77,10 +78,12 @@ def _parts(response: Response, shape: Snapshot, moved: dict[str, np.ndarray] | N
 
     largest = max((float(d.max()) for d in (moved or {}).values()), default=0.0) or 1.0
     shades = {name: colormaps[DISPLACEMENT](d / largest)[:, :3] for name, d in (moved or {}).items()}
-    parts: list[Part] = [
-        Surface(shape.points[name], boundary_triangles(tets), colour=shades.get(name, FAINT))
-        for name, tets in response.tets.items()
-    ]
+    parts: list[Part] = []
+    for name, tets in response.tets.items():
+        fine, own = fine_surface(boundary(tets)), shades.get(name)
+        parts.append(
+            Surface(fine.at(shape.points[name]), fine.triangles, colour=FAINT if own is None else fine.at(own))
+        )
     parts += [Tube(nodes, _ROD * size, colour=shades.get(name, FAINT)) for name, nodes in shape.rods.items()]
     cables = {} if moved is None else shape.cables
     return parts + [Tube(path, _CABLE * size, colour=ORANGE) for path in cables.values()]

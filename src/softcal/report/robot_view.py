@@ -1,20 +1,27 @@
-"""Drawing data of a robot: extent, rods and plates. Lengths in m."""
+"""Drawing data of a robot: extent, rods, plates, and the colours of materials. Lengths in m."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
+from softcal.geometry.faces import all_faces, outer_faces
 from softcal.geometry.pose import Pose
 from softcal.geometry.ring import across, ring_points
-from softcal.report.scene import RIM, FlatDisc, Tube
-from softcal.twin.facing import plate_normal, plate_radius
-from softcal.twin.robot import Cable, Disc, Plate, Robot, Rod
+from softcal.geometry.surface import border, boundary
+from softcal.report.scene import RIM, FlatDisc, Part, Tube, Wire
+from softcal.report.style import GREEN, ORANGE, PURPLE, RED, SKY
+from softcal.twin.robot import Body, Cable, Disc, Plate, Robot, Rod
 
 STEPS = 6  # between two nodes of a rod
 MOST_BALLS = 8  # via points of a cable that have a ball each
+OWN = "#d6d3cd"  # the colour of a part's own material
+_TINTED = (GREEN, PURPLE, ORANGE, SKY, RED)  # for inclusions
+LINE = 0.004  # radius of lines over the size of the robot
+AROUND = 0.4  # opacity of a material that has others inside
 
 
 def robot_points(robot: Robot) -> Floats:
@@ -27,14 +34,66 @@ def robot_points(robot: Robot) -> Floats:
     return np.concatenate(found)
 
 
+def material_colours(robot: Robot) -> dict[str, str]:
+    """Colour of each material, by its name: that of the part's own, and tints of the palette for inclusions."""
+    from matplotlib.colors import to_hex, to_rgb
+
+    own = {part.name: OWN for part in (*robot.bodies, *robot.rods)}
+    others = [one.name for part in (*robot.bodies, *robot.rods) for one in part.materials[1:]]
+    tints = [to_hex((0.5 + 0.5 * r, 0.5 + 0.5 * g, 0.5 + 0.5 * b)) for r, g, b in map(to_rgb, _TINTED)]
+    return own | {name: tints[k % len(tints)] for k, name in enumerate(others)}
+
+
+def has_materials(robot: Robot) -> bool:
+    """Whether a part has several materials."""
+    return any(len(part.materials) > 1 for part in (*robot.bodies, *robot.rods))
+
+
+def material_legend(robot: Robot) -> dict[str, str]:
+    """The meaning of each colour of a material; one for the own materials of all parts."""
+    parts = (*robot.bodies, *robot.rods)
+    kinds = " and ".join(kind for kind, some in (("body", robot.bodies), ("rod", robot.rods)) if some)
+    own = parts[0].name if len(parts) == 1 and has_materials(robot) else kinds
+    colours, names = material_colours(robot), {part.name for part in parts}
+    return {own: OWN} | {name: colour for name, colour in colours.items() if name not in names}
+
+
+def material_faces(body: Body, tets: Ints) -> dict[str, Ints]:
+    """Material -> faces (k, 3 or 6): of the body's own those on its surface, of an inclusion all around it."""
+    rows, own = outer_faces(tets), body.materials[0]
+    found = {own.name: all_faces(tets)[rows[np.isin(rows // 4, own.elements)]]}
+    for one in body.materials[1:]:
+        found[one.name] = boundary(tets[one.elements])
+    return {name: faces for name, faces in found.items() if len(faces)}
+
+
+def rod_colours(rod: Rod, colours: Mapping[str, str]) -> str | Floats:
+    """The colour of a rod's material, or RGB of each element (n_elements, 3) where it has several."""
+    from matplotlib.colors import to_rgb
+
+    if len(rod.materials) == 1:
+        return colours[rod.name]
+    found = np.zeros((len(rod.centreline.lengths), 3))
+    for one in rod.materials:
+        found[one.elements] = to_rgb(colours[one.name])
+    return found
+
+
 def rod_tube(rod: Rod, nodes: Floats, colour: str | Floats, *, opacity: float = 1.0) -> Tube:
-    """A rod with current node positions (n, 3), as thick as its section; colour: a name, or RGB of each node (n, 3)."""
+    """A rod with current node positions (n, 3), as thick as its section.
+
+    colour: a name, or RGB of each node (n, 3) or of each element (n - 1, 3).
+    """
     from scipy.interpolate import CubicSpline
 
     stations = rod.centreline.stations
     fine = np.unique(np.concatenate([np.linspace(a, b, STEPS + 1) for a, b in pairwise(stations)]))
     path = CubicSpline(stations, nodes)(fine) if len(nodes) > 2 else _between(stations, nodes, fine)
-    shades = colour if isinstance(colour, str) else _between(stations, colour, fine)
+    shades = colour
+    if not isinstance(colour, str) and len(colour) == len(nodes):
+        shades = _between(stations, colour, fine)
+    elif not isinstance(colour, str):
+        shades = colour[np.clip(np.searchsorted(stations, fine, side="right") - 1, 0, len(colour) - 1)]
     at = (fine / stations[-1]).tolist()
     radius = 0.5 * np.array(
         [rod.section.at(share).outer_diameter for share in (at[:1] if rod.section.is_uniform else at)]
@@ -55,17 +114,47 @@ def balls(robot: Robot, cable: Cable) -> list[int]:
     return found if len(found) <= MOST_BALLS else [found[0], found[-1]]
 
 
-def plate_disc(robot: Robot, plate: Plate, pose: Pose, colour: str, *, opacity: float) -> FlatDisc | None:
-    """A plate at a pose: its own shape with open guide holes, or a thin disc if unknown; None if it has no extent.
+def plate_parts(
+    robot: Robot, plate: Plate, pose: Pose, colour: str, size: float, *, opacity: float = 1.0
+) -> tuple[list[Part], Floats]:
+    """A plate at a pose of its reference point, and points (n, 3) of it for the line from its name.
 
-    pose: of the plate's reference point.
+    It is drawn in its own shape with open guide holes; one of no stated shape as the outline of what it is bonded to,
+    with straight lines to the cables, holes and markers that it carries. size: of the robot [m].
     """
-    disc = plate.disc
-    if disc is None:
-        radius = plate_radius(robot, plate)
-        axis = pose.rotation @ plate_normal(robot, plate)
-        thin = FlatDisc(pose.position, axis, radius, radius / 20, colour=colour, opacity=opacity)
-        return thin if radius > 0.0 else None
+    if plate.disc is not None:
+        disc = _disc(plate, plate.disc, pose, colour, opacity)
+        return [disc], pose.apply(0.97 * (_rim(plate.disc) - plate.disc.centre) + plate.disc.centre - plate.reference)
+    bonded = [pose.apply(path - plate.reference) for path in _bonded(robot, plate)]
+    carried = [via.at for cable in robot.cables for via in cable.via_points if via.on == plate.name]
+    carried += [*plate.holes.values(), *(marker.place for marker in robot.markers if marker.on == plate.name)]
+    arms = [pose.apply(np.stack([plate.reference, at]) - plate.reference) for at in carried]
+    paths = [path for path in (*bonded, *arms) if np.ptp(path, axis=0).max() > 1e-6 * size]
+    wire: list[Part] = [Wire(tuple(paths), LINE * size, colour=colour)] if paths else []
+    return wire, np.concatenate(bonded or paths or [pose.position[None]])
+
+
+def outlines(body: Body, nodes: Ints | Sequence[int]) -> list[Floats]:
+    """Closed polylines (k, 3) at rest around the faces of a body whose corners are all among some nodes."""
+    faces = boundary(body.mesh.tets)
+    return [body.mesh.points[loop] for loop in border(faces[np.isin(faces[:, :3], nodes).all(axis=1)])]
+
+
+def _bonded(robot: Robot, plate: Plate) -> list[Floats]:
+    """Closed polylines (k, 3) at rest around the regions of bodies, and the sections of rods, that a plate holds."""
+    found: list[Floats] = []
+    for body in robot.bodies:
+        found += outlines(body, plate.nodes.get(body.name, ()))
+    for rod in robot.rods:
+        for node in rod.clamped.get(plate.name, ()):
+            at, along = rod.centreline.nodes[node], rod.centreline.triads[node, :, 2]
+            share = float(rod.centreline.stations[node] / rod.centreline.stations[-1])
+            ring = ring_points(at, along, across(along), 0.55 * rod.section.at(share).outer_diameter, RIM)
+            found.append(np.concatenate([ring, ring[:1]]))
+    return found
+
+
+def _disc(plate: Plate, disc: Disc, pose: Pose, colour: str, opacity: float) -> FlatDisc:
     holes = np.array([*plate.holes.values()] if disc.hole_diameter > 0.0 else []).reshape(-1, 3)
     return FlatDisc(
         pose.apply(disc.centre - plate.reference),
@@ -77,14 +166,6 @@ def plate_disc(robot: Robot, plate: Plate, pose: Pose, colour: str, *, opacity: 
         colour=colour,
         opacity=opacity,
     )
-
-
-def plate_rim(robot: Robot, plate: Plate, pose: Pose) -> Floats:
-    """Points around a plate at a pose (n, 3), for the line from its label."""
-    centre = plate.reference if plate.disc is None else plate.disc.centre
-    normal = plate_normal(robot, plate)
-    shape = plate.disc or Disc(2 * max(plate_radius(robot, plate), 1e-9), 1.0, normal, centre)
-    return pose.apply(0.97 * (_rim(shape) - shape.centre) + centre - plate.reference)
 
 
 def _rim(shape: Disc) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, ClassVar
@@ -23,7 +24,6 @@ class Part(ABC):
 
     colour: str | Floats
     opacity: float = 1.0
-    edges: bool = False
     bulky: bool = False
     smooth: ClassVar[bool] = False  # shaded without facets
 
@@ -44,11 +44,12 @@ class Part(ABC):
 
 @dataclass(frozen=True)
 class Surface(Part):
-    """Triangles (k, 3) over points (n, 3) [m]."""
+    """Triangles (k, 3) over points (n, 3) [m]; edges: points along each of the lines (e, 2 or more) drawn on it."""
 
     points: Floats
     triangles: Ints
     bulky: bool = field(default=True, kw_only=True)
+    edges: Ints | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen_floats(self.points, name="surface points", shape=(None, 3)))
@@ -88,6 +89,22 @@ class Tube(Part):
             return line.tube(radius=self.radius, n_sides=SIDES, capping=True)
         line.point_data["radius"] = self.radius
         return line.tube(scalars="radius", absolute=True, n_sides=SIDES, capping=True)
+
+
+@dataclass(frozen=True)
+class Wire(Part):
+    """Several polylines (k, 3) [m] with a radius [m]."""
+
+    paths: tuple[Floats, ...]
+    radius: float
+    smooth: ClassVar[bool] = True
+
+    @property
+    def extent(self) -> Floats:
+        return np.concatenate(self.paths)
+
+    def mesh(self) -> Any:
+        return polylines(self.paths).tube(radius=self.radius, n_sides=SIDES // 2, capping=True)
 
 
 @dataclass(frozen=True)
@@ -204,6 +221,15 @@ class Projection:
     def project(self, points: Floats) -> Floats:
         """Picture coordinates and depth (towards the viewer) of points, shape (n, 3) [m]."""
         return np.asarray(points, dtype=np.float64) @ np.stack([self.right, self.up, self.back], axis=1)
+
+
+def polylines(paths: Sequence[Floats]) -> Any:
+    """Polylines (k, 3) as PyVista's `PolyData`."""
+    import pyvista as pv
+
+    starts = np.cumsum([0, *map(len, paths[:-1])])
+    lines = [np.concatenate([[len(path)], start + np.arange(len(path))]) for start, path in zip(starts, paths)]
+    return pv.PolyData(np.concatenate(paths), lines=np.concatenate(lines))
 
 
 def length_scale(points: Floats) -> float:

@@ -48,8 +48,8 @@ def draw_side_by_side(
     lines = 1 + max(scene.title.count("\n") for scene in scenes)
     width = 0.16 + panel * len(scenes)
     columns = 3 if width > _WIDE else 2
-    foot = 0.62 if largest else 0.1 + 0.195 * math.ceil(len(colours) / columns) if colours else 0.08
-    foot += _SCALE_BAR
+    legend = 0.1 + 0.195 * math.ceil(len(colours) / columns) if colours else 0.0
+    foot = _SCALE_BAR + (0.62 if largest else 0.0 if colours else 0.08) + legend
     title = 0.12 + 0.2 * lines
     height = title + tall + foot
     with house_style():
@@ -69,7 +69,9 @@ def draw_side_by_side(
         if largest:
             shades = ScalarMappable(Normalize(0, 1e3 * largest), DISPLACEMENT)
             bar = figure.colorbar(
-                shades, cax=figure.add_axes((0.12, 0.45 / height, 0.76, 0.12 / height)), orientation="horizontal"
+                shades,
+                cax=figure.add_axes((0.12, (0.45 + legend) / height, 0.76, 0.12 / height)),
+                orientation="horizontal",
             )
             bar.set_label("Displacement from rest [mm]", labelpad=2)
             bar.outline.set_visible(False)  # type: ignore[operator]

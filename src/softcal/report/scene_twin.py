@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
+from softcal.geometry.fine_surface import fine_surface
 from softcal.geometry.pose import Pose
-from softcal.geometry.surface import boundary_triangles
-from softcal.report.robot_view import balls, plate_disc, plate_rim, robot_points, rod_tube
+from softcal.geometry.surface import boundary
+from softcal.report.robot_view import (
+    AROUND,
+    balls,
+    material_colours,
+    material_faces,
+    plate_parts,
+    robot_points,
+    rod_colours,
+    rod_tube,
+)
 from softcal.report.scene import (
     Ball,
     Label,
@@ -26,7 +37,7 @@ from softcal.report.scene import (
 from softcal.report.twin_view import TwinView
 from softcal.twin.facing import up_direction
 from softcal.twin.response import Snapshot
-from softcal.twin.robot import Robot
+from softcal.twin.robot import Body, Robot
 
 TAUT = 1e-6  # of the largest tension: less is slack
 MANY_CABLES = 3  # more than these are drawn thinner
@@ -42,18 +53,16 @@ class TwinScenes:
 
 
 def twin_scenes(view: TwinView) -> TwinScenes:
-    """The twin at rest and bent: bodies and rods coloured by displacement from rest, cables as tubes, plates as discs.
+    """The twin at rest in the colours of its materials, and bent in those of the displacement from rest.
 
     Slack cables are grey if any cable is taut.
     """
     moved = displacements(view.rest, view.bent)
     largest = max(float(values.max()) for values in moved.values())
-    scenes = [
-        Scene(snapshot.label, *twin_parts(view, snapshot, {name: shift * d for name, d in moved.items()}, largest))
-        for snapshot, shift in ((view.rest, 0.0), (view.bent, 1.0))
-    ]
+    rest = Scene(view.rest.label, *twin_parts(view, view.rest, None, largest))
+    bent = Scene(view.bent.label, *twin_parts(view, view.bent, moved, largest))
     up, towards = bending_axes(view)
-    pair = (scenes[0], scenes[1])
+    pair = (rest, bent)
     return TwinScenes(pair, bending_camera(extent_points(pair), up, towards), largest)
 
 
@@ -69,21 +78,25 @@ def cable_radius(robot: Robot, size: float) -> float:
 
 
 def twin_parts(
-    view: TwinView, snapshot: Snapshot, moved: dict[str, Floats], largest: float
+    view: TwinView, snapshot: Snapshot, moved: Mapping[str, Floats] | None, largest: float
 ) -> tuple[tuple[Part, ...], tuple[Label, ...]]:
-    """A shape of the twin and the labels of its parts; moved [m]: displacements that colour it, up to `largest`."""
-    from matplotlib import colormaps
+    """A shape of the twin and the labels of its parts.
 
-    from softcal.report.style import BLUE, DISPLACEMENT, LOOP, MUTED, ORANGE, SKY
+    moved [m]: displacements of the nodes that colour it, up to `largest`; None for the colours of the materials.
+    """
+    from softcal.report.style import BLUE, LOOP, MUTED, ORANGE, SKY
 
     robot = view.robot
     size = length_scale(robot_points(robot))
-    shades = {name: colormaps[DISPLACEMENT](d / (largest or 1.0))[:, :3] for name, d in moved.items()}
-    parts: list[Part] = [
-        surface for body in view.tets for surface in _body_surfaces(view, snapshot, body, shades[body], MUTED)
-    ]
+    colours = material_colours(robot)
+    parts: list[Part] = []
+    for body in robot.bodies:
+        d = None if moved is None else moved[body.name]
+        parts += _body_surfaces(body, snapshot.points[body.name], view.tets[body.name], colours, d, largest)
     labels: list[Label] = []
-    parts += [rod_tube(rod, snapshot.rods[rod.name], shades[rod.name]) for rod in robot.rods]
+    for rod in robot.rods:
+        look = rod_colours(rod, colours) if moved is None else _shades(moved[rod.name], largest)
+        parts.append(rod_tube(rod, snapshot.rods[rod.name], look))
     strongest = max(snapshot.tensions.values(), default=0.0)
     radius = cable_radius(robot, size)
     pulled = {name for name, tension in view.bent.tensions.items() if tension > 0.0} or set(snapshot.cables)
@@ -100,24 +113,42 @@ def twin_parts(
             continue
         position, rotation = snapshot.plates[plate.name]
         pose = Pose(rotation, position)
-        look = (MUTED, 1.0) if plate.fixed else (BLUE, 0.35)
-        disc = plate_disc(robot, plate, pose, look[0], opacity=look[1])
-        parts += [] if disc is None else [disc]
-        labels.append(Label(plate.name, plate_rim(robot, plate, pose)))
+        colour, opacity = (MUTED, 1.0) if plate.fixed else (BLUE, 0.35)
+        drawn, around = plate_parts(robot, plate, pose, colour, size, opacity=opacity)
+        parts += drawn
+        labels.append(Label(plate.name, around))
     parts += [Ball(at, 0.012 * size, colour=SKY) for at in snapshot.markers.values()]
     return tuple(parts), tuple(labels)
 
 
-def _body_surfaces(view: TwinView, snapshot: Snapshot, name: str, shades: Floats, fixed: str) -> list[Surface]:
-    """A body's surface, coloured by node; triangles whose nodes are all fixed in space have the colour `fixed`."""
-    triangles = boundary_triangles(view.tets[name])
-    body = next(body for body in view.robot.bodies if body.name == name)
-    is_fixed = np.isin(triangles, body.fixed).all(axis=1)
-    points = snapshot.points[name]
-    surfaces = [Surface(points, triangles[~is_fixed], colour=shades)]
-    if is_fixed.any():
-        surfaces.append(Surface(points, triangles[is_fixed], colour=fixed))
+def _body_surfaces(
+    body: Body, points: Floats, tets: Ints, colours: Mapping[str, str], moved: Floats | None, largest: float
+) -> list[Surface]:
+    """A body's surface, coloured by displacement or by material; what is fixed in space is grey."""
+    from softcal.report.style import MUTED
+
+    surfaces: list[Surface] = []
+    for material, faces in ({"": boundary(tets)} if moved is not None else material_faces(body, tets)).items():
+        fine = fine_surface(faces)
+        at = fine.at(points)
+        is_fixed = fine.by_triangle(np.asarray(np.isin(faces[:, :3], body.fixed).all(axis=1)))
+        hides = material == body.name and len(body.materials) > 1
+        look = colours[material] if moved is None else _shades(fine.at(moved), largest)
+        surfaces += [
+            Surface(at, fine.triangles[chosen], colour=colour, opacity=AROUND if hides else 1.0)
+            for chosen, colour in ((~is_fixed, look), (is_fixed, MUTED))
+            if chosen.any()
+        ]
     return surfaces
+
+
+def _shades(moved: Floats, largest: float) -> Floats:
+    """RGB (n, 3) of displacements (n,) [m]."""
+    from matplotlib import colormaps
+
+    from softcal.report.style import DISPLACEMENT
+
+    return np.asarray(colormaps[DISPLACEMENT](moved / (largest or 1.0)))[:, :3]
 
 
 def bending_axes(view: TwinView) -> tuple[Floats, Floats]:

@@ -36,8 +36,7 @@ def start_scenes(
         return None
     chosen = set(sorted(furthest, key=lambda name: -furthest[name])[: MOST - 1])
     far = views[max(furthest, key=lambda name: furthest[name])]
-    still = {name: 0.0 * d for name, d in moved[next(iter(moved))].items()}
-    scenes = [Scene("Undeformed", *twin_parts(far, undeformed, still, largest))]
+    scenes = [Scene("Undeformed", *twin_parts(far, undeformed, None, largest))]
     scenes += [
         Scene(name, *twin_parts(view, view.bent, moved[name], largest))
         for name, view in views.items()

@@ -80,13 +80,13 @@ def new_figure(width: float = 5.2, height: float = 3.6) -> Figure:
     return figure
 
 
-def encode(figure: Figure) -> tuple[bytes, bytes]:
-    """The figure as bytes of a PNG and an SVG file, reproducible for the same figure."""
+def encode(figure: Figure, title: str = "") -> tuple[bytes, bytes]:
+    """The figure as bytes of a PNG and an SVG file, which has the title, reproducible for the same figure."""
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     png, svg = as_png(figure), io.BytesIO()
     with house_style():
-        FigureCanvasSVG(figure).print_svg(svg, metadata={"Date": None})
+        FigureCanvasSVG(figure).print_svg(svg, metadata={"Date": None, **({"Title": title} if title else {})})
     return png, svg.getvalue()
 
 
@@ -97,8 +97,9 @@ def as_png(figure: Figure, dpi: float = DPI) -> bytes:
 
     buffer = io.BytesIO()
     with house_style():
-        if isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine):
-            figure.draw_without_rendering()
+        engine = figure.get_layout_engine()
+        if isinstance(engine, ConstrainedLayoutEngine):
+            engine.execute(figure)
         figure.set_layout_engine("none")  # computing it is most of the drawing time
         figure.set_dpi(dpi)
         # By the canvas, since `savefig` draws everything twice.
@@ -135,11 +136,10 @@ def is_uneven(values: Floats) -> bool:
     return bool(len(values) > 2 and values[0] > 0 and steps.max() > UNEVEN * steps.min() and values[-1] > 5 * values[0])
 
 
-def plain_log_axis(axes: Axes, low: float, high: float) -> None:
-    """A logarithmic x axis from low to high whose ticks read 0.1, 1, 10 rather than powers."""
-    axes.set_xscale("log")
-    axes.set_xlim(low, high)
-    plain_log_ticks(axes.xaxis, low, high)
+def plain_log_axis(axes: Axes, low: float, high: float, *, upright: bool = False) -> None:
+    """A logarithmic x axis, or y axis, from low to high whose ticks read 0.1, 1, 10 rather than powers."""
+    axes.set(**{"yscale": "log", "ylim": (low, high)} if upright else {"xscale": "log", "xlim": (low, high)})
+    plain_log_ticks(axes.yaxis if upright else axes.xaxis, low, high)
 
 
 def plain_log_ticks(axis: Axis, low: float, high: float) -> None:
@@ -148,7 +148,7 @@ def plain_log_ticks(axis: Axis, low: float, high: float) -> None:
 
     ratio = high / low
     subs = (1.0, 2.0, 3.0, 5.0) if ratio < 30 else (1.0, 3.0) if ratio < 3000 else (1.0,)
-    axis.set_major_locator(MaxNLocator(5) if ratio < 1.8 else LogLocator(subs=subs, numticks=12))
+    axis.set_major_locator(MaxNLocator(5) if ratio < 3.0 else LogLocator(subs=subs, numticks=12))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_locator(NullLocator())
     axis.set_minor_formatter(NullFormatter())

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import html
 import os
+import re
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +14,7 @@ from softcal.watch.reading import MOST_BYTES, Unreadable, clean, inside
 FIGURES = "figures"
 MOST = 200  # that are shown
 _FIRST = ("overview", "specimens", "infill", "error", "trajectory", "loops", "places", "distances", "twin", "nominal")
+_HEAD = 2000  # bytes of an SVG in which its title is
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -44,7 +48,7 @@ def report_figures(folder: Path) -> tuple[DrawnFigure, ...]:
     for name in own[:MOST]:
         path = figure_file(folder, name)
         if path is not None:
-            found.append(DrawnFigure(name, path.stat().st_mtime_ns, _title(name)))
+            found.append(DrawnFigure(name, path.stat().st_mtime_ns, _title(folder, name)))
     return tuple(found)
 
 
@@ -78,6 +82,15 @@ def _place(name: str) -> tuple[int, str]:
     return next((k for k, first in enumerate(_FIRST) if name.startswith(first)), len(_FIRST)), name
 
 
-def _title(name: str) -> str:
+def _title(folder: Path, name: str) -> str:
+    """The title in the figure's SVG, or the file's name in words where that has none."""
+    svg = f"{name.removesuffix('.png')}.svg"
+    with suppress(Unreadable, OSError):
+        path = inside(folder, f"{FIGURES}/{svg}")
+        if path is not None and path == folder.resolve() / FIGURES / svg:
+            with path.open("rb") as file:
+                head = file.read(_HEAD).decode("utf-8", "replace")
+            if found := re.search(r"<title>([^<]+)</title>", head):
+                return clean(html.unescape(found[1]), 120)
     words = clean(name[:-4].replace("-", " "), 120)
     return f"{words[:1].upper()}{words[1:]}"

@@ -69,5 +69,5 @@ def fleet_pictures(found: Fleet) -> list[Picture]:
 
 
 def _picture(name: str, caption: str, figure: Figure) -> Picture:
-    png, svg = encode(figure)
+    png, svg = encode(figure, caption.removesuffix("."))
     return Picture(name, "overview", caption, png, svg)

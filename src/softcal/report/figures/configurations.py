@@ -40,7 +40,9 @@ def configurations(content: ReportContent) -> Iterator[Drawing]:
         "from their measured positions (red). Colour: displacement from rest, one scale for all."
     )
     section = "compared" if has_curves(content) else "overview"
-    yield Drawing(drawn.figure, caption, shown="png", note=drawn.note, section=section)
+    yield Drawing(
+        drawn.figure, caption, shown="png", note=drawn.note, section=section, title="The twin at selected values"
+    )
 
 
 def draw_configurations(compared: Compared, estimates: Mapping[str, Estimate]) -> ScenePicture:

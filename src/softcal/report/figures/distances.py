@@ -30,7 +30,12 @@ def distances(content: ReportContent) -> Iterator[Drawing]:
             )
             held_out = any(place.held_out for place in found)
             caption += "; pale: held out of the fit and predicted." if held_out else "."
-            yield Drawing(draw_distances(result_label(label), found), caption, of=label)
+            yield Drawing(
+                draw_distances(result_label(label), found),
+                caption,
+                of=label,
+                title=f"Distance of the markers: {result_label(label)}",
+            )
 
 
 def draw_distances(title: str, found: Sequence[Place]) -> Figure:

@@ -26,7 +26,11 @@ def error_curves(content: ReportContent) -> Iterator[Drawing]:
     for result in content.sweeps.values():
         if curves := surfaces.error_curves(result):
             caption = "Error over the sweep, section by section; star: best value."
-            yield Drawing(draw_curves(result, curves), caption)
+            yield Drawing(
+                draw_curves(result, curves),
+                caption,
+                title=f"Error over {parameter_label(next(iter(result.parameters)))}",
+            )
 
 
 def draw_curves(result: SweepResult, curves: Sequence[ErrorCurve]) -> Figure:

@@ -50,7 +50,11 @@ def error_surfaces(content: ReportContent) -> Iterator[Drawing]:
             f"Error in every cell of the sweep, section by section{held}; dark is better, each panel has its own "
             "scale; star: best cell; empty: not simulated."
         )
-        yield Drawing(draw_surfaces(result, pair, found, nominal), caption)
+        yield Drawing(
+            draw_surfaces(result, pair, found, nominal),
+            caption,
+            title=f"Error over {joined(map(parameter_label, pair))}",
+        )
 
 
 def draw_surfaces(

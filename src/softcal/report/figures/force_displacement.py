@@ -30,11 +30,18 @@ def force_displacement(content: ReportContent) -> Iterator[Drawing]:
         if _is_of_states(experiment):
             continue
         if has_force_displacement(experiment.prepared) or has_force_displacement(experiment.raw):
-            yield Drawing(draw_force_displacement(experiment), _caption(experiment), of=name)
+            yield Drawing(
+                draw_force_displacement(experiment),
+                _caption(experiment),
+                of=name,
+                title=f"The measured force of {name}",
+            )
         else:
             later = steps_between(experiment.prepared, len(experiment.raw.provenance))
             used = f"; the fit uses it after {joined(later)}" if later else ""
-            yield Drawing(draw_record(experiment.raw), f"{name}: the record{used}.", of=name)
+            yield Drawing(
+                draw_record(experiment.raw), f"{name}: the record{used}.", of=name, title=f"The record of {name}"
+            )
 
 
 def _is_of_states(experiment: ExperimentContent) -> bool:

@@ -30,7 +30,8 @@ def history(content: ReportContent) -> Iterator[Drawing]:
                 f"{result_label(label)}: {len(found.losses)} trials, best loss {number(result.loss)}; "
                 f"{len(found.failed) or 'none'} failed."
             )
-            yield Drawing(draw_history(result_label(label), found), caption, of=label)
+            title = f"Loss of the trials: {result_label(label)}"
+            yield Drawing(draw_history(title, found), caption, of=label)
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ def importance(content: ReportContent) -> Iterator[Drawing]:
             "Share of the variance of each output over the bounds of the search that a parameter explains: alone "
             f"(dark), and together with others (light). Lines: 95 % intervals{by_trials}."
         )
-        yield Drawing(draw_importance(content.importance), caption)
+        yield Drawing(draw_importance(content.importance), caption, title="Which parameter decides what")
 
 
 def draw_importance(study: ImportanceStudy) -> Figure:

@@ -32,7 +32,7 @@ def loops(content: ReportContent) -> Iterator[Drawing]:
             who = name if alone else f"{name}, {result_label(label)}"
             caption = f"{who}: whole cycles, measured and simulated, and the energy that each of them loses."
             figure = draw_loops(name, content.experiments[name].prepared, fit)
-            yield Drawing(figure, caption, of=name if alone else f"{name} by {label}")
+            yield Drawing(figure, caption, of=name if alone else f"{name} by {label}", title=f"Whole cycles: {who}")
 
 
 def draw_loops(title: str, data: Dataset, fit: ExperimentFit) -> Figure:

@@ -1,17 +1,20 @@
-"""Paper A's Fig. 5: the loss over the searched parameters."""
+"""The loss over the searched parameters: paper A's Fig. 5, or profiles by the derivatives at the best point."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from softcal.calibration.digits import estimate_text, value_text
-from softcal.calibration.result import SearchResult
+from softcal.calibration.optimiser import OPTIMISERS
+from softcal.calibration.result import Estimate, SearchResult
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.report.content import Landscape, ReportContent
 from softcal.report.figure import Drawing, register_figure
+from softcal.report.figures.parameter import interval
 from softcal.report.format import (
     Scale,
     estimate_scale,
@@ -41,14 +44,24 @@ if TYPE_CHECKING:
 
 # Above this many points a scatter is rasterised inside the SVG, which keeps the file small.
 MANY_POINTS = 300
+_COLUMNS = 2  # of profiles
 
 
 @register_figure("search", place=1)
 def loss(content: ReportContent) -> Iterator[Drawing]:
-    """The loss over one or two searched parameters, on a grid or at the trials, with the optimum."""
+    """The loss over the parameters: near the best values by derivatives, or over one or two at all trials."""
     for label, result in content.calibrations.items():
+        title = f"Loss over the parameters: {result_label(label)}"
+        if result.method in OPTIMISERS and OPTIMISERS[result.method].statistics == "sensitivity":
+            if curves := {name: one for name, one in result.parameters.items() if one.profile}:
+                caption = (
+                    f"{result_label(label)}: the loss over each parameter, least over all others, as the derivatives "
+                    "at the best values (star) predict it. Shaded: the 95 % interval, which includes errors that the "
+                    "loss does not have."
+                )
+                yield Drawing(draw_profiles(title, curves, result), caption, of=label, title=title)
+            continue
         grid = content.landscapes.get(label) or grid_of_trials(result)
-        title = result_label(label)
         figure = draw_loss_map(title, result, grid) or draw_loss_profile(title, result)
         if figure is not None:
             what = "on a grid" if grid else "at the trials"
@@ -56,7 +69,9 @@ def loss(content: ReportContent) -> Iterator[Drawing]:
             seen = (
                 f", projected along {others} further parameter{'s' * (others > 1)}" if others > 0 and not grid else ""
             )
-            caption = f"{title}: the loss {what}{seen}; star: the optimum; dashed: the bounds of the search."
+            caption = (
+                f"{result_label(label)}: the loss {what}{seen}; star: the optimum; dashed: the bounds of the search."
+            )
             yield Drawing(figure, caption, of=label)
 
 
@@ -80,8 +95,40 @@ def grid_of_trials(result: SearchResult) -> Landscape | None:
     return Landscape(x_name, y_name, x, y, loss, failed)
 
 
+def draw_profiles(title: str, curves: Mapping[str, Estimate], result: SearchResult) -> Figure:
+    """A panel for each parameter: the least loss over its values, its interval, and the best value."""
+    rows = math.ceil(len(curves) / _COLUMNS)
+    with house_style():
+        figure = new_figure(5.2, 1.0 + 2.2 * rows)
+        grid = figure.subplots(rows, min(len(curves), _COLUMNS), sharey=True, squeeze=False)
+        for axes in grid.flat[len(curves) :]:
+            axes.set_visible(False)
+        for axes, (name, estimate) in zip(grid.flat, curves.items(), strict=False):
+            scale = estimate_scale(estimate)
+            values, losses = np.array(estimate.profile).T
+            x = values / scale.factor
+            low, high = (end / scale.factor for end in interval(estimate))
+            axes.axvspan(low, high, color=FAINT, alpha=0.45, linewidth=0.0, label="95 % interval")
+            axes.plot(x, losses, color=BLUE, label="loss, by derivatives")
+            axes.plot(
+                [estimate.value / scale.factor], [result.loss], marker="*", markersize=13, color=ORANGE,
+                markeredgecolor=INK, linestyle="", clip_on=False, zorder=5, label="best value",
+            )  # fmt: skip
+            if estimate.scale == "log":
+                plain_log_axis(axes, x[0], x[-1])
+            else:
+                axes.set_xlim(x[0], x[-1])
+            axes.set_xlabel(scale.axis(parameter_label(name, result.parameters)))
+        grid[0, 0].set_ylim(bottom=min([0.0, *(loss for one in curves.values() for _, loss in one.profile)]))
+        for axes in grid[:, 0]:
+            axes.set_ylabel("Loss")
+        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+        figure.suptitle(title, x=0.02, ha="left", fontsize=10.0, fontweight="bold", color=INK)
+        return figure
+
+
 def draw_loss_map(title: str, result: SearchResult, landscape: Landscape | None) -> Figure | None:
-    """Paper A's Fig. 5: the loss over E (log) and nu, as contours of a grid if there is one, else as trials.
+    """Paper A's Fig. 5: the loss over two parameters, as contours of a grid if there is one, else as trials.
 
     None if fewer than two parameters were searched and no landscape is given; see `draw_loss_profile`.
     """
@@ -102,8 +149,8 @@ def draw_loss_map(title: str, result: SearchResult, landscape: Landscape | None)
                 plain_log_ticks(bar.ax.yaxis, low, high)
         _draw_bounds(axes, result, pair, scales)
         _draw_optimum(axes, result, pair, scales)
-        axes.set_xlabel(scales[0].axis(parameter_label(pair[0])))
-        axes.set_ylabel(scales[1].axis(parameter_label(pair[1])))
+        axes.set_xlabel(scales[0].axis(parameter_label(pair[0], result.parameters)))
+        axes.set_ylabel(scales[1].axis(parameter_label(pair[1], result.parameters)))
         axes.set_title(title)
         axes.grid(False)
         if axes.get_legend_handles_labels()[1]:
@@ -130,7 +177,7 @@ def draw_loss_profile(title: str, result: SearchResult) -> Figure | None:
         if len(loss) and loss.min() > 0:
             axes.set_yscale("log")
             plain_log_ticks(axes.yaxis, *axes.get_ylim())
-        if estimate.lower > 0 and estimate.upper / estimate.lower > 5:
+        if estimate.scale == "log":
             plain_log_axis(axes, estimate.lower / scale.factor / 1.15, estimate.upper / scale.factor * 1.15)
         axes.set_xlabel(scale.axis(parameter_label(name)))
         axes.set_ylabel("Loss")
@@ -202,11 +249,13 @@ def _draw_bounds(axes: Axes, result: SearchResult, pair: tuple[str, str], scales
         [left, right, right, left, left], [bottom, bottom, top, top, bottom], color=MUTED, linestyle="--",
         linewidth=1.0, label="bounds", zorder=3,
     )  # fmt: skip
-    if left > 0:
-        stretch = (right / left) ** 0.04
-        plain_log_axis(axes, left / stretch, right * stretch)
-    margin = 0.06 * (top - bottom)
-    axes.set_ylim(bottom - margin, top + margin)
+    for one, low, high, upright in ((x, left, right, False), (y, bottom, top, True)):
+        if one.scale == "log":
+            stretch = (high / low) ** 0.04
+            plain_log_axis(axes, low / stretch, high * stretch, upright=upright)
+        else:
+            margin = 0.06 * (high - low)
+            (axes.set_ylim if upright else axes.set_xlim)(low - margin, high + margin)
 
 
 def _draw_optimum(axes: Axes, result: SearchResult, pair: tuple[str, str], scales: tuple[Scale, ...]) -> None:
@@ -217,7 +266,9 @@ def _draw_optimum(axes: Axes, result: SearchResult, pair: tuple[str, str], scale
     axes.plot(
         *at, marker="*", markersize=16, color=ORANGE, markeredgecolor=INK, linestyle="", label="optimum", zorder=5
     )
-    lines = [f"{parameter_label(name)} = {value_text(e)}" for name, e in zip(pair, (x, y), strict=True)]
+    lines = [
+        f"{parameter_label(name, result.parameters)} = {value_text(e)}" for name, e in zip(pair, (x, y), strict=True)
+    ]
     right, upper = _half(axes, *at)
     axes.annotate(
         "\n".join([*lines, f"loss {number(result.loss)}"]), at, xytext=(-16 if right else 16, -16 if upper else 16),

@@ -29,7 +29,7 @@ def mesh_study(content: ReportContent) -> Iterator[Drawing]:
             "Uncertainty from noise (blue: 95 % interval) and shift by the mesh (orange: to the value expected on the "
             "best of the finer meshes); open markers: the value expected on each of them."
         )
-        yield Drawing(figure, caption)
+        yield Drawing(figure, caption, title="What the mesh contributes")
 
 
 def drawn_parameters(study: MeshStudy) -> list[str]:

@@ -43,7 +43,7 @@ def nominal_and_tuned(content: ReportContent) -> Iterator[Drawing]:
         caption = (
             f"Distance of every marker from its measured position, nominal and {found.tuned_name}, in every state."
         )
-        yield Drawing(draw_comparison(found), caption)
+        yield Drawing(draw_comparison(found), caption, title=f"Distance of the markers, nominal and {found.tuned_name}")
 
 
 def draw_comparison(found: NominalComparison) -> Figure:

@@ -28,7 +28,7 @@ def overview(content: ReportContent) -> Iterator[Drawing]:
     if has_curves(content):
         whose = headline(content).twin
         caption = f"Measured cable force (points) and {whose} (lines): {result_label(content.headline)}."
-        yield Drawing(draw_overview(content, content.headline_result), caption)
+        yield Drawing(draw_overview(content, content.headline_result), caption, title="Measured force and the twin")
 
 
 def has_curves(content: ReportContent) -> bool:

@@ -28,9 +28,12 @@ if TYPE_CHECKING:
 @register_figure("parameters", place=1)
 def parameter(content: ReportContent) -> Iterator[Drawing]:
     """Every parameter's estimates and 95 % intervals, by calibration."""
-    for name in dict.fromkeys(parameter_name(name).base for name in ordered_parameters(content.results)):
-        caption = forest_caption(name, content.results, headline(content).kind)
-        yield Drawing(draw_forest(name, content.results), caption, of=name)
+    names = list(dict.fromkeys(parameter_name(name).base for name in ordered_parameters(content.results)))
+    for name in names:
+        label = parameter_label(name, names)
+        caption = forest_caption(name, label, content.results, headline(content).kind)
+        title = f"Estimates of {label} with their 95 % intervals"
+        yield Drawing(draw_forest(name, label, content.results), caption, of=name, title=title)
 
 
 def forest_rows(base: str, results: Mapping[str, SearchResult]) -> dict[str, Estimate]:
@@ -45,8 +48,11 @@ def forest_rows(base: str, results: Mapping[str, SearchResult]) -> dict[str, Est
     return rows
 
 
-def draw_forest(name: str, results: Mapping[str, SearchResult]) -> Figure:
-    """Forest plot of one parameter over the calibrations that have it: value, 95 % interval if known, bounds."""
+def draw_forest(name: str, label: str, results: Mapping[str, SearchResult]) -> Figure:
+    """Forest plot of one parameter over the calibrations that have it: value, 95 % interval if known, bounds.
+
+    label: what it is called, as distinct from the other parameters.
+    """
     rows = forest_rows(name, results)
     with house_style():
         figure = new_figure(5.2, 1.3 + 0.42 * len(rows))
@@ -67,20 +73,20 @@ def draw_forest(name: str, results: Mapping[str, SearchResult]) -> Figure:
             if left <= bound <= right:
                 named = "bound" if "bound" not in axes.get_legend_handles_labels()[1] else None
                 axes.axvline(bound / scale.factor, color=MUTED, linestyle="--", linewidth=1.0, label=named)
-        axes.set_title(parameter_label(name))
-        axes.set_xlabel(scale.axis(parameter_label(name)))
+        axes.set_title(label)
+        axes.set_xlabel(scale.axis(label))
         if axes.get_legend_handles_labels()[1]:
             figure.legend(loc="outside lower center", ncols=2)
         return figure
 
 
-def forest_caption(name: str, results: Mapping[str, SearchResult], kind: str) -> str:
+def forest_caption(name: str, label: str, results: Mapping[str, SearchResult], kind: str) -> str:
     """Caption of a parameter's chart; kind: what the results are, such as "calibration"."""
     having = forest_rows(name, results).values()
     drawn = [estimate for estimate in having if estimate.interval is not None or estimate.standard_error]
     bars = "bars are 95 % intervals" if drawn else "no intervals are known"
     marker = "; open marker: at a bound" if any(estimate.at_bound for estimate in having) else ""
-    return f"{parameter_label(name)} ({name}) by {kind}; {bars}{marker}."
+    return f"{label} ({name}) by {kind}; {bars}{marker}."
 
 
 def draw_rows(axes: Axes, rows: Mapping[str, Estimate], scale: Scale) -> None:

@@ -10,7 +10,8 @@ import numpy as np
 
 from softcal.calibration.result import ExperimentFit
 from softcal.checks import Floats, Ints
-from softcal.geometry.surface import boundary_triangles
+from softcal.geometry.fine_surface import fine_surface
+from softcal.geometry.surface import boundary
 from softcal.report.content import ReportContent
 from softcal.report.equilibrium_shapes import EquilibriumShapes
 from softcal.report.figure import Drawing, register_figure
@@ -51,7 +52,7 @@ def places(content: ReportContent) -> Iterator[Drawing]:
     )
     left = len(fits) - len(content.equilibria.shapes)
     caption += f" {left} further experiments are omitted." if left > 0 else ""
-    yield Drawing(draw_places(title, content.equilibria, markers), caption)
+    yield Drawing(draw_places(title, content.equilibria, markers), caption, title=f"Places of the markers: {title}")
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,8 @@ def _draw_shape(
     from matplotlib.collections import LineCollection, PolyCollection
 
     for body, cells in tets.items():
-        flat, triangles = view.flat(shape.points[body]), boundary_triangles(cells)
+        fine = fine_surface(boundary(cells))
+        flat, triangles = view.flat(fine.at(shape.points[body])), fine.triangles
         if fill is not None:
             axes.add_collection(PolyCollection(list(flat[triangles]), facecolors=fill, edgecolors=fill, zorder=1))
         lines = flat[outline(flat, triangles)]

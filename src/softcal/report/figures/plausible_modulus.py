@@ -28,7 +28,7 @@ def plausible_modulus(content: ReportContent) -> Iterator[Drawing]:
             f"Expected modulus of a print with {100 * infill.infill:.3g} % infill: {low} to {high} MPa (green); "
             "solid material: grey."
         )
-        yield Drawing(figure, caption)
+        yield Drawing(figure, caption, title="The modulus that the infill makes plausible")
 
 
 def draw_plausible_modulus(infill: PrintInfill, results: Mapping[str, SearchResult]) -> Figure | None:

@@ -34,4 +34,10 @@ def record(content: ReportContent) -> Iterator[Drawing]:
                 caption += " Pulley friction is subtracted from every sample as on the fitted branch."
             if found.every > 1:
                 caption += f" One sample in {found.every} is compared."
-            yield Drawing(draw_trajectory(trajectory_panels(driven, found.fit), 9.0), caption, of=name, shown="png")
+            yield Drawing(
+                draw_trajectory(trajectory_panels(driven, found.fit), 9.0),
+                caption,
+                of=name,
+                shown="png",
+                title=f"The whole record of {name}",
+            )

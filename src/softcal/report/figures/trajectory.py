@@ -43,7 +43,12 @@ def trajectory(content: ReportContent) -> Iterator[Drawing]:
                 )
             if path.abscissa.note:
                 caption += f" {path.abscissa.note}"
-            yield Drawing(draw_trajectory(path), caption, of=name if alone else f"{name} by {label}")
+            yield Drawing(
+                draw_trajectory(path),
+                caption,
+                of=name if alone else f"{name} by {label}",
+                title=f"Measured and simulated: {who}",
+            )
 
 
 @dataclass(frozen=True)

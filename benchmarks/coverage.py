@@ -2,16 +2,18 @@
 
 python -m benchmarks.coverage [--studies 200] [--cases NAME …] [--out FILE]
 
-Every study draws new independent noise (and new prior means), and goes through softcal's own `calibrate`. The twins are
-read off tables of softcal's own answers (`benchmarks.table_twins`).
+With `--cases` the rows of the others stay as they are stored (`coverage.json`). Every study draws new independent noise
+(and new prior means), and goes through softcal's own `calibrate`. The twins are read off tables of softcal's own
+answers (`benchmarks.table_twins`).
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -52,6 +54,7 @@ NECK = HERE.parent / "examples" / "neck-bench" / "project.yaml"
 EXAMPLE = HERE.parent / "examples" / "manipulator" / "project.yaml"
 MANIPULATOR = Path(softcal.__file__).parent / "templates" / "manipulator" / "project.yaml"
 PAGE, TEXT = HERE.parent / "docs" / "uncertainty.md", HERE / "coverage.md"
+STORED = HERE / "coverage.json"  # the rows of all cases, so that some can be studied again
 STUDIES = 200
 SLACK = "front.slack"
 TRUE = {E: 2.3e6, NU: 0.43, SLACK: 2e-3, PULLEY_FRICTION: 0.10}
@@ -204,7 +207,7 @@ class Coverage:
     held: int
     ratio: float
     differ: int = 0
-    misfits: int = 0
+    misfits: int | None = None
 
     @property
     def share(self) -> float:
@@ -394,7 +397,7 @@ def page(found: Sequence[Coverage]) -> str:
             f"{one.given} of {one.studies}",
             f"{100 * one.share:.1f} %",
             f"{one.ratio:.2f}",
-            f"{100 * one.misfits / one.studies:.0f} %",
+            "–" if one.misfits is None else f"{100 * one.misfits / one.studies:.0f} %",
         ]
         for one in found
     ]
@@ -421,7 +424,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, help="number of processes, 1 by default")
     parser.add_argument("--on", default="local", help="local, dask:ADDRESS or slurm, as of softcal's commands")
     arguments = parser.parse_args()
-    found: list[Coverage] = []
+    known = json.loads(STORED.read_text(encoding="utf-8"))
     with executor_on(arguments.on, arguments.workers) as executor:
         for case in CASES:
             if case.name not in arguments.cases:
@@ -432,7 +435,12 @@ def main() -> None:
             for one in rows:
                 share = f"{one.held} of {one.given} contain the true value ({one.studies} studies)"
                 print(f"  {one.parameter}: {share}, length {one.ratio:.2f}")
-            found += rows
+            known[case.name] = [
+                {field.name: getattr(one, field.name) for field in fields(one) if field.name != "case"} for one in rows
+            ]
+            if arguments.out == PAGE:
+                STORED.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
+    found = [Coverage(case, **row) for case in CASES for row in known.get(case.name, [])]
     arguments.out.write_text(page(found), encoding="utf-8")
 
 

@@ -45,9 +45,8 @@ def short_text(thing: object) -> str:
 
 def field_table(thing: object) -> str:
     """The table of an object's fields, as short_text has them."""
-    return heading(title(thing)) + html_table(
-        ["field", "value"], [[name, brief(value)] for name, value in _told(thing)]
-    )
+    rows = [[name, brief(value)] for name, value in _told(thing)]
+    return heading(title(thing)) + html_table(["field", "value"], rows)
 
 
 def title(thing: object) -> str:
@@ -66,7 +65,9 @@ def brief(value: object) -> str:
         case float():
             return f"{value:.6g}"
         case Mapping():
-            return _listed([str(key) for key in value], len(value))
+            some = list(value.items())[: MOST + 1]
+            shown = (f"{key}: {brief(one)}" if isinstance(one, int | float) else str(key) for key, one in some)
+            return _listed(list(shown), len(value))
         case Sequence() | Set():
             return _listed([_item(one) for one in list(value)[: MOST + 1]], len(value))
         case type():
@@ -116,8 +117,8 @@ def _is_empty(value: object) -> bool:
     return value is None or (isinstance(value, str | Mapping | Sequence | Set) and not value)
 
 
-def _is_same(value: object, other: object) -> bool:
+def _is_same(value: Any, other: Any) -> bool:
     """Whether two values are one; arrays by their numbers."""
     if type(value) is not type(other) or is_dataclass(value):
         return value is other
-    return bool(value.tolist() == other.tolist()) if hasattr(value, "tolist") else bool(value == other)  # pyright: ignore
+    return bool(value.tolist() == other.tolist() if hasattr(value, "tolist") else value == other)

@@ -158,7 +158,7 @@ def test_the_text_of_an_object_has_what_is_not_by_default():
         (np.zeros((3, 2)), "array (3, 2)"),
         (np.array([1, 2]), "[1, 2]"),
         (np.float64(0.5), "0.5"),
-        ({"a": 1, "b": 2}, "[a, b]"),
+        ({"a": [1], "b": 2.0}, "[a, b: 2]"),
         (list(range(100)), "100 entries"),
         ("x" * 100, repr("x" * 60 + "…")),
         (len, "len"),

@@ -22,6 +22,7 @@ from softcal import (
     write_export,
 )
 from softcal.cli import app
+from softcal.cli.printing import shown_path
 from softcal.workflows.export import EXPORTS, Export
 
 PLATES = '''
@@ -92,7 +93,8 @@ def test_an_export_of_ones_own_is_a_command(plates: ModuleType, tmp_path: Path) 
         app, ["export", "plates", str(path), "--digits", "3", "--pull", "front=2mm", "--out", str(out)]
     )
     assert found.exit_code == 0, found.output
-    assert f"Wrote 1 files into {out}; open it there: {out}" in found.output
+    shown = shown_path(out)
+    assert f"Wrote 1 files into {shown}; open it there: {shown}" in found.output
     head, *rows = (out / "pull.csv").read_text(encoding="utf-8").splitlines()
     assert head == "state,plate,z [m]"
     assert f"pull: {len(rows)} states" in found.output

@@ -208,7 +208,7 @@ def test_faults_of_a_problem_are_told_together() -> None:
     with pytest.raises(InputError) as caught:
         Problem(fake_robot(), experiments, SearchSpace((FreeParameter(NU, "1", 0.4, 0.5),)), PapersLoss())
     text = str(caught.value)
-    for words in ("no such cable; got fron; allowed: front, back", "share a name", "cannot name a file", "0.4999"):
+    for words in ("no such cable; got 'fron'; allowed: front, back", "share a name", "cannot name a file", "0.4999"):
         assert words in text
 
 

@@ -153,7 +153,7 @@ def test_what_the_robot_has_not_is_refused():
         simulate_in_time(column(), ramp({"side": ("tension", 1.0)}, 1.0))
     with pytest.raises(ParameterError, match="a cable cannot push"):
         simulate_in_time(column(), ramp({"front": ("tension", -1.0)}, 1.0))
-    with pytest.raises(InputError, match="no such plate or marker; got nose; allowed: plate, dot"):
+    with pytest.raises(InputError, match="no such plate or marker; got 'nose'; allowed: plate, dot"):
         simulate_in_time(column(), ramp(TENSION, 1.0), TimeSettings(settle=Settling(on="nose")))
     with pytest.raises(ParameterError, match="nothing that moves has mass"):
         simulate_in_time(column_robot("P1", divisions=(1, 1, 2)), ramp(TENSION, 1.0))

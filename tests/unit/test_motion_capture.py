@@ -112,7 +112,7 @@ def test_a_label_that_is_not_there_is_told_with_the_nearest(tmp_path):
     text = str(caught.value)
     assert "'Tip-1'" in text
     assert "'Sockel'" in text
-    assert "'Tip - 1', 'Tip - 2', 'Base'" in text
+    assert "Tip - 1, Tip - 2, Base" in text
     assert caught.value.faults[0].attempt == "'Tip - 1'"
 
 

@@ -110,7 +110,7 @@ def test_socket_of_clamped_tets_costs_nothing_and_changes_nothing():
 def test_what_cannot_be_built_is_refused_by_name():
     robot = column_robot("P1")
     (body,), (plate,) = robot.bodies, robot.plates
-    with pytest.raises(InputError, match=r"neck\.law: there is no such law; got 'ogden'; allowed: arruda-boyce"):
+    with pytest.raises(InputError, match=r"neck\.law: there is no such law; got 'ogden'; .* Try: 'ogden-"):
         build_twin(replace(robot, bodies=(replace(body, law="ogden"),)))
     with pytest.raises(InputError, match=r"neck\.element: there is no such element"):
         build_twin(replace(robot, bodies=(replace(body, element="Q1"),)))
@@ -120,7 +120,7 @@ def test_what_cannot_be_built_is_refused_by_name():
         build_twin(replace(robot, plates=(plate, replace(plate, name="second"))))
     with pytest.raises(MeshError, match="the body is not attached"):
         build_twin(Robot((replace(body, fixed=np.zeros(0, dtype=int)),)))
-    with pytest.raises(MeshError, match="front, via point 1: there is no such body, rod or plate; got lid"):
+    with pytest.raises(MeshError, match="front, via point 1: there is no such body, rod or plate; got 'lid'"):
         build_twin(replace(robot, cables=(Cable("front", (ViaPoint(np.zeros(3), "lid"), ViaPoint(np.ones(3)))),)))
     with pytest.raises(MeshError, match="front, via point 1"):
         build_twin(replace(robot, cables=(Cable("front", (ViaPoint(np.ones(3), "neck"), ViaPoint(2 * np.ones(3)))),)))

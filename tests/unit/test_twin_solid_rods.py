@@ -98,5 +98,5 @@ def test_what_cannot_be_solid_is_told(given, message):
 
 
 def test_a_name_that_is_no_rod_is_told():
-    with pytest.raises(MeshError, match="no such rod; got spring9"):
+    with pytest.raises(MeshError, match="no such rod; got 'spring9'"):
         with_solid_rods(manipulator(SHAPE), ["spring9"])

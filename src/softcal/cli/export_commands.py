@@ -66,7 +66,7 @@ def _command(export: Export) -> Any:
         print_warnings(warnings)
         for text in notes:
             typer.echo(text)
-        hint = f"; {export.hint.format(out=out)}" if export.hint else ""
+        hint = f"; {export.hint.format(out=shown_path(out))}" if export.hint else ""
         typer.echo(f"Wrote {len(written)} files into {shown_path(out)}{hint}")
 
     empty = inspect.Parameter.empty

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from softcal.calibration import misfit
 from softcal.calibration.loss import Block
@@ -59,6 +60,13 @@ def test_white_noise_is_no_curve_and_a_wave_is_one() -> None:
             assert found is not None
             alarms += found.is_curve
         assert alarms <= 10
+    alarms = 0
+    for seed in range(200):  # noise of an instrument that is correlated by 0.8
+        white = np.random.default_rng([seed, 8]).standard_normal(300)
+        found = residual_record(lfilter([1.0], [1.0, -0.8], white))
+        assert found is not None
+        alarms += found.is_curve
+    assert alarms <= 10
     wave = residual_record(np.cos(5.0 * D) + 0.1 * np.random.default_rng(2).standard_normal(N))
     assert wave is not None
     assert wave.is_curve

@@ -15,8 +15,9 @@ from softcal.checks import Floats
 
 FEW = 1 / 3
 """Share of the samples: with fewer effective ones, neighbouring residuals are called alike."""
-CURVE = 1 / 5
-"""Share of the samples: with fewer effective ones, residuals are a curve that the model misses, and no noise."""
+CURVE, OF_CURVE = 1 / 5, 10
+"""Share of the samples, and number: with fewer effective ones than both, residuals are a curve that the model misses. Of
+correlated noise, a long record is worth more."""
 FEWEST_OF_CURVE = 20
 """Fewer residuals of white noise look like a curve too often."""
 FEWEST = 8
@@ -60,7 +61,7 @@ class ResidualRecord:
     @property
     def is_curve(self) -> bool:
         """Whether they are a curve that the model misses, and no noise of single samples."""
-        return self.n >= FEWEST_OF_CURVE and self.effective < CURVE * self.n
+        return self.n >= FEWEST_OF_CURVE and self.effective < min(CURVE * self.n, OF_CURVE)
 
     @property
     def are_alike(self) -> bool:

@@ -334,7 +334,7 @@ def test_a_fit_of_as_many_parameters_as_values_is_not_called_close_or_identified
 def test_a_chart_says_whether_its_bars_are_intervals() -> None:
     def caption(**more: object) -> str:
         found = result("a", estimates={E_NAME: replace(modulus(2.3, None), **more)})
-        return forest_caption(E_NAME, {"a": found}, "calibration")
+        return forest_caption(E_NAME, "E", {"a": found}, "calibration")
 
     end = (2.2e6, 2.3e6)
     assert caption() == f"E ({E_NAME}) by calibration; no intervals are known."

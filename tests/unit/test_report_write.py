@@ -65,7 +65,7 @@ def test_every_figure_is_there_twice_and_readable(written: ReportPaths) -> None:
         "twin",
         "overview",
         "plausible-modulus",
-        "loss-joint",
+        "loss-20-mm-5-mm-s",
         "history-joint",
         "parameter-neck-youngs-modulus",
     ):
@@ -143,7 +143,12 @@ def test_a_landscape_is_drawn_as_a_map(content: ReportContent) -> None:
     failed = np.zeros((6, 8), dtype=int)
     failed[0, 0] = 1
     grid = Landscape("neck.youngs_modulus", "neck.poissons_ratio", x, y, loss, failed)
-    lean = replace(content, twin=None, results={"joint": content.results["joint"]}, landscapes={"joint": grid})
+    lean = replace(
+        content,
+        twin=None,
+        results={"joint": replace(content.results["joint"], method="tpe")},
+        landscapes={"joint": grid},
+    )
     captions = [picture.caption for picture in report_pictures(lean) if picture.section == "search"]
     assert "on a grid" in captions[0]
 

@@ -61,13 +61,15 @@ def response_picture(response: Response) -> Iterator[bytes]:
 def result_pictures(result: CalibrationResult) -> Iterator[bytes]:
     """The loss against the trials, and the first experiments, measured and simulated."""
     from softcal.report.figures.distances import distances
-    from softcal.report.figures.history import history
+    from softcal.report.figures.history import draw_history, search_history
     from softcal.report.figures.trajectory import trajectory
 
     experiments = {name: _experiment(name, fit) for name, fit in result.experiments.items()}
     label = next(iter(experiments)) if len(experiments) == 1 else JOINT
     content = ReportContent("", {label: result}, experiments)
-    for figure, most in ((history, 1), (trajectory, MOST), (distances, 1)):
+    if len((losses := search_history(result.trials)).losses):
+        yield as_png(draw_history("Loss of the trials", losses), FINE)
+    for figure, most in ((trajectory, MOST), (distances, 1)):
         for drawing in islice(figure(content), most):
             yield as_png(drawing.figure, FINE)
 

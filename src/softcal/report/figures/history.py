@@ -20,12 +20,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+_FEWEST = 12  # trials
+
+
 @register_figure("search", place=2)
 def history(content: ReportContent) -> Iterator[Drawing]:
-    """The loss of every trial of a search, and the best so far."""
+    """The loss of every trial of a search, and the best so far; of a few trials, as by derivatives, it says nothing."""
     for label, result in content.calibrations.items():
         found = search_history(result.trials)
-        if len(found.losses):
+        if len(found.losses) >= _FEWEST:
             caption = (
                 f"{result_label(label)}: {len(found.losses)} trials, best loss {number(result.loss)}; "
                 f"{len(found.failed) or 'none'} failed."

@@ -119,7 +119,6 @@ def draw_profiles(title: str, curves: Mapping[str, Estimate], result: SearchResu
             else:
                 axes.set_xlim(x[0], x[-1])
             axes.set_xlabel(scale.axis(parameter_label(name, result.parameters)))
-        grid[0, 0].set_ylim(bottom=min([0.0, *(loss for one in curves.values() for _, loss in one.profile)]))
         for axes in grid[:, 0]:
             axes.set_ylabel("Loss")
         figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)

@@ -306,7 +306,7 @@ STATED: list[tuple[str, Declared]] = [
 MADE_OF = [
     (MaterialSection, Material, set()),
     (BodySection, Body, {"mesh", "shape", "fixed", "history"}),
-    (RodSection, Rod, {"section", "clamped", "fixed", "history"}),
+    (RodSection, Rod, {"section", "clamped", "fixed", "history", "law"}),
     (RodMaterialSection, Material, {"between"}),
     (PlateSection, Plate, {"holes"}),
     (TieSection, Tie, set()),

@@ -231,7 +231,7 @@ def test_tables_files_and_charts_have_it_within_the_bounds(tmp_path: Path, capsy
     assert load_result(tmp_path / "run").parameters[NU].interval == (low, high)
     print_results({"joint": result})
     assert f"{low:.3g} to 0.4999 " in capsys.readouterr().out
-    (axes,) = draw_forest(NU, {"joint": result}).axes
+    (axes,) = draw_forest(NU, "ν", {"joint": result}).axes
     assert axes.lines[0].get_xdata() == pytest.approx([low, high])
 
 

@@ -46,6 +46,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, CalibrationResu
 def test_result_json_holds_what_is_promised_in_si(run: tuple[Path, CalibrationResult]) -> None:
     folder, result = run
     held = json.loads((folder / "result.json").read_text())
+    profile = held["parameters"][E].pop("profile")
+    low, high = held["parameters"][E]["interval"]
+    assert profile[0][0] < low < high < profile[-1][0]
+    assert [list(pair) for pair in result.parameters[E].profile] == profile
     assert held["parameters"][E] == {
         "value": result.parameters[E].value,
         "unit": "Pa",

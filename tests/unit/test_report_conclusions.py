@@ -108,7 +108,10 @@ def test_fits_whose_ratio_is_at_a_bound_are_compared_at_one_ratio() -> None:
     at = Estimate(0.4999, "1", True, 0.4, 0.4999, None, (0.4, 0.4999))
     spread = Spread({"test1": 3.53e6, "test2": 3.32e6, "test3": 3.2e6}, 60.0, 2, 1e-6, 1e5, None)
     fits = {
-        label: replace(one, parameters={**one.parameters, NU_NAME: at}) for label, one in separate(*SHIPPED).items()
+        label: replace(
+            one, parameters={**one.parameters, NU_NAME: replace(at, value=0.4 if label == "test1" else 0.4999)}
+        )
+        for label, one in separate(*SHIPPED).items()
     }
     joint = result("test1", "test2", "test3", estimates={E_NAME: modulus(3.294, 0.0053), NU_NAME: at})
     jointly = replace(joint, spreads={E_NAME: spread})

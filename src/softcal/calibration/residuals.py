@@ -16,8 +16,8 @@ from softcal.checks import Floats
 FEW = 1 / 3
 """Share of the samples: with fewer effective ones, neighbouring residuals are called alike."""
 CURVE, OF_CURVE = 1 / 5, 10
-"""Share of the samples, and number: with fewer effective ones than both, residuals are a curve that the model misses. Of
-correlated noise, a long record is worth more."""
+"""Share of the samples, and number: with fewer effective ones than both, residuals are a curve that the model misses. A
+long record of correlated noise is worth more."""
 FEWEST_OF_CURVE = 20
 """Fewer residuals of white noise look like a curve too often."""
 FEWEST = 8

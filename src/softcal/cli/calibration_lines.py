@@ -58,7 +58,8 @@ class CalibrationLines:
             self._tell(label, state)
 
     def say(self, text: str) -> None:
-        """Print a line of its own."""
+        """Print a line of its own, in the place of those that wait."""
+        self._waiting.clear()
         typer.echo(text, err=True)
 
     def follow(self, path: PathProgress) -> None:

@@ -99,10 +99,6 @@ def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
             table.add_row(
                 "  95 % interval", *("" if estimate is None else interval_text(estimate) for estimate in found)
             )
-        if "[" not in name and any(estimate is not None and len(estimate.shares) > 1 for estimate in found):
-            table.add_row(
-                "  its variance", *("" if estimate is None else _budget(name, estimate) for estimate in found)
-            )
     table.add_section()
     for name, channel in _error_lines(fit for r in results.values() for fit in r.experiments.items()):
         cells = (_error(result.experiments.get(name), channel) for result in results.values())
@@ -118,12 +114,6 @@ def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
     table.add_row("loss", *(f"{result.loss:.4g}" for result in results.values()))
     table.add_row("trials", *(_count(result) for result in results.values()))
     return table
-
-
-def _budget(name: str, estimate: Estimate) -> str:
-    from softcal.report.statement import statement
-
-    return statement(name, name, estimate).budget_text
 
 
 def _error_lines(fits: Iterable[tuple[str, ExperimentFit]]) -> list[tuple[str, str]]:

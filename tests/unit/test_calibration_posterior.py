@@ -14,6 +14,7 @@ from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.posterior import ERROR, posterior
 from softcal.calibration.problem import Problem
+from softcal.calibration.sensitivity import local_estimator
 from softcal.errors import CalibrationError, ParameterError
 
 # Percentiles of some 4000 effective draws scatter by 0.04 standard deviations; three of these.
@@ -25,7 +26,10 @@ def by_grid(problem: Problem, ends: dict[str, tuple[float, float]], n: int = 61)
     space = problem.space
     axes = [np.linspace(*ends[label], n) for label in space.labels]
     grid = np.array([[problem.evaluate(space.to_model([a, b])).loss for b in axes[1]] for a in axes[0]])
-    weights = np.exp(-0.5 * (grid - grid.min()))
+    theta = values(problem)
+    seen = problem.evaluate(theta, jacobian=True)
+    beyond = local_estimator(space, problem.loss, np.clip(space.to_search(theta), 0.0, 1.0), seen.blocks).contradiction
+    weights = np.exp(-0.5 * (grid - grid.min()) / beyond**2)  # what is beyond a bound multiplies all errors
     weights[:, [0, -1]] /= 2  # the trapezoidal rule: a bound cuts the second parameter
     found = {}
     for k, label in enumerate(space.labels):

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.calibration.convergence import distance_to_minimum
-from softcal.calibration.estimator import Estimator
+from softcal.calibration.estimator import Estimator, unseen_parameters
 from softcal.calibration.local_model import LocalModel, Point, jacobian_of
 from softcal.calibration.loss import Block, Loss, rms
 from softcal.calibration.problem import Evaluation, Problem
@@ -36,7 +36,6 @@ from softcal.errors import Fault, InputError, SimulationError
 NO_MINIMUM = 0.5
 """Standard errors: values further than this from the minimum of the loss do not show the noise."""
 _EXACT = 1e-9  # of a channel's root mean square: smaller residuals are rounding, not noise
-_MIXED = 0.01  # share of an unidentifiable direction
 _RUN = "softcal calibrate with the method least-squares, to its end"
 
 
@@ -163,7 +162,7 @@ def calibrated(problem: Problem, theta: Mapping[str, float]) -> Calibrated:
     if found.spent:
         got = " and ".join(found.spent)
         raise _refused("there are no more measured values than parameters, so the noise cannot be estimated", got)
-    blind = np.abs(found.unseen).max(axis=0, initial=0.0) > _MIXED
+    blind = unseen_parameters(found.unseen)
     if blind.any():
         got = ", ".join(label for label, is_blind in zip(space.labels, blind, strict=True) if is_blind)
         raise _refused("the data do not identify every parameter", got, "fix one of them, or state a prior")

@@ -141,7 +141,7 @@ class _Restricted:
 
     def __init__(self, records: Sequence[ErrorRecord]) -> None:
         # Each record by itself is free of what any theta explains: how experiments differ is not noise within one.
-        self._records = [(one.residual, _span(one.answer)) for one in records]
+        self._records = [(one.residual, span(one.answer)) for one in records]
         self._count = sum(len(one.residual) for one in records)
         self.free = self._count - sum(columns.shape[1] for _, columns in self._records)
         self._longest = max(len(one.residual) for one in records)
@@ -220,10 +220,10 @@ def _share(logit: float) -> float:
     return float(1.0 / (1.0 + np.exp(-logit)))
 
 
-def _span(columns: Floats) -> Floats:
-    """An orthonormal basis of the columns' span."""
+def span(columns: Floats) -> Floats:
+    """An orthonormal basis (n, r) of the span of columns (n, k)."""
     left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-    return left[:, sizes > _NULL * max(float(sizes[0]), 1e-300)]
+    return left[:, sizes > _NULL * float(sizes.max(initial=1e-300))]
 
 
 def _covariance(phi: Floats, n: int) -> Floats:

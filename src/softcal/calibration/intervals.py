@@ -62,6 +62,8 @@ def beyond_bounds(minimum: Floats, root: Floats) -> Floats:
     Its square is the decrease of the squared distance from the minimum when these bounds are removed and the others
     stay; zero where the parameter's bounds are not active. minimum, root: as for `box_intervals`.
     """
+    if np.all((minimum >= 0.0) & (minimum <= 1.0)):
+        return np.zeros(len(minimum))
     profile = _Profile(minimum, root)
     return np.array([profile.held_by(j) for j in range(len(minimum))])
 

@@ -18,13 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.calibration.band import half_width
-from softcal.calibration.estimator import Estimator, estimator
+from softcal.calibration.estimator import Estimator, estimator, unseen_parameters
 from softcal.calibration.intervals import nearest_within
 from softcal.calibration.loss import Block, Loss, rms
 from softcal.calibration.set_ups import others
 from softcal.checks import Floats
 
-_MIXED = 0.01  # share of an unidentifiable direction from which the others do not determine a parameter
 FEWEST = 3  # experiments: of two others it can be said how far they differ
 
 
@@ -69,7 +68,7 @@ def left_out(
         own = on & ~known
         rest = [b for b in blocks if (b.experiment in left or not b.experiment) and not _only_of(b, ~known)]
         without = estimator(loss, z, slopes, rest, left)
-        if without.spent or np.any(np.abs(without.unseen[:, on & known]) > _MIXED):
+        if without.spent or np.any(unseen_parameters(without.unseen)[on & known]):
             continue
         held = [b for b in blocks if b.experiment == name or (own.any() and _only_of(b, own))]
         predicted[name] = _Prediction(loss, held, slopes, on, own, known).by(without, z, found)

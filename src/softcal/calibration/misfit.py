@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from softcal.calibration.correlation import span
 from softcal.calibration.loss import Block
 from softcal.checks import Floats
 
@@ -24,7 +25,8 @@ def explained_by(block: Block) -> dict[str, float]:
     """Cause -> the share [-] of a block's residuals that it explains, the largest first; empty without a jacobian."""
     if block.jacobian is None:
         return {}
-    basis = _span(block.jacobian)
+    sizes = np.linalg.norm(block.jacobian, axis=0)
+    basis = span(block.jacobian / np.where(sizes > 0.0, sizes, 1.0))  # a modulus and a ratio have other units
     residual = _without(basis, block.residual)
     square = float(residual @ residual)
     found: dict[str, float] = {}
@@ -50,13 +52,6 @@ def _shapes(y: Floats) -> Mapping[str, Floats]:
     if _BRANCH < rises < 1.0 - _BRANCH:
         shapes[FRICTION] = np.sign(slope) * y
     return shapes
-
-
-def _span(columns: Floats) -> Floats:
-    """An orthonormal basis (n, k) of the columns' span."""
-    sizes = np.linalg.norm(columns, axis=0)
-    left, values, _ = np.linalg.svd(columns[:, sizes > 0.0] / sizes[sizes > 0.0], full_matrices=False)
-    return left[:, values > 1e-9]
 
 
 def _without(basis: Floats, x: Floats) -> Floats:

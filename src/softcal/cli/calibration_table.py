@@ -46,7 +46,8 @@ def print_results(
     for text, _ in agreement_sentences(results):
         typer.echo(text)
     first = first_label(results)
-    for label, result in judged(results, first).items():
+    shown = judged(results, first)
+    for label, result in shown.items():
         for text, differs in spread_sentences(result, records):
             typer.echo(f"{'Warning: ' * differs}{label}: {text}", err=differs)
         for text, misfits in residual_sentences(result):
@@ -56,7 +57,7 @@ def print_results(
     notes: dict[Note, list[str]] = {}
     for label, result in results.items():
         for note in result.notes:
-            if note.level == "warning" or label in judged(results, first):
+            if note.level == "warning" or label in shown:
                 notes.setdefault(note, []).append(label)
     warnings = {note: labels for note, labels in notes.items() if note.level == "warning"}
     for note, labels in warnings.items():

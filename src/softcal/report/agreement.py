@@ -39,7 +39,9 @@ def _jointly(one: Agreement, names: Sequence[str], results: Mapping[str, SearchR
         if spread is None or one.chance is None:
             continue
         if spread.differs == one.differs:
-            return _at_one_value(one, names, results, result)
+            if text := _at_one_value(one, names, results, result):
+                return text
+            continue
         others = [parameter_label(name, names) for name in names if name != one.name and name in result.parameters]
         at = f"with {joined(others)} at {'their' if len(others) > 1 else 'its'} joint value{'s' * (len(others) > 1)}"
         verb = "differ" if spread.differs else "do not differ"

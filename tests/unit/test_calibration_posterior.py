@@ -74,21 +74,19 @@ def test_no_more_draws_are_effective_than_are_made():
 
 # Beside the first case some ten seconds each.
 @pytest.mark.parametrize(
-    "name",
+    ("name", "samples"),
     [
-        "linear",
-        pytest.param(
-            "linear, cut by a bound",
-            marks=[pytest.mark.slow, pytest.mark.xfail(reason="one of four figures of nu is off by 0.17 sd, not 0.15")],
-        ),
-        pytest.param("curved", marks=pytest.mark.slow),
+        ("linear", 10_000),
+        # The far end of a density that a bound cuts is at few draws: of 10,000 it errs by a tenth of the deviation.
+        pytest.param("linear, cut by a bound", 40_000, marks=pytest.mark.slow),
+        pytest.param("curved", 10_000, marks=pytest.mark.slow),
     ],
 )
-def test_the_draws_are_those_of_the_density(name: str):
+def test_the_draws_are_those_of_the_density(name: str, samples: int):
     problem, ends = CASES[name]
-    found = posterior(problem, values(problem))
+    found = posterior(problem, values(problem), samples=samples)
     expected, drawn = by_grid(problem, ends), by_draws(problem, found)
-    assert found.facts["draws"] == 10_000
+    assert found.facts["draws"] == samples
     assert found.facts["effective draws"] > 3000
     assert found.facts["error of the surrogate's log-posterior"] <= ERROR
     for label in problem.space.labels:

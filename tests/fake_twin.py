@@ -17,6 +17,8 @@ from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
 
 E, NU = "neck.youngs_modulus", "neck.poissons_ratio"
 TRUE = {E: 2.3e6, NU: 0.43}
+STEADY = {"front.tension_drift": 0.0, "plate.pitch_drift": 0.0}
+"""Settings of an experiment whose instruments do not drift: its errors are its noise."""
 # tension = E (A g d + B g^3 d^3) with g = 1 + C nu; pitch = K d (1 + D nu d)
 A, B, C, K, D = 1.6e-4, 0.02, 0.3, 20.0, 1.0
 
@@ -132,6 +134,7 @@ def fake_experiment(
     rig: Rig | None = None,
     seed: int = 0,
     true: dict[str, float] | None = None,
+    settings: Mapping[str, float] | None = None,
 ) -> Experiment:
     """What the fake twin gives at TRUE, seen through a rig, with noise [share of each channel's top]."""
     from softcal.twin.protocol import Command
@@ -153,4 +156,4 @@ def fake_experiment(
             "pitch": Channel(pitch, "rad", sigma),
         },
     )
-    return Experiment(name, dataset, "front", "plate", drive, rig=rig or Rig())  # type: ignore[arg-type]
+    return Experiment(name, dataset, "front", "plate", drive, rig=rig or Rig(), settings=settings or {})  # type: ignore[arg-type]

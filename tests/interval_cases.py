@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from fake_twin import NU, E, fake_experiment, fake_robot, fake_simulate
+from fake_twin import NU, STEADY, E, fake_experiment, fake_robot, fake_simulate
 
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.loss import Loss
@@ -65,8 +65,13 @@ def linear_problem(
     correlation: float = 0.0,
     spread: float = 0.0,
     prior: tuple[float, float] | None = None,
+    settings: Mapping[str, float] = STEADY,
+    drift: float = 0.0,
 ) -> Problem:
-    """Experiments with noise of `noise` times its stated size; spread [Pa]: of E between them; prior [Pa]: of E."""
+    """Experiments with noise of `noise` times its stated size; spread [Pa]: of E between them; prior [Pa]: of E.
+
+    drift: of all channels, from the first sample to the last, in stated sizes of the noise.
+    """
     chance = np.random.default_rng(seed)
     experiments = []
     for name in names:
@@ -78,9 +83,10 @@ def linear_problem(
             values = chance.standard_normal(n)
             for i in range(1, n):
                 values[i] = correlation * values[i - 1] + np.sqrt(1 - correlation**2) * values[i]
-            measured = seen.channels[channel] + noise * SIGMA[kind] * values
+            error = noise * values + drift * np.linspace(0.0, 1.0, n)
+            measured = seen.channels[channel] + SIGMA[kind] * error
             channels[kind] = Channel(measured, unit, SIGMA[kind])
-        experiments.append(Experiment(name, Dataset(name, channels), "front", "plate"))
+        experiments.append(Experiment(name, Dataset(name, channels), "front", "plate", settings=settings))
     mean, sd = prior or (None, None)
     free = [
         FreeParameter(E, "Pa", 1.0e6, 4.0e6, prior_mean=mean, prior_sd=sd),
@@ -91,7 +97,7 @@ def linear_problem(
 
 def curved(loss: Loss | None = None) -> Problem:
     """Few samples with much noise: the fake twin is far from linear over its intervals."""
-    experiment = fake_experiment(noise=0.08, sigma=0.08, n_samples=12, slack=2e-3, seed=3)
+    experiment = fake_experiment(noise=0.08, sigma=0.08, n_samples=12, slack=2e-3, seed=3, settings=STEADY)
     free = [
         FreeParameter(E, "Pa", 0.1e6, 40e6, "log"),
         FreeParameter(NU, "1", 0.05, 0.4999),

@@ -33,6 +33,7 @@ def study(
     stated: dict[str, float],
     own: np.ndarray | None = None,
     loss: Loss = LIKELIHOOD,
+    drift: np.ndarray | None = None,
 ) -> tuple[list[Block], Estimator]:
     """The blocks at the joint minimum of k tests, and the estimator there; own: each test's first parameter."""
     step = np.zeros(2 + k)
@@ -44,7 +45,8 @@ def study(
                 offset[:, i] = channel == "tension"
                 J = np.column_stack([rows, offset])
                 e = noise[i][channel] - (0.0 if own is None else own[i] * rows[:, 0])
-                blocks.append(Block(f"pull{i}", channel, np.full(N, 5.0), e + J @ step, stated.get(channel, 0.0), J))
+                sigma = stated.get(channel, 0.0)
+                blocks.append(Block(f"pull{i}", channel, np.full(N, 5.0), e + J @ step, sigma, J, drift=drift))
         weights = [loss.square_weights(one, one.residual) for one in blocks]
         A = sum(b.jacobian.T @ (w[:, None] * b.jacobian) for b, w in zip(blocks, weights, strict=True))
         change = np.linalg.solve(A, sum(b.jacobian.T @ (w * b.residual) for b, w in zip(blocks, weights, strict=True)))
@@ -65,7 +67,7 @@ def exact(k: int) -> list[dict[str, np.ndarray]]:
     return [{c: 0.9 * s * (-1.0) ** np.arange(N) for c, s in SIGMA.items()} for _ in range(k)]
 
 
-def one_more(k: int, *, repeats: int = 1, **sigma: float) -> AddedTest:
+def one_more(k: int, *, repeats: int = 1, drift: np.ndarray | None = None, **sigma: float) -> AddedTest:
     """The same test once more, after k of them."""
     channels = tuple(
         AddedChannel(
@@ -74,6 +76,7 @@ def one_more(k: int, *, repeats: int = 1, **sigma: float) -> AddedTest:
             np.full((N, 1), float(c == "tension")),
             (f"pull{k - 1}", c),
             sigma.get(c),
+            drift=drift,
         )
         for c, rows in ROWS.items()
     )
@@ -88,11 +91,13 @@ def errors(one: ExpectedEstimates | Estimator) -> np.ndarray:
     return np.linalg.norm(one.root, axis=0)[:2]
 
 
+@pytest.mark.parametrize("drift", [None, PLACES], ids=["steady", "a drift that the noise conceals"])
 @pytest.mark.parametrize("repeats", [1, 3])
-def test_it_is_the_calibration_with_the_test_among_its_data(repeats: int) -> None:
-    blocks, found = study(2, exact(2), SIGMA)
-    told = expected(LIKELIHOOD, 2, blocks, found, one_more(2, repeats=repeats))
-    _, after = study(2 + repeats, exact(2 + repeats), SIGMA)
+def test_it_is_the_calibration_with_the_test_among_its_data(repeats: int, drift: np.ndarray | None) -> None:
+    blocks, found = study(2, exact(2), SIGMA, drift=drift)
+    assert ("drift" in found.variances) == (drift is not None)
+    told = expected(LIKELIHOOD, 2, blocks, found, one_more(2, repeats=repeats, drift=drift))
+    _, after = study(2 + repeats, exact(2 + repeats), SIGMA, drift=drift)
     np.testing.assert_allclose(errors(told), errors(after), rtol=1e-6)
     assert np.all(errors(told) < errors(found))
     assert np.all(np.isinf(told.dof))

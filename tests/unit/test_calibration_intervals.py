@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fake_twin import NU, E, fake_experiment, fake_robot, fake_simulate
+from fake_twin import NU, STEADY, E, fake_experiment, fake_robot, fake_simulate
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -155,9 +155,11 @@ def test_how_far_bounds_hold_a_parameter_is_what_the_distance_falls_by_without_t
 
 @pytest.mark.parametrize(("far", "held"), [(-3.0, False), (1.0, False), (3.0, True), (30.0, True)])
 def test_data_that_want_a_value_beyond_a_bound_are_said_to(tmp_path: Path, far: float, held: bool) -> None:
+    pull = fake_experiment(noise=0.01, settings=STEADY)
+
     def found(lower: float):
         modulus, loss = FreeParameter(E, "Pa", lower, 40e6, "log"), LikelihoodLoss({"tension": 0.3, "pitch": 0.01})
-        problem = make_problem(fake_robot(), [fake_experiment(noise=0.01)], [modulus], loss, fake_simulate)
+        problem = make_problem(fake_robot(), [pull], [modulus], loss, fake_simulate)
         return calibrate(problem, starts=1, store=tmp_path / f"{lower:.6g}").parameters[E]
 
     free = found(1e5)
@@ -248,7 +250,7 @@ def test_logarithms_are_searched_and_their_intervals_stated_in_them() -> None:
 
 def test_parameters_that_move_together_are_named_with_what_the_other_would_tell() -> None:
     """By force alone E and nu trade off; the error with nu given is that of a fit in which nu is fixed."""
-    one = replace(fake_experiment(noise=0.02, seed=3), compared=("tension",))
+    one = replace(fake_experiment(noise=0.02, seed=3, settings=STEADY), compared=("tension",))
     free = [
         FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=2e6),
         FreeParameter(NU, "1", 0.30, 0.4999, start=0.43),

@@ -9,7 +9,7 @@ from dataclasses import replace
 import fake_twin
 import numpy as np
 import pytest
-from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
+from fake_twin import NU, STEADY, TRUE, E, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
 from scipy.optimize import minimize
 
 from softcal.calibration.convergence import in_standard_errors
@@ -439,7 +439,7 @@ def test_standard_errors_are_those_of_repeated_noise() -> None:
     sigma = 0.02
     found, stated = [], []
     for seed in range(40):
-        experiment = fake_experiment(noise=sigma, seed=seed)
+        experiment = fake_experiment(noise=sigma, seed=seed, settings=STEADY)
         tops = {c: float(fake_experiment().dataset.values(c).max()) for c in ("tension", "pitch")}
         loss = LikelihoodLoss({channel: sigma * top for channel, top in tops.items()})
         problem = make_problem(

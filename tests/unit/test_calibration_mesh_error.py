@@ -37,7 +37,9 @@ def measured_on(truth: Robot) -> Experiment:
     seen = simulate(truth, Protocol({"front": Command("shortening", d)}), curve_tolerance=1e-6)
     noise = 0.01 * np.random.default_rng(2).standard_normal(len(d))
     channels = {"shortening": Channel(d, "m"), "tension": Channel(seen.channels["front.tension"] + noise, "N", 0.01)}
-    return Experiment("pull", Dataset("pull", channels), "front", "plate", "shortening")
+    return Experiment(
+        "pull", Dataset("pull", channels), "front", "plate", "shortening", settings={"front.tension_drift": 0.0}
+    )
 
 
 def problem_of(coarse: Robot, truth: Robot) -> Problem:

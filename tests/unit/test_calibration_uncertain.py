@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate
+from fake_twin import NU, STEADY, TRUE, E, fake_experiment, fake_robot, fake_simulate
 
 from softcal.calibration.estimator import estimator
 from softcal.calibration.experiment import Experiment
@@ -33,7 +33,7 @@ problem_of = partial(make_problem, simulate=fake_simulate)
 
 def measured(name: str = "pull", *, seed: int = 0, gain: float = 1.0, noise: float = NOISE) -> Experiment:
     """A test whose load cell reads `gain` times the tension."""
-    test = fake_experiment(name, noise=noise, sigma=NOISE, seed=seed)
+    test = fake_experiment(name, noise=noise, sigma=NOISE, seed=seed, settings=STEADY)
     tension = test.dataset.channels["tension"]
     channels = {**test.dataset.channels, "tension": Channel(tension.values * gain, "N", tension.sigma)}
     return replace(test, dataset=replace(test.dataset, channels=channels))
@@ -41,7 +41,7 @@ def measured(name: str = "pull", *, seed: int = 0, gain: float = 1.0, noise: flo
 
 def with_gain(problem: Problem, gain: float) -> Problem:
     """The problem as calibrated by one who believes in another gain of the load cell."""
-    believed = [replace(test, settings={GAIN: gain}) for test in problem.experiments]
+    believed = [replace(test, settings={**test.settings, GAIN: gain}) for test in problem.experiments]
     return replace(problem, experiments=tuple(believed))
 
 

@@ -122,7 +122,7 @@ def test_alike_experiments_are_said_to_agree_within_their_noise() -> None:
     ((text, differs),) = spread_sentences(result)
     assert not differs
     assert "does not differ between the experiments by more than the noise within them explains" in text
-    assert set(result.parameters[E].shares) == {"noise"}
+    assert set(result.parameters[E].shares) == {"noise", "drift"}
 
 
 def test_what_is_alike_is_one_sentence_with_its_correction() -> None:

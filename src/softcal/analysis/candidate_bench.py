@@ -245,6 +245,7 @@ def added_test(problem: Problem, slopes: Floats, plan: Plan, rows: Sequence[Row]
                 counts(problem, plan, block.channel),
                 block.systematic,
                 np.column_stack([zeros, *(by[p.label] for p in own_errs)])[:, 1:],
+                block.drift,
             )
         )
     priors = [

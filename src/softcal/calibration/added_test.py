@@ -22,7 +22,7 @@ from softcal.calibration.between_experiments import Alone, Between, own_step, pa
 from softcal.calibration.correlation import BINS, ErrorRecord, Process, record
 from softcal.calibration.estimator import Estimator, Linear, Weighed, linearised
 from softcal.calibration.loss import Block, Loss, rms
-from softcal.calibration.noise import PRIOR, ScaledBlock, Source, systematic_sources
+from softcal.calibration.noise import DRIFT, PRIOR, ScaledBlock, Source, drift_sources, systematic_sources
 from softcal.calibration.set_ups import parts_by_set_up, serves_by_set_up
 from softcal.calibration.uncertain import UncertainParameter
 from softcal.checks import Floats
@@ -50,6 +50,8 @@ class AddedChannel:
         Its change (n, k) [SI] by one standard deviation of each uncertain parameter of the calibration, or None.
     own_systematic
         The same (n, m) of the test's own uncertain parameters, or None.
+    drift
+        As of a `Block`.
     """
 
     name: str
@@ -61,6 +63,7 @@ class AddedChannel:
     counted: bool = True
     systematic: Floats | None = None
     own_systematic: Floats | None = None
+    drift: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -183,7 +186,8 @@ def with_added_test(
     labelled = {i: (p.source, p.label) for i, p in enumerate(errs)}
     averaged = [_with_steps(one, i, found, parts, sources, places, serves, added) for i, one in _differing(found)]
     linear = Linear(parts, inverse, [one for one in averaged if one.has_interval])
-    budget = linear.budget([*sources, *systematic_sources(parts, labelled)], averaged)
+    drifts = drift_sources(parts, [one for one in sources if one.kind == "noise"])
+    budget = linear.budget([*sources, *systematic_sources(parts, labelled)], averaged, drifts)
     left = sum(part.pull.T @ part.residual for part in parts if part.experiment not in places)
     step = linear.step(-inverse @ left)
     return ExpectedEstimates(np.linalg.qr(budget.root[:, :size])[1], step[:size], budget.dof[:size], unseen[:, :size])
@@ -247,7 +251,9 @@ def _expected(
     n = len(jacobian)
     # Of the expected size; what matters of them is no more than that. Alternating, they are of no smooth direction.
     residual = np.sqrt(noise.variance) * (-1.0) ** np.arange(n)
-    block = Block(test, channel.name, np.zeros(n), residual, noise.unit, jacobian, systematic=moved)
+    block = Block(
+        test, channel.name, np.zeros(n), residual, noise.unit, jacobian, systematic=moved, drift=channel.drift
+    )
     if noise.stated:
         return Weighed(block, np.full(n, 1.0 / noise.unit**2), np.full(n, noise.unit))
     if channel.counted:
@@ -258,7 +264,7 @@ def _expected(
 def _base_sources(parts: Sequence[ScaledBlock], found: Estimator, added: Collection[str]) -> list[Source]:
     """The calibration's sources of error, with the priors of the added parameters, in the parts of all parameters."""
     sources: list[Source] = []
-    for source in found.sources:
+    for source in (one for one in found.sources if one.kind != DRIFT):
         own = [p for p in parts if p.group == source.name and p.experiment not in added and p.group != PRIOR]
         sources.append(replace(source, records=tuple(_record(part, source.process) for part in own)))
     priors = tuple(_record(part, None) for part in parts if part.group == PRIOR)

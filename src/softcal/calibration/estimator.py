@@ -13,6 +13,10 @@ the records; the priors and the uncertain parameters, which misfit does not wide
 fit differ by more than their noise explains, the difference of each experiment from their mean. The interval of such a
 parameter is that of the mean over the experiments as random effects give it, and no longer that of the loss's own
 weights.
+
+An instrument may drift by what its own noise conceals (`noise.drift_sources`), unless something is stated on it: a free
+or uncertain parameter, or a setting. The data cannot tell, since the parameters follow most of a drift. Such a doubt
+makes no standard error longer than by half.
 """
 
 from __future__ import annotations
@@ -27,13 +31,24 @@ from softcal.calibration.budget import Budget
 from softcal.calibration.correlation import ErrorRecord
 from softcal.calibration.intervals import contradiction
 from softcal.calibration.loss import Block, Loss
-from softcal.calibration.noise import PRIOR, Noise, ScaledBlock, Source, sources, systematic_sources, white_noise
+from softcal.calibration.noise import (
+    DRIFT,
+    PRIOR,
+    Noise,
+    ScaledBlock,
+    Source,
+    drift_sources,
+    sources,
+    systematic_sources,
+    white_noise,
+)
 from softcal.calibration.set_ups import members, parts_by_set_up, serves_by_set_up, set_ups_of
 from softcal.calibration.uncertain import UncertainParameter
 from softcal.checks import Floats
 
 # Singular value over the largest, in units of the search range, below which a direction counts as unidentifiable.
 _BLIND = 1e-7
+_LONGER = 1.5  # times as long as without is the most that drifts without a statement make an interval
 _MIXED = 0.01  # share of an unidentifiable direction from which a parameter cannot be distinguished from others in it
 
 
@@ -61,10 +76,10 @@ class Estimator:
     between
         How the experiments differ in the parameters that they share.
     variances
-        Kind of source ("noise", "prior", "experiments", "set-ups", or an uncertain parameter, "bounds") -> its part
-        of each variance, shape (size,); see `Budget`.
+        Kind of source ("noise", "drift", "prior", "experiments", "set-ups", an uncertain parameter, "bounds") -> its
+        part of each variance, shape (size,); see `Budget`.
     sources
-        The errors of the measurements and priors.
+        The errors of the measurements and priors, with drifts that nothing is stated on.
     within_bounds
         Covariance (size, size) where every parameter lies within its bounds.
     set_ups
@@ -126,7 +141,8 @@ def estimator(
     minimum = z + linear.step(-inverse @ sum(part.pull.T @ part.residual for part in parts))
     held = tuple(sources(parts, noise))
     errs = {k: (p.source, p.label) for k, p in enumerate(uncertain)}
-    budget = linear.budget([*held, *systematic_sources(parts, errs)], differing)
+    budget = linear.budget([*held, *systematic_sources(parts, errs)], differing, drift_sources(parts, held))
+    held = (*held, *(one for one in budget.sources if one.kind == DRIFT))
     known = ~unseen_parameters(unseen)
     contradicted = 1.0 if spent else contradiction(minimum[known], budget.root[:, known])
     if contradicted > 1.0:
@@ -175,9 +191,11 @@ def linearised(
         group = loss.noise_group(block) if block.experiment else PRIOR
         over = block.residual / unit
         moved = np.zeros((len(w), n_uncertain)) if block.systematic is None else block.systematic
-        changes = [changed / unit[:, None] for changed in (moved, _curving(loss, block, w, moved))]
+        changes, curving = (changed / unit[:, None] for changed in (moved, _curving(loss, block, w, moved)))
         answer, pull = J / unit[:, None], (w * unit)[:, None] * J
-        parts.append(ScaledBlock(block.experiment, group, one.stated is not None, answer, pull, over, *changes))
+        drift = None if block.drift is None else block.drift / unit
+        known = one.stated is not None
+        parts.append(ScaledBlock(block.experiment, group, known, answer, pull, over, changes, curving, drift))
     return parts, *_inverse_hessian(loss, seen, jacobians)
 
 
@@ -193,10 +211,19 @@ class Linear:
     inverse: Floats
     averaged: Sequence[Between]
 
-    def budget(self, sources: Sequence[Source], differing: Sequence[Between]) -> Budget:
-        """The budget of errors; sources: of the measurements' errors, differing: how experiments differ."""
-        every = (*sources, *(self.differences(one) for one in differing))
-        return Budget(every, [self.responses(source) for source in every], len(self.inverse))
+    def budget(self, sources: Sequence[Source], differing: Sequence[Between], drifts: Sequence[Source] = ()) -> Budget:
+        """The budget of errors; sources: of the measurements' errors, differing: how experiments differ.
+
+        drifts: without a statement on them, as large as they are or smaller.
+        """
+        known = self._budget([*sources, *(self.differences(one) for one in differing)])
+        added, before = (np.sum(one.root**2, axis=0) for one in (self._budget(drifts), known))
+        least = np.max(added / before, initial=0.0) / (_LONGER**2 - 1.0)
+        limited = [one.times(1.0 / np.sqrt(max(least, 1.0))) for one in drifts]
+        return self._budget([*known.sources, *limited])
+
+    def _budget(self, sources: Sequence[Source]) -> Budget:
+        return Budget(sources, [self.responses(source) for source in sources], len(self.inverse))
 
     def responses(self, source: Source) -> list[Floats]:
         """The responses (m, size) to the records of a source of error."""

@@ -52,6 +52,8 @@ class Block:
         Change of the residual (n, k) [SI] by one standard deviation of each uncertain parameter, or None.
     set_up
         The set-up of the experiment; "" where it is one by itself.
+    drift
+        The part (n,) of the record's time that has passed, where the instrument may drift and nothing is stated on it.
     """
 
     experiment: str
@@ -63,6 +65,7 @@ class Block:
     point: str = ""
     systematic: Floats | None = None
     set_up: str = ""
+    drift: Floats | None = None
 
     @cached_property
     def grows_with_moduli(self) -> bool:

@@ -16,11 +16,15 @@ from operator import attrgetter
 
 import numpy as np
 
-from softcal.calibration.correlation import ErrorRecord, Process, process, record
+from softcal.calibration.correlation import FEWEST, ErrorRecord, Process, process, record
 from softcal.checks import Floats
 
 PRIOR = ""
 """The group of the priors."""
+DRIFT = "drift"
+_CONCEALED = 2.0 / np.sqrt(3.0)
+"""Standard deviation of a drift in standard errors of its own estimate from a record, where up to two of them are as
+likely as none."""
 _ITERATIONS = 200
 _FEWEST_DOF = 3.0  # of a process that a record of any length shows
 _SPENT = 0.5  # degrees of freedom below which a group's noise cannot be estimated
@@ -67,6 +71,8 @@ class ScaledBlock:
         Change of the residual (n, k) over v by one standard deviation of each uncertain parameter.
     curving
         As systematic, without the direction in which the loss is straight: what pulls on the joint minimum.
+    drift
+        How far a drift of the instrument has come (n,), over v; None where it has none, or something is stated on it.
     """
 
     experiment: str
@@ -77,6 +83,7 @@ class ScaledBlock:
     residual: Floats
     systematic: Floats
     curving: Floats
+    drift: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -86,7 +93,8 @@ class Source:
     Attributes
     ----------
     kind
-        "noise", "prior", "experiments" or "set-ups" (differences between them), or the uncertain parameter that errs.
+        "noise", "drift", "prior", "experiments" or "set-ups" (differences between them), or the uncertain parameter
+        that errs.
     name
         The group of channels, or the parameter.
     records
@@ -149,6 +157,23 @@ def sources(parts: Sequence[ScaledBlock], noise: Mapping[str, Noise]) -> list[So
             averaged = [ErrorRecord(part.residual, part.answer, part.pull, part.experiment) for part in own]
         kind = "prior" if group == PRIOR else "noise"
         found.append(Source(kind, group, tuple(averaged), held.size, held.dof, correlated))
+    return found
+
+
+def drift_sources(parts: Sequence[ScaledBlock], noise: Sequence[Source]) -> list[Source]:
+    """Drifts of the instruments, in proportion to time, that the noise of their records conceals."""
+    found: list[Source] = []
+    for part in parts:
+        drift = part.drift
+        if drift is None or len(drift) < FEWEST or np.ptp(drift) == 0.0:
+            continue
+        of = next(s for s in noise if s.name == part.group and part.experiment in {one.experiment for one in s.records})
+        values = drift if of.process is None else record(drift, part.answer, part.pull).residual
+        along = values - values.mean()
+        error = np.sqrt(of.variances([along[:, None]])[0]) / (along @ along)
+        pull = _CONCEALED * error * (drift @ part.pull)[None, :]
+        held = ErrorRecord(np.zeros(1), np.zeros_like(pull), pull, part.experiment)
+        found.append(Source(DRIFT, part.group, (held,), 1.0, np.inf))
     return found
 
 

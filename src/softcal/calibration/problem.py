@@ -353,6 +353,8 @@ class Problem:
             if experiment.name not in observations:
                 continue
             seen = observations[experiment.name]
+            judged = [p for p in (*self.space.parameters, *self.uncertain) if p.serves(experiment.name)]
+            stated = {*experiment.settings, *(target for p in judged for target in p.targets)}
             for channel in experiment.compared:
                 there = experiment.seen(channel) & np.isfinite(seen.predicted[channel])
                 if not there.any():
@@ -361,6 +363,7 @@ class Problem:
                 derivatives = seen.derivatives.get(channel, {})
                 jacobian = _columns(self.space.parameters, experiment.name, derivatives, len(there))
                 systematic = _columns(self.uncertain, experiment.name, derivatives, len(there))
+                drift = experiment.twin_channel(channel).drift
                 blocks.append(
                     Block(
                         experiment.name,
@@ -372,6 +375,7 @@ class Problem:
                         experiment.point_of(channel),
                         None if systematic is None else systematic[there] * [p.sd for p in self.uncertain],
                         experiment.set_up,
+                        experiment.elapsed[there] if drift and drift not in stated else None,
                     )
                 )
         return blocks

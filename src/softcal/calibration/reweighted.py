@@ -18,7 +18,7 @@ import numpy as np
 
 from softcal.calibration.estimator import Estimator, Weighed, linearised
 from softcal.calibration.loss import Block, Loss
-from softcal.calibration.noise import ScaledBlock, Source, systematic_sources
+from softcal.calibration.noise import DRIFT, ScaledBlock, Source, systematic_sources
 from softcal.calibration.uncertain import UncertainParameter
 from softcal.checks import Floats, Ints
 
@@ -196,7 +196,7 @@ def reweighted(
     if plain:
         squares.append(_squares(plain, rooted=False))
     errs = {i: (p.source, p.label) for i, p in enumerate(uncertain)}
-    known = (*(one for one in found.sources if one.kind == "prior"), *systematic_sources(parts, errs))
+    known = (*(one for one in found.sources if one.kind in ("prior", DRIFT)), *systematic_sources(parts, errs))
     responses = tuple(tuple(one.pull @ inverse for one in source.records) for source in known)
     own = felt[:k].sum(axis=0) < FEWEST
     return Reweighted(tuple(names), z, tuple(squares), noises[:k], own, known, responses)

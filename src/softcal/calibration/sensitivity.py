@@ -20,7 +20,7 @@ from softcal.calibration.experiment import rig_kind
 from softcal.calibration.intervals import beyond_bounds, box_intervals
 from softcal.calibration.left_out import LeftOut, left_out
 from softcal.calibration.loss import Block, Loss, rms
-from softcal.calibration.noise import PRIOR
+from softcal.calibration.noise import DRIFT, PRIOR
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.random_effects import Spread
 from softcal.calibration.result import Estimate, Note
@@ -165,7 +165,10 @@ def local_statistics(
     notes += _together(space, theta, within, found, slopes)
     if MARKERS in found.variances:
         notes.append(Note(MARKERS_DIFFER.format(n_markers(blocks)), "warning"))
-    notes += [Note(not_included(uncertain)), *([Note(ONE_EXPERIMENT)] if len(serves) == 1 else [])]
+    notes += [
+        Note(not_included(uncertain, DRIFT in found.variances)),
+        *([Note(ONE_EXPERIMENT)] if len(serves) == 1 else []),
+    ]
     summed = np.sum(list(found.variances.values()), axis=0)
     shares = {
         space.labels[j]: {kind: float(part[j] / summed[j]) for kind, part in found.variances.items() if part[j] > 0.0}
@@ -182,11 +185,12 @@ def local_statistics(
     )
 
 
-def not_included(uncertain: Sequence[UncertainParameter]) -> str:
-    """What the intervals include, and what they do not."""
+def not_included(uncertain: Sequence[UncertainParameter], has_drifts: bool = False) -> str:
+    """What the intervals include, and what they do not; has_drifts: of instruments, with nothing stated on them."""
     named = list(dict.fromkeys(p.source for p in uncertain if p != MESH_ERROR))
     has_mesh = MESH_ERROR in uncertain
-    listed = [*(["the error of the mesh"] if has_mesh else []), *(f"the uncertainty of {name}" for name in named)]
+    drifts, mesh = ["drifts that the noise conceals"] * has_drifts, ["the error of the mesh"] * has_mesh
+    listed = [*drifts, *mesh, *(f"the uncertainty of {name}" for name in named)]
     included = f", {', '.join(listed[:-1])}{', ' * (len(listed) > 1)}and {listed[-1]}" if listed else ""
     return NOT_INCLUDED.format(included, "" if has_mesh else "of the mesh, ", "rest of the " if named else "")
 

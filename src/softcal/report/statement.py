@@ -15,6 +15,7 @@ from softcal.analysis.mesh_study import MeshStudy
 from softcal.calibration.between_markers import MARKERS
 from softcal.calibration.budget import BOUNDS
 from softcal.calibration.digits import NORMAL_95, estimate_text, half_width, interval_text, value_text
+from softcal.calibration.noise import DRIFT
 from softcal.calibration.result import Estimate
 from softcal.calibration.uncertain import EACH
 from softcal.report.format import parameter_label
@@ -42,6 +43,12 @@ SOURCES = (
         "the noise of the measurements",
         "noise",
         "more independent measurements, or better ones, will reduce it",
+    ),
+    ErrorSource(
+        DRIFT,
+        "drifts of the instruments that their noise conceals",
+        "drift",
+        "a closer limit on them, such as the data sheet's under `uncertain:`, will reduce it",
     ),
     ErrorSource(
         "experiments",

@@ -31,8 +31,10 @@ from softcal.calibration.loss import Loss
 from softcal.calibration.losses.distance import DistanceLoss
 from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.losses.papers import PapersLoss
+from softcal.calibration.misfit import DRIFT, FRICTION, LAW
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.residuals import ResidualRecord
 from softcal.calibration.result import CalibrationResult
 from softcal.calibration.rig import Pulleys, Rig
 from softcal.calibration.run import calibrate
@@ -77,13 +79,14 @@ class Case:
     stated: the noise in the data sheet over the true one. depth: noise of the camera's axis over that across it.
     correlation: of neighbouring samples' noise. misfit: a smooth error of the force, over its root mean square; a third
     of it in the pitch. reaches: the largest shortening [m] of each pull; spread: standard deviation of ln E among them.
-    gain: standard deviation of the load cell's, which is known of it beforehand and drawn anew in every study.
-    known: whether the pulleys' friction is known. drift: of load cell and IMU over the record, over the noise, up or
-    down; states_drift: whether `uncertain:` states it. law: of the true material, in the place of the neo-Hookean one
-    that is fitted. loop: friction by which the force is larger while pulling than on the way back, both of which are
-    fitted. outliers: share of samples with 20 times the noise. step: of the load cell's readings [N].
-    six: six cables and eight markers of the manipulator, and 0.2 mm of noise; off: how far each marker [m], pulled: by
-    what share each cable's force is off (standard deviations).
+    gain: standard deviation of the load cell's, which is known of it beforehand and drawn anew in every study. known:
+    whether the pulleys' friction is known. drift: of load cell and IMU over the record, over the noise, up or down;
+    states_drift: whether `uncertain:` states it, or `settings:` that there is none. law: of the true material, in the
+    place of the neo-Hookean one that is fitted. loop: friction by which the force is larger while pulling than on the
+    way back, both of which are fitted. outliers: share of samples with 20 times the noise. step: of the load cell's
+    readings [N]. cause: the words of the misfit's true cause. six: six cables and eight markers of the manipulator, and
+    0.2 mm of noise; off: how far each marker [m], pulled: by what share each cable's force is off (standard
+    deviations).
     studies: at most, for those that take long.
     """
 
@@ -103,6 +106,7 @@ class Case:
     known: bool = False
     drift: float = 0.0
     states_drift: bool = False
+    cause: str = ""
     law: str = ""
     loop: float = 0.0
     outliers: float = 0.0
@@ -136,28 +140,37 @@ FOUR = (0.020, 0.026, 0.030, 0.034)  # [m]
 LOTS = (0.020, 0.023, 0.026, 0.029, 0.032, 0.034)  # [m]
 CORRELATED, MISFIT, SPREAD, LOT_SPREAD, GAIN_SD = 0.95, 0.03, 0.03, 0.05, 0.02
 WRONG_STUDIES = 100
+OUTLIERS, STEPS, DIFFERENCES = "single samples", "steps of the readings", "differences between the tests"
 NEAR_WORDS = "ν 0.41 within bounds of 0.40 and 0.4999"
 # Models that are a little wrong, and data that are not as stated.
 WRONG: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("steady", "neck, 300 samples, noise correlated by 0.8", {"correlation": 0.8}),
-    ("drift-1", "the same, drift of load cell and IMU of one σ", {"correlation": 0.8, "drift": 1.0}),
-    ("drift-3", "the same, drift of three σ", {"correlation": 0.8, "drift": 3.0}),
+    ("drift-1", "the same, drift of load cell and IMU of one σ", {"correlation": 0.8, "drift": 1.0, "cause": DRIFT}),
+    ("drift-3", "the same, drift of three σ", {"correlation": 0.8, "drift": 3.0, "cause": DRIFT}),
     ("drift-stated", "the same, stated (`uncertain:`)", {"correlation": 0.8, "drift": 3.0, "states_drift": True}),
-    ("stiffer", "neck, 300 samples, a material that stiffens, fitted as neo-Hookean", {"law": "stiffer"}),
-    ("softer", "the same, a material that softens", {"law": "softer"}),
-    ("loop", "neck, 300 samples, both branches of a loop of ± 3 %, fitted without friction", {"loop": 0.03}),
-    ("outliers", "neck, 300 samples, one in a hundred off by 20 σ", {"outliers": 0.01}),
-    ("quantised", "neck, 300 samples, a load cell in steps of 0.1 N", {"step": 0.1}),
+    ("stiffer", "neck, 300 samples, a material that stiffens, fitted as neo-Hookean", {"law": "stiffer", "cause": LAW}),
+    ("softer", "the same, a material that softens", {"law": "softer", "cause": LAW}),
+    (
+        "loop",
+        "neck, 300 samples, both branches of a loop of ± 3 %, fitted without friction",
+        {"loop": 0.03, "cause": FRICTION},
+    ),
+    ("outliers", "neck, 300 samples, one in a hundred off by 20 σ", {"outliers": 0.01, "cause": OUTLIERS}),
+    ("quantised", "neck, 300 samples, a load cell in steps of 0.1 N", {"step": 0.1, "cause": STEPS}),
 )
 # Yeoh's C20 and C30 over C10: force by -2 to +14 % and by -2 to -5 % of neo-Hooke's over the record.
 OTHER_LAWS = {"stiffer": (8.0, 0.0), "softer": (-1.0, 1.0)}
 CASES = (
     Case("likelihood", "neck, `likelihood`, a prior on the pulleys' friction", LIKELIHOOD),
-    Case("likelihood-understated", "the same, stated noise a third of the true noise", LIKELIHOOD, stated=1 / 3),
-    Case("likelihood-bound", f"the same, {NEAR_WORDS}", LIKELIHOOD, true=NEAR_BOUND, ratios=PAPER_RATIOS),
+    Case("likelihood-known", "the same, instruments stated to be without drift", LIKELIHOOD, states_drift=True),
+    Case(
+        "likelihood-understated", "neck, `likelihood`, stated noise a third of the true noise", LIKELIHOOD, stated=1 / 3
+    ),
+    Case("likelihood-bound", f"neck, `likelihood`, {NEAR_WORDS}", LIKELIHOOD, true=NEAR_BOUND, ratios=PAPER_RATIOS),
     Case("papers", "neck, `papers`, friction known", PAPERS),
-    Case("papers-1000", "the same, 1000 samples", PAPERS, n=1000),
-    Case("papers-bound", f"the same, 60 samples, {NEAR_WORDS}", PAPERS, true=NEAR_BOUND, ratios=PAPER_RATIOS),
+    Case("papers-known", "the same, instruments stated to be without drift", PAPERS, states_drift=True),
+    Case("papers-1000", "neck, `papers`, friction known, 1000 samples", PAPERS, n=1000),
+    Case("papers-bound", f"neck, `papers`, 60 samples, {NEAR_WORDS}", PAPERS, true=NEAR_BOUND, ratios=PAPER_RATIOS),
     Case(
         "likelihood-correlated",
         "neck, `likelihood`, noise correlated by 0.95, 1000 samples",
@@ -172,8 +185,15 @@ CASES = (
     Case("papers-alike", "the same, `papers`", PAPERS, reaches=FOUR),
     Case("likelihood-differ", "four pulls, `likelihood`, E differs by 3 %", LIKELIHOOD, reaches=FOUR, spread=SPREAD),
     Case("papers-differ", "the same, `papers`", PAPERS, reaches=FOUR, spread=SPREAD),
-    Case("likelihood-lots", "six pulls, `likelihood`, E differs by 5 %", LIKELIHOOD, reaches=LOTS, spread=LOT_SPREAD),
-    Case("papers-lots", "the same, `papers`", PAPERS, reaches=LOTS, spread=LOT_SPREAD),
+    Case(
+        "likelihood-lots",
+        "six pulls, `likelihood`, E differs by 5 %",
+        LIKELIHOOD,
+        reaches=LOTS,
+        spread=LOT_SPREAD,
+        cause=DIFFERENCES,
+    ),
+    Case("papers-lots", "the same, `papers`", PAPERS, reaches=LOTS, spread=LOT_SPREAD, cause=DIFFERENCES),
     Case("likelihood-gain", "neck, `likelihood`, load cell off by 2 % (`uncertain:`)", LIKELIHOOD, gain=GAIN_SD),
     Case("papers-gain", "the same, `papers`", PAPERS, gain=GAIN_SD),
     *(
@@ -201,8 +221,9 @@ class Coverage:
     """Of one parameter of a case: how many studies gave an interval, how many of those contain the true value.
 
     ratio: the intervals' mean half-length over 1.96 times the estimates' root-mean-square error. differ: studies that
-    call the experiments different in any parameter. misfits: studies that say that residuals are a curve, or that model
-    and bounds contradict the data.
+    call the experiments different in any parameter. misfits: studies that say that residuals are more than noise, or
+    that model and bounds contradict the data. named: studies that name the case's cause among the first two of the
+    channel in which it is clearest.
     """
 
     case: Case
@@ -213,6 +234,7 @@ class Coverage:
     ratio: float
     differ: int = 0
     misfits: int | None = None
+    named: int | None = None
 
     @property
     def share(self) -> float:
@@ -223,14 +245,16 @@ def coverage(case: Case, studies: int = STUDIES, workers: int | Executor = 1) ->
     """Run the studies of a case; workers: an executor, or a number of processes."""
     truth = case.truth
     found: dict[str, list[tuple[float, tuple[float, float] | None]]] = {}
-    differ = misfits = 0
+    differ = misfits = named = 0
     with executor_of(workers) as executor:
         calls = [(seed,) for seed in range(studies)]
         held_by_seed: list[CalibrationResult] = list(results(executor, calibrated_study, case, calls))
     for result in held_by_seed:
-        differ += any(spread.differs for spread in result.spreads.values())
-        curves = any(one.is_curve for channels in result.residuals.values() for one in channels.values())
-        misfits += curves or any(one.is_contradicted for one in result.parameters.values())
+        differs = any(spread.differs for spread in result.spreads.values())
+        differ += differs
+        records = [one for channels in result.residuals.values() for one in channels.values() if one.is_misfit]
+        misfits += bool(records) or any(one.is_contradicted for one in result.parameters.values())
+        named += case.cause in [*_causes(records), *[DIFFERENCES] * differs]
         for name, estimate in result.parameters.items():
             if name in truth:
                 found.setdefault(name, []).append((estimate.value, estimate.interval))
@@ -240,8 +264,16 @@ def coverage(case: Case, studies: int = STUDIES, workers: int | Executor = 1) ->
         inside = np.sum((ends[:, 0] <= truth[name]) & (truth[name] <= ends[:, 1]))
         error = float(np.sqrt(np.mean([(value - truth[name]) ** 2 for value, _ in held])))
         ratio = float(np.mean(ends[:, 1] - ends[:, 0])) / 2 / (1.96 * error) if len(ends) else float("nan")
-        rows.append(Coverage(case, name, len(held), len(ends), int(inside), ratio, differ, misfits))
+        rows.append(Coverage(case, name, len(held), len(ends), int(inside), ratio, differ, misfits, named))
     return rows
+
+
+def _causes(records: Sequence[ResidualRecord]) -> list[str]:
+    """What is said of the records: the first two causes of the channel in which they are clearest, outliers, steps."""
+    clearest = max(records, key=lambda one: one.significance, default=None)
+    words = [] if clearest is None else list(clearest.explained)[:2]
+    outliers, steps = any(one.outliers for one in records), any(one.step for one in records)
+    return [*words, *[OUTLIERS] * outliers, *[STEPS] * steps]
 
 
 def calibrated_study(case: Case, seed: int) -> CalibrationResult:
@@ -305,7 +337,11 @@ def _neck_study(case: Case, chance: np.random.Generator) -> Problem:
     uncertain = [UncertainParameter("front.tension_gain", "1", case.gain)] if case.gain else []
     if case.states_drift:
         drifts = (("front.tension_drift", "N", "tension"), ("plate.pitch_drift", "rad", "pitch"))
-        uncertain += [UncertainParameter(name, unit, case.drift * NOISE[kind]) for name, unit, kind in drifts]
+        if case.drift:
+            uncertain += [UncertainParameter(name, unit, case.drift * NOISE[kind]) for name, unit, kind in drifts]
+        else:
+            steady = {name: 0.0 for name, *_ in drifts}
+            experiments = [replace(one, settings=steady) for one in experiments]
     return make_problem(robot, experiments, free, case.loss, twin, uncertain)
 
 
@@ -393,7 +429,7 @@ def manipulator(six: bool = False) -> tuple[Robot, ComplianceTable]:
 
 def page(found: Sequence[Coverage]) -> str:
     """docs/uncertainty.md with the table of what was found."""
-    head = ["Study", "Parameter", "True value", "Intervals given", "Coverage", "Length", "Misfit said"]
+    head = ["Study", "Parameter", "True value", "Intervals given", "Coverage", "Length", "Misfit said", "Cause named"]
     rows = [
         [
             one.case.words,
@@ -403,6 +439,7 @@ def page(found: Sequence[Coverage]) -> str:
             f"{100 * one.share:.1f} %",
             f"{one.ratio:.2f}",
             "–" if one.misfits is None else f"{100 * one.misfits / one.studies:.0f} %",
+            "–" if one.named is None or not one.case.cause else f"{100 * one.named / one.studies:.0f} %",
         ]
         for one in found
     ]

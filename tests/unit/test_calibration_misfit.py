@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from softcal.calibration import misfit
 from softcal.calibration.loss import Block
-from softcal.calibration.misfit import DRIFT, FRICTION, GAIN, LAW, OFFSET, explained_by
-from softcal.calibration.residuals import residual_record
+from softcal.calibration.misfit import DRIFT, FRICTION, GAIN, LAW, OFFSET, misfits
+from softcal.calibration.residuals import SHOWN, outliers, residual_record, step_of_readings
 
 N = 120
 D = np.linspace(0.0, 1.0, N)
@@ -36,19 +35,82 @@ def test_the_cause_of_a_misfit_explains_most_of_it(cause: str, shape: np.ndarray
     q = jacobian / np.linalg.norm(jacobian)
     noise = 0.002 * np.random.default_rng(1).standard_normal(N)
     error = 0.05 * shape + noise
-    found = explained_by(block(error - q @ (q.T @ error), jacobian, d))
-    assert next(iter(found)) == cause
-    assert found[cause] > 0.9
-    assert GAIN not in found
-    assert list(found.values()) == sorted(found.values(), reverse=True)
+    (found,) = misfits([block(error - q @ (q.T @ error), jacobian, d)])
+    assert next(iter(found.explained)) == cause
+    assert found.explained[cause] > 0.9
+    assert found.significance > 20.0
+    assert GAIN not in found.explained
+    assert list(found.explained.values()) == sorted(found.explained.values(), reverse=True)
+
+
+def test_a_cause_below_the_noise_is_found_beside_what_another_channel_knows() -> None:
+    """A law's shape of a fifth of the noise, that a free offset would follow if the pitch did not fix it."""
+    chance = np.random.default_rng(5)
+    size = 600
+    d = np.linspace(0.0, 1.0, size)
+    noise = chance.standard_normal((2, size))
+    J = np.column_stack([d, np.ones(size)])
+    stacked = np.concatenate([J, 5.0 * J])
+    error = np.concatenate([noise[0] + 1.5 * d**3, noise[1]])
+    left = error - stacked @ np.linalg.lstsq(stacked, error, rcond=None)[0]
+    blocks = [
+        Block("pull", channel, d - part, part, np.full(size, 1.0), jacobian)
+        for channel, part, jacobian in zip(("tension", "pitch"), np.split(left, 2), np.split(stacked, 2), strict=True)
+    ]
+    tension, _ = misfits(blocks)
+    (alone,) = misfits(blocks[:1])
+    assert LAW in list(tension.explained)[:2]
+    assert tension.significance > SHOWN
+    assert tension.significance > 2.0 * alone.significance
+
+
+@pytest.mark.parametrize(("step", "found"), [(0.1, 0.1), (0.03, 0.0), (0.001, 0.0)])
+def test_steps_of_readings_are_said_where_they_are_larger_than_the_residuals(step: float, found: float) -> None:
+    noise = 0.04 * np.random.default_rng(6).standard_normal(N)
+    measured = step * np.round((D + noise) / step)
+    assert step_of_readings(measured, D - measured) == pytest.approx(found, rel=1e-6)
+    assert step_of_readings(D + noise, noise) == 0.0
+    assert step_of_readings(np.zeros(N), noise) == 0.0
 
 
 def test_friction_needs_both_branches_and_a_jacobian_is_needed() -> None:
-    assert FRICTION not in explained_by(block(D**2, np.zeros((N, 0))))
-    assert explained_by(Block("pull", "tension", D, D, np.ones(N))) == {}
-    assert explained_by(block(np.zeros(N), np.zeros((N, 0)))) == {}
-    assert max(explained_by(block(D**2, np.zeros((N, 0)))).values()) <= 1.0
-    assert misfit.OFFSET in explained_by(block(D**2, np.zeros((N, 0))))
+    def explained(*of: Block) -> list[str]:
+        return [cause for one in misfits(of) for cause in one.explained]
+
+    assert FRICTION not in explained(block(D**2, np.ones((N, 1))))
+    assert explained(Block("pull", "tension", D, D, np.ones(N))) == []
+    assert explained(block(np.zeros(N), np.ones((N, 1)))) == []
+    assert explained(block(D[:19] ** 2, np.ones((19, 1)), D[:19])) == []
+    assert explained() == []
+    assert DRIFT in explained(block(D**2, np.ones((N, 1))))
+
+
+def test_of_right_models_few_are_called_misfits() -> None:
+    """Of 200 with white noise, and with noise that is correlated by 0.8, at most one in twenty."""
+    for n in (40, 300):
+        for correlation in (0.0, 0.8):
+            alarms = 0
+            for seed in range(200):
+                white = np.random.default_rng([seed, n]).standard_normal((2, n))
+                d = np.linspace(0.0, 1.0, n)
+                J = np.column_stack([d, d**2])
+                errors = lfilter([1.0], [1.0, -correlation], white)
+                left = [one - J @ np.linalg.lstsq(J, one, rcond=None)[0] for one in errors]
+                blocks = [Block("pull", str(i), d - one, one, 1.0, J) for i, one in enumerate(left)]
+                alarms += any(one.significance > SHOWN for one in misfits(blocks)) or any(
+                    len(outliers(one)) for one in left
+                )
+            assert alarms <= 10, (n, correlation)
+
+
+def test_outliers_are_named_by_their_place() -> None:
+    values = np.random.default_rng(7).standard_normal(300)
+    values[[20, 150, 299]] += [15.0, -20.0, 25.0]
+    assert outliers(values).tolist() == [20, 150, 299]
+    curve = 100.0 * np.exp(-(((np.arange(300) - 100) / 8.0) ** 2)) + 0.1 * values
+    assert set(outliers(curve)) <= {20, 150, 299}
+    assert len(outliers(np.repeat([0.0, 1.0], 150))) == 0
+    assert len(outliers(np.zeros(300))) == 0
 
 
 def test_white_noise_is_no_curve_and_a_wave_is_one() -> None:

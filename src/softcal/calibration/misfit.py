@@ -1,17 +1,21 @@
-"""What would explain the residuals of a channel: each usual cause by its own shape along the record.
+"""What would explain the residuals of an experiment: each usual cause by its own shape along the record of a channel.
 
-A cause of shape c explains the share (c . r)^2 / (c . c)(r . r) of the residuals r, both without what the fitted
-parameters can do, by the jacobian. Shares compare causes; they do not sum to one, since shapes are alike.
+Residuals r and shapes c are divided by the noise of their channel with its correlation along the record (REML), which
+is estimated beside all shapes, and are without what the fitted parameters can do in the experiment, by the jacobians. A
+cause is then worth c . r / |c| standard errors: it would reduce the sum of squares by the square of that. These shares
+compare causes; they do not sum to one, since shapes are alike.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.correlation import span
+from softcal.calibration.correlation import process, record, span
 from softcal.calibration.loss import Block
+from softcal.calibration.residuals import FEWEST_OF_CURVE
 from softcal.checks import Floats
 
 OFFSET, DRIFT, GAIN = "an offset of the instrument", "its drift", "its gain"
@@ -19,39 +23,92 @@ SLACK, FRICTION = "a slack", "friction that reverses"
 LAW = "a law that stiffens or softens"
 _ABSORBED = 1e-3  # of its size: with less left, the parameters can do what a cause would
 _BRANCH = 0.1  # of the samples: a branch of a cycle
+_FEWEST = 8  # values more than parameters and shapes together
+_ROUNDING = 1e-9  # of what is measured: smaller residuals are those of an exact fit
 
 
-def explained_by(block: Block) -> dict[str, float]:
-    """Cause -> the share [-] of a block's residuals that it explains, the largest first; empty without a jacobian."""
-    if block.jacobian is None:
-        return {}
-    sizes = np.linalg.norm(block.jacobian, axis=0)
-    basis = span(block.jacobian / np.where(sizes > 0.0, sizes, 1.0))  # a modulus and a ratio have other units
-    residual = _without(basis, block.residual)
-    square = float(residual @ residual)
-    found: dict[str, float] = {}
-    for cause, shape in _shapes(block.residual + block.measured).items():
-        left = _without(basis, shape)
-        size = float(left @ left)
-        if square > 0.0 and size > _ABSORBED**2 * float(shape @ shape):
-            found[cause] = float(left @ residual) ** 2 / (size * square)
-    return dict(sorted(found.items(), key=lambda one: -one[1]))
+@dataclass(frozen=True)
+class Misfit:
+    """Of a channel: cause -> the share [-] of the squared residuals that it explains, the largest first, and how many
+    standard errors that one is worth.
+    """
+
+    explained: Mapping[str, float]
+    significance: float
 
 
-def _shapes(y: Floats) -> Mapping[str, Floats]:
-    """The shapes (n,) of causes in a channel with these predictions (n,)."""
+def misfits(blocks: Sequence[Block]) -> list[Misfit]:
+    """The misfit of each block of one experiment; without jacobians, or of few samples, nothing explains it."""
+    jacobians = [block.jacobian for block in blocks if block.jacobian is not None]
+    if not jacobians or len(jacobians) < len(blocks):
+        return [Misfit({}, 0.0)] * len(blocks)
+    sizes = np.linalg.norm(np.concatenate(jacobians), axis=0)  # a modulus and a ratio have other units
+    scales = np.where(sizes > 0.0, sizes, 1.0)
+    records = [_whitened(block, J / scales) for block, J in zip(blocks, jacobians, strict=True)]
+    basis = span(np.concatenate([one.answer for one in records]))
+    residual = _without(basis, np.concatenate([one.residual for one in records]))
+    found: list[Misfit] = []
+    start = 0
+    for one in records:
+        rows = slice(start, start + len(one.residual))
+        start = rows.stop
+        worth: dict[str, float] = {}
+        for cause, shape in one.shapes.items():
+            whole = np.zeros(len(residual))
+            whole[rows] = shape
+            left = _without(basis, whole)
+            size = float(left @ left)
+            if size > _ABSORBED**2 * float(shape @ shape):
+                worth[cause] = abs(float(left @ residual)) / np.sqrt(size)
+        square = max(float(residual[rows] @ residual[rows]), 1e-300)
+        ordered = sorted(worth.items(), key=lambda pair: -pair[1])
+        shares = {cause: min(t**2 / square, 1.0) for cause, t in ordered}
+        found.append(Misfit(shares, max(worth.values(), default=0.0)))
+    return found
+
+
+@dataclass(frozen=True)
+class _Whitened:
+    """A channel's residuals (m,), their derivatives (m, size) and shapes (m,), divided by the noise."""
+
+    residual: Floats
+    answer: Floats
+    shapes: Mapping[str, Floats]
+
+
+def _whitened(block: Block, jacobian: Floats) -> _Whitened:
+    n, rms = len(block.residual), float(np.sqrt(np.mean(block.residual**2)))
+    plain = _Whitened(block.residual / max(rms, 1e-300), jacobian / max(rms, 1e-300), {})
+    if n < FEWEST_OF_CURVE or rms <= _ROUNDING * float(np.abs(block.measured).max()):
+        return plain
+    shapes = _shapes(block)
+    columns = np.column_stack([jacobian, *(shape / np.linalg.norm(shape) for shape in shapes.values())])
+    averaged = record(block.residual, columns, columns)
+    X = span(averaged.answer)
+    left = _without(X, averaged.residual)
+    m, k = X.shape
+    if m - k < _FEWEST:
+        return plain
+    correlated = process([averaged])
+    white = max(float(left @ left) / (m - k), (_ROUNDING * rms) ** 2)
+    lower = np.linalg.cholesky(white * np.eye(m) if correlated is None else correlated.covariance(m))
+    columns = np.column_stack([averaged.residual, averaged.answer])
+    divided = np.asarray(np.linalg.solve(lower, columns), dtype=np.float64)
+    ends = divided[:, 1 + jacobian.shape[1] :].T
+    return _Whitened(divided[:, 0], divided[:, 1 : 1 + jacobian.shape[1]], dict(zip(shapes, ends, strict=True)))
+
+
+def _shapes(block: Block) -> Mapping[str, Floats]:
+    """The shapes (n,) of causes in a channel, by its predictions."""
+    y = block.residual + block.measured
+    n = len(y)
+    time = np.linspace(0.0, 1.0, n) if block.drift is None else block.drift
     slope, largest = np.gradient(y), max(float(np.abs(y).max()), 1e-300)
-    shapes = {
-        OFFSET: np.ones_like(y),
-        DRIFT: np.linspace(0.0, 1.0, len(y)),
-        GAIN: y,
-        SLACK: slope,
-        LAW: y * (y / largest) ** 2,
-    }
+    shapes = {OFFSET: np.ones(n), DRIFT: time - time[0], GAIN: y, SLACK: slope, LAW: y * (y / largest) ** 2}
     rises = float(np.mean(slope > 0.0))
     if _BRANCH < rises < 1.0 - _BRANCH:
         shapes[FRICTION] = np.sign(slope) * y
-    return shapes
+    return {cause: shape for cause, shape in shapes.items() if np.any(shape != 0.0)}
 
 
 def _without(basis: Floats, x: Floats) -> Floats:

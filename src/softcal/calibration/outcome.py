@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
 from typing import Any, TypeVar
 
-from softcal.calibration.experiment import PULLEY_FRICTION
+import numpy as np
+
+from softcal.calibration.experiment import PULLEY_FRICTION, Experiment
 from softcal.calibration.fanova import fanova_importance
 from softcal.calibration.fit import experiment_fit, missing_rows
 from softcal.calibration.loss import Block
 from softcal.calibration.loss_profile import loss_profiles
-from softcal.calibration.misfit import explained_by
+from softcal.calibration.misfit import misfits
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.problem import Evaluation, Problem
-from softcal.calibration.residuals import ResidualRecord, residual_record
+from softcal.calibration.residuals import ResidualRecord, outliers, residual_record, step_of_readings
 from softcal.calibration.result import Estimate, Note, SearchResult, Trial
 from softcal.calibration.sensitivity import Statistics, local_statistics
 from softcal.calibration.uncertain import UncertainParameter
@@ -124,7 +126,7 @@ def conclude(
         importance=local.importance,
         spreads=local.spreads,
         left_out=local.left_out,
-        residuals=_residuals(best.blocks),
+        residuals=_residuals(problem.experiments, best.blocks),
         trials=trials,
         n_failed_trials=n_failed,
         hashes=account.hashes,
@@ -138,12 +140,22 @@ def conclude(
     return replace(result, notes=(*result.notes, saturated_note(result)))
 
 
-def _residuals(blocks: Iterable[Block]) -> dict[str, dict[str, ResidualRecord]]:
+def _residuals(experiments: Iterable[Experiment], blocks: Sequence[Block]) -> dict[str, dict[str, ResidualRecord]]:
     found: dict[str, dict[str, ResidualRecord]] = {}
-    for block in blocks:
-        if block.experiment and (record := residual_record(block.residual)) is not None:
-            known = replace(record, explained=explained_by(block)) if record.is_curve else record
-            found.setdefault(block.experiment, {})[block.channel] = known
+    for experiment in experiments:
+        own = [block for block in blocks if block.experiment == experiment.name]
+        for block, misfit in zip(own, misfits(own), strict=True):
+            if (record := residual_record(block.residual)) is None:
+                continue
+            rows = np.flatnonzero(experiment.seen(block.channel))[outliers(block.residual)]
+            known = replace(
+                record,
+                significance=misfit.significance,
+                outliers=tuple(int(row) + 1 for row in rows),
+                step=step_of_readings(block.measured, block.residual),
+            )
+            explained = misfit.explained if known.is_misfit else {}
+            found.setdefault(experiment.name, {})[block.channel] = replace(known, explained=explained)
     return found
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 from softcal.analysis.agreement import Agreement, agreements
 from softcal.analysis.trend import ENOUGH, Trend, trends
 from softcal.calibration.digits import display_unit, half_width, shown, value_text, with_unit
-from softcal.calibration.residuals import ResidualRecord
+from softcal.calibration.residuals import SHOWN, ResidualRecord
 from softcal.calibration.result import Estimate, ExperimentFit, SearchResult
 from softcal.experiments.dataset import Dataset
 from softcal.report.format import estimate_scale, joined, number, parameter_label, result_label
@@ -19,8 +19,12 @@ from softcal.report.statement import WHOLE, interval_share
 from softcal.units import format_quantity, rounded
 
 MISFIT = "The residuals are a curve that the model misses, not noise"
+MORE_THAN_NOISE = "The residuals are more than noise"
+OUTLIERS = "Single samples are far off their neighbours"
+STEPS = "Instruments are read in steps larger than the residuals"
 _OFF = 0.25  # of an interval's half-length: a value so far from the mean whose interval it is shown with is explained
-_CAUSE = 0.2  # share of residuals from which a cause is named
+_CAUSE = 0.2  # share of a curve's squares from which a cause is named
+_NAMED = 20  # outliers of a channel at most
 _TINY = 1e-10  # smaller probabilities are shown as "p < 1e-10"
 
 
@@ -188,17 +192,27 @@ def _spread_text(result: SearchResult, name: str, label: str) -> str:
 
 
 def residual_sentences(result: SearchResult) -> list[tuple[str, bool]]:
-    """Where residuals are a curve and no noise, and where neighbouring ones are alike, so that samples tell less than
-    their number; each with whether it is a misfit.
+    """Where residuals are a curve and no noise, where a usual cause is in them beyond chance, single samples that are
+    far off, steps of readings, and where neighbouring ones are alike, so that samples tell less than their number;
+    each with whether it is a misfit.
     """
-    each = [(e, c, one) for e, held in result.residuals.items() for c, one in held.items() if one.are_alike]
+    each = [(e, c, one) for e, held in result.residuals.items() for c, one in held.items()]
     found: list[tuple[str, bool]] = []
     if curves := [_curve_text(result.experiments[e], e, c, one) for e, c, one in each if one.is_curve]:
         found.append((f"{MISFIT}: {'; '.join(curves)}.", True))
+    if causes := [_cause_text(e, c, one) for e, c, one in each if one.significance > SHOWN and not one.is_curve]:
+        found.append((f"{MORE_THAN_NOISE}: {'; '.join(causes)}.", True))
+    if far := [_outliers_text(e, c, one) for e, c, one in each if one.outliers]:
+        found.append((f"{OUTLIERS}: {'; '.join(far)}.", True))
+    steps = [
+        (e, c, format_quantity(one.step, result.experiments[e].units[c], digits=2)) for e, c, one in each if one.step
+    ]
+    if steps:
+        found.append((f"{STEPS}: {'; '.join(f'{c} of {e}, by {step}' for e, c, step in steps)}.", True))
     if alike := [
         f"{e}, {c}: {one.n} samples are worth about {number(max(one.effective, 1.0), 2)}"
         for e, c, one in each
-        if not one.is_curve
+        if one.are_alike and not one.is_curve
     ]:
         found.append((f"Neighbouring residuals are alike: {'; '.join(alike)}.", False))
     return found
@@ -214,6 +228,19 @@ def _curve_text(fit: ExperimentFit, experiment: str, channel: str, one: Residual
     ][:2]
     by = f" ({', '.join(causes)})" if causes else ""
     return f"{channel} of {experiment} by {size} (RMS), most {where}{by}"
+
+
+def _cause_text(experiment: str, channel: str, one: ResidualRecord) -> str:
+    """What is in residuals beside noise, and how sure that is."""
+    causes = [f"{cause} would explain {100 * share:.0f} %" for cause, share in one.explained.items()][:2]
+    sure = f"the first is {number(one.significance, 2)} standard errors from none"
+    return f"of the squares of {channel} of {experiment}, {' and '.join(causes)} ({sure})"
+
+
+def _outliers_text(experiment: str, channel: str, one: ResidualRecord) -> str:
+    rows = [str(row) for row in one.outliers[:_NAMED]]
+    more = f" and {len(one.outliers) - _NAMED} more" if len(one.outliers) > _NAMED else ""
+    return f"{joined(rows) if not more else ', '.join(rows)}{more} of {channel} of {experiment}"
 
 
 def chance_text(one: Agreement) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ THREE_SIGMA = 3 * math.sqrt(0.95 * 0.05 / STUDIES)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["likelihood", "likelihood-understated", "papers", "papers-1000", "distance"])
 def test_intervals_hold_the_truth(name: str) -> None:
-    found = coverage.coverage(CASES[name], STUDIES)
+    found = coverage.coverage(replace(CASES[name], states_drift=True), STUDIES)
     assert [one.parameter for one in found] == list(CASES[name].truth)
     assert all(one.studies == one.given == STUDIES for one in found)
     shares = {one.parameter: one.share for one in found}
@@ -35,6 +36,48 @@ def test_intervals_hold_the_truth(name: str) -> None:
     assert 0.92 <= np.mean(list(shares.values())) <= 0.98, shares
     # They hold because they are right, not because they are long.
     assert all(one.ratio < 1.3 for one in found), {one.parameter: one.ratio for one in found}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["likelihood", "papers", "likelihood-steady"])
+def test_a_drift_that_may_be_makes_intervals_longer_by_less_than_half(name: str) -> None:
+    """Of right models, without a statement on drifts: nothing is called a misfit."""
+    unstated = coverage.coverage(CASES[name], STUDIES)
+    stated = coverage.coverage(replace(CASES[name], states_drift=True), STUDIES)
+    for one, other in zip(unstated, stated, strict=True):
+        assert one.share >= other.share >= 0.95 - THREE_SIGMA
+        assert other.ratio <= one.ratio <= 1.5 * other.ratio
+        assert one.misfits is not None
+        assert one.misfits <= 0.05 * STUDIES
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["likelihood-softer", "papers-stiffer", "papers-loop", "likelihood-outliers"])
+def test_misfits_are_said_with_their_cause(name: str) -> None:
+    found = coverage.coverage(CASES[name], 40)
+    assert all(one.misfits == one.named == 40 for one in found)
+
+
+@pytest.mark.slow
+def test_no_residual_shows_a_drift_of_load_cell_and_imu() -> None:
+    """The standard errors of drifts over the noise, with the parameters free and the noise's correlation known: as
+    docs/uncertainty.md states them.
+    """
+    case = CASES["likelihood-steady"]
+    problem = coverage.study(case, 0)
+    space = problem.space
+    seen = problem.evaluate(case.truth, jacobian=True)
+    at = np.arange(case.n)
+    root = np.linalg.cholesky(case.correlation ** np.abs(at[:, None] - at))
+    time = np.linspace(0.0, 1.0, case.n)
+    rows = []
+    for place, block in enumerate(block for block in seen.blocks if block.experiment):
+        assert block.jacobian is not None
+        answer = block.jacobian * space.jacobian(space.to_search(case.truth)) / coverage.NOISE[block.channel]
+        rows.append(np.linalg.solve(root, np.column_stack([answer, time * (place == 0), time * (place == 1)])))
+    columns = np.concatenate(rows)
+    errors = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))[-2:]
+    assert errors == pytest.approx([4.6, 2.6], abs=0.05)
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from softcal.calibration.result import CalibrationResult
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate
 from softcal.cli.calibration_table import print_results
-from softcal.report.agreement import MISFIT, residual_sentences, spread_sentences
+from softcal.report.agreement import MISFIT, MORE_THAN_NOISE, OUTLIERS, STEPS, residual_sentences, spread_sentences
 from softcal.report.left_out import left_out_sentence, left_out_table
 
 MODULUS = FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=2e6)
@@ -166,15 +166,46 @@ def test_alike_residuals_are_told_and_independent_ones_are_not() -> None:
     assert text.startswith("Neighbouring residuals are alike")
     assert "pull1, tension: 41 samples are worth about 10" in text
     assert not misfits
-    causes = {"a law that stiffens or softens": 0.82, "a slack": 0.4, "its drift": 0.3}
+    causes = {"a law that stiffens or softens": 0.82, "a slack": 0.4, "a drift": 0.3}
     text, misfits = said(correlation=0.95, size=0.013, largest=0.95, explained=causes)
     assert text.startswith(f"{MISFIT}: tension of pull1 by 0.013 N (RMS), most at the end (")
-    assert "(a law that stiffens or softens would explain 82 % of it, a slack would explain 40 % of it)" in text
+    assert "(a law that stiffens or softens would explain 82 %, a slack 40 %)" in text
     assert "drift" not in text
     assert misfits
-    text, _ = said(correlation=0.95, size=0.013, largest=0.4, explained={"its drift": 0.1})
+    text, _ = said(correlation=0.95, size=0.013, largest=0.4, explained={"a drift": 0.1})
     assert "most 40 % along the record;" in text
     assert "explain" not in text
+    text, misfits = said(significance=7.3, size=0.013, explained=causes)
+    by = "of which a law that stiffens or softens would explain 82 %, a slack 40 % (7.3 standard errors)"
+    assert text.startswith(f"{MORE_THAN_NOISE}: tension of pull1 by 0.013 N (RMS), {by};")
+    assert misfits
+    text, misfits = said(outliers=(3, 17, 40))
+    assert text == f"{OUTLIERS}: 3, 17 and 40 of tension of pull1; 3, 17 and 40 of pitch of pull1."
+    assert misfits
+    text, _ = said(outliers=tuple(range(1, 24)))
+    assert "19, 20 and 3 more of tension of pull1" in text
+    text, misfits = said(step=0.1)
+    assert text.startswith(f"{STEPS}: tension of pull1, by 0.1 N; pitch of pull1, by ")
+    assert misfits
+
+
+def test_outliers_and_coarse_readings_are_said_after_a_calibration() -> None:
+    one = fake_experiment("pull1", noise=0.01, seed=4)
+    tension = one.dataset.channels["tension"].values.copy()
+    tension[[9, 30]] += tension.max() * np.array([0.2, -0.3])
+    pitch = one.dataset.channels["pitch"].values
+
+    def said(**values: np.ndarray) -> list[str]:
+        channels = {name: replace(held, values=values.get(name, held.values)) for name, held in channels_of.items()}
+        tests = [replace(one, dataset=replace(one.dataset, channels=channels))]
+        found = calibrate(make_problem(fake_robot(), tests, [MODULUS], None, fake_simulate))
+        return [text for text, misfits in residual_sentences(found) if misfits]
+
+    channels_of = one.dataset.channels
+    assert said() == []
+    assert said(tension=tension) == [f"{OUTLIERS}: 10 and 31 of tension of pull1."]
+    coarse = 0.1 * np.round(pitch / 0.1)
+    assert f"{STEPS}: pitch of pull1, by 5.7 deg." in said(pitch=coarse)
 
 
 def test_how_the_experiments_predict_each_other_is_told_and_kept(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from softcal.calibration.loss import Block
 from softcal.calibration.residuals import FEWEST_OF_CURVE
 from softcal.checks import Floats
 
-OFFSET, DRIFT, GAIN = "an offset of the instrument", "its drift", "its gain"
+OFFSET, DRIFT, GAIN = "an offset", "a drift", "a gain"
 SLACK, FRICTION = "a slack", "friction that reverses"
 LAW = "a law that stiffens or softens"
 _ABSORBED = 1e-3  # of its size: with less left, the parameters can do what a cause would

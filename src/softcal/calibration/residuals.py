@@ -26,7 +26,7 @@ FEWEST = 8
 SHOWN = 5.0
 """Standard errors from which a cause is in the residuals beyond chance: of 200 right models, in at most one in 20."""
 _AROUND = 5  # samples in whose median a sample that is far off has no part
-_OUTLYING = 8.0  # deviations from there, by the median of all; of white or correlated noise one record in 1000 has one
+_OUTLYING = 6.0  # deviations from there, by the median of all; of white noise one record in 1000 has 5
 _SINGLE = 0.05  # of the samples: more of them are no outliers
 _ROUNDING = 1e-9  # of the largest reading: closer ones are the same
 _OF_STEP = 0.01  # of a step of the readings

@@ -200,7 +200,11 @@ def residual_sentences(result: SearchResult) -> list[tuple[str, bool]]:
     found: list[tuple[str, bool]] = []
     if curves := [_curve_text(result.experiments[e], e, c, one) for e, c, one in each if one.is_curve]:
         found.append((f"{MISFIT}: {'; '.join(curves)}.", True))
-    if causes := [_cause_text(e, c, one) for e, c, one in each if one.significance > SHOWN and not one.is_curve]:
+    if causes := [
+        _cause_text(result.experiments[e], e, c, one)
+        for e, c, one in each
+        if one.significance > SHOWN and not one.is_curve
+    ]:
         found.append((f"{MORE_THAN_NOISE}: {'; '.join(causes)}.", True))
     if far := [_outliers_text(e, c, one) for e, c, one in each if one.outliers]:
         found.append((f"{OUTLIERS}: {'; '.join(far)}.", True))
@@ -223,18 +227,24 @@ def _curve_text(fit: ExperimentFit, experiment: str, channel: str, one: Residual
     size = format_quantity(one.size, fit.units[channel], digits=2)
     where = "at the start" if one.largest < 0.1 else "at the end" if one.largest > 0.9 else ""
     where = where or f"{100 * one.largest:.0f} % along the record"
-    causes = [
-        f"{cause} would explain {100 * share:.0f} % of it" for cause, share in one.explained.items() if share > _CAUSE
-    ][:2]
-    by = f" ({', '.join(causes)})" if causes else ""
+    causes = _causes_text([(cause, share) for cause, share in one.explained.items() if share > _CAUSE])
+    by = f" ({causes})" if causes else ""
     return f"{channel} of {experiment} by {size} (RMS), most {where}{by}"
 
 
-def _cause_text(experiment: str, channel: str, one: ResidualRecord) -> str:
-    """What is in residuals beside noise, and how sure that is."""
-    causes = [f"{cause} would explain {100 * share:.0f} %" for cause, share in one.explained.items()][:2]
-    sure = f"the first is {number(one.significance, 2)} standard errors from none"
-    return f"of the squares of {channel} of {experiment}, {' and '.join(causes)} ({sure})"
+def _cause_text(fit: ExperimentFit, experiment: str, channel: str, one: ResidualRecord) -> str:
+    """How large residuals are, what is in them beside noise, and how sure that is."""
+    size = format_quantity(one.size, fit.units[channel], digits=2)
+    sure = f"{number(one.significance, 2)} standard errors"
+    return f"{channel} of {experiment} by {size} (RMS), of which {_causes_text(list(one.explained.items()))} ({sure})"
+
+
+def _causes_text(causes: Sequence[tuple[str, float]]) -> str:
+    """What the first two causes would explain; "" without one."""
+    if not causes:
+        return ""
+    (first, share), *others = causes[:2]
+    return f"{first} would explain {100 * share:.0f} %" + "".join(f", {name} {100 * s:.0f} %" for name, s in others)
 
 
 def _outliers_text(experiment: str, channel: str, one: ResidualRecord) -> str:

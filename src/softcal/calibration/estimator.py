@@ -191,11 +191,11 @@ def linearised(
         group = loss.noise_group(block) if block.experiment else PRIOR
         over = block.residual / unit
         moved = np.zeros((len(w), n_uncertain)) if block.systematic is None else block.systematic
-        changes, curving = (changed / unit[:, None] for changed in (moved, _curving(loss, block, w, moved)))
+        changes, curved = (changed / unit[:, None] for changed in (moved, curving(loss, block, w, moved)))
         answer, pull = J / unit[:, None], (w * unit)[:, None] * J
         drift = None if block.drift is None else block.drift / unit
         known = one.stated is not None
-        parts.append(ScaledBlock(block.experiment, group, known, answer, pull, over, changes, curving, drift))
+        parts.append(ScaledBlock(block.experiment, group, known, answer, pull, over, changes, curved, drift))
     return parts, *_inverse_hessian(loss, seen, jacobians)
 
 
@@ -264,9 +264,9 @@ class Linear:
         return out
 
 
-def _curving(loss: Loss, block: Block, weights: Floats, changes: Floats) -> Floats:
-    """Changes of a block's residual (n, k) without the direction in which the loss is straight: a change in it leaves
-    the pull of the block as it is.
+def curving(loss: Loss, block: Block, weights: Floats, changes: Floats) -> Floats:
+    """Changes of a block's residual (n, k) [SI] without the direction in which the loss is straight: a change in that
+    leaves the pull of the block as it is.
     """
     along = loss.straight_along(block, block.residual)
     if along is None:

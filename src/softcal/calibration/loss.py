@@ -54,6 +54,11 @@ class Block:
         The set-up of the experiment; "" where it is one by itself.
     drift
         The part (n,) of the record's time that has passed, where the instrument may drift and nothing is stated on it.
+    instrument
+        The twin's channel, such as `front.tension`.
+    unstated
+        The rig's parameters that are its offset, its gain and its drift, such as `front.tension_gain`; "" where there
+        is none, or something is stated on it.
     """
 
     experiment: str
@@ -66,6 +71,8 @@ class Block:
     systematic: Floats | None = None
     set_up: str = ""
     drift: Floats | None = None
+    instrument: str = ""
+    unstated: tuple[str, str, str] = ("", "", "")
 
     @cached_property
     def grows_with_moduli(self) -> bool:

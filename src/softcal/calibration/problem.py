@@ -363,7 +363,10 @@ class Problem:
                 derivatives = seen.derivatives.get(channel, {})
                 jacobian = _columns(self.space.parameters, experiment.name, derivatives, len(there))
                 systematic = _columns(self.uncertain, experiment.name, derivatives, len(there))
-                drift = experiment.twin_channel(channel).drift
+                reading = experiment.twin_channel(channel)
+                offset, gain, drift = (
+                    "" if name in stated else name for name in (reading.offset, reading.gain, reading.drift)
+                )
                 blocks.append(
                     Block(
                         experiment.name,
@@ -375,7 +378,9 @@ class Problem:
                         experiment.point_of(channel),
                         None if systematic is None else systematic[there] * [p.sd for p in self.uncertain],
                         experiment.set_up,
-                        experiment.elapsed[there] if drift and drift not in stated else None,
+                        experiment.elapsed[there] if drift else None,
+                        str(reading),
+                        (offset, gain, drift),
                     )
                 )
         return blocks

@@ -57,6 +57,7 @@ def result_json(result: SearchResult) -> dict[str, Any]:
                 **({} if p.dof is None else {"dof": p.dof}),
                 **({} if p.beyond is None else {"beyond": p.beyond}),
                 **({"profile": [list(pair) for pair in p.profile]} if p.profile else {}),
+                **({"moved_by": dict(p.moved_by)} if p.moved_by else {}),
             }
             for name, p in result.parameters.items()
         },

@@ -17,6 +17,7 @@ from softcal.calibration.band import bands
 from softcal.calibration.between_markers import MARKERS, n_markers, with_markers
 from softcal.calibration.estimator import Estimator, estimator, unseen_parameters
 from softcal.calibration.experiment import rig_kind
+from softcal.calibration.instrument_errors import instrument_errors
 from softcal.calibration.intervals import beyond_bounds, box_intervals
 from softcal.calibration.left_out import LeftOut, left_out
 from softcal.calibration.loss import Block, Loss, rms
@@ -72,6 +73,8 @@ class Statistics:
         Label -> where the minimum is, by the derivatives, within the bounds [SI].
     dof
         Label -> degrees of freedom of the variance [-], where these are finite.
+    moved_by
+        Label of a parameter of the robot -> errors of instruments that move it by half its interval; see `Estimate`.
     """
 
     standard_errors: Mapping[str, float | None]
@@ -85,6 +88,7 @@ class Statistics:
     bands: Mapping[str, Mapping[str, Floats]] = field(default_factory=dict[str, Mapping[str, Floats]])
     minimum: Mapping[str, float] = field(default_factory=dict[str, float])
     dof: Mapping[str, float] = field(default_factory=dict[str, float])
+    moved_by: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
 
     def estimates(self, space: SearchSpace, theta: Mapping[str, float]) -> dict[str, Estimate]:
         """The values theta [SI by label] with the statistics of each."""
@@ -103,6 +107,7 @@ class Statistics:
                 p.scale,
                 self.shares.get(p.label, {}),
                 self.dof.get(p.label),
+                moved_by=self.moved_by.get(p.label, {}),
             )
             for p in space.parameters
         }
@@ -180,8 +185,10 @@ def local_statistics(
     minimum = space.to_model(np.clip(found.minimum, 0.0, 1.0))
     widths = bands(loss, slopes, blocks, found)
     dof = {space.labels[j]: float(found.dof[j]) for j in known if np.isfinite(found.dof[j])}
+    moved = instrument_errors(loss, slopes, blocks, (upper - lower) / 2)
+    moved_by = {space.labels[j]: moved[j] for j in known if rig_kind(space.parameters[j].targets[0]) is None}
     return Statistics(
-        errors, importance, tuple(notes), intervals, beyond, shares, spreads, predicted, widths, minimum, dof
+        errors, importance, tuple(notes), intervals, beyond, shares, spreads, predicted, widths, minimum, dof, moved_by
     )
 
 

@@ -26,8 +26,9 @@ from softcal.report.format import (
 from softcal.report.judged import judged
 from softcal.report.positions import fitted_distance
 from softcal.report.statement import MESH, ErrorSource, Statement, interval_share, source_of, statement
+from softcal.sensing.channel import readings
 from softcal.twin.parameter_name import parameter_name
-from softcal.units import plain
+from softcal.units import format_quantity, plain
 
 _FEW = 4  # parameters that are all shown
 _MOST = 5  # parameters that are shown of more
@@ -180,7 +181,7 @@ def _largest_source(of: FirstScreen) -> str:
     if not known:
         return text or _unknown(of)
     widest = max(known, key=lambda one: interval_share(one.estimate) or 0.0)
-    return f"{text} {_source_of(of, widest)}".strip()
+    return f"{text} {_source_of(of, widest)}{_instruments(widest)}".strip()
 
 
 def _most(vague: list[str]) -> str:
@@ -212,6 +213,17 @@ def _source_of(of: FirstScreen, one: Statement) -> str:
             text += " By how much tests differ is not known from one."
         text += trend_sentences(result, of.records).get(one.name, "")
     return text
+
+
+def _instruments(one: Statement) -> str:
+    """Which errors of instruments, on which nothing is stated, would move an estimate by half its interval."""
+    kinds = readings()
+    errors = [
+        f"{name} is off by {format_quantity(size, kind.unit, '%' if kind.unit == '1' else None, digits=2)}"
+        for name, size in one.estimate.moved_by.items()
+        for kind in [kinds[parameter_name(name).kind]]
+    ]
+    return f" {one.label} moves by half its interval where {' or '.join(errors)}." if errors else ""
 
 
 def _records(result: SearchResult) -> list[ResidualRecord]:

@@ -1,0 +1,93 @@
+"""Which systematic error of an instrument moves an estimate by its interval: against calibrations with that error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate
+
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.loss import Loss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
+from softcal.calibration.losses.papers import PapersLoss
+from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.problem import make_problem
+from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result_reading import load_result
+from softcal.calibration.run import calibrate
+from softcal.calibration.uncertain import UncertainParameter
+from softcal.report.first_screen import FirstScreen, three_sentences
+
+FREE = (
+    FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=TRUE[E]),
+    FreeParameter(NU, "1", 0.1, 0.499, start=TRUE[NU]),
+    FreeParameter("front.slack", "m", 0.0, 6e-3, start=1e-3),
+)
+LOSSES = {"papers": PapersLoss(), "likelihood": LikelihoodLoss()}
+SIZES = ("front.tension", "plate.pitch")
+
+
+def measured(seed: int, errors: Mapping[str, float]) -> Experiment:
+    """A test whose instruments err: tension_gain [1], tension_offset, tension_drift [N] and pitch's [rad]."""
+    one = fake_experiment(f"pull{seed}", noise=2e-3, sigma=2e-3, slack=1e-3, seed=seed)
+    channels = dict(one.dataset.channels)
+    time = np.linspace(0.0, 1.0, one.dataset.n_samples)
+    for instrument in SIZES:
+        kind = instrument.partition(".")[2]
+        values = channels[kind].values * (1.0 + errors.get(f"{instrument}_gain", 0.0))
+        values = values + errors.get(f"{instrument}_offset", 0.0) + errors.get(f"{instrument}_drift", 0.0) * time
+        channels[kind] = replace(channels[kind], values=values)
+    return replace(one, dataset=replace(one.dataset, channels=channels))
+
+
+def calibrated(loss: Loss, errors: Mapping[str, float] | None = None, **how: object) -> CalibrationResult:
+    tests = [measured(seed, errors or {}) for seed in (1, 2)]
+    return calibrate(make_problem(fake_robot(), tests, FREE, loss, fake_simulate, **how))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("loss", LOSSES.values(), ids=LOSSES)
+def test_data_with_such_an_error_move_the_estimate_by_half_its_interval(loss: Loss) -> None:
+    best = calibrated(loss)
+    for name in (E, NU):
+        one = best.parameters[name]
+        assert one.interval is not None
+        assert {instrument.rpartition("_")[0] for instrument in one.moved_by} == set(SIZES)
+        for error, size in one.moved_by.items():
+            # A third of it, so that the twin is nearly linear.
+            moved = calibrated(loss, {error: size / 3.0}).parameters[name].value - one.value
+            assert abs(moved) == pytest.approx((one.interval[1] - one.interval[0]) / 6.0, rel=0.1), error
+    assert best.parameters["front.slack"].moved_by == {}
+
+
+def test_what_is_stated_is_not_named() -> None:
+    def named(*stated: UncertainParameter) -> set[str]:
+        found = calibrated(LOSSES["papers"], uncertain=stated).parameters
+        return {error for name in (E, NU) for error in found[name].moved_by}
+
+    offsets = (
+        UncertainParameter("front.tension_offset", "N", 0.01),
+        UncertainParameter("plate.pitch_offset", "rad", 0.01),
+    )
+    assert named() == {one.name for one in offsets}
+    assert named(*offsets) <= {"front.tension_gain", "front.tension_drift", "plate.pitch_drift"}
+    assert named(*offsets)
+
+
+def test_the_closing_sentences_name_them_and_files_keep_them(tmp_path: Path) -> None:
+    def sentences(result: CalibrationResult) -> str:
+        return " ".join(three_sentences(FirstScreen({"joint": result}, "joint")))
+
+    tests = [measured(seed, {}) for seed in (1, 2)]
+    problem = make_problem(fake_robot(), tests, FREE, LOSSES["papers"], fake_simulate)
+    best = calibrate(problem, store=tmp_path / "run")
+    text = sentences(best)
+    one = best.parameters[NU if "ν moves by half" in text else E]
+    assert "moves by half its interval where front.tension_offset is off by " in text
+    assert all(f"{error} is off by " in text for error in one.moved_by)
+    assert load_result(tmp_path / "run").parameters == best.parameters
+    quiet = {name: replace(held, moved_by={}) for name, held in best.parameters.items()}
+    assert "moves by half" not in sentences(replace(best, parameters=quiet))

@@ -107,6 +107,12 @@ def test_the_notes_name_it_where_it_counts() -> None:
         assert (words in notes) == counts
 
 
-def test_a_record_without_noise_has_none() -> None:
+def test_a_record_without_noise_conceals_none_and_has_no_intervals() -> None:
     problem = linear_problem(PapersLoss(), noise=0.0, settings={})
     assert np.all(np.linalg.norm(found(problem).root, axis=0) < 1e-6)
+    result = calibrate(problem)
+    assert any("fits tension of pull and pitch of pull exactly" in note.text for note in result.notes)
+    assert all(one.interval is None and one.standard_error is None for one in result.parameters.values())
+    noisy = calibrate(linear_problem(PapersLoss(), noise=1e-3, settings={}))
+    assert not any("exactly" in note.text for note in noisy.notes)
+    assert all(one.interval is not None for one in noisy.parameters.values())

@@ -47,6 +47,7 @@ def test_result_json_holds_what_is_promised_in_si(run: tuple[Path, CalibrationRe
     folder, result = run
     held = json.loads((folder / "result.json").read_text())
     profile = held["parameters"][E].pop("profile")
+    assert held["parameters"][E].pop("moved_by") == dict(result.parameters[E].moved_by) != {}
     low, high = held["parameters"][E]["interval"]
     assert profile[0][0] < low < high < profile[-1][0]
     assert [list(pair) for pair in result.parameters[E].profile] == profile

@@ -20,7 +20,7 @@ from softcal.calibration.experiment import rig_kind
 from softcal.calibration.instrument_errors import instrument_errors
 from softcal.calibration.intervals import beyond_bounds, box_intervals
 from softcal.calibration.left_out import LeftOut, left_out
-from softcal.calibration.loss import Block, Loss, rms
+from softcal.calibration.loss import MET, Block, Loss, rms
 from softcal.calibration.noise import DRIFT, PRIOR
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.random_effects import Spread
@@ -42,6 +42,7 @@ MARKERS_DIFFER = (
     "The {} markers differ by more than the noise explains: the intervals are those found with one marker left out at "
     "a time, where these are longer."
 )
+EXACT = "The twin fits {} exactly, so that no noise is known: no standard errors and no intervals."
 ONE_EXPERIMENT = "There is one experiment: by how much experiments on this robot differ is not known, nor included."
 
 
@@ -151,7 +152,14 @@ def local_statistics(
     mixed = unseen_parameters(found.unseen)
     saturated = sum(len(block.residual) for block in blocks) <= space.size  # a prior is a measurement
     notes = list(_notes(space, found, mixed, saturated=saturated))
-    if found.spent or mixed.all() or saturated:
+    exact = [
+        f"{one.channel} of {one.experiment}"
+        for one in blocks
+        if one.experiment and loss.stated_noise(one) is None and rms(one.residual) <= MET * rms(one.measured)
+    ]
+    if exact:
+        notes.append(Note(EXACT.format(" and ".join(exact[:2]) + f" and {len(exact) - 2} more" * (len(exact) > 2))))
+    if found.spent or mixed.all() or saturated or exact:
         return Statistics(errors, importance, tuple(notes), intervals)
     known = np.flatnonzero(~mixed)
     ends, stated = box_intervals(z[known], found.minimum[known], found.root[:, known], found.dof[known])

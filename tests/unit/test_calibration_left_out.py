@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate
+from interval_cases import SIGMA as SIGMA_OF
+from interval_cases import linear_problem
 
 from softcal.calibration.estimator import estimator
 from softcal.calibration.left_out import LeftOut, left_out
-from softcal.calibration.loss import Block
+from softcal.calibration.loss import Block, Loss
 from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.parameters import FreeParameter
@@ -119,11 +121,39 @@ def test_the_bands_of_the_fit_are_kept_with_it(tmp_path: Path) -> None:
         for channel, width in fit.bands.items():
             assert np.all(width > 0.0)
             np.testing.assert_array_equal(again.experiments[name].bands[channel], width)
+            np.testing.assert_array_equal(again.experiments[name].repeats[channel], fit.repeats[channel])
             held.append(np.mean(np.abs(fit.simulated[channel] - fit.measured[channel]) <= width))
     assert np.mean(held) == pytest.approx(0.95, abs=0.04)
     # Noise of 1e-3 of the largest value: the band is little wider than 1.96 of these.
     top = np.abs(result.experiments["t0"].measured["tension"]).max()
     assert np.median(result.experiments["t0"].bands["tension"]) == pytest.approx(1.96e-3 * top, rel=0.25)
+
+
+@pytest.mark.parametrize("loss", [PapersLoss(), LikelihoodLoss()], ids=["papers", "likelihood"])
+def test_of_two_bands_one_is_for_samples_of_the_same_set_up_and_one_for_a_new_one(loss: Loss) -> None:
+    """Experiments that differ in E: new noise on the same ones, and further ones whose E is drawn anew."""
+    names, spread, kinds = ("a", "b", "c", "d", "e", "f"), 1.5e5, ("tension", "pitch")
+    same: list[float] = []
+    new: list[float] = []
+    shares: list[float] = []
+    for seed in range(8):
+        problem = linear_problem(loss, names=names, seed=seed, spread=spread)
+        result = calibrate(problem)
+        assert result.spreads[E].differs
+        clean = linear_problem(loss, names=names, seed=seed, spread=spread, noise=0.0)
+        further = linear_problem(loss, names=names, seed=100 + seed, spread=spread)
+        chance = np.random.default_rng(seed)
+        for before, other in zip(clean.experiments, further.experiments, strict=True):
+            fit = result.experiments[before.name]
+            for kind in kinds:
+                again = before.dataset.values(kind) + SIGMA_OF[kind] * chance.standard_normal(before.dataset.n_samples)
+                same.append(float(np.mean(np.abs(fit.simulated[kind] - again) <= fit.repeats[kind])))
+                off = np.abs(fit.simulated[kind] - other.dataset.values(kind))
+                new.append(float(np.mean(off <= fit.bands[kind])))
+            shares.append(float(np.mean(fit.repeats["tension"]) / np.mean(fit.bands["tension"])))
+    assert np.mean(shares) < 0.8
+    assert 0.93 <= np.mean(same) <= 0.99
+    assert 0.93 <= np.mean(new) <= 1.0
 
 
 def test_a_held_out_test_with_an_offset_of_its_own_has_the_band_that_its_fit_leaves() -> None:

@@ -36,14 +36,19 @@ def test_the_band_of_a_further_test_is_drawn_and_told_where_it_is_known() -> Non
     without = next(trajectory(content))
     assert "95 %" not in without.caption
     assert not any(axes.collections for axes in without.figure.axes)
-    known = replace(fit, bands={"pitch": np.full(50, np.deg2rad(0.5))})
+    half = np.full(50, np.deg2rad(0.5))
+    known = replace(fit, bands={"pitch": half}, repeats={"pitch": half / 2})
     results = {**content.results, label: replace(result, experiments={**result.experiments, name: known})}
     drawing = next(trajectory(replace(content, results=results)))
-    assert "The band holds 95 % of the samples" in drawing.caption
+    assert "The darker band holds 95 % of further samples of the same set-up." in drawing.caption
+    assert "The lighter band holds 95 % of the samples of a further test on a new set-up" in drawing.caption
     force, pitch = trajectory_panels(content.experiments[name], known).panels
     assert force.band is None
+    assert force.repeat is None
     np.testing.assert_allclose(pitch.band, 0.5)
-    assert [len(axes.collections) for axes in drawing.figure.axes] == [0, 0, 1, 1]
+    np.testing.assert_allclose(pitch.repeat, 0.25)
+    assert [len(axes.collections) for axes in drawing.figure.axes] == [0, 0, 2, 2]
+    assert drawing.figure.axes[2].get_legend_handles_labels()[1][:2] == ["95 %, new set-up", "95 %, same set-up"]
 
 
 def test_unmeasured_pitch_is_shown_alone() -> None:

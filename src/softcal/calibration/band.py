@@ -1,12 +1,15 @@
-"""The 95 % band of a further experiment around the twin's predictions: the intervals carried into force and pitch.
+"""The 95 % bands of further measurements around the twin's predictions: the intervals carried into force and pitch.
 
-It has the covariance of the estimates, the spread between the experiments where they differ, and the noise of the
-measurements; all by the exact derivatives at the minimum.
+A further experiment, on a new set-up, errs by the covariance of the estimates, by the spread between the experiments
+where they differ, and by the noise of the measurements. A further sample of the same experiment has the same specimen
+and the same errors of instruments, mesh and rig, which the fit has followed: what is left of them is in the residuals.
+It errs by these, or by the noise where that is larger, and by what the noise of the fitted samples makes of the
+estimates. All by the exact derivatives at the minimum.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -14,6 +17,8 @@ from softcal.calibration.estimator import Estimator
 from softcal.calibration.intervals import student
 from softcal.calibration.loss import Block, Loss
 from softcal.checks import Floats
+
+_AROUND, _PART = 5, 10  # samples around one whose residuals are alike, or such a part of the record
 
 
 def half_width(loss: Loss, block: Block, slopes: Floats, covariance: Floats, found: Estimator) -> Floats:
@@ -44,13 +49,37 @@ def noise_of(loss: Loss, block: Block, found: Estimator) -> Floats | float:
 
 
 def bands(loss: Loss, slopes: Floats, blocks: Sequence[Block], found: Estimator) -> dict[str, dict[str, Floats]]:
-    """Experiment -> compared channel -> half the width (n,) [SI] of the band at its measured samples.
+    """Experiment -> compared channel -> half the width (n,) [SI] of the band of a further experiment at its measured
+    samples.
 
     slopes: d theta / d z (size,).
     """
+    return _by_channel(blocks, lambda block, J: half_width(loss, block, J * slopes, found.within_bounds, found))
+
+
+def repeat_bands(loss: Loss, slopes: Floats, blocks: Sequence[Block], found: Estimator) -> dict[str, dict[str, Floats]]:
+    """As `bands`, of a further sample of the same experiment."""
+
+    def width(block: Block, jacobian: Floats) -> Floats:
+        J = jacobian * slopes
+        off = np.maximum(noise_of(loss, block, found) ** 2, _around(block.residual**2))
+        return float(student(np.array([np.inf]))[0]) * np.sqrt(np.einsum("ni,ij,nj->n", J, found.by_noise, J) + off)
+
+    return _by_channel(blocks, width)
+
+
+def _around(squares: Floats) -> Floats:
+    """The mean (n,) of squares around each sample."""
+    from scipy.ndimage import uniform_filter1d
+
+    n = len(squares)
+    size = min(n, max(_AROUND, n // _PART))
+    return np.asarray(uniform_filter1d(squares, size=size, mode="nearest"), dtype=np.float64)
+
+
+def _by_channel(blocks: Sequence[Block], width: Callable[[Block, Floats], Floats]) -> dict[str, dict[str, Floats]]:
     widths: dict[str, dict[str, Floats]] = {}
     for block in blocks:
         if block.experiment and block.jacobian is not None:
-            own = widths.setdefault(block.experiment, {})
-            own[block.channel] = half_width(loss, block, block.jacobian * slopes, found.within_bounds, found)
+            widths.setdefault(block.experiment, {})[block.channel] = width(block, block.jacobian)
     return widths

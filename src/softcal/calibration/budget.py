@@ -38,6 +38,11 @@ class Budget:
         """The budget of errors that are so many times as large."""
         return replace(self, sources=[source.times(factor) for source in self.sources])
 
+    def part(self, *kinds: str) -> Budget:
+        """The budget of the sources of some kinds."""
+        held = [pair for pair in zip(self.sources, self.responses, strict=True) if pair[0].kind in kinds]
+        return replace(self, sources=[source for source, _ in held], responses=[own for _, own in held])
+
     @cached_property
     def root(self) -> Floats:
         """`root.T @ root` is the covariance, shape (size, size)."""

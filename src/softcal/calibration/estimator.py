@@ -82,6 +82,8 @@ class Estimator:
         The errors of the measurements and priors, with drifts that nothing is stated on.
     within_bounds
         Covariance (size, size) where every parameter lies within its bounds.
+    by_noise
+        The same by the noise and the priors alone.
     set_ups
         Experiment -> its set-up, where it is set-ups that are compared; else empty.
     """
@@ -97,6 +99,7 @@ class Estimator:
     variances: Mapping[str, Floats]
     sources: tuple[Source, ...]
     within_bounds: Floats
+    by_noise: Floats
     set_ups: Mapping[str, str]
 
 
@@ -143,6 +146,7 @@ def estimator(
     errs = {k: (p.source, p.label) for k, p in enumerate(uncertain)}
     budget = linear.budget([*held, *systematic_sources(parts, errs)], differing, drift_sources(parts, held))
     held = (*held, *(one for one in budget.sources if one.kind == DRIFT))
+    by_noise = budget.part("noise", "prior").within_bounds
     known = ~unseen_parameters(unseen)
     contradicted = 1.0 if spent else contradiction(minimum[known], budget.root[:, known])
     if contradicted > 1.0:
@@ -159,6 +163,7 @@ def estimator(
         budget.variances,
         held,
         budget.within_bounds,
+        by_noise,
         set_ups,
     )
 

@@ -18,9 +18,14 @@ from softcal.experiments.steps.branches import cycle_rows
 
 
 def experiment_fit(
-    experiment: Experiment, seen: Observation, bands: Mapping[str, Floats] | None = None
+    experiment: Experiment,
+    seen: Observation,
+    bands: Mapping[str, Floats] | None = None,
+    repeats: Mapping[str, Floats] | None = None,
 ) -> ExperimentFit:
-    """The errors of the predicted measurements `seen`; bands: channel -> half-width [SI] at its measured samples."""
+    """The errors of the predicted measurements `seen`; bands and repeats: channel -> half-width [SI] at its measured
+    samples.
+    """
     channels = experiment.dataset.channels
     errors = {
         channel: (seen.predicted[channel] - channels[channel].values)[experiment.seen(channel)]
@@ -36,7 +41,8 @@ def experiment_fit(
         distances=_distances(experiment, errors),
         length=experiment.rig.length,
         missing=_missing(experiment),
-        bands={channel: _at_all(width, experiment.seen(channel)) for channel, width in (bands or {}).items()},
+        bands=_at_all(experiment, bands or {}),
+        repeats=_at_all(experiment, repeats or {}),
         cycles=_cycles(experiment.dataset, seen.predicted),
     )
 
@@ -52,10 +58,13 @@ def missing_rows(experiment: Experiment) -> dict[str, list[int]]:
     return {name: held for name, held in rows.items() if held}
 
 
-def _at_all(values: Floats, seen: np.ndarray) -> Floats:
+def _at_all(experiment: Experiment, widths: Mapping[str, Floats]) -> dict[str, Floats]:
     """Values of the measured samples at all samples, NaN at the others."""
-    found = np.full(len(seen), np.nan)
-    found[seen] = values
+    found: dict[str, Floats] = {}
+    for channel, values in widths.items():
+        seen = experiment.seen(channel)
+        found[channel] = np.full(len(seen), np.nan)
+        found[channel][seen] = values
     return found
 
 

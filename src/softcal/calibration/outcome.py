@@ -121,7 +121,8 @@ def conclude(
         wall_s=account.wall_s,
         status=account.status,
         experiments={
-            e.name: experiment_fit(e, best.observations[e.name], local.bands.get(e.name)) for e in problem.experiments
+            e.name: experiment_fit(e, best.observations[e.name], local.bands.get(e.name), local.repeats.get(e.name))
+            for e in problem.experiments
         },
         importance=local.importance,
         spreads=local.spreads,

@@ -220,8 +220,10 @@ class ExperimentFit:
     missing
         Marker, plate or channel -> number of samples without a measured value.
     bands
-        Compared channel -> half the width (n_samples,) [SI] of the 95 % band of a further experiment, NaN where a value
-        is missing; empty where the estimates have no intervals.
+        Compared channel -> half the width (n_samples,) [SI] of the 95 % band of a further experiment, on a new set-up,
+        NaN where a value is missing; empty where the estimates have no intervals.
+    repeats
+        The same of a further sample of the same experiment: same specimen, set-up and instruments.
     cycles
         The whole cycles of the samples, where they go both ways (`find_cycles`).
     """
@@ -236,6 +238,7 @@ class ExperimentFit:
     length: float | None = None
     missing: Mapping[str, int] = field(default_factory=dict[str, int])
     bands: Mapping[str, Floats] = field(default_factory=dict[str, Floats])
+    repeats: Mapping[str, Floats] = field(default_factory=dict[str, Floats])
     cycles: tuple[CycleFit, ...] = ()
 
     @property

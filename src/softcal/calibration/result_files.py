@@ -140,7 +140,8 @@ def _held_out_json(name: str, held: HeldOut) -> dict[str, Any]:
 
 def _response_csv(fit: ExperimentFit) -> str:
     columns: dict[str, Floats] = {f"{name} [{fit.units[name]}]": values for name, values in fit.response.items()}
-    for family, channels in (("measured", fit.measured), ("simulated", fit.simulated), ("band", fit.bands)):
+    families = {"measured": fit.measured, "simulated": fit.simulated, "band": fit.bands, "repeat": fit.repeats}
+    for family, channels in families.items():
         columns |= {f"{family}.{name} [{fit.units[name]}]": values for name, values in channels.items()}
     # A value that was not measured is an empty cell.
     cells = ([float(value) if np.isfinite(value) else "" for value in values] for values in columns.values())

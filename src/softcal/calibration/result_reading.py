@@ -185,6 +185,7 @@ def _fit(folder: Path, name: str, entry: _Fit) -> ExperimentFit:
         length=entry.length,
         missing=entry.missing,
         bands=parts["band"],
+        repeats=parts["repeat"],
         cycles=entry.cycles,
     )
     compared = {key for key, error in errors.items() if error is not None and key.endswith("_rmse")}
@@ -208,11 +209,11 @@ def _error(path: Path, errors: Mapping[str, float | None], key: str) -> float:
 
 
 def _response(path: Path) -> tuple[dict[str, dict[str, Floats]], dict[str, str]]:
-    """Channels of a response table by family (measured, simulated, band, "" for the twin's own), and their units."""
+    """Channels of a response table by family ("" for the twin's own), and their units."""
     header, rows = read_rows(path, _WHAT)
     if not rows:
         raise contradiction(path, _WHAT, "there are no samples")
-    parts: dict[str, dict[str, Floats]] = {"measured": {}, "simulated": {}, "band": {}, "": {}}
+    parts: dict[str, dict[str, Floats]] = {"measured": {}, "simulated": {}, "band": {}, "repeat": {}, "": {}}
     units: dict[str, str] = {}
     for column, title in enumerate(header):
         name, _, unit = title.removesuffix("]").rpartition(" [")
@@ -221,7 +222,7 @@ def _response(path: Path) -> tuple[dict[str, dict[str, Floats]], dict[str, str]]
         key = channel if known else name
         parts[family if known else ""][key] = np.array(
             [
-                _number(path, row[column], i, missing=family in ("measured", "band"))
+                _number(path, row[column], i, missing=family in ("measured", "band", "repeat"))
                 for i, row in enumerate(rows, start=1)
             ]
         )

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from softcal.calibration.band import bands
+from softcal.calibration.band import bands, repeat_bands
 from softcal.calibration.between_markers import MARKERS, n_markers, with_markers
 from softcal.calibration.estimator import Estimator, estimator, unseen_parameters
 from softcal.calibration.experiment import rig_kind
@@ -70,6 +70,8 @@ class Statistics:
         Experiment -> how well the others predict it, of three or more.
     bands
         Experiment -> compared channel -> half the width (n,) [SI] of the 95 % band of a further experiment.
+    repeats
+        The same of a further sample of the same experiment.
     minimum
         Label -> where the minimum is, by the derivatives, within the bounds [SI].
     dof
@@ -87,6 +89,7 @@ class Statistics:
     spreads: Mapping[str, Spread] = field(default_factory=dict[str, Spread])
     left_out: Mapping[str, LeftOut] = field(default_factory=dict[str, LeftOut])
     bands: Mapping[str, Mapping[str, Floats]] = field(default_factory=dict[str, Mapping[str, Floats]])
+    repeats: Mapping[str, Mapping[str, Floats]] = field(default_factory=dict[str, Mapping[str, Floats]])
     minimum: Mapping[str, float] = field(default_factory=dict[str, float])
     dof: Mapping[str, float] = field(default_factory=dict[str, float])
     moved_by: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
@@ -191,12 +194,24 @@ def local_statistics(
     spreads = {space.labels[one.column]: spread(space, z, one, found, known) for one in found.between}
     predicted = left_out(loss, z, slopes, blocks, serves, found)
     minimum = space.to_model(np.clip(found.minimum, 0.0, 1.0))
-    widths = bands(loss, slopes, blocks, found)
+    widths, repeats = (one(loss, slopes, blocks, found) for one in (bands, repeat_bands))
     dof = {space.labels[j]: float(found.dof[j]) for j in known if np.isfinite(found.dof[j])}
     moved = instrument_errors(loss, slopes, blocks, (upper - lower) / 2)
     moved_by = {space.labels[j]: moved[j] for j in known if rig_kind(space.parameters[j].targets[0]) is None}
     return Statistics(
-        errors, importance, tuple(notes), intervals, beyond, shares, spreads, predicted, widths, minimum, dof, moved_by
+        errors,
+        importance,
+        tuple(notes),
+        intervals,
+        beyond,
+        shares,
+        spreads,
+        predicted,
+        widths,
+        repeats,
+        minimum,
+        dof,
+        moved_by,
     )
 
 

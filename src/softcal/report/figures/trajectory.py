@@ -37,10 +37,10 @@ def trajectory(content: ReportContent) -> Iterator[Drawing]:
             silent = [panel.label.lower() for panel in path.panels if panel.measured is None]
             if silent:
                 caption += f" The {joined(silent)} was not measured; only the simulated one is shown."
+            if any(panel.repeat is not None for panel in path.panels):
+                caption += " The darker band holds 95 % of further samples of the same set-up."
             if any(panel.band is not None for panel in path.panels):
-                caption += (
-                    " The band holds 95 % of the samples of a further test of this kind, where nothing else changes."
-                )
+                caption += " The lighter band holds 95 % of the samples of a further test on a new set-up of this kind."
             if path.abscissa.note:
                 caption += f" {path.abscissa.note}"
             yield Drawing(
@@ -68,7 +68,8 @@ class Abscissa:
 class TrajectoryPanel:
     """One channel over the trajectory in display units; measured and residual are None if not measured.
 
-    band: half the width of the 95 % band of a further experiment, None where that is not known.
+    band: half the width of the 95 % band of a further experiment, on a new set-up; repeat: of a further sample of the
+    same one; None where that is not known.
     """
 
     channel: str
@@ -78,6 +79,7 @@ class TrajectoryPanel:
     simulated: Floats
     residual: Floats | None
     band: Floats | None = None
+    repeat: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -103,8 +105,8 @@ def trajectory_panels(experiment: ExperimentContent, fit: ExperimentFit) -> Traj
         measured = fit.measured.get(name)
         shown = None if measured is None else np.asarray(measured, dtype=np.float64) / scale.factor
         residual = None if shown is None else simulated - shown
-        band = fit.bands[name] / scale.factor if name in fit.bands else None
-        panels.append(TrajectoryPanel(name, channel_name(name).label, scale, shown, simulated, residual, band))
+        band, repeat = (held[name] / scale.factor if name in held else None for held in (fit.bands, fit.repeats))
+        panels.append(TrajectoryPanel(name, channel_name(name).label, scale, shown, simulated, residual, band, repeat))
     n_samples = len(panels[0].simulated) if panels else 0
     abscissa = _abscissa(experiment, n_samples)
     return TrajectoryPanels(experiment.name, abscissa, tuple(panels), _pieces(experiment.prepared, n_samples))
@@ -164,9 +166,10 @@ def _draw_values(axes: Axes, path: TrajectoryPanels, panel: TrajectoryPanel) -> 
     for piece in path.pieces:
         named = piece.start == 0
         x = path.abscissa.values[piece]
-        if panel.band is not None:
-            low, high = (panel.simulated[piece] + side * panel.band[piece] for side in (-1, 1))
-            axes.fill_between(x, low, high, color=SIMULATED, alpha=0.15, linewidth=0, label="95 %" if named else None)
+        for words, (band, alpha) in _bands(panel).items():
+            low, high = (panel.simulated[piece] + side * band[piece] for side in (-1, 1))
+            label = words if named else None
+            axes.fill_between(x, low, high, color=SIMULATED, alpha=alpha, linewidth=0, label=label)
         if panel.measured is not None:
             axes.plot(
                 x, panel.measured[piece], color=MEASURED, linestyle="" if few else "-", marker="o" if few else "",
@@ -183,15 +186,21 @@ def _draw_values(axes: Axes, path: TrajectoryPanels, panel: TrajectoryPanel) -> 
         axes.text(0.02, 0.95, text, transform=axes.transAxes, va="top", fontsize=8.5, color=MUTED)
 
 
+def _bands(panel: TrajectoryPanel) -> dict[str, tuple[Floats, float]]:
+    """Of each 95 % band, the wider one first: its words, half its width and how opaque it is."""
+    bands = {"95 %, new set-up": (panel.band, 0.13), "95 %, same set-up": (panel.repeat, 0.28)}
+    return {words: (band, alpha) for words, (band, alpha) in bands.items() if band is not None}
+
+
 def _draw_residual(axes: Axes, path: TrajectoryPanels, panel: TrajectoryPanel) -> None:
     assert panel.residual is not None  # noqa: S101 - the caller lists residual rows only where there is one
     axes.axhline(0.0, color=INK, linewidth=0.8)
     for piece in path.pieces:
         x, off = path.abscissa.values[piece], panel.residual[piece]
-        if panel.band is not None:
-            axes.fill_between(x, -panel.band[piece], panel.band[piece], color=SIMULATED, alpha=0.15, linewidth=0)
+        for band, alpha in _bands(panel).values():
+            axes.fill_between(x, -band[piece], band[piece], color=SIMULATED, alpha=alpha, linewidth=0)
         axes.plot(x, off, color=SIMULATED, linewidth=1.2, marker=_lone(piece), markersize=4.5)
-    widest = 0.0 if panel.band is None else float(np.nanmax(panel.band))
+    widest = max((float(np.nanmax(band)) for band, _ in _bands(panel).values()), default=0.0)
     reach = 1.15 * max(float(np.nanmax(np.abs(panel.residual))), widest) or 1.0
     axes.set_ylim(-reach, reach)
     axes.set_ylabel(panel.scale.axis("Residual"))

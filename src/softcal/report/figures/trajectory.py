@@ -151,8 +151,8 @@ def draw_trajectory(path: TrajectoryPanels, width: float = 5.2) -> Figure:
             else:
                 _draw_residual(axes, path, panel)
         stack[0].set_title(path.experiment)
-        # Beside the title, where it covers no curve.
-        stack[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1)
+        # Above all, where it covers no curve.
+        figure.legend(*stack[0].get_legend_handles_labels(), loc="outside upper right", ncols=2, borderaxespad=0.1)
         if path.abscissa.is_count:
             count_axis(stack[-1], path.abscissa.label)
         else:
@@ -200,7 +200,8 @@ def _draw_residual(axes: Axes, path: TrajectoryPanels, panel: TrajectoryPanel) -
         for band, alpha in _bands(panel).values():
             axes.fill_between(x, -band[piece], band[piece], color=SIMULATED, alpha=alpha, linewidth=0)
         axes.plot(x, off, color=SIMULATED, linewidth=1.2, marker=_lone(piece), markersize=4.5)
-    widest = max((float(np.nanmax(band)) for band, _ in _bands(panel).values()), default=0.0)
+    band = panel.band if panel.repeat is None else panel.repeat  # a wider one is cut, so that residuals are seen
+    widest = 0.0 if band is None else float(np.nanmax(band))
     reach = 1.15 * max(float(np.nanmax(np.abs(panel.residual))), widest) or 1.0
     axes.set_ylim(-reach, reach)
     axes.set_ylabel(panel.scale.axis("Residual"))

@@ -98,6 +98,8 @@ def test_every_header_of_the_tables_has_its_unit(run: tuple[Path, CalibrationRes
         "simulated.pitch [rad]",
         "band.tension [N]",
         "band.pitch [rad]",
+        "repeat.tension [N]",
+        "repeat.pitch [rad]",
     ]
     assert len(rows) == 41
     with (folder / "trials.csv").open() as file:

@@ -305,8 +305,8 @@ TABLES: dict[str, tuple[str, Callable[[str], str]]] = {
         for value in values
         for row in (-1,)
     },
-    "a simulated value that is another": ("response-pull.csv", in_cell(-1, -3, "0.5")),
-    "a measured value that is another": ("response-pull.csv", in_cell(-1, -6, "77")),
+    "a simulated value that is another": ("response-pull.csv", in_cell(-1, -5, "0.5")),
+    "a measured value that is another": ("response-pull.csv", in_cell(-1, -8, "77")),
     "a band that is no number": ("response-pull.csv", in_cell(-1, -1, "nan")),
     "a trial less": ("trials.csv", without_line),
     "a sample less": ("response-pull.csv", without_line),

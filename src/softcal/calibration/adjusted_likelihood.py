@@ -26,7 +26,7 @@ import numpy as np
 from softcal.calibration.convergence import distance_to_minimum
 from softcal.calibration.estimator import Estimator, unseen_parameters
 from softcal.calibration.local_model import LocalModel, Point, jacobian_of
-from softcal.calibration.loss import Block, Loss, rms
+from softcal.calibration.loss import EXACT, Block, Loss, rms
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import Estimate
 from softcal.calibration.sensitivity import local_estimator, local_statistics
@@ -35,7 +35,6 @@ from softcal.errors import Fault, InputError, SimulationError
 
 NO_MINIMUM = 0.5
 """Standard errors: values further than this from the minimum of the loss do not show the noise."""
-_EXACT = 1e-9  # of a channel's root mean square: smaller residuals are rounding, not noise
 _RUN = "softcal calibrate with the method least-squares, to its end"
 
 
@@ -147,7 +146,7 @@ def calibrated(problem: Problem, theta: Mapping[str, float]) -> Calibrated:
     if n <= size:
         got = f"{n} measured value{'s' * (n > 1)} and {size} parameter{'s' * (size > 1)}"
         raise _refused("there are no more measured values than parameters, so the noise cannot be estimated", got)
-    exact = [b for b in blocks if b.experiment and rms(b.residual) <= _EXACT * rms(b.measured)]
+    exact = [b for b in blocks if b.experiment and rms(b.residual) <= EXACT * rms(b.measured)]
     if any(loss.stated_noise(block) is None for block in exact):
         got = f"{exact[0].channel} in {exact[0].experiment}"
         raise _refused("a channel is fitted exactly, so its noise cannot be estimated", got, "measured data")

@@ -26,6 +26,8 @@ from softcal.sensing.channel import channel_name
 
 # RMSE over the root mean square of the measurement up to which a channel counts as fitted exactly.
 MET = 1e-6
+EXACT = 1e-9
+"""The same up to which residuals are rounding, and tell nothing of the noise."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from softcal.calibration.experiment import rig_kind
 from softcal.calibration.instrument_errors import instrument_errors
 from softcal.calibration.intervals import beyond_bounds, box_intervals
 from softcal.calibration.left_out import LeftOut, left_out
-from softcal.calibration.loss import MET, Block, Loss, rms
+from softcal.calibration.loss import EXACT, Block, Loss, rms
 from softcal.calibration.noise import DRIFT, PRIOR
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.random_effects import Spread
@@ -42,7 +42,7 @@ MARKERS_DIFFER = (
     "The {} markers differ by more than the noise explains: the intervals are those found with one marker left out at "
     "a time, where these are longer."
 )
-EXACT = "The twin fits {} exactly, so that no noise is known: no standard errors and no intervals."
+_FITTED_EXACTLY = "The twin fits {} exactly, so that no noise is known: no standard errors and no intervals."
 ONE_EXPERIMENT = "There is one experiment: by how much experiments on this robot differ is not known, nor included."
 
 
@@ -78,6 +78,8 @@ class Statistics:
         Label -> degrees of freedom of the variance [-], where these are finite.
     moved_by
         Label of a parameter of the robot -> errors of instruments that move it by half its interval; see `Estimate`.
+    is_exact
+        Whether a channel is fitted exactly, so that there are no intervals.
     """
 
     standard_errors: Mapping[str, float | None]
@@ -93,6 +95,7 @@ class Statistics:
     minimum: Mapping[str, float] = field(default_factory=dict[str, float])
     dof: Mapping[str, float] = field(default_factory=dict[str, float])
     moved_by: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
+    is_exact: bool = False
 
     def estimates(self, space: SearchSpace, theta: Mapping[str, float]) -> dict[str, Estimate]:
         """The values theta [SI by label] with the statistics of each."""
@@ -158,12 +161,14 @@ def local_statistics(
     exact = [
         f"{one.channel} of {one.experiment}"
         for one in blocks
-        if one.experiment and loss.stated_noise(one) is None and rms(one.residual) <= MET * rms(one.measured)
+        if one.experiment and loss.stated_noise(one) is None and rms(one.residual) <= EXACT * rms(one.measured)
     ]
     if exact:
-        notes.append(Note(EXACT.format(" and ".join(exact[:2]) + f" and {len(exact) - 2} more" * (len(exact) > 2))))
+        notes.append(
+            Note(_FITTED_EXACTLY.format(" and ".join(exact[:2]) + f" and {len(exact) - 2} more" * (len(exact) > 2)))
+        )
     if found.spent or mixed.all() or saturated or exact:
-        return Statistics(errors, importance, tuple(notes), intervals)
+        return Statistics(errors, importance, tuple(notes), intervals, is_exact=bool(exact))
     known = np.flatnonzero(~mixed)
     ends, stated = box_intervals(z[known], found.minimum[known], found.root[:, known], found.dof[known])
     at_bound = space.at_bound(theta)

@@ -87,8 +87,11 @@ class LawFit:
 
     @property
     def is_determined(self) -> bool:
-        """Whether the tests determine every fitted constant: each has an interval, and none is at its bound."""
-        return all(one.interval is not None and not one.at_bound for one in self.estimates.values())
+        """Whether the tests determine every fitted constant: each has an interval, or all tests are fitted exactly, and
+        none is at its bound.
+        """
+        found = self.estimates.values()
+        return all((one.interval is not None or self.statistics.is_exact) and not one.at_bound for one in found)
 
 
 def fit_law(constants: FreeConstants, coupons: Sequence[Coupon], reach: float) -> LawFit:

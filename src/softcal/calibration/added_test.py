@@ -20,7 +20,7 @@ import numpy as np
 
 from softcal.calibration.between_experiments import Alone, Between, own_step, parts_alone
 from softcal.calibration.correlation import BINS, ErrorRecord, Process, record
-from softcal.calibration.estimator import Estimator, Linear, Weighed, linearised
+from softcal.calibration.estimator import Estimator, Linear, Weighed, linearised, weighed
 from softcal.calibration.loss import Block, Loss, rms
 from softcal.calibration.noise import DRIFT, PRIOR, ScaledBlock, Source, drift_sources, systematic_sources
 from softcal.calibration.set_ups import parts_by_set_up, serves_by_set_up
@@ -160,7 +160,7 @@ def with_added_test(
     places = {name: (size + i * q, range(k + i * m, k + (i + 1) * m)) for i, name in enumerate(added.names)}
     wide = size + q * added.repeats
     errs = (*uncertain, *(added.uncertain * added.repeats))
-    seen = [_weighed(loss, _padded(block, slopes, wide, len(errs))) for block in blocks]
+    seen = [weighed(loss, _padded(block, slopes, wide, len(errs))) for block in blocks]
     noises = {channel.name: _noise(loss, blocks, found, channel) for channel in added.channels}
     precision = _precision(loss, seen, found)
     for name, (start, own_errs) in places.items():
@@ -191,10 +191,6 @@ def with_added_test(
     left = sum(part.pull.T @ part.residual for part in parts if part.experiment not in places)
     step = linear.step(-inverse @ left)
     return ExpectedEstimates(np.linalg.qr(budget.root[:, :size])[1], step[:size], budget.dof[:size], unseen[:, :size])
-
-
-def _weighed(loss: Loss, block: Block) -> Weighed:
-    return Weighed(block, loss.square_weights(block, block.residual), loss.stated_noise(block))
 
 
 def _padded(block: Block, slopes: Floats, wide: int, n_uncertain: int) -> Block:

@@ -112,6 +112,11 @@ class Weighed:
     stated: Floats | None
 
 
+def weighed(loss: Loss, block: Block) -> Weighed:
+    """A block as the loss sees it at the block's residual."""
+    return Weighed(block, loss.square_weights(block, block.residual), loss.stated_noise(block))
+
+
 def estimator(
     loss: Loss,
     z: Floats,
@@ -125,7 +130,7 @@ def estimator(
     serves: experiment -> whether each parameter (size,) has an effect on it; None where experiments are not compared.
     uncertain: those of the blocks' `systematic`.
     """
-    seen = [Weighed(one, loss.square_weights(one, one.residual), loss.stated_noise(one)) for one in blocks]
+    seen = [weighed(loss, one) for one in blocks]
     parts, inverse, unseen = linearised(loss, seen, slopes, len(uncertain))
     noise, spent = white_noise(parts, inverse)
     compared: tuple[Between, ...] = ()
@@ -177,7 +182,7 @@ def spent_groups(loss: Loss, slopes: Floats, blocks: Sequence[Block]) -> tuple[s
     """The groups of channels whose noise cannot be estimated near a minimum, since the parameters fit them exactly
     whatever it is; the blocks must have jacobians.
     """
-    seen = [Weighed(one, loss.square_weights(one, one.residual), loss.stated_noise(one)) for one in blocks]
+    seen = [weighed(loss, one) for one in blocks]
     parts, inverse, _ = linearised(loss, seen, slopes)
     return white_noise(parts, inverse)[1]
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from softcal.calibration.estimator import Weighed, curving, linearised
+from softcal.calibration.estimator import curving, linearised, weighed
 from softcal.calibration.loss import Block, Loss
 from softcal.checks import Floats
 
@@ -22,7 +22,7 @@ def instrument_errors(loss: Loss, slopes: Floats, blocks: Sequence[Block], half:
 
     slopes: d theta / d z; the blocks must have jacobians.
     """
-    seen = [Weighed(one, loss.square_weights(one, one.residual), loss.stated_noise(one)) for one in blocks]
+    seen = [weighed(loss, one) for one in blocks]
     parts, inverse, _ = linearised(loss, seen, slopes)
     pulls: dict[str, Floats] = {}
     reads: dict[str, float] = {}

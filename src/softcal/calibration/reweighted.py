@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from softcal.calibration.estimator import Estimator, Weighed, linearised
+from softcal.calibration.estimator import Estimator, linearised, weighed
 from softcal.calibration.loss import Block, Loss
 from softcal.calibration.noise import DRIFT, ScaledBlock, Source, systematic_sources
 from softcal.calibration.uncertain import UncertainParameter
@@ -174,7 +174,7 @@ def reweighted(
     groups: of each block's samples (n,), `NONE` in the place of none. found: the estimator of these blocks. uncertain:
     the parameters of the blocks' `systematic`.
     """
-    seen = [Weighed(one, loss.square_weights(one, one.residual), loss.stated_noise(one)) for one in blocks]
+    seen = [weighed(loss, one) for one in blocks]
     parts, inverse, _ = linearised(loss, seen, slopes, len(uncertain))
     names = [name for name in dict.fromkeys(str(one) for held in groups for one in held) if name != NONE]
     places = {name: k for k, name in enumerate([*names, NONE])}

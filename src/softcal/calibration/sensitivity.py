@@ -313,4 +313,5 @@ def _blind_note(mixed: Sequence[str]) -> str:
     if len(mixed) == 1:
         return f"The data do not depend on {mixed[0]}: its value is arbitrary and no standard error is given."
     named = f"{', '.join(mixed[:-1])} and {mixed[-1]}"
-    return f"The data cannot separate {named}: only a combination of them is determined. Fix one of them, or state a prior of one."
+    text = f"The data cannot separate {named}: only a combination of them is determined."
+    return f"{text} Fix one of them, or state a prior of one."

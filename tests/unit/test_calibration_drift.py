@@ -101,7 +101,7 @@ def test_the_intervals_contain_the_truth_where_instruments_drift_by_what_the_noi
 
 
 def test_the_notes_name_it_where_it_counts() -> None:
-    words = "drifts that the noise conceals"
+    words = "drifts too small to be seen in the noise"
     for settings_, counts in (({}, True), (STEADY, False)):
         notes = " ".join(map(str, calibrate(linear_problem(LikelihoodLoss(), settings=settings_)).notes))
         assert (words in notes) == counts

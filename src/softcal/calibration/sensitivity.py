@@ -224,7 +224,7 @@ def not_included(uncertain: Sequence[UncertainParameter], has_drifts: bool = Fal
     """What the intervals include, and what they do not; has_drifts: of instruments, with nothing stated on them."""
     named = list(dict.fromkeys(p.source for p in uncertain if p != MESH_ERROR))
     has_mesh = MESH_ERROR in uncertain
-    drifts, mesh = ["drifts that the noise conceals"] * has_drifts, ["the error of the mesh"] * has_mesh
+    drifts, mesh = ["drifts too small to be seen in the noise"] * has_drifts, ["the error of the mesh"] * has_mesh
     listed = [*drifts, *mesh, *(f"the uncertainty of {name}" for name in named)]
     included = f", {', '.join(listed[:-1])}{', ' * (len(listed) > 1)}and {listed[-1]}" if listed else ""
     return NOT_INCLUDED.format(included, "" if has_mesh else "of the mesh, ", "rest of the " if named else "")

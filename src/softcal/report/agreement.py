@@ -235,7 +235,7 @@ def _curve_text(fit: ExperimentFit, experiment: str, channel: str, one: Residual
 def _cause_text(fit: ExperimentFit, experiment: str, channel: str, one: ResidualRecord) -> str:
     """How large residuals are, what is in them beside noise, and how sure that is."""
     size = format_quantity(one.size, fit.units[channel], digits=2)
-    sure = f"{number(one.significance, 2)} standard errors"
+    sure = f"{number(one.significance, 2)} standard errors from zero"
     return f"{channel} of {experiment} by {size} (RMS), of which {_causes_text(list(one.explained.items()))} ({sure})"
 
 
@@ -244,7 +244,8 @@ def _causes_text(causes: Sequence[tuple[str, float]]) -> str:
     if not causes:
         return ""
     (first, share), *others = causes[:2]
-    return f"{first} would explain {100 * share:.0f} %" + "".join(f", {name} {100 * s:.0f} %" for name, s in others)
+    more = "".join(f", {name} alone {100 * s:.0f} %" for name, s in others)
+    return f"{first} alone would explain {100 * share:.0f} %{more}"
 
 
 def _outliers_text(experiment: str, channel: str, one: ResidualRecord) -> str:

@@ -46,7 +46,7 @@ SOURCES = (
     ),
     ErrorSource(
         DRIFT,
-        "drifts of the instruments that their noise conceals",
+        "drifts of the instruments, too small to be seen in their noise",
         "drift",
         "a closer limit on them, such as the data sheet's under `uncertain:`, will reduce it",
     ),

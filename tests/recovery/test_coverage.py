@@ -46,8 +46,9 @@ def test_a_drift_that_may_be_makes_intervals_longer_by_less_than_half(name: str)
     unstated = coverage.coverage(CASES[name], studies)
     stated = coverage.coverage(replace(CASES[name], states_drift=True), studies)
     for one, other in zip(unstated, stated, strict=True):
-        assert one.share >= other.share >= 0.85
-        assert other.ratio <= one.ratio <= 1.5 * other.ratio
+        # A drift has no degrees of freedom to be estimated with: where those of the noise are few, Student's t is less.
+        assert min(one.share, other.share) >= 0.85
+        assert 1.0 - 1e-9 <= one.ratio / other.ratio <= 1.5
         assert one.misfits is not None
         assert one.misfits <= 0.05 * studies
 

@@ -83,6 +83,11 @@ def test_friction_needs_both_branches_and_a_jacobian_is_needed() -> None:
     assert explained(block(D[:19] ** 2, np.ones((19, 1)), D[:19])) == []
     assert explained() == []
     assert DRIFT in explained(block(D**2, np.ones((N, 1))))
+    assert FRICTION not in explained(block(D**2, np.zeros((N, 0))))
+    assert explained(block(np.zeros(N), np.zeros((N, 0)))) == []
+    (unfitted,) = misfits([block(D**2, np.zeros((N, 0)))])
+    assert OFFSET in unfitted.explained
+    assert max(unfitted.explained.values()) <= 1.0
 
 
 def test_of_right_models_few_are_called_misfits() -> None:

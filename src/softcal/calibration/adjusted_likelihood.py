@@ -26,7 +26,7 @@ import numpy as np
 from softcal.calibration.convergence import distance_to_minimum
 from softcal.calibration.estimator import Estimator, unseen_parameters
 from softcal.calibration.local_model import LocalModel, Point, jacobian_of
-from softcal.calibration.loss import EXACT, Block, Loss, rms
+from softcal.calibration.loss import Block, Loss, fitted_exactly
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import Estimate
 from softcal.calibration.sensitivity import local_estimator, local_statistics
@@ -146,8 +146,7 @@ def calibrated(problem: Problem, theta: Mapping[str, float]) -> Calibrated:
     if n <= size:
         got = f"{n} measured value{'s' * (n > 1)} and {size} parameter{'s' * (size > 1)}"
         raise _refused("there are no more measured values than parameters, so the noise cannot be estimated", got)
-    exact = [b for b in blocks if b.experiment and rms(b.residual) <= EXACT * rms(b.measured)]
-    if any(loss.stated_noise(block) is None for block in exact):
+    if exact := fitted_exactly(loss, blocks):
         got = f"{exact[0].channel} in {exact[0].experiment}"
         raise _refused("a channel is fitted exactly, so its noise cannot be estimated", got, "measured data")
     z = np.clip(space.to_search(theta), 0.0, 1.0)

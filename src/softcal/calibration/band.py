@@ -58,7 +58,11 @@ def bands(loss: Loss, slopes: Floats, blocks: Sequence[Block], found: Estimator)
 
 
 def repeat_bands(loss: Loss, slopes: Floats, blocks: Sequence[Block], found: Estimator) -> dict[str, dict[str, Floats]]:
-    """As `bands`, of a further sample of the same experiment."""
+    """Experiment -> compared channel -> half the width (n,) [SI] of the band of a further sample of the same experiment
+    at its measured samples.
+
+    slopes: d theta / d z (size,).
+    """
 
     def width(block: Block, jacobian: Floats) -> Floats:
         J = jacobian * slopes

@@ -15,8 +15,8 @@ parameter is that of the mean over the experiments as random effects give it, an
 weights.
 
 An instrument may drift by what its own noise conceals (`noise.drift_sources`), unless something is stated on it: a free
-or uncertain parameter, or a setting. The data cannot tell, since the parameters follow most of a drift. Such a doubt
-makes no standard error longer than by half.
+or uncertain parameter, or a setting. The residuals do not show such a drift, since the parameters follow most of it.
+These drifts make no standard error longer than by half.
 """
 
 from __future__ import annotations
@@ -227,10 +227,12 @@ class Linear:
         drifts: without a statement on them, as large as they are or smaller.
         """
         known = self._budget([*sources, *(self.differences(one) for one in differing)])
-        added, before = (np.sum(one.root**2, axis=0) for one in (self._budget(drifts), known))
+        drifting = self._budget(drifts)
+        added, before = (np.sum(one.root**2, axis=0) for one in (drifting, known))
         least = np.max(added / before, initial=0.0) / (_LONGER**2 - 1.0)
-        limited = [one.times(1.0 / np.sqrt(max(least, 1.0))) for one in drifts]
-        return self._budget([*known.sources, *limited])
+        limited = drifting.times(1.0 / np.sqrt(max(least, 1.0)))
+        responses = [*known.responses, *limited.responses]
+        return Budget([*known.sources, *limited.sources], responses, len(self.inverse))
 
     def _budget(self, sources: Sequence[Source]) -> Budget:
         return Budget(sources, [self.responses(source) for source in sources], len(self.inverse))

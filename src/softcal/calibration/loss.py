@@ -26,8 +26,7 @@ from softcal.sensing.channel import channel_name
 
 # RMSE over the root mean square of the measurement up to which a channel counts as fitted exactly.
 MET = 1e-6
-EXACT = 1e-9
-"""The same up to which residuals are rounding, and tell nothing of the noise."""
+_EXACT = 1e-9  # the same up to which residuals are rounding, and tell nothing of the noise
 
 
 @dataclass(frozen=True)
@@ -245,6 +244,15 @@ def require(loss: Loss, experiments: Sequence[Experiment]) -> None:
     faults = loss.faults(experiments)
     if faults:
         raise DatasetError(faults)
+
+
+def fitted_exactly(loss: Loss, blocks: Sequence[Block]) -> list[Block]:
+    """The channels of experiments whose residuals are rounding, while no noise is stated: theirs is not known."""
+    return [
+        one
+        for one in blocks
+        if one.experiment and loss.stated_noise(one) is None and rms(one.residual) <= _EXACT * rms(one.measured)
+    ]
 
 
 def rms(values: Floats) -> float:

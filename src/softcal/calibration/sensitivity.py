@@ -20,7 +20,7 @@ from softcal.calibration.experiment import rig_kind
 from softcal.calibration.instrument_errors import instrument_errors
 from softcal.calibration.intervals import beyond_bounds, box_intervals
 from softcal.calibration.left_out import LeftOut, left_out
-from softcal.calibration.loss import EXACT, Block, Loss, rms
+from softcal.calibration.loss import Block, Loss, fitted_exactly, rms
 from softcal.calibration.noise import DRIFT, PRIOR
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.random_effects import Spread
@@ -158,11 +158,7 @@ def local_statistics(
     mixed = unseen_parameters(found.unseen)
     saturated = sum(len(block.residual) for block in blocks) <= space.size  # a prior is a measurement
     notes = list(_notes(space, found, mixed, saturated=saturated))
-    exact = [
-        f"{one.channel} of {one.experiment}"
-        for one in blocks
-        if one.experiment and loss.stated_noise(one) is None and rms(one.residual) <= EXACT * rms(one.measured)
-    ]
+    exact = [f"{one.channel} of {one.experiment}" for one in fitted_exactly(loss, blocks)]
     if exact:
         notes.append(
             Note(_FITTED_EXACTLY.format(" and ".join(exact[:2]) + f" and {len(exact) - 2} more" * (len(exact) > 2)))

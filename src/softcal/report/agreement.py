@@ -249,9 +249,8 @@ def _causes_text(causes: Sequence[tuple[str, float]]) -> str:
 
 
 def _outliers_text(experiment: str, channel: str, one: ResidualRecord) -> str:
-    rows = [str(row) for row in one.outliers[:_NAMED]]
-    more = f" and {len(one.outliers) - _NAMED} more" if len(one.outliers) > _NAMED else ""
-    return f"{joined(rows) if not more else ', '.join(rows)}{more} of {channel} of {experiment}"
+    rows, more = [str(row) for row in one.outliers[:_NAMED]], len(one.outliers) - _NAMED
+    return f"{joined([*rows, f'{more} more'] if more > 0 else rows)} of {channel} of {experiment}"
 
 
 def chance_text(one: Agreement) -> str:

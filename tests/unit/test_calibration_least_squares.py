@@ -174,7 +174,7 @@ def test_a_loss_with_a_kink_at_its_minimum_ends_the_search_there_and_says_so(
     descent = descend(problem, start)
     assert descent.converged
     short = "a step of less than 0.1 standard errors no longer lowers the loss as its slope promises."
-    assert descent.status == f"Converged in {descent.evaluations} trajectories: {short}"
+    assert descent.status == f"Converged in {descent.evaluations} trials: {short}"
     assert descent.evaluations <= 25
     z = descent.z
     assert problem.space.to_model(z)[NU] == pytest.approx(0.45, abs=1e-3)
@@ -252,7 +252,7 @@ def test_the_budget_is_kept_and_said_to_be_spent() -> None:
     descent = descend(problem_of(PapersLoss(), drive="tension"), (0.1e6, 0.4), budget=2)
     assert descent.evaluations == 2
     assert not descent.converged
-    assert "Not converged after 2 trajectories, the largest number allowed" in descent.status
+    assert "Not converged after 2 trials, the largest number allowed" in descent.status
 
 
 def test_other_starts_that_see_no_better_minimum_cost_one_trajectory_each() -> None:
@@ -273,7 +273,7 @@ def test_standard_errors_are_named_only_where_they_exist(n: int, has_errors: boo
     problem = make_problem(fake_robot(), [experiment], parameters, PapersLoss({"tension": 1.0}), fake_simulate)
     status = search(problem)[2]
     assert status.startswith("Converged in")
-    assert ("standard errors from the minimum" in status) == has_errors
+    assert ("standard errors away from the minimum" in status) == has_errors
 
 
 def test_where_the_first_start_meets_the_measurements_exactly_no_other_is_begun() -> None:
@@ -483,13 +483,13 @@ def test_several_that_cannot_be_told_apart_are_listed() -> None:
 def test_the_status_counts_every_trajectory_and_names_the_start_that_was_not_asked_for() -> None:
     sentence = f"of an additional first start with {NU} in the middle of the range, where elements do not lock."
     _, n, status = search(problem_of(PapersLoss(), start=(1e6, 0.4999)))
-    assert status.endswith(f" {n} trajectories in all, including those {sentence}")
+    assert status.endswith(f" {n} trials in all, including those {sentence}")
     _, n, status = search(problem_of(PapersLoss(), start=(1e6, 0.45)))
-    assert status.startswith(f"Converged in {n} trajectories, ")
+    assert status.startswith(f"Converged in {n} trials, ")
     assert "in all" not in status
     _, n, status = search(problem_of(PapersLoss(), start=tuple(TRUE.values())))
     assert n == 1
-    assert status.startswith("Converged in 1 trajectory, ")
+    assert status.startswith("Converged in 1 trial, ")
 
 
 @pytest.mark.parametrize(("factor", "prior"), [(1.0, False), (5.0, False), (5.0, True), (2e4, False)])

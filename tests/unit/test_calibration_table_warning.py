@@ -18,7 +18,7 @@ def test_a_search_that_did_not_converge_is_warned_of_and_no_other(capsys: pytest
     assert all(one.standard_error is None and one.interval is None for one in short.parameters.values())
     print_results({"joint": short})
     told = capsys.readouterr()
-    assert told.err.startswith("Warning: joint: Not converged after 1 trajectory")
+    assert told.err.startswith("Warning: joint: Not converged after 1 trial")
     for other in (calibrate(problem, starts=1), replace(short, converged=None)):
         print_results({"joint": other})
         assert "No intervals are given" not in capsys.readouterr().err

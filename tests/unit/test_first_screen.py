@@ -19,7 +19,9 @@ from softcal.analysis.mesh_changes import Change
 from softcal.analysis.mesh_study import Finer, MeshStudy
 from softcal.calibration.random_effects import Spread
 from softcal.calibration.residuals import ResidualRecord
-from softcal.calibration.result import CalibrationResult, Distance, Estimate, ExperimentFit
+from softcal.calibration.result import CalibrationResult, Distance, Estimate, ExperimentFit, Note
+from softcal.calibration.sensitivity import not_included
+from softcal.calibration.uncertain import MESH_ERROR
 from softcal.cli.calibration_table import print_results
 from softcal.report.agreement import agreement_sentences
 from softcal.report.all_tables import all_tables
@@ -268,7 +270,7 @@ def test_a_trend_follows_the_largest_source() -> None:
 def test_samples_that_tell_less_are_counted() -> None:
     told_by = {"a": {"tension": ALIKE, "pitch": WHITE}}
     (first, *_) = sentences(fitted("a", "b", estimates={E_NAME: E}, residuals=told_by))
-    assert first.endswith("from 2 tests whose 120 measured values tell as much as 57 independent ones.")
+    assert first.endswith("from 2 tests whose 120 measured values are correlated and worth 57 independent values.")
     (first, *_) = sentences(fitted("a", "b", estimates={E_NAME: E}, residuals={"a": {"tension": WHITE}}))
     assert first.endswith("from 2 tests.")
 
@@ -281,6 +283,22 @@ def test_what_contradicts_the_data_stands_before_the_estimates() -> None:
     )
     (first, *_) = sentences(fitted("a", estimates={E_NAME: E, NU_NAME: replace(at, beyond=1.9)}))
     assert first.startswith("E = ")
+
+
+def test_tests_that_contradict_one_value_stand_before_it() -> None:
+    differ, alike = (
+        Spread({"a": 2.7e6, "b": 3.6e6, "c": 3.1e6}, 20.0, 2, chance, 4e5, (1.7e6, 5.4e6)) for chance in (1e-3, 0.2)
+    )
+    (first, *_) = sentences(fitted("a", "b", "c", estimates={E_NAME: E}, spreads={E_NAME: differ}))
+    assert first.startswith("The tests contradict one value of E (they range from 2.700 to 3.600 MPa); E = ")
+    (first, *_) = sentences(fitted("a", "b", "c", estimates={E_NAME: E}, spreads={E_NAME: alike}))
+    assert first.startswith("E = ")
+    near = replace(differ, values={"a": 1.91e6, "b": 1.93e6, "c": 1.95e6})  # less than half the interval
+    (first, *_) = sentences(fitted("a", "b", "c", estimates={E_NAME: E}, spreads={E_NAME: near}))
+    assert first.startswith("E = ")
+    mass = {"disc.mass": replace(E, value=15.0, unit="kg", lower=0.0, upper=30.0, scale="linear")}
+    both = fitted("a", "b", "c", estimates={E_NAME: E, **mass}, spreads={"disc.mass": differ})
+    assert sentences(both)[0].startswith("E = ")  # of the material alone
 
 
 def test_many_parameters_are_counted_not_listed() -> None:
@@ -298,7 +316,7 @@ def test_separate_fits_that_differ_are_told_as_a_range() -> None:
     found = verdict(report)
     assert found.warnings[0].startswith("E differs between the separate fits by 9.4 %")
     assert found.sentences[0] == "E = 3.197 to 3.513 MPa test by test, from 3 separate fits."
-    assert "the tests differ in E by more than the noise within them explains: more samples" in found.sentences[1]
+    assert "the tests differ in E by more than their noise explains: more samples" in found.sentences[1]
     alike = verdict(content(separate((3.3, 0.1), (3.31, 0.1))))
     assert "differ" not in alike.text
 
@@ -319,7 +337,7 @@ def test_a_joint_fit_that_finds_otherwise_is_explained() -> None:
         return agreement_sentences({**separate_fits, "joint": both})[0][0]
 
     text = said(1e-12, E_NAME, NU_NAME)
-    assert "no more than the noise within them explains" in text
+    assert "no more than their noise explains" in text
     assert " Here each test has its own ν too; with ν at its joint value, in the joint fit, the tests differ (p" in text
     assert "Holm" not in text  # one comparison
     assert said(1e-12, E_NAME).endswith(" In the joint fit the tests differ (p < 1e-10).")
@@ -335,7 +353,7 @@ def test_what_all_fits_are_uncertain_of_alike_does_not_make_them_agree() -> None
         for label, one in fits.items()
     }
     text = agreement_sentences(with_friction)[0][0]
-    assert "more than the noise within them explains" in text
+    assert "more than their noise explains" in text
     assert "no more than" not in text
 
 
@@ -417,7 +435,7 @@ def test_a_tile_and_the_sentence_are_of_the_same_error() -> None:
     report = content({"joint": replace(made, experiments={"a": of(10.0, 0.2), "b": of(20.0, 0.3)})})
     (tile,) = [one for one in key_numbers(report) if one.label.startswith("Force")]
     assert (tile.value, tile.unit, tile.remark) == ("0.200", "N", "2.0 % of its range; largest in a")
-    assert "the force within 2.0 % of its range (RMS; worst in a)" in verdict(report).text
+    assert "the force within 2.0 % of its range (RMS; most in a)" in verdict(report).text
 
 
 def test_the_subject_counts_what_is_not_of_the_material() -> None:
@@ -450,6 +468,18 @@ def test_the_terminal_ends_with_the_sentences(capsys: pytest.CaptureFixture[str]
     out = capsys.readouterr().out
     assert out.rstrip().endswith("\n".join(sentences(made)))
     assert "92 % of the variance of E comes from differences between the tests" in out
+
+
+def test_the_terminal_says_which_intervals_are_without_the_mesh(capsys: pytest.CaptureFixture[str]) -> None:
+    def of(*experiments: str, mesh: bool) -> CalibrationResult:
+        shares = {"noise": 0.6, **({"mesh": 0.4} if mesh else {})}
+        made = result(*experiments, estimates={E_NAME: replace(E, shares=shares)})
+        return replace(made, notes=(Note(not_included([MESH_ERROR] if mesh else [])),))
+
+    print_results({"a": of("a", mesh=False), "b": of("b", mesh=False), "joint": of("a", "b", mesh=True)})
+    assert "Those of a, b do not include the error of the mesh." in capsys.readouterr().out
+    print_results({"a": of("a", mesh=True), "joint": of("a", "b", mesh=True)})
+    assert "do not include the error of the mesh" not in capsys.readouterr().out
 
 
 # No number has more digits than its interval allows.

@@ -94,7 +94,7 @@ def test_moduli_of_the_shipped_neck_differ_far_beyond_noise() -> None:
     warning = told(report, "warning")
     assert "E differs between the separate fits by 9.4 %" in warning
     assert "from 3.197 MPa (test3) to 3.5130 MPa (test1)" in warning
-    assert "more than the noise within them explains" in warning
+    assert "more than their noise explains" in warning
     assert ", 2 degrees of freedom, p < 1e-10" in warning
     first = verdict(report)
     assert "E = 3.294 ± 0.005 MPa, from 3 tests." in first.text
@@ -129,7 +129,7 @@ def test_moduli_within_their_errors_are_said_to_be_so() -> None:
     joint = result("test1", "test2", estimates={E_NAME: modulus(3.31, 0.1)})
     report = content({**separate((3.3, 0.15), (3.35, 0.12)), "joint": joint})
     assert "E differs between the separate fits by 2 %" in told(report, "good")
-    assert "no more than the noise within them explains" in told(report, "good")
+    assert "no more than their noise explains" in told(report, "good")
     first = verdict(report)
     assert "E = 3.31 ± 0.10 MPa" in first.text
     assert "differs" not in first.text
@@ -180,7 +180,7 @@ def test_every_separate_fit_is_judged_and_the_worst_is_named() -> None:
     fits["test4"] = result("test4", made=fit(0.1, 2.2))
     report = content(fits)
     first = verdict(report)
-    assert "the pitch within 2.2 deg (RMS; worst in test4)" in first.text
+    assert "the pitch within 2.2 deg (RMS; most in test4)" in first.text
     assert first.tone == "warning"
     sentence = "test4: the twin reproduces the force to 0.100 N RMS (1.2 % of its range) and the pitch to 2.20 deg RMS"
     assert sentence in told(report, "warning")
@@ -291,7 +291,8 @@ def test_what_its_bound_keeps_from_the_data_is_said_in_the_first_line(capsys: py
 
     want = (
         "is at its lower bound of {}: the best fit is beyond it, by about 27 standard errors; model and bounds "
-        "contradict the data, and all 95 % intervals are multiplied by the largest such distance."
+        "contradict the data, and all 95 % intervals of this fit are widened by the largest such number of standard "
+        "errors."
     )
     held = content(at(27.0))
     assert want.format("0.4") in verdict(held).text

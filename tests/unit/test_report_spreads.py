@@ -23,7 +23,7 @@ from softcal.report.agreement import MISFIT, MORE_THAN_NOISE, OUTLIERS, STEPS, r
 from softcal.report.left_out import left_out_sentence, left_out_table
 
 MODULUS = FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=2e6)
-DIFFERENT = "differs between the experiments by more than the noise within them explains"
+DIFFERENT = "differs between the tests by more than their noise explains"
 
 
 def fitted(
@@ -52,7 +52,7 @@ def test_experiments_that_differ_are_named_with_their_values(
     one = result.spreads[E]
     assert differs
     assert DIFFERENT in text
-    assert "The 95 % interval is that of the mean of such experiments" in text
+    assert "The 95 % interval is for the mean of many such tests" in text
     values = np.array(list(one.values.values()))
     np.testing.assert_allclose(values / values[1], (0.95, 1.0, 1.08), rtol=0.01)
     estimate = result.parameters[E]
@@ -76,7 +76,7 @@ def test_residuals_are_measured_without_the_differences_that_are_stated() -> Non
     """The RMSE of the table has the differences in it, and is far larger than the residuals of which this is said."""
     loss = LikelihoodLoss({"tension": 0.01, "pitch": 0.001})  # less than the noise
     told = " ".join(map(str, fitted((0.95, 1.0, 1.08), loss=loss).notes))
-    assert "Apart from the differences between the experiments, the residuals of tension are" in told
+    assert "Apart from the differences between the tests, the residuals of tension are" in told
     alike = " ".join(map(str, fitted((1.0, 1.0, 1.0), loss=loss).notes))
     assert "The residuals of tension are" in alike
     assert "Apart from" not in alike
@@ -86,11 +86,11 @@ def test_the_mean_of_experiments_is_stated_where_the_value_is_not_near_it() -> N
     """An experiment of many samples decides the value of the loss, and not the mean."""
     result = fitted((0.95, 1.0, 1.08))
     ((near, _),) = spread_sentences(result)
-    assert "the mean of the experiments is" not in near
+    assert "the mean of the tests is" not in near
     own = np.array(list(result.spreads[E].values.values()))
     far = replace(result.parameters[E], value=float(own[2]))
     ((text, _),) = spread_sentences(replace(result, parameters={E: far}))
-    assert f"the mean of the experiments is {own.mean() / 1e6:.1f}" in text
+    assert f"the mean of the tests is {own.mean() / 1e6:.1f}" in text
 
 
 def test_set_ups_that_differ_are_compared_in_the_place_of_their_experiments(tmp_path: Path) -> None:
@@ -98,8 +98,8 @@ def test_set_ups_that_differ_are_compared_in_the_place_of_their_experiments(tmp_
     result = fitted(own, folder=tmp_path / "run", set_ups=("a", "a", "b", "b", "c", "c"))
     ((text, _),) = spread_sentences(result)
     one = result.spreads[E]
-    assert DIFFERENT.replace("experiments", "set-ups") in text
-    assert "The 95 % interval is that of the mean of such set-ups" in text
+    assert DIFFERENT.replace("tests", "set-ups") in text
+    assert "The 95 % interval is for the mean of many such set-ups" in text
     assert list(one.values) == ["a", "b", "c"]
     by_experiment, estimate = fitted(own).parameters[E], result.parameters[E]
     assert by_experiment.interval is not None
@@ -114,14 +114,14 @@ def test_two_experiments_have_no_interval_of_their_mean() -> None:
     ((text, _),) = spread_sentences(result)
     assert DIFFERENT in text
     assert result.spreads[E].next_interval is None
-    assert "Two experiments are too few for a reliable interval of their mean." in text
+    assert "Two tests are too few for a reliable interval of their mean." in text
 
 
 def test_alike_experiments_are_said_to_agree_within_their_noise() -> None:
     result = fitted((1.0, 1.0, 1.0))
     ((text, differs),) = spread_sentences(result)
     assert not differs
-    assert "does not differ between the experiments by more than the noise within them explains" in text
+    assert "does not differ between the tests by more than their noise explains" in text
     assert set(result.parameters[E].shares) == {"noise", "drift"}
 
 
@@ -135,7 +135,7 @@ def test_what_is_alike_is_one_sentence_with_its_correction() -> None:
     )
     assert not differs
     assert text == (
-        "E and μ do not differ between the experiments by more than the noise within them explains (p = 0.21 or more, "
+        "E and μ do not differ between the tests by more than their noise explains (p = 0.21 or more, "
         "Holm's correction for 2 comparisons)."
     )
     found = spread_sentences(replace(result, parameters=parameters, spreads={E: one, other: replace(one, chance=0.01)}))
@@ -146,8 +146,8 @@ def test_what_is_alike_is_one_sentence_with_its_correction() -> None:
 def test_one_experiment_says_that_its_spread_is_not_known() -> None:
     one, three = fitted((1.0,)), fitted((1.0, 1.0, 1.0))
     assert not spread_sentences(one)
-    assert any("There is one experiment" in note.text for note in one.notes)
-    assert not any("There is one experiment" in note.text for note in three.notes)
+    assert any("There is one test" in note.text for note in one.notes)
+    assert not any("There is one test" in note.text for note in three.notes)
 
 
 def test_alike_residuals_are_told_and_independent_ones_are_not() -> None:
@@ -213,7 +213,7 @@ def test_how_the_experiments_predict_each_other_is_told_and_kept(tmp_path: Path)
     result = fitted((1.0, 1.0, 1.0), folder=tmp_path / "run")
     text = left_out_sentence(result)
     shares = [100 * np.mean(list(one.within.values())) for one in result.left_out.values()]  # of as many samples each
-    assert text.startswith("Predicted by the others, each of the 3 experiments has ")
+    assert text.startswith("Predicted by the others, each of the 3 tests has ")
     assert f"{min(shares):.3g} to {max(shares):.3g} % of its measured values" in text
     assert min(shares) > 80
     assert load_result(tmp_path / "run").left_out == result.left_out

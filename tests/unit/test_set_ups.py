@@ -81,7 +81,7 @@ def test_a_held_out_experiment_whose_own_values_did_not_converge_says_so(monkeyp
     found = calibrate(problem(*FREE, *FRAMES), starts=1, hold_out=["cable2"])
     (note,) = [note for note in found.notes if "cable2 was held out" in note.text]
     assert "The fit of its own parameters (frame.x[after], " in note.text
-    assert "Not converged after 1 trajectory" in note.text
+    assert "Not converged after 1 trial" in note.text
 
 
 def test_an_experiment_without_a_set_up_is_one_by_itself():

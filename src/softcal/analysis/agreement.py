@@ -1,4 +1,4 @@
-"""Agreement of separate fits of one robot: do their estimates differ by more than the noise within them explains?
+"""Agreement of separate fits of one robot: do their estimates differ by more than their noise explains?
 
 Cochran's Q (Biometrics 10, 1954) of the fits' values y (logarithms, where all are positive) with standard errors s by
 noise is sum (y - mean)^2 / s^2, the mean weighted by 1 / s^2. If one value describes all fits, Q is distributed as
@@ -41,7 +41,7 @@ class Agreement:
 
     @property
     def differs(self) -> bool:
-        """Whether the fits differ by more than the noise within them explains."""
+        """Whether the fits differ by more than their noise explains."""
         return self.chance is not None and self.chance < LIMIT
 
     @property

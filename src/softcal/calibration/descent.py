@@ -166,7 +166,7 @@ class Descent:
                 self._by_the_loss_alone(lowest, found)
                 return
             near = f"{self._distance:.1g}" if self._distance > 1e-3 else "less than 0.001"
-            away = f", {near} standard errors from the minimum" if self._has_errors() else ""
+            away = f", {near} standard errors away from the minimum" if self._has_errors() else ""
             self._end(f"Converged in {counted(self.evaluations)}{away}.", converged=True)
             return
         before, _ = self._losses(self._here())
@@ -258,5 +258,5 @@ class Descent:
 
 
 def counted(n: int) -> str:
-    """A number of trajectories in words."""
-    return f"{n} trajector{'y' if n == 1 else 'ies'}"
+    """A number of trials in words."""
+    return f"{n} trial{'s' * (n != 1)}"

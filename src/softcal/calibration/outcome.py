@@ -31,7 +31,8 @@ NOT_A_MINIMUM = (
 )
 BEYOND_THE_BOUNDS = "the best fit is beyond it"
 CONTRADICTED = (
-    "model and bounds contradict the data, and all 95 % intervals are multiplied by the largest such distance"
+    "model and bounds contradict the data, and all 95 % intervals of this fit are widened by the largest such number "
+    "of standard errors"
 )
 NOMINAL_FRICTION = (
     "Tensions and their errors are those on the robot's side of the pulleys, computed with the nominal friction, so "
@@ -222,7 +223,7 @@ def _notes(
             labels = experiment.dataset.labels or [str(i + 1) for i in range(experiment.dataset.n_samples)]
             named = "; ".join(f"{name} in {_states([labels[i] for i in held])}" for name, held in rows.items())
             n_samples = experiment.dataset.n_samples
-            notes.append(Note(f"{experiment.name}: not measured and left out, of {n_samples} states: {named}."))
+            notes.append(Note(f"{experiment.name} ({n_samples} states): not measured, and so not compared: {named}."))
     if n_failed:
         first = next(trial for trial in trials if trial.state == "FAILED")
         where = ", ".join(f"{name} = {value:.4g}" for name, value in first.theta.items())

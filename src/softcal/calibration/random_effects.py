@@ -20,6 +20,8 @@ from softcal.checks import Floats
 from softcal.display import displayed
 
 Kind = Literal["experiments", "set-ups"]
+WORDS: Mapping[str, str] = {"experiments": "tests", "set-ups": "set-ups"}
+"""Kind -> its word in sentences."""
 DIFFERS = 0.05
 """Chance below which experiments count as different."""
 
@@ -95,7 +97,7 @@ class Spread:
 
     @property
     def differs(self) -> bool:
-        """Whether the experiments differ by more than the noise within them explains."""
+        """Whether the experiments differ by more than their noise explains."""
         return self.chance < DIFFERS
 
 

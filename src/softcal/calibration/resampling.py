@@ -92,7 +92,7 @@ class Resampled:
         own = [label for label, is_own in zip(self.labels, self.parts.own, strict=True) if is_own]
         found: list[str] = []
         if self.kind in ("cycles", "records") and any(one.effects.differs for one in self.held.found.between):
-            found.append(f"The experiments differ, which {self.kind} cannot show: the quick intervals include it.")
+            found.append(f"The tests differ, which {self.kind} cannot show: the quick intervals include it.")
         if own:
             found.append(f"{_listed(own)}: fewer than three of the {self.kind} depend on it, so there is no interval.")
         for name, determined in zip(self.parts.names, self.parts.without[1], strict=True):

@@ -22,28 +22,29 @@ from softcal.calibration.intervals import beyond_bounds, box_intervals
 from softcal.calibration.left_out import LeftOut, left_out
 from softcal.calibration.loss import Block, Loss, fitted_exactly, rms
 from softcal.calibration.noise import DRIFT, PRIOR
-from softcal.calibration.parameters import FreeParameter, SearchSpace
-from softcal.calibration.random_effects import Spread
+from softcal.calibration.parameters import SearchSpace
+from softcal.calibration.random_effects import WORDS, Spread
 from softcal.calibration.result import Estimate, Note
 from softcal.calibration.spread import spread
 from softcal.calibration.uncertain import MESH_ERROR, UncertainParameter
 from softcal.checks import Floats
-from softcal.units import format_quantity, plain
+from softcal.units import plain
 
 # Residuals this many times larger than the noise of the records are reported in a note.
 _TOO_LARGE = 1.5
 _TOGETHER = 0.5
-"""Two parameters whose standard error falls below this share of itself when the other is given move together."""
+"""Two parameters whose standard error falls below this share of itself when the other is known move together."""
+INCLUDED = "The intervals include"
 NOT_INCLUDED = (
-    "The intervals include the noise and its correlation along the records{}. Errors {}of the material law and of the "
-    "{}model of the rig are not included where they have one sign throughout."
+    INCLUDED + " the noise and its correlation along the records{}. Errors {}of the material law and of the "
+    "{}model of the rig are not included where all tests share them."
 )
 MARKERS_DIFFER = (
     "The {} markers differ by more than the noise explains: the intervals are those found with one marker left out at "
     "a time, where these are longer."
 )
 _FITTED_EXACTLY = "The twin fits {} exactly, so that no noise is known: no standard errors and no intervals."
-ONE_EXPERIMENT = "There is one experiment: by how much experiments on this robot differ is not known, nor included."
+ONE_EXPERIMENT = "There is one test: by how much tests on this robot differ is not known, nor included."
 
 
 @dataclass(frozen=True)
@@ -179,7 +180,7 @@ def local_statistics(
     labels = [space.labels[j] for j in known]
     beyond = {label: float(far) for label, far in zip(labels, held, strict=True) if at_bound[label]}
     within = {space.labels[j]: float(error * abs(slopes[j])) for j, error in zip(known, stated, strict=True)}
-    notes += _together(space, theta, within, found, slopes)
+    notes += _together(space, within, found, slopes)
     if MARKERS in found.variances:
         notes.append(Note(MARKERS_DIFFER.format(n_markers(blocks)), "warning"))
     notes += [
@@ -226,10 +227,8 @@ def not_included(uncertain: Sequence[UncertainParameter], has_drifts: bool = Fal
     return NOT_INCLUDED.format(included, "" if has_mesh else "of the mesh, ", "rest of the " if named else "")
 
 
-def _together(
-    space: SearchSpace, theta: Mapping[str, float], errors: Mapping[str, float], found: Estimator, slopes: Floats
-) -> Iterable[Note]:
-    """The pair in which one parameter's standard error falls most if the other is given, if it falls to half or less.
+def _together(space: SearchSpace, errors: Mapping[str, float], found: Estimator, slopes: Floats) -> Iterable[Note]:
+    """The pair in which one parameter's standard error falls most if the other is known, if it falls to half or less.
 
     errors: label -> standard error within the bounds [SI], of the parameters that have one.
     """
@@ -244,19 +243,11 @@ def _together(
     share, j, k = min(pairs, default=(1.0, 0, 0))
     if share >= _TOGETHER:
         return
-    one, other, error = space.parameters[j], space.parameters[k], errors[space.labels[j]]
-    alone, given = (_size(one, theta[one.label], size) for size in (error, share * error))
+    one, other = space.labels[j], space.labels[k]
     yield Note(
-        f"{one.label} and {other.label} move together: the standard error of {one.label} is {alone}, and would be "
-        f"{given} with {other.label} given."
+        f"{one} and {other} move together: if {other} were known, the error of {one} would be "
+        f"{plain(100 * share, 2)} % of what it is."
     )
-
-
-def _size(parameter: FreeParameter, value: float, error: float) -> str:
-    """An error in per cent of the value, where the parameter is searched by its logarithm; else with its unit."""
-    if parameter.scale == "log":
-        return f"{plain(100 * error / abs(value), 2)} %"
-    return format_quantity(error, parameter.unit, digits=2)
 
 
 def _importance(space: SearchSpace, loss: Loss, blocks: Sequence[Block], slopes: Floats) -> dict[str, float]:
@@ -275,7 +266,7 @@ def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated
     has_errors = not (found.spent or mixed.all() or saturated)
     if mixed.any():
         notes.append(Note(_blind_note([p for p, is_mixed in zip(space.labels, mixed, strict=True) if is_mixed])))
-    differing = next((one.kind for one in found.between if one.effects.differs), "")
+    differing = next((one.kind for one in found.between if one.effects.differs), None)
     for group, noise in found.noise.items():
         if noise.stated and noise.size > _TOO_LARGE:
             text = _excess_note(group, noise.size, differing, widened=has_errors, priors=PRIOR in found.noise)
@@ -285,9 +276,9 @@ def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated
     return notes
 
 
-def _excess_note(channel: str, factor: float, differing: str, *, widened: bool, priors: bool) -> str:
-    """differing: "experiments" or "set-ups" whose differences are an error of their own, not in the factor; else ""."""
-    lead = f"Apart from the differences between the {differing}, the" if differing else "The"
+def _excess_note(channel: str, factor: float, differing: str | None, *, widened: bool, priors: bool) -> str:
+    """differing: the kind whose differences are an error of their own, not in the factor."""
+    lead = f"Apart from the differences between the {WORDS[differing]}, the" if differing else "The"
     small = "that noise is stated too small, or a prior is wrong" if priors else "or that noise is stated too small"
     text = (
         f"{lead} residuals of {channel} are {plain(factor, 2)} times the noise of the records: the model of the robot "

@@ -23,7 +23,7 @@ class SearchSettings:
         The optimiser's name: "least-squares" (exact sensitivities), "tpe" (Optuna, as paper A), "grid" (as paper B), or
         one that was registered.
     trials
-        Budget: trials, grid points at most, or trajectories of each start of "least-squares". The optimiser's own when
+        Budget: trials, grid points at most, of each start of "least-squares". The optimiser's own when
         None.
     seed
         Of the starts and of TPE. Everything else is deterministic.

@@ -51,7 +51,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     ] = None,
     trials: Annotated[
         int | None,
-        typer.Option(min=1, help="Limit of trials, or of the trajectories of each start.", show_default=False),
+        typer.Option(min=1, help="Limit of trials; least-squares: of each start.", show_default=False),
     ] = None,
     workers: Workers = None,
     on: On = LOCAL,
@@ -113,7 +113,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     loaded = load(project, values=parsed_values(values))
     from softcal.calibration.storage_url import storage_url
     from softcal.workflows.calibration import calibrate as calibrate_project
-    from softcal.workflows.furthest import furthest_responses, shape_warnings
+    from softcal.workflows.furthest import furthest_responses
 
     print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "run"
@@ -146,12 +146,11 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
                     storage=storage,
                     **changes,
                 )
+            solved = {} if found.stopped_by is not None else furthest_responses(loaded, found.results)
             records = {name: record for name, record in loaded.corrected.items() if record is not None}
-            print_results(found.results, {name: e.dataset for name, e in loaded.experiments.items()}, records)
+            print_results(found.results, {name: e.dataset for name, e in loaded.experiments.items()}, records, solved)
             if found.stopped_by is not None:
                 raise found.stopped_by
-        solved = furthest_responses(loaded, found.results)
-        print_warnings(shape_warnings(solved))
         typer.echo(f"Run: {shown_path(folder)}")
         if report:
             report_run(folder, None, solved)

@@ -14,20 +14,24 @@ if TYPE_CHECKING:
 
     from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Note
     from softcal.experiments.dataset import Dataset
+    from softcal.twin.response import Response
 
 
 def print_results(
     results: Mapping[str, CalibrationResult],
     data: Mapping[str, Dataset] | None = None,
     records: Mapping[str, Dataset] | None = None,
+    solved: Mapping[str, Response] | None = None,
 ) -> None:
     """Print the table of all calibrations, warnings, the agreement of separate fits, their status and notes, and the
     three sentences of the report's first screen.
 
-    data: the samples by experiment, for their noise; records: their records with times, for the speeds.
+    data: the samples by experiment, for their noise; records: their records with times, for the speeds;
+    solved: label -> the twin's response where it is pulled furthest, for its warnings.
     """
     if not results:
         return
+    from softcal.calibration.sensitivity import INCLUDED
     from softcal.report.agreement import agreement_sentences, residual_sentences, spread_sentences
     from softcal.report.closeness import closeness_by_experiment, misses_of
     from softcal.report.cycles import cycle_sentences
@@ -62,20 +66,37 @@ def print_results(
     warnings = {note: labels for note, labels in notes.items() if note.level == "warning"}
     for note, labels in warnings.items():
         typer.echo(f"Warning: {', '.join(labels)}: {note}", err=True)
+    for label, response in (solved or {}).items():
+        for text in response.warnings:
+            typer.echo(f"Warning: {label}: {text}", err=True)
     for text in _statuses(results):
         typer.echo(text)
+    coarse = [label for label, result in results.items() if label not in shown and not _includes_mesh(result)]
     for note, labels in notes.items():
-        if note not in warnings:
-            typer.echo(f"Note ({', '.join(labels)}): {note}")
-    for text in three_sentences(FirstScreen(results, first, data or {}, records or {})):
+        if note in warnings:
+            continue
+        more = ""
+        if note.text.startswith(INCLUDED) and coarse and any(_includes_mesh(results[label]) for label in labels):
+            more = f" Those of {', '.join(coarse)} do not include the error of the mesh."
+        typer.echo(f"Note ({', '.join(labels)}): {note}{more}")
+    doubts = solved[first].doubts if solved and first in solved else ""
+    lead = f"the solved shapes are in doubt ({doubts}); " if doubts else ""
+    for text in three_sentences(FirstScreen(results, first, data or {}, records or {}, lead=lead)):
         typer.echo(text)
+
+
+def _includes_mesh(result: CalibrationResult) -> bool:
+    from softcal.report.statement import MESH
+
+    return any(MESH in estimate.shares for estimate in result.parameters.values())
 
 
 def _statuses(results: Mapping[str, CalibrationResult]) -> list[str]:
     """How the searches ended: in one line where all converged."""
     if all(result.converged for result in results.values()) and len(results) > 1:
         n = [len(result.trials) for result in results.values()]
-        return [f"All {len(results)} searches converged, in {min(n)} to {max(n)} trajectories."]
+        span = f"{min(n)} to {max(n)}" if min(n) < max(n) else str(n[0])
+        return [f"All {len(results)} searches converged, each in {span} trials."]
     return [f"{label}: {result.status}" for label, result in results.items()]
 
 

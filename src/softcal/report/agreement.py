@@ -11,6 +11,7 @@ from dataclasses import replace
 from softcal.analysis.agreement import Agreement, agreements
 from softcal.analysis.trend import ENOUGH, Trend, trends
 from softcal.calibration.digits import display_unit, half_width, shown, value_text, with_unit
+from softcal.calibration.random_effects import WORDS
 from softcal.calibration.residuals import SHOWN, ResidualRecord
 from softcal.calibration.result import Estimate, ExperimentFit, SearchResult
 from softcal.experiments.dataset import Dataset
@@ -87,8 +88,8 @@ def agreement_text(one: Agreement, name: str) -> str:
     left = f" Excluded, having no standard error: {joined(map(result_label, one.uncounted))}."
     left = left if one.uncounted else ""
     if one.differs:
-        return f"{text}: more than the noise within them explains {test}. One value does not describe all tests.{left}"
-    return f"{text}: no more than the noise within them explains {test}.{left}"
+        return f"{text}: more than their noise explains {test}. One value does not describe all tests.{left}"
+    return f"{text}: no more than their noise explains {test}.{left}"
 
 
 def _in_all_intervals(one: Agreement) -> str:
@@ -125,7 +126,7 @@ def spread_sentences(result: SearchResult, records: Mapping[str, Dataset] | None
         more = " or more" if _chance_text(max(chances)) != least else ""
         labels = joined(parameter_label(name, names) for name in alike)
         verb = "do not differ" if len(alike) > 1 else "does not differ"
-        what = f"{labels} {verb} between the {kind} by more than the noise within them explains"
+        what = f"{labels} {verb} between the {WORDS[kind]} by more than their noise explains"
         found.append((f"{what} ({least}{more}{_holm(result)}).", False))
     return found
 
@@ -166,12 +167,12 @@ def _trend_text(one: Trend, estimate: Estimate) -> str:
 def _spread_text(result: SearchResult, name: str, label: str) -> str:
     one, estimate = result.spreads[name], result.parameters[name]
     fixed = ", with the other shared parameters at their joint values" if len(result.spreads) > 1 else ""
-    chance, scale, who = f"{_chance_text(one.chance)}{_holm(result)}", estimate_scale(estimate), one.kind
+    chance, scale, who = f"{_chance_text(one.chance)}{_holm(result)}", estimate_scale(estimate), WORDS[one.kind]
     values = [
         f"{rounded(value / scale.factor, one.spread / scale.factor)} ({test})" for test, value in one.values.items()
     ]
     text = (
-        f"{label} differs between the {who} by more than the noise within them explains ({chance}): "
+        f"{label} differs between the {who} by more than their noise explains ({chance}): "
         f"{joined(values)} {scale.unit}".rstrip()
         + fixed
     )
@@ -181,12 +182,12 @@ def _spread_text(result: SearchResult, name: str, label: str) -> str:
     mean, half = sum(weight * one.values[test] for test, weight in one.weights.items()), half_width(estimate)
     if one.weights and half and abs(mean - estimate.value) > _OFF * half:
         text += (
-            f". The value is that of the joint loss, which weighs the {who} otherwise; the mean of the {who} is "
-            f"{with_unit(estimate, shown(estimate, mean))}"
+            f". {with_unit(estimate, shown(estimate, estimate.value))} minimises the joint loss, but the mean of the "
+            f"{who} is {with_unit(estimate, shown(estimate, mean))}"
         )
     return (
-        f"{text}. The 95 % interval is that of the mean of such {who}; a further one is expected to give "
-        f"{low} to {high} {scale.unit}".rstrip()
+        f"{text}. The 95 % interval is for the mean of many such {who}; a single further {who.removesuffix('s')} is "
+        f"expected to lie at {low} to {high} {scale.unit}".rstrip()
         + "."
     )
 

@@ -145,7 +145,7 @@ def _differences(content: ReportContent) -> Iterable[Sentence]:
     for one in found:
         text = (
             f"{parameter_label(one.name, names)} differs between the separate fits by {size_text(one)} "
-            f"({range_text(one)}), more than the noise within them explains ({chance_text(one)})."
+            f"({range_text(one)}), more than their noise explains ({chance_text(one)})."
         )
         yield Sentence(text, "warning")
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from softcal.analysis.agreement import Agreement, agreements
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.calibration.budget import BOUNDS
-from softcal.calibration.digits import value_text
+from softcal.calibration.digits import half_width, shown, value_text, with_unit
+from softcal.calibration.random_effects import WORDS
 from softcal.calibration.residuals import FEWEST, ResidualRecord
 from softcal.calibration.result import SearchResult, SweepResult
 from softcal.experiments.dataset import Dataset
@@ -138,17 +139,30 @@ def _estimates(of: FirstScreen) -> str:
     parts = [one.sentence for one in material[:_FEW]]
     parts += [f"{len(material) - _FEW} more"] if len(material) > _FEW else []
     (result,) = results.values()
-    lead = _doubt(result) + of.lead
+    lead = of.lead + _doubt(result, [one.name for one in material])
     return f"{lead[:1].upper()}{lead[1:]}{joined(parts)}, from {_basis(result)}."
 
 
-def _doubt(result: SearchResult) -> str:
-    """What makes the estimates those of a model that the data contradict; "" where nothing does."""
+def _doubt(result: SearchResult, names: Iterable[str]) -> str:
+    """Where the data contradict the model and its bounds, or the tests differ in one of the parameters `names` by more
+    than half its interval; "" where they do not.
+    """
     beyond = {name: one.beyond for name, one in result.parameters.items() if one.is_contradicted}
-    if not beyond:
-        return ""
-    parts = [f"{parameter_label(name, result.parameters)} by about {far:.0f}" for name, far in beyond.items()]
-    return f"model and bounds contradict the data (best fit beyond the bound of {joined(parts)} standard errors); "
+    doubts: list[str] = []
+    if beyond:
+        parts = [f"{parameter_label(name, result.parameters)} by about {far:.0f}" for name, far in beyond.items()]
+        far = f"best fit beyond the bound of {joined(parts)} standard errors"
+        doubts.append(f"model and bounds contradict the data ({far})")
+    for name in names:
+        spread, estimate = result.spreads.get(name), result.parameters[name]
+        if spread is None or not spread.differs:
+            continue
+        low, high = min(spread.values.values()), max(spread.values.values())
+        if high - low > (half_width(estimate) or 0.0):  # else a small share of what is not known anyway
+            ends = with_unit(estimate, f"{shown(estimate, low)} to {shown(estimate, high)}")
+            label = parameter_label(name, result.parameters)
+            doubts.append(f"the {WORDS[spread.kind]} contradict one value of {label} (they range from {ends})")
+    return "".join(f"{doubt}; " for doubt in doubts)
 
 
 def _over_tests(name: str, names: list[str], ranges: Mapping[str, str], material: Iterable[Statement]) -> str:
@@ -167,7 +181,7 @@ def _basis(result: SearchResult) -> str:
     if not any(one.are_alike for one in held):
         return text
     total, worth = sum(one.n for one in held), sum(min(max(one.effective, 1.0), one.n) for one in held)
-    return f"{text} whose {total} measured values tell as much as {plain(round(worth), 2)} independent ones"
+    return f"{text} whose {total} measured values are correlated and worth {plain(round(worth), 2)} independent values"
 
 
 def _largest_source(of: FirstScreen) -> str:
@@ -192,7 +206,7 @@ def _between_fits(differing: Iterable[Agreement]) -> str:
     names = [one.name for one in differing]
     which = joined(parameter_label(name, names) for name in names)
     return (
-        f"The largest source of error is that the tests differ in {which} by more than the noise within them explains: "
+        f"The largest source of error is that the tests differ in {which} by more than their noise explains: "
         "more samples of the same tests will not reduce it; further tests, or the cause of the differences, will."
     )
 

@@ -23,7 +23,7 @@ def left_out_sentence(result: SearchResult) -> str:
     low, high = (number(100 * share, 3) for share in (min(shares), max(shares)))
     held = f"{low} %" if low == high else f"{low} to {high} %"
     return (
-        f"Predicted by the others, each of the {len(result.left_out)} experiments has {held} of its measured values "
+        f"Predicted by the others, each of the {len(result.left_out)} tests has {held} of its measured values "
         "within the 95 % band of a further one."
     )
 
@@ -51,8 +51,8 @@ def left_out_table(content: ReportContent) -> ReportTable:
         Column("Samples within it", "%", 3),
     )
     note = (
-        "Predicted: with the shared parameters that the others give, by the exact derivatives at the joint minimum; an "
-        "experiment's own parameters are fitted to it. The band is that of a further experiment: the errors of the "
-        "parameters, the spread between the experiments, and the noise (root mean square of its half-width)."
+        "Predicted: with the shared parameters that the others give, by the exact derivatives at the joint minimum; a "
+        "test's own parameters are fitted to it. The band is that of a further test: the errors of the "
+        "parameters, the spread between the tests, and the noise (root mean square of its half-width)."
     )
     return ReportTable("left-out", "Experiments as the others predict them", columns, tuple(rows), note)

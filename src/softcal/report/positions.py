@@ -101,7 +101,7 @@ def prediction_sentence(result: SearchResult) -> tuple[str, bool | None]:
     if fitted is None or fitted.rms <= 0:
         return f"{text}.", None
     ratio = ahead.rms / fitted.rms
-    return f"{text}; {number(ratio, 2)} times the distance in the fitted experiments.", _judged(ratio)
+    return f"{text}; {number(ratio, 2)} times the distance in the fitted tests.", _judged(ratio)
 
 
 def _own(place: Place) -> str:

@@ -125,6 +125,17 @@ class Response:
         """
         return tuple(told for told in (self.instabilities, self.crossings, self.drawn_out, self.remarks) if told)
 
+    @property
+    def doubts(self) -> str:
+        """What makes the solved shapes doubtful, in a few words; "" where nothing does."""
+        kinds = {
+            "bodies intersect": self.crossings,
+            "the robot buckles or snaps": self.instabilities,
+            "a cable slides opposite to the modelled direction": self.drawn_out,
+            "a part of the model is left out or beyond its range": self.remarks,
+        }
+        return ", ".join(words for words, sentence in kinds.items() if sentence)
+
     def _repr_html_(self) -> str:
         from softcal.twin.response_html import response_html
 

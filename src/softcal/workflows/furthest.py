@@ -45,8 +45,3 @@ def furthest_responses(project: Project, results: Mapping[str, SearchResult]) ->
     """The furthest response of the joint calibration, or of each calibration if there is no joint one."""
     chosen = {JOINT: results[JOINT]} if JOINT in results else results
     return {label: furthest_response(project, result) for label, result in chosen.items()}
-
-
-def shape_warnings(responses: Mapping[str, Response]) -> list[str]:
-    """Warnings on the shapes of each calibration, one sentence each."""
-    return [f"{label}: {sentence}" for label, response in responses.items() for sentence in response.warnings]

@@ -28,7 +28,7 @@ _MET = 1e-6
 
 @register_optimiser
 class LeastSquaresOptimiser(Optimiser):
-    """Trust-region descents with exact jacobians; `trials` limits the trajectories of each start.
+    """Trust-region descents with exact jacobians; `trials` limits those of each start.
 
     The first start is the parameters' own (the middle of the range where there is none); the others are a Latin
     hypercube by `seed`. The first descent runs alone, then the others together. Once a descent has converged, the
@@ -141,7 +141,7 @@ class LeastSquaresOptimiser(Optimiser):
     def _leave_if_known(self, descent: Descent) -> None:
         found = [other for wave in self._waves for other in wave if other.converged]
         if descent.next is not None and descent.evaluations >= descent.budget:
-            descent.leave("Abandoned: the allowed number of trajectories is reached.")
+            descent.leave("Abandoned: the allowed number of trials is reached.")
         if descent.next is None or not found:
             return
         known = min(found, key=_value)

@@ -29,7 +29,7 @@ import numpy as np
 from softcal.calibration.between_experiments import Between, between_experiments, white_noise_within
 from softcal.calibration.budget import Budget
 from softcal.calibration.correlation import ErrorRecord
-from softcal.calibration.intervals import contradiction
+from softcal.calibration.intervals import beyond_bounds, contradiction
 from softcal.calibration.loss import Block, Loss
 from softcal.calibration.noise import (
     DRIFT,
@@ -64,9 +64,8 @@ class Estimator:
         Of the unbounded quadratic model, shape (size,).
     unseen
         Unidentifiable directions, to which no residual is sensitive, rows.
-    contradiction
-        By how much model and bounds contradict the data (`softcal.calibration.intervals`), at least one: the factor on
-        all errors that is in `root`, `variances`, `dof` and `within_bounds`.
+    beyond
+        Distance of the best fit from each parameter's active bounds, in standard errors, shape (size,).
     dof
         Of each parameter's variance (Satterthwaite), shape (size,), infinite where all noise is known.
     noise
@@ -91,7 +90,7 @@ class Estimator:
     root: Floats
     minimum: Floats
     unseen: Floats
-    contradiction: float
+    beyond: Floats
     dof: Floats
     noise: Mapping[str, Noise]
     spent: tuple[str, ...]
@@ -101,6 +100,13 @@ class Estimator:
     within_bounds: Floats
     by_noise: Floats
     set_ups: Mapping[str, str]
+
+    @property
+    def contradiction(self) -> float:
+        """By how much model and bounds contradict the data (`softcal.calibration.intervals`), at least one: the factor
+        on all errors that is in `root`, `variances`, `dof` and `within_bounds`.
+        """
+        return contradiction(self.beyond)
 
 
 @dataclass(frozen=True)
@@ -153,14 +159,16 @@ def estimator(
     held = (*held, *(one for one in budget.sources if one.kind == DRIFT))
     by_noise = budget.part("noise", "prior").within_bounds
     known = ~unseen_parameters(unseen)
-    contradicted = 1.0 if spent else contradiction(minimum[known], budget.root[:, known])
-    if contradicted > 1.0:
-        budget = budget.times(contradicted)
+    beyond = np.zeros(len(z))
+    if not spent:
+        beyond[known] = beyond_bounds(minimum[known], budget.root[:, known])
+    if contradiction(beyond) > 1.0:
+        budget = budget.times(contradiction(beyond))
     return Estimator(
         budget.root,
         minimum,
         unseen,
-        contradicted,
+        beyond,
         budget.dof,
         noise,
         spent,

@@ -68,13 +68,13 @@ def beyond_bounds(minimum: Floats, root: Floats) -> Floats:
     return np.array([profile.held_by(j) for j in range(len(minimum))])
 
 
-def contradiction(minimum: Floats, root: Floats) -> float:
+def contradiction(beyond: Floats) -> float:
     """By how much model and bounds contradict the data, at least one: the largest of `beyond_bounds`.
 
     It is a residual of one degree of freedom, with the expectation of one where the model is right. Of what makes it
     larger, in the robot's law or the rig, the other parameters bear as much as this one.
     """
-    return float(beyond_bounds(minimum, root).max(initial=1.0))
+    return float(beyond.max(initial=1.0))
 
 
 def student(dof: Floats) -> Floats:

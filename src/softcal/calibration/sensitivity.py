@@ -18,7 +18,7 @@ from softcal.calibration.between_markers import MARKERS, n_markers, with_markers
 from softcal.calibration.estimator import Estimator, estimator, unseen_parameters
 from softcal.calibration.experiment import rig_kind
 from softcal.calibration.instrument_errors import instrument_errors
-from softcal.calibration.intervals import beyond_bounds, box_intervals
+from softcal.calibration.intervals import box_intervals
 from softcal.calibration.left_out import LeftOut, left_out
 from softcal.calibration.loss import Block, Loss, fitted_exactly, rms
 from softcal.calibration.noise import DRIFT, PRIOR
@@ -176,9 +176,7 @@ def local_statistics(
         label = space.labels[j]
         intervals[label] = (min(low[label], theta[label]), max(high[label], theta[label]))
         errors[label] = None if at_bound[label] else float(error * abs(slopes[j]))
-    held = beyond_bounds(found.minimum[known], found.root[:, known] / found.contradiction)
-    labels = [space.labels[j] for j in known]
-    beyond = {label: float(far) for label, far in zip(labels, held, strict=True) if at_bound[label]}
+    beyond = {space.labels[j]: float(found.beyond[j]) for j in known if at_bound[space.labels[j]]}
     within = {space.labels[j]: float(error * abs(slopes[j])) for j, error in zip(known, stated, strict=True)}
     notes += _together(space, within, found, slopes)
     if MARKERS in found.variances:

@@ -18,12 +18,14 @@ from softcal.twin.build import twin_of
 from softcal.twin.parameters import parameter_values, robot_parameters, with_parameters
 from softcal.twin.protocol import Protocol, furthest_state
 from softcal.twin.response import Response, Snapshot
+from softcal.twin.simulate import simulate
 from softcal.twin.start import snapshot
 from softcal.units import format_quantity
 from softcal.workflows.simulation import protocol_of, response_to, robot_in, turning_angle
 
 # Larger rotations, or displacements over the robot's size, under the loads alone suggest another orientation.
 TURNED, MOVED = np.deg2rad(30.0), 0.25
+ROUGH = 0.01  # of the largest value, between the solved states: for a judgement by eye; the end is solved
 SLACK = 0.2  # of an experiment's travel: a longer slack phase is suspicious
 
 StageObserver = Callable[[str], None]
@@ -145,7 +147,7 @@ def _end_of(project: Project, name: str) -> Response:
     protocol = protocol_of(project, name)
     if len(protocol.commands) > 1 or project.robot.remembers:
         protocol = furthest_state(protocol)
-    return response_to(robot_in(project, name), protocol, snapshots=True)
+    return simulate(robot_in(project, name), protocol, snapshots=True, curve_tolerance=ROUGH)
 
 
 def _end_summary(experiment: Experiment, response: Response, undeformed: Snapshot) -> tuple[str, list[str]]:

@@ -14,7 +14,7 @@ from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.run import calibrate
-from softcal.errors import InputError, ParameterError
+from softcal.errors import InputError
 
 
 def problem() -> Problem:
@@ -54,7 +54,7 @@ def test_what_a_run_records_is_complete_and_holds_nothing_that_was_not_heeded() 
     ],
 )
 def test_what_makes_no_sense_is_refused_by_its_name(changes: dict, told: str) -> None:
-    with pytest.raises(ParameterError, match=told) as error:
+    with pytest.raises(InputError, match=told) as error:
         calibrate(problem(), **changes)
     assert len(error.value.faults) == 1
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from softcal.calibration.scope import ScopedParameter, doubled, expanded, resolved
 from softcal.checks import Floats
+from softcal.declare import OrInfinite
 from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.twin.parameters import ParameterInfo
@@ -45,8 +46,8 @@ class FreeParameter(ScopedParameter):
     start: float | None = None
     prior_mean: float | None = None
     prior_sd: float | None = None
-    ceiling: float = math.inf
-    floor: float = -math.inf
+    ceiling: OrInfinite = math.inf
+    floor: OrInfinite = -math.inf
 
 
 @displayed

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import TypeVar
 
+from softcal.declare import Checked
 from softcal.errors import Fault
 from softcal.twin.parameters import ParameterInfo, unknown_name
 
@@ -14,7 +15,7 @@ P = TypeVar("P", bound="ScopedParameter")
 
 
 @dataclass(frozen=True)
-class ScopedParameter:
+class ScopedParameter(Checked):
     """One value that parameters of the robot or the rig have, in all experiments or in one.
 
     Attributes

@@ -17,6 +17,7 @@ import numpy as np
 from softcal.checks import Floats, as_path
 from softcal.coupons.coupon import Coupon
 from softcal.coupons.kind import KINDS, CouponKind
+from softcal.declare import checked_arguments
 from softcal.errors import DatasetError, Fault, ParameterError, UnitError, unknown
 from softcal.experiments.columns import N_NAMED, Columns, read_columns
 from softcal.experiments.header import find_column, unit_of_column
@@ -55,6 +56,7 @@ def coupon_kind(name: str) -> CouponKind:
     raise ParameterError(unknown(what, "--test", name, KINDS))
 
 
+@checked_arguments
 def read_coupons(path: str | Path, test: str, *, needs_stress: bool = True) -> list[Coupon]:
     """Read the tests of one file, by specimen, each in the order of its rows.
 

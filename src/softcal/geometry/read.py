@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats, Ints, as_path
+from softcal.declare import checked_arguments
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import matching_faces
@@ -51,6 +52,7 @@ SUMMARY = "Error: Couldn't read file"
 NOT_A_GROUP = "gmsh:bounding_entities"
 
 
+@checked_arguments
 def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
     """The tetrahedra of a mesh file with its named groups.
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softcal.checks import as_path
+from softcal.declare import as_annotated, checked_arguments
 from softcal.display import displayed
 from softcal.errors import InputError
 from softcal.materials.catalogue import LAWS
@@ -128,9 +129,10 @@ def project_of(source: ProjectSource) -> Project:
     InputError
         For anything else, and as `load`.
     """
-    return source if isinstance(source, Project) else load(source)
+    return source if isinstance(source, Project) else load(as_annotated(source, ProjectSource, "project"))
 
 
+@checked_arguments
 def load(
     path: str | Path,
     *,

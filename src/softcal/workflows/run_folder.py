@@ -25,6 +25,7 @@ from softcal.calibration.store import write_text
 from softcal.calibration.stored import Record, contradiction, read_record
 from softcal.checks import as_path
 from softcal.csv_text import csv_text
+from softcal.declare import checked_arguments
 from softcal.errors import Fault, StorageError
 from softcal.geometry.write import write_mesh
 from softcal.project.calibration_schema import CalibrationSection
@@ -197,6 +198,7 @@ def _finish(
     write_text(folder / "result.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
 
 
+@checked_arguments
 def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
     """Read a run, independent of its folder's location and of the original project.
 

@@ -8,13 +8,17 @@ import threading
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import Annotated
 
 from softcal.checks import as_path
+from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
+from softcal.limits import Limit
 from softcal.processes import beside
 
 _SAID = "Page: "
+PORTS = Limit("port numbers", 65535)
 
 
 @displayed
@@ -46,7 +50,8 @@ class WatchedPage:
         self._running.close()
 
 
-def watch_run(folder: str | Path, *, port: int | None = None) -> WatchedPage:
+@checked_arguments
+def watch_run(folder: str | Path, *, port: Annotated[int, PORTS] | None = None) -> WatchedPage:
     """Serve the page of a run's folder on this machine alone, without waiting for the run; see `softcal watch`.
 
     port: by default the first free one from 8085 on; the folder may not be there yet.

@@ -87,7 +87,8 @@ def require_below(n: float, numbers: Ints, name: str) -> None:
     if numbers.size and not (numbers.min() >= 0 and numbers.max() < n):
         wrong = numbers[(numbers < 0) | (numbers >= n)]
         allowed = "0 or more" if n == np.inf else f"0 to {n - 1:.0f}"
-        raise InputError(Fault("these numbers do not exist", name, f"{wrong[0]} and {wrong.size - 1} others", allowed))
+        got = f"{wrong[0]}" + (f" and {wrong.size - 1} more" if wrong.size > 1 else "")
+        raise InputError(Fault("these numbers do not exist", name, got, allowed))
 
 
 def _numbers(

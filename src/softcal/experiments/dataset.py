@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
@@ -97,6 +97,17 @@ class Dataset(Checked):
     def incomplete(self) -> tuple[str, ...]:
         """Channels with missing values."""
         return tuple(name for name, channel in self.channels.items() if np.isnan(channel.values).any())
+
+    def unit_read(self, channels: Collection[str]) -> str:
+        """The unit of some channels in words, by their columns in the tables that they were read from."""
+        tables = [step.settings for step in self.provenance if "columns" in step.settings]
+        columns = [
+            f"'{column['name']}' in {column['unit']} of {table['file']}"
+            for table in tables
+            for channel, column in table["columns"].items()
+            if channel in channels
+        ]
+        return f"the unit of the column {', '.join(columns)}" if columns else f"the unit of {', '.join(channels)}"
 
     def values(self, channel: str) -> Floats:
         """Values of a channel [SI].

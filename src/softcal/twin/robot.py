@@ -38,7 +38,7 @@ from softcal.mechanics.path_limits import PathLimits
 from softcal.quantities import Clearance, Density, Direction, Mass, MomentOfInertia, Size
 from softcal.sensing.sensor import NamedSensor
 from softcal.twin.barrier import Contact, require_wires
-from softcal.twin.cables import Cable, ViaPoint
+from softcal.twin.cables import Cable, ViaPoint, require_changing_length
 from softcal.twin.clamp import Clamp, Zone, clamp_zone
 from softcal.twin.dead_loads import Moment, PointLoad, SurfaceLoad
 from softcal.twin.material import Material, complete_materials, materials_of
@@ -398,6 +398,8 @@ class Robot(Checked):
         n_points = {body.name: body.mesh.n_points for body in self.bodies}
         for body, numbers, where in self._numbered:
             require_below(n_points.get(body, np.inf), numbers, where)
+        for cable in self.cables:
+            require_changing_length(cable, self.plates)
         if self.contact is not None:
             require_wires(self.rods)
 

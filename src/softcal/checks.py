@@ -144,6 +144,14 @@ def read_only(values: Of) -> Of:
     return values
 
 
+class ReadOnly:
+    """Base of the frozen dataclasses of results: what is in their arrays can no longer be changed either."""
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            read_only(value)
+
+
 def _check_shape(got: tuple[int, ...], shape: tuple[int | None, ...] | None, name: str) -> None:
     if shape is None:
         return

@@ -42,6 +42,9 @@ class ScopedParameter(Checked):
     of: tuple[str, ...] = field(default=(), kw_only=True)
     members: tuple[str, ...] = field(default=(), kw_only=True)
 
+    def _where(self, name: str) -> str:
+        return f"{self.name}.{name}"
+
     def serves(self, *experiments: str) -> bool:
         """Whether it is a parameter of any of these experiments."""
         return not self.experiment or any(e in (self.members or (self.experiment,)) for e in experiments)

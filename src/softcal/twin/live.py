@@ -10,7 +10,7 @@ from typing import runtime_checkable
 
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, ReadOnly
 from softcal.declare import OrInfinite, checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, SimulationError, unknown
@@ -45,7 +45,7 @@ class HasRobot(Shape):
 
 @displayed
 @dataclass(frozen=True)
-class Jacobian:
+class Jacobian(ReadOnly):
     """Derivatives of channels, in SI.
 
     Attributes

@@ -25,7 +25,7 @@ def roots() -> list[str]:
 
 def constraints(versions: Iterable[tuple[str, str]], python: str) -> str:
     """The text of constraints for one minor version of Python."""
-    head = f"# Tested versions for Python {python}, written by `make constraints`; others take what pyproject.toml allows.\n"
+    head = f"# Tested with Python {python}, written by `make constraints`; others take what pyproject.toml allows.\n"
     return head + "".join(f'{name}=={version} ; python_version == "{python}"\n' for name, version in versions)
 
 

@@ -13,6 +13,7 @@ import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache, wraps
+from itertools import islice, zip_longest
 from numbers import Integral, Real
 from pathlib import Path
 from types import NoneType, UnionType
@@ -25,6 +26,7 @@ from typing import (
     Protocol,
     TypeVar,
     Union,
+    cast,
     get_args,
     get_origin,
     get_type_hints,
@@ -104,32 +106,34 @@ def checked_arguments(function: Callable[P, R]) -> Callable[P, R]:
     """The function, which refuses arguments of another kind than their annotations say, or outside their ranges, by an
     InputError with every such argument; and keeps the others as `Checked` does.
     """
-    signature = inspect.signature(function)
 
     @wraps(function)
     def checked(*args: P.args, **kwargs: P.kwargs) -> R:
-        faults: list[Fault] = []
-        try:
-            given = signature.bind(*args, **kwargs)
-        except TypeError:
-            return function(*args, **kwargs)  # which names itself and the argument that it lacks or has not
-        for name, hint in _argument_hints(function).items():
-            if name in given.arguments:
-                given.arguments[name] = _kept(given.arguments[name], hint, name, faults)
+        hints, faults = _argument_hints(function), list[Fault]()
+        named = [
+            _kept(one, hints[name], name, faults) if name in hints else one
+            for name, one in zip_longest(islice(hints, len(args)), args)
+        ]
+        kept = {name: _kept(one, hints[name], name, faults) if name in hints else one for name, one in kwargs.items()}
         if faults:
             raise InputError(faults)
-        return function(*given.args, **given.kwargs)
+        return cast("Callable[..., R]", function)(*named, **kept)
 
     return checked
 
 
 @cache
 def _argument_hints(function: Callable[..., Any]) -> dict[str, Any]:
-    """The annotations of the arguments by name; one that is None by default may be None."""
+    """The annotations of the arguments by name, in their order; one that is None by default may be None. Of arguments
+    without a name of their own (*args) there is none.
+    """
     hints = get_type_hints(function, include_extras=True)
-    parameters = [one for one in inspect.signature(function).parameters.values() if one.name in hints]
-    single = [one for one in parameters if one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD)]
+    single = [one for one in inspect.signature(function).parameters.values() if one.kind not in _MANY]
+    hints = {one.name: hints.get(one.name, Any) for one in single}
     return {one.name: hints[one.name] | None if one.default is None else hints[one.name] for one in single}
+
+
+_MANY = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 
 def as_annotated(value: Any, hint: Any, where: str) -> Any:

@@ -4,8 +4,11 @@ InputError, before anything is computed or written; never one of Python's own er
 
 from __future__ import annotations
 
+import inspect
 import math
+import re
 from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +17,8 @@ import pytest
 from project_case import bar_robot, write_project
 
 import softcal
+from softcal.checks import ReadOnly
+from softcal.declare import Checked, _argument_hints, checked_arguments
 from softcal.errors import InputError
 
 NAN = math.nan
@@ -245,3 +250,20 @@ def _is_told_by_what_it_was(told: str, value: object) -> bool:
 
 def test_there_are_many_of_them() -> None:
     assert len(CASES) > 700
+
+
+@pytest.mark.parametrize("name", [name for name in softcal.__all__ if inspect.isfunction(getattr(softcal, name))])
+def test_every_public_function_checks_its_arguments(name: str) -> None:
+    function = getattr(softcal, name)
+    if name.startswith("register_"):  # the catalogue checks what is registered
+        return
+    assert function.__code__ is checked_arguments(function).__code__
+    assert _argument_hints(function.__wrapped__)
+
+
+@pytest.mark.parametrize("name", [name for name in softcal.__all__ if is_dataclass(getattr(softcal, name))])
+def test_every_public_part_with_arrays_checks_them_or_locks_them(name: str) -> None:
+    part = getattr(softcal, name)
+    arrays = re.compile(r"\b(Floats|Ints|Series|Measured|Numbers|Triangles|Position|Traction|\w+Vector|Gravity)\b")
+    if name != "Project" and any(arrays.search(str(one.type)) for one in fields(part)):  # whose arrays are its meshes'
+        assert issubclass(part, (Checked, ReadOnly))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,19 +18,6 @@ Of = TypeVar("Of")
 def is_number(text: str) -> bool:
     """Whether text is a non-negative integer such as a marker's number: at most nine decimal digits."""
     return text.isascii() and text.isdecimal() and len(text) <= 9
-
-
-def as_path(value: object, where: str, allowed: str = "a path") -> Path:
-    """The path that a caller gave as text or as a path; allowed: what else the caller takes there.
-
-    Raises
-    ------
-    InputError
-        For anything else.
-    """
-    if not isinstance(value, str | os.PathLike):
-        raise InputError(Fault("this is not a path", where, f"a value of the type {type(value).__name__}", allowed))
-    return Path(value)
 
 
 def frozen_floats(

@@ -105,6 +105,11 @@ R = TypeVar("R")
 def checked_arguments(function: Callable[P, R]) -> Callable[P, R]:
     """The function, which refuses arguments of another kind than their annotations say, or outside their ranges, by an
     InputError with every such argument; and keeps the others as `Checked` does.
+
+    Raises
+    ------
+    InputError
+        Where it is called with such arguments.
     """
 
     @wraps(function)
@@ -231,8 +236,8 @@ def _entries(value: Any, kinds: tuple[Any, ...]) -> list[tuple[Any, Any]] | None
 def _in_words(hint: Any) -> str:
     """What values an annotation allows."""
     origin, of = get_origin(hint), get_args(hint)
-    if origin in _UNIONS:
-        return " or ".join(_in_words(one) for one in of)
+    if origin in _UNIONS:  # of which a path takes text too
+        return " or ".join(_in_words(one) for one in of if one is not str or Path not in of)
     if origin is Annotated:
         return _in_words(of[0])
     if origin is Literal:

@@ -17,6 +17,7 @@ import pytest
 from project_case import bar_robot, write_project
 
 import softcal
+from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.checks import ReadOnly
 from softcal.declare import Checked, _argument_hints, checked_arguments
 from softcal.errors import InputError
@@ -79,11 +80,13 @@ PULL = softcal.Command("tension", [0.0, 0.5, 1.0])
 SCHEDULE = softcal.ramp({"front": ("tension", 1.0)}, 0.1)
 EXPERIMENT = softcal.Experiment("pull", DATASET, cable="front", compared=("tension",))
 MODULUS = softcal.FreeParameter("bar.youngs_modulus", "Pa", 1e5, 1e7)
+PROBLEM = softcal.make_problem(bar_robot(), [EXPERIMENT], [MODULUS])
 COUPON = softcal.Coupon("a", "uniaxial", [[1.0], [1.1], [1.2]], [[0.0], [1e5], [2e5]])
 VIA = (softcal.ViaPoint((0.0, 0.0, 0.1)), softcal.ViaPoint((0.0, 0.0, 0.0)))
 ROBOT = bar_robot()
 WORKERS = {"none": 0, "less than none": -2, "two and a half": 2.5, "a text": "two", "True": True, "None": None}
-SEARCH = {"out": "path?", "resume": "flag", "workers": "workers", "progress": "function"}
+OF_PROBLEM = {"resume": "flag", "workers": "workers", "progress": "function"}
+SEARCH = {"out": "path?", **OF_PROBLEM}
 ABSURD["workers"] = {**WORKERS, "a million million": 10**12}
 ABSURD["control"] = {"five": 5, "a list": ["a"], "a name of nothing": "pull", "None": None}
 ABSURD["own storage"] = {"five": 5, "a list": ["journal:a"], "an object": object()}
@@ -177,6 +180,7 @@ CALLS: list[Call] = [
     (softcal.make_problem, {"experiments": [EXPERIMENT], "parameters": [MODULUS]}, {"robot": "part"}),
     (softcal.compare_laws, {"coupons": [COUPON]}, {"laws": "names", "poissons_ratio": "number", "reach": "number?"}),
     (softcal.compare_laws, {}, {"coupons": "part"}),
+    (calibrate_problem, {"problem": PROBLEM, "store": "OUT"}, {**OF_PROBLEM, "store": "path?", "settings": "part?"}),
     # Of files and folders
     (softcal.load, {}, {"path": "path"}),
     (softcal.load, {"path": "PROJECT"}, {"values": "mapping", "copies": "mapping", "changes": "mapping"}),

@@ -600,4 +600,4 @@ def test_a_wrong_unit_in_a_header_is_told_by_its_column(
     data = bench_csv().replace("Displacement [mm]", f"Displacement [{unit}]")
     change = [("name: Displacement, unit: mm", "name: Displacement"), ("    noise:", f"{slack}    noise:")]
     path = write_project(tmp_path, *change, data=data)
-    refused(capsys, path, f"Try: check the unit of the column 'Displacement' in {unit} of pull.csv")
+    refused(capsys, path, f"Try: check the unit of the column 'Displacement' in {unit}")

@@ -102,12 +102,16 @@ class Dataset(Checked):
         """The unit of some channels in words, by their columns in the tables that they were read from."""
         tables = [step.settings for step in self.provenance if "columns" in step.settings]
         columns = [
-            f"'{column['name']}' in {column['unit']} of {table['file']}"
+            f"'{column['name']}' in {column['unit']}"
             for table in tables
             for channel, column in table["columns"].items()
             if channel in channels
         ]
-        return f"the unit of the column {', '.join(columns)}" if columns else f"the unit of {', '.join(channels)}"
+        return (
+            f"the unit of the column {', '.join(dict.fromkeys(columns))}"
+            if columns
+            else f"the unit of {', '.join(channels)}"
+        )
 
     def values(self, channel: str) -> Floats:
         """Values of a channel [SI].

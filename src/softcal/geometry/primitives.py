@@ -49,7 +49,9 @@ def box_mesh(
     Raises
     ------
     InputError
-        Where a length or a number of divisions is not positive, or there are too many.
+        Where a length is not positive, or there are too many divisions.
+    MeshError
+        Where a number of divisions is not positive.
     """
     bricks = [int(n) for n in divisions]
     if len(bricks) != 3 or min(bricks) < 1:

@@ -15,7 +15,6 @@ from softcal.calibration.profile import profile
 from softcal.calibration.resampling import jackknife
 from softcal.calibration.result import SearchResult
 from softcal.calibration.uncertain import MESH_ERROR
-from softcal.checks import as_path
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, unknown
 from softcal.executors.chosen import Workers, executor_of
@@ -138,7 +137,7 @@ def intervals(  # noqa: PLR0913 (one keyword for each option)
     check_method(by, over)
     if out is not None:
         require_free_folder(Path(out))
-    source = run_source(as_path(path, "path", "the path of a run folder"), calibration)
+    source = run_source(Path(path), calibration)
     found = study_intervals(source, by, over=over, samples=samples, seed=seed, workers=workers, progress=progress)
     if out is not None:
         write_intervals(found, source.project, source.calibration, Path(out))

@@ -11,7 +11,6 @@ from softcal.analysis.default_candidates import default_candidates, furthest
 from softcal.analysis.next_test import NextTests, next_tests
 from softcal.analysis.next_test_verdict import verdict
 from softcal.calibration.uncertain import MESH_ERROR
-from softcal.checks import as_path
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, StorageError
@@ -66,7 +65,7 @@ def next_test(
     """
     if out is not None:
         require_free_folder(Path(out))
-    source = run_source(as_path(run, "run", "the path of a run folder"), calibration)
+    source = run_source(Path(run), calibration)
     found = rank(source, parameter, candidates, workers)
     if out is not None:
         write_ranking(found, source, Path(out))

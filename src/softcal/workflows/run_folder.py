@@ -23,7 +23,6 @@ from softcal.calibration.result_files import fits_of, response_file, result_json
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.store import write_text
 from softcal.calibration.stored import Record, contradiction, read_record
-from softcal.checks import as_path
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, StorageError
@@ -211,7 +210,7 @@ def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
     InputError
         For anything but a path.
     """
-    folder = as_path(folder, "folder", "the path of a run folder")
+    folder = Path(folder)
     record = _record(folder)
     project, settings = project_of_run(folder)
     results = {

@@ -10,7 +10,6 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Annotated
 
-from softcal.checks import as_path
 from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
@@ -62,7 +61,7 @@ def watch_run(folder: str | Path, *, port: Annotated[int, PORTS] | None = None) 
         Where NiceGUI is not installed, or the page cannot be served.
     """
     options = ["--wait", "--no-browser", *([] if port is None else ["--port", str(port)])]
-    command = [sys.executable, "-m", "softcal", "watch", *options, "--", str(as_path(folder, "folder").absolute())]
+    command = [sys.executable, "-m", "softcal", "watch", *options, "--", str(Path(folder).absolute())]
     with ExitStack() as stack:
         try:
             process = stack.enter_context(beside(command))

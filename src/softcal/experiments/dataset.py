@@ -107,11 +107,8 @@ class Dataset(Checked):
             for channel, column in table["columns"].items()
             if channel in channels
         ]
-        return (
-            f"the unit of the column {', '.join(dict.fromkeys(columns))}"
-            if columns
-            else f"the unit of {', '.join(channels)}"
-        )
+        named = f"the column {', '.join(dict.fromkeys(columns))}" if columns else ", ".join(channels)
+        return f"the unit of {named}"
 
     def values(self, channel: str) -> Floats:
         """Values of a channel [SI].

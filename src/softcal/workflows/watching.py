@@ -17,7 +17,7 @@ from softcal.limits import Limit
 from softcal.processes import beside
 
 _SAID = "Page: "
-PORTS = Limit("port numbers", 65535)
+PORTS = Limit("port numbers", 65535, 0)
 
 
 @displayed

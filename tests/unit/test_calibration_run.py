@@ -338,6 +338,13 @@ def test_options_that_make_no_sense_are_refused(options: dict[str, object], mess
         calibrate(problem_of(), **options)  # type: ignore[arg-type]
 
 
+def test_the_curves_of_a_result_cannot_be_changed() -> None:
+    fit = next(iter(calibrate(problem_of()).experiments.values()))
+    curves = [*fit.measured.values(), *fit.simulated.values(), *fit.response.values(), *fit.bands.values()]
+    assert len(curves) > 5
+    assert not any(curve.flags.writeable for curve in curves)
+
+
 def test_to_resume_there_must_be_a_folder_with_a_run(tmp_path: Path) -> None:
     with pytest.raises(StorageError, match="without its folder"):
         calibrate(problem_of(), resume=True)

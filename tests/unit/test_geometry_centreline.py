@@ -84,14 +84,14 @@ def test_elements_are_spaced_through_stations():
         (lambda: straight((0, 0, 0), (0, 0, 1), [0.0, 0.5]), "not in order"),
         (lambda: straight((0, 0, 0), (0, 0, 1), 1, first=(0, 0, 2)), "along the tangent"),
         (lambda: helix((0, 0, 0), (0, 0, 0), diameter=1, pitch=1, turns=1, at=9), "no direction"),
-        (lambda: helix((0, 0, 0), (0, 0, 1), diameter=0, pitch=1, turns=1, at=9), "diameter: the size is out of range"),
+        (lambda: helix((0, 0, 0), (0, 0, 1), diameter=0, pitch=1, turns=1, at=9), "diameter must be positive"),
         (
             lambda: helix((0, 0, 0), (0, 0, 1), diameter=1, pitch=-1, turns=1, at=9),
-            "pitch: the clearance",
+            "pitch must not be negative",
         ),
         (
             lambda: helix((0, 0, 0), (0, 0, 1), diameter=1, pitch=1, turns=0, at=9),
-            "turns: the number of turns",
+            "turns must be positive",
         ),
         (lambda: polyline([(0, 0, 0), (0, 0, 0)]), "all different"),
         (lambda: polyline([(0, 0, 0), (1, 0, 0), (1, 1, 0)]), "point 1: .* 90 deg"),

@@ -18,7 +18,6 @@ from softcal.declare import Checked, checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, MeshError
 from softcal.limits import LIMITS
-from softcal.quantities import Clearance, Size, Turns
 
 
 @displayed
@@ -114,9 +113,9 @@ def helix(
     base: Sequence[float],
     axis: Sequence[float],
     *,
-    diameter: Size,
-    pitch: Clearance,
-    turns: Turns,
+    diameter: float,
+    pitch: float,
+    turns: float,
     at: int | ArrayLike,
     towards: Sequence[float] | None = None,
     left_handed: bool = False,
@@ -147,6 +146,15 @@ def helix(
     MeshError
         Where a measure is out of range, or `towards` is along the axis.
     """
+    faults = [
+        Fault(f"a helix's {name} must be positive", name, got=f"{value:.6g}", allowed="> 0")
+        for name, value in {"diameter": diameter, "turns": turns}.items()
+        if not value > 0.0
+    ]
+    if not pitch >= 0.0:
+        faults.append(Fault("a helix's pitch must not be negative", "pitch", got=f"{pitch:.6g} m", allowed=">= 0"))
+    if faults:
+        raise MeshError(faults)
     origin = _vector(base, "base")
     e1, e2, e3 = _triad(_direction(axis, "axis"), towards).T
     if left_handed:

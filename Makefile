@@ -5,7 +5,7 @@ PYTHON_IN := $(VENV)/bin/python
 RUN := $(VENV)/.run
 DEV := $(VENV)/.dev
 BENCH := $(VENV)/.bench
-SETUP := pyproject.toml scripts/bootstrap.sh scripts/system_packages.sh scripts/system_libraries.py
+SETUP := pyproject.toml constraints.txt scripts/bootstrap.sh scripts/system_packages.sh scripts/system_libraries.py
 
 DEMO_PROJECT ?= examples/neck/project.yaml
 DEMO_OUT ?= runs/demo-$(shell date +%Y%m%d-%H%M%S)
@@ -15,8 +15,8 @@ TEST_WORKERS ?= $(shell getconf _NPROCESSORS_ONLN)
 PYTEST = $(PYTHON_IN) -m pytest -n $(TEST_WORKERS) --dist worksteal
 SLOW_LIMIT ?= 40m
 
-.PHONY: help demo test test-slow bench coverage format clean
-.PHONY: lint lint-ruff lint-format lint-types lint-layers lint-licences
+.PHONY: help demo test test-slow bench coverage format clean constraints
+.PHONY: lint lint-ruff lint-format lint-types lint-layers lint-licences lint-vulnerabilities
 
 help:
 	@echo "make demo       set up, calibrate the neck on real bench data, print the result, write the report"
@@ -26,7 +26,8 @@ help:
 	@echo "make mesh-table compute docs/mesh-table.md anew: ten minutes and 4 GB"
 	@echo "make table-one  compute docs/table-one.md anew: six minutes"
 	@echo "make coverage   measure the coverage of 95 % intervals, write docs/uncertainty.md: ten minutes"
-	@echo "make lint       ruff, pyright, layers, licences"
+	@echo "make lint       ruff, pyright, layers, licences, known vulnerabilities"
+	@echo "make constraints  install the newest versions that pyproject.toml allows, write constraints.txt"
 	@echo "make format     let ruff format and mend what it can"
 	@echo "make clean      remove the environment and the caches (runs are kept)"
 
@@ -69,7 +70,7 @@ table-one: $(RUN)
 	$(PYTHON_IN) -m benchmarks.table_one
 
 # Parts of their own, so that `make --keep-going lint` tells all at once.
-lint: lint-ruff lint-format lint-types lint-layers lint-licences
+lint: lint-ruff lint-format lint-types lint-layers lint-licences lint-vulnerabilities
 
 lint-ruff: $(DEV)
 	$(VENV)/bin/ruff check
@@ -85,6 +86,16 @@ lint-layers: $(DEV)
 
 lint-licences: $(DEV)
 	$(PYTHON_IN) scripts/check_licences.py
+
+# Skips itself, and says so, where the database does not answer.
+lint-vulnerabilities: $(DEV)
+	$(PYTHON_IN) -m scripts.check_vulnerabilities
+
+# What to do with the file is to run all tests, and to commit it.
+constraints:
+	@scripts/bootstrap.sh newest
+	$(PYTHON_IN) -m scripts.write_constraints
+	@touch $(RUN) $(DEV)
 
 format: $(DEV)
 	$(VENV)/bin/ruff format

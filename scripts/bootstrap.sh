@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
-# Makes the virtual environment and fills it: bootstrap.sh run | dev | bench
+# Makes the virtual environment and fills it: bootstrap.sh run | dev | bench | newest
 #   run    softcal with the `mesh` extra      (make demo)
 #   dev    run + the other extras and the tools of the tests  (make test, make lint)
 #   bench  dev + the peers of the benchmarks  (make bench)
+#   newest dev in the newest versions, whatever is in constraints.txt  (make constraints)
 # What the system lacks is installed where this runs as root; elsewhere one line says what to run.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -40,11 +41,13 @@ pip() { "$venv/bin/python" -m pip --disable-pip-version-check --no-input "$@"; }
 
 # Dependency groups need pip 25.1.
 pip install --quiet --upgrade 'pip>=25.1'
+tested() { pip install --quiet --constraint constraints.txt "$@"; }
 case $level in
-  run) pip install --quiet --editable '.[mesh]' ;;
-  dev) pip install --quiet --editable '.[mesh,cluster,watch]' --group dev ;;
-  bench) pip install --quiet --editable '.[mesh,cluster,watch]' --group dev --group bench ;;
-  *) stop "unknown level '$level'; allowed: run, dev, bench" ;;
+  run) tested --editable '.[mesh]' ;;
+  dev) tested --editable '.[mesh,cluster,watch]' --group dev ;;
+  bench) tested --editable '.[mesh,cluster,watch]' --group dev --group bench ;;
+  newest) pip install --quiet --upgrade --upgrade-strategy eager --editable '.[mesh,cluster,watch]' --group dev ;;
+  *) stop "unknown level '$level'; allowed: run, dev, bench, newest" ;;
 esac
 
 # Each round may uncover the next: libraries first, then whether VTK can draw with them.

@@ -53,7 +53,14 @@ class Verdict:
 
 
 def runtime_tree(root: str) -> dict[str, Distribution]:
-    """Installed distributions that `root` needs, by canonical name, without `root` and without its extras.
+    """As `needed_by`, without `root` itself."""
+    found = needed_by(root)
+    del found[canonicalize_name(root)]
+    return found
+
+
+def needed_by(*roots: str) -> dict[str, Distribution]:
+    """Installed distributions that requirements name and need, by canonical name; of extras those that they name.
 
     Raises
     ------
@@ -62,7 +69,7 @@ def runtime_tree(root: str) -> dict[str, Distribution]:
     """
     found: dict[str, Distribution] = {}
     seen: set[tuple[str, str]] = set()
-    waiting = [Requirement(root)]
+    waiting = [*map(Requirement, roots)]
     while waiting:
         requirement = waiting.pop()
         name = canonicalize_name(requirement.name)
@@ -75,7 +82,6 @@ def runtime_tree(root: str) -> dict[str, Distribution]:
             for needed in map(Requirement, package.requires or ()):
                 if needed.marker is None or needed.marker.evaluate({"extra": extra}):
                     waiting.append(needed)
-    del found[canonicalize_name(root)]
     return dict(sorted(found.items()))
 
 

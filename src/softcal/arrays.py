@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
-from softcal.declare import Check, Reading, as_annotated, shown
-from softcal.errors import Fault, InputError
+from softcal.declare import Check, Reading, as_annotated
 from softcal.quantities import Acceleration, Direction, Force, Moment, Point, Pressure
 
 if TYPE_CHECKING:
@@ -32,7 +31,8 @@ class ArrayOf:
         InputError
             Where it is of another shape, or an entry of another kind or out of range.
         """
-        return frozen_floats(as_annotated(value, self.of, where), name=where)
+        plain = value if isinstance(value, list | tuple) else frozen_floats(value, name=where)
+        return frozen_floats(as_annotated(plain, self.of, where), name=where)
 
     def __get_pydantic_core_schema__(self, source: object, handler: Any) -> CoreSchema:
         def kept(value: Any) -> Floats:
@@ -45,19 +45,33 @@ def _unit(value: Floats, where: str) -> Floats:
     return frozen_floats(value / float(np.linalg.norm(value)), name=where)
 
 
-def _numbers(axes: int) -> Check:
-    """For numbers that count from zero, in an array of so many axes."""
+@dataclass(frozen=True)
+class Array:
+    """Annotates an array of numbers by its shape, None for any length: `Annotated[Floats, Array((None, 3))]`.
+
+    missing: whether NaN is allowed for missing values.
+    """
+
+    shape: tuple[int | None, ...]
+    missing: bool = False
+
+    def checked(self, value: Any, *, where: str = "") -> Floats:
+        """The array.
+
+        Raises
+        ------
+        InputError
+            As `softcal.checks.frozen_floats`.
+        """
+        return frozen_floats(value, name=where, shape=self.shape, missing=self.missing)
+
+
+def _numbers(*shape: None) -> Check:
+    """For numbers that count from zero, in an array of such a shape, or none."""
 
     def checked(value: Any, where: str) -> Ints:
-        try:
-            given = np.asarray(value)
-        except ValueError:  # rows of different lengths
-            given = np.asarray("")
-        if given.size and (given.dtype.kind not in "iu" or given.min() < 0 or given.ndim != axes):
-            allowed = "whole numbers from 0 on, " + ("in rows" if axes == 2 else "in one list")
-            attempt = "numpy.flatnonzero of the mask" if given.dtype.kind == "b" else ""
-            raise InputError(Fault("these are not numbers of nodes or tets", where, shown(value), allowed, attempt))
-        return frozen_ints(given, name=where)
+        numbers = frozen_ints(value, name=where, below=np.inf)
+        return frozen_ints(numbers, name=where, shape=shape) if numbers.size else numbers
 
     return Check(checked)
 
@@ -68,6 +82,9 @@ ForceVector = Annotated[Floats, ArrayOf(tuple[Force, Force, Force])]
 MomentVector = Annotated[Floats, ArrayOf(tuple[Moment, Moment, Moment])]
 Traction = Annotated[Floats, ArrayOf(tuple[Pressure, Pressure, Pressure])]
 Gravity = Annotated[Floats, ArrayOf(tuple[Acceleration, Acceleration, Acceleration])]
+# Values (n,), and such with NaN for missing ones.
+Series = Annotated[Floats, Array((None,))]
+Measured = Annotated[Floats, Array((None,), missing=True)]
 # Numbers of the nodes of some triangles (k, 3 or 6), and of some nodes or tets (n,).
-Triangles = Annotated[Ints, _numbers(2)]
-Numbers = Annotated[Ints, _numbers(1)]
+Triangles = Annotated[Ints, _numbers(None, None)]
+Numbers = Annotated[Ints, _numbers(None)]

@@ -1,9 +1,9 @@
-"""Validation of input arrays: shape, finite values; the copies are read-only."""
+"""Validation of input arrays: kind of numbers, masks, shape, finite values, range; the copies are read-only."""
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,24 +12,12 @@ from softcal.errors import Fault, InputError
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Of = TypeVar("Of")
 
 
 def is_number(text: str) -> bool:
     """Whether text is a non-negative integer such as a marker's number: at most nine decimal digits."""
     return text.isascii() and text.isdecimal() and len(text) <= 9
-
-
-def as_path(value: object, where: str, allowed: str = "a path") -> Path:
-    """The path that a caller gave as text or as a path; allowed: what else the caller takes there.
-
-    Raises
-    ------
-    InputError
-        For anything else.
-    """
-    if not isinstance(value, str | os.PathLike):
-        raise InputError(Fault("this is not a path", where, f"a value of the type {type(value).__name__}", allowed))
-    return Path(value)
 
 
 def frozen_floats(
@@ -42,25 +30,111 @@ def frozen_floats(
     Raises
     ------
     InputError
-        If the shape differs or a value is not finite.
+        If these are not real numbers, values are masked, the shape differs, or a value is not finite.
     """
-    array = np.array(values, dtype=np.float64)
+    array = _numbers(values, name, "iuf", "real numbers", missing=missing).astype(np.float64)
     _check_shape(array.shape, shape, name)
     bad = np.flatnonzero(np.isinf(array.ravel()) if missing else ~np.isfinite(array.ravel()))
     if bad.size:
-        raise InputError(
-            Fault(f"{name} holds {bad.size} value(s) that are not finite", where=f"{name}, flat index {bad[0]}")
-        )
-    array.setflags(write=False)
-    return array
+        first = ", ".join(map(str, np.unravel_index(bad[0], array.shape)))
+        got = f"{array.ravel()[bad[0]]} at [{first}]"
+        raise InputError(Fault(f"{bad.size} of these numbers are not finite", name, got))
+    return read_only(array)
 
 
-def frozen_ints(values: ArrayLike, *, name: str, shape: tuple[int | None, ...] | None = None) -> Ints:
-    """A read-only int64 copy of `values`, checked as in `frozen_floats`."""
-    array = np.array(values, dtype=np.int64)
+def frozen_ints(
+    values: ArrayLike, *, name: str, shape: tuple[int | None, ...] | None = None, below: float | None = None
+) -> Ints:
+    """A read-only int64 copy of `values`, checked as in `frozen_floats`.
+
+    below: how many there are of what they count from 0, such as the points of a mesh, or infinity.
+
+    Raises
+    ------
+    InputError
+        As `frozen_floats`; for floats, whole ones too, and for a number out of range.
+    """
+    array = _numbers(values, name, "iu", "whole numbers")
+    if below is not None:
+        require_below(below, array, name)
     _check_shape(array.shape, shape, name)
-    array.setflags(write=False)
+    return read_only(array.astype(np.int64))
+
+
+def require_below(n: float, numbers: Ints, name: str) -> None:
+    """Check that numbers count some of n things from 0.
+
+    Raises
+    ------
+    InputError
+        For a number out of range.
+    """
+    if numbers.size and not (numbers.min() >= 0 and numbers.max() < n):
+        wrong = numbers[(numbers < 0) | (numbers >= n)]
+        allowed = "0 or more" if n == np.inf else f"0 to {n - 1:.0f}"
+        got = f"{wrong[0]}" + (f" and {wrong.size - 1} more" if wrong.size > 1 else "")
+        raise InputError(Fault("these numbers do not exist", name, got, allowed))
+
+
+def _numbers(
+    values: ArrayLike, name: str, kinds: str, of: str, *, missing: bool = False
+) -> np.ndarray[tuple[int, ...], np.dtype[Any]]:
+    """Values as an array of one of the kinds of NumPy's types."""
+    if n_masked := _n_masked(values):
+        attempt = "drop these rows, or .filled(value)" + (", NaN for a missing one" if missing else "")
+        raise InputError(Fault("masked values are no numbers", name, f"{n_masked} masked", of, attempt))
+    try:
+        array = np.asarray(values)
+    except (ValueError, TypeError, OverflowError):
+        raise InputError(Fault("this is no array", name, "rows of different lengths", of)) from None
+    if array.size and array.dtype.kind not in kinds:
+        kind, attempt = _OTHERS.get(array.dtype.kind, (f"values of the type {array.dtype}", ""))
+        raise InputError(Fault(f"these are not {of}", name, kind, attempt=attempt))
     return array
+
+
+# Kind of NumPy's types -> what it is, and what makes numbers of it.
+_OTHERS = {
+    "b": ("True and False", "numpy.flatnonzero of the mask"),
+    "c": ("complex numbers", ".real, if the imaginary parts mean nothing"),
+    "f": ("floats", ".astype(int)"),
+    "O": ("objects", ".astype(float)"),
+    "U": ("text", ".astype(float)"),
+    "S": ("bytes", ".astype(float)"),
+}
+
+
+def _n_masked(values: object) -> int:
+    """How many values are masked; NumPy drops the masks of the entries of a list in silence."""
+    if isinstance(values, np.ma.MaskedArray):
+        return int(np.ma.count_masked(values))
+    if isinstance(values, list | tuple):
+        entries: Sequence[object] = values
+        return sum(map(_n_masked, entries))
+    return 0
+
+
+def read_only(values: Of) -> Of:
+    """An array, or all those in mappings and tuples, that can no longer be written."""
+    if isinstance(values, np.ndarray):
+        values.setflags(write=False)
+    elif isinstance(values, Mapping):
+        mapping: Mapping[object, object] = values
+        for one in mapping.values():
+            read_only(one)
+    elif isinstance(values, tuple):
+        entries: tuple[object, ...] = values
+        for one in entries:
+            read_only(one)
+    return values
+
+
+class ReadOnly:
+    """Base of the frozen dataclasses of results: what is in their arrays can no longer be changed either."""
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            read_only(value)
 
 
 def _check_shape(got: tuple[int, ...], shape: tuple[int | None, ...] | None, name: str) -> None:
@@ -68,4 +142,4 @@ def _check_shape(got: tuple[int, ...], shape: tuple[int | None, ...] | None, nam
         return
     if len(got) != len(shape) or any(want is not None and want != have for want, have in zip(shape, got, strict=True)):
         wanted = "(" + ", ".join("n" if want is None else str(want) for want in shape) + ")"
-        raise InputError(Fault(f"{name} has the wrong shape", got=str(got), allowed=wanted))
+        raise InputError(Fault("this array has the wrong shape", name, str(got), wanted))

@@ -1,5 +1,5 @@
-"""Declarations: frozen dataclasses that check their values by their annotations, and that pydantic reads from project
-files; Python users need no pydantic.
+"""Declarations: frozen dataclasses and functions that check their values by their annotations.
+Pydantic reads the former from project files; Python users need none.
 
 The annotations carry kinds of quantity and limits of counts (`softcal.quantities`, `softcal.limits`): a file's "38 mm"
 is read by them, a Python user gives numbers in SI. Pydantic is imported only where a file is read.
@@ -7,12 +7,30 @@ is read by them, a Python user gives numbers in SI. Pydantic is imported only wh
 
 from __future__ import annotations
 
+import inspect
+import math
+import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cache
+from functools import cache, wraps
+from itertools import islice, zip_longest
 from numbers import Integral, Real
+from pathlib import Path
 from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Union, get_args, get_origin, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    ParamSpec,
+    Protocol,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from softcal.errors import Fault, InputError, nearest, unknown
 
@@ -80,6 +98,49 @@ def _hints(cls: type[Checked]) -> dict[str, Any]:
     return {one.name: hints[one.name] | None if one.default is None else hints[one.name] for one in fields(cls)}
 
 
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def checked_arguments(function: Callable[P, R]) -> Callable[P, R]:
+    """The function, which refuses arguments of another kind than their annotations say, or outside their ranges, by an
+    InputError with every such argument; and keeps the others as `Checked` does.
+
+    Raises
+    ------
+    InputError
+        Where it is called with such arguments.
+    """
+
+    @wraps(function)
+    def checked(*args: P.args, **kwargs: P.kwargs) -> R:
+        hints, faults = _argument_hints(function), list[Fault]()
+        named = [
+            _kept(one, hints[name], name, faults) if name in hints else one
+            for name, one in zip_longest(islice(hints, len(args)), args)
+        ]
+        kept = {name: _kept(one, hints[name], name, faults) if name in hints else one for name, one in kwargs.items()}
+        if faults:
+            raise InputError(faults)
+        return cast("Callable[..., R]", function)(*named, **kept)
+
+    return checked
+
+
+@cache
+def _argument_hints(function: Callable[..., Any]) -> dict[str, Any]:
+    """The annotations of the arguments by name, in their order; one that is None by default may be None. Of arguments
+    without a name of their own (*args) there is none.
+    """
+    hints = get_type_hints(function, include_extras=True)
+    single = [one for one in inspect.signature(function).parameters.values() if one.kind not in _MANY]
+    hints = {one.name: hints.get(one.name, Any) for one in single}
+    return {one.name: hints[one.name] | None if one.default is None else hints[one.name] for one in single}
+
+
+_MANY = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+
+
 def as_annotated(value: Any, hint: Any, where: str) -> Any:
     """A value [SI] of Python's, as a field of an annotation keeps it.
 
@@ -95,14 +156,15 @@ def as_annotated(value: Any, hint: Any, where: str) -> Any:
     return kept
 
 
-def _kept(value: Any, hint: Any, where: str, faults: list[Fault]) -> Any:
-    """As `as_annotated`, but what is wrong goes to `faults`."""
+def _kept(value: Any, hint: Any, where: str, faults: list[Fault], *, has_range: bool = False) -> Any:
+    """As `as_annotated`, but what is wrong goes to `faults`; has_range: whether its range is checked by others."""
     origin, of = get_origin(hint), get_args(hint)
     if origin is Annotated:
         n_faults = len(faults)
-        kept = _kept(value, of[0], where, faults)
-        for mark in of[1:]:
-            if hasattr(mark, "checked") and len(faults) == n_faults:
+        checks = [mark for mark in of[1:] if hasattr(mark, "checked")]
+        kept = _kept(value, of[0], where, faults, has_range=bool(checks))
+        for mark in checks:
+            if len(faults) == n_faults:
                 try:
                     kept = mark.checked(kept, where=where)
                 except InputError as error:
@@ -110,18 +172,28 @@ def _kept(value: Any, hint: Any, where: str, faults: list[Fault]) -> Any:
         return kept
     if origin in _UNIONS and (member := next((one for one in of if _fits(value, one)), None)) is not None:
         return _kept(value, member, where, faults)
-    if origin is tuple and (entries := _entries(value, of)) is not None:
+    if origin in _LISTS and (entries := _entries(value, _kinds(origin, of))) is not None:
         return tuple(_kept(one, kind, f"{where}[{i}]", faults) for i, (one, kind) in enumerate(entries))
     if origin is Mapping and isinstance(value, Mapping):
         given: Mapping[Any, Any] = value
         return {key: _kept(one, of[1], f"{where}.{key}", faults) for key, one in given.items()}
     if not _fits(value, hint):
         faults.append(Fault("this is of the wrong kind", where, shown(value), _in_words(hint)))
+    elif hint is float and not math.isfinite(value) and not has_range:
+        faults.append(Fault("this is not finite", where, shown(value), _in_words(hint)))
+    elif hint is str and "\0" in value:
+        faults.append(Fault("a zero byte is no text", where, shown(value)))
     return value
 
 
 _UNIONS = (Union, UnionType)
-_KINDS = {float: (Real, "a number in SI"), int: (Integral, "a whole number"), str: (str, "text")}
+_LISTS = (tuple, Sequence, Collection)
+_KINDS = {
+    float: (Real, "a number in SI"),
+    int: (Integral, "a whole number"),
+    str: (str, "text"),
+    Path: (os.PathLike, "a path"),
+}
 
 
 def _fits(value: Any, hint: Any) -> bool:
@@ -132,15 +204,24 @@ def _fits(value: Any, hint: Any) -> bool:
     if origin is Annotated:
         return _fits(value, of[0])
     if origin is Literal:
-        return any(isinstance(value, type(one)) and value == one for one in of)
-    if origin is tuple:
-        entries = _entries(value, of)
+        return any(_fits(value, type(one)) and value == one for one in of)
+    if origin in _LISTS:
+        entries = _entries(value, _kinds(origin, of))
         return entries is not None and all(_fits(one, kind) for one, kind in entries)
     if origin is Mapping:
         return isinstance(value, Mapping)
+    if origin is Callable:
+        return callable(value)
     if hint in _KINDS:
         return isinstance(value, _KINDS[hint][0]) and not isinstance(value, bool)
+    if hint is Any:
+        return True
     return isinstance(value, hint) if isinstance(hint, type) else value is not None
+
+
+def _kinds(origin: Any, of: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The annotations of a tuple's entries, of which a list has one for all."""
+    return of if origin is tuple else (*of, ...)
 
 
 def _entries(value: Any, kinds: tuple[Any, ...]) -> list[tuple[Any, Any]] | None:
@@ -155,18 +236,23 @@ def _entries(value: Any, kinds: tuple[Any, ...]) -> list[tuple[Any, Any]] | None
 def _in_words(hint: Any) -> str:
     """What values an annotation allows."""
     origin, of = get_origin(hint), get_args(hint)
-    if origin in _UNIONS:
-        return " or ".join(_in_words(one) for one in of)
+    if origin in _UNIONS:  # of which a path takes text too
+        return " or ".join(_in_words(one) for one in of if one is not str or Path not in of)
     if origin is Annotated:
         return _in_words(of[0])
     if origin is Literal:
         return ", ".join(map(repr, of))
-    if origin is tuple:
-        return f"a list, each {_in_words(of[0])}" if of[-1] is ... else f"{len(of)} entries, each {_in_words(of[0])}"
+    if origin in _LISTS:
+        kinds = _kinds(origin, of)
+        return f"a list, each {_in_words(of[0])}" if kinds[-1] is ... else f"{len(of)} entries, each {_in_words(of[0])}"
     if origin is Mapping:
         return f"a mapping to {_in_words(of[1])}"
+    if origin is Callable:
+        return "a function"
     words = {bool: "True or False", NoneType: "None", **{kind: words for kind, (_, words) in _KINDS.items()}}
-    return words[hint] if hint in words else f"a {hint.__name__}" if isinstance(hint, type) else "an array"
+    if hint in words or not isinstance(hint, type):
+        return words.get(hint, "an array")
+    return f"{'an' if hint.__name__[0] in 'AEIOU' else 'a'} {hint.__name__}"
 
 
 @dataclass(frozen=True)
@@ -251,6 +337,16 @@ class Check:
 
     def __get_pydantic_core_schema__(self, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:
         return Reading(self.checked, "after").__get_pydantic_core_schema__(source, handler)
+
+
+def _no_nan(value: float, where: str) -> float:
+    if math.isnan(value):
+        raise InputError(Fault("this is not a number", where, "NaN", "a number in SI, or infinity"))
+    return value
+
+
+OrInfinite = Annotated[float, Check(_no_nan)]
+"""A number that may be infinite."""
 
 
 def member_of(family: Family) -> Check:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from numbers import Real
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from softcal.declare import Check, Reading, shown
+from softcal.declare import Check, Reading, checked_arguments, shown
 from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.units import parse_quantity
@@ -181,6 +181,7 @@ QUANTITIES: Mapping[str, Quantity] = {
 }
 
 
+@checked_arguments
 def quantity(kind: str) -> Quantity:
     """A kind of quantity by its name, such as "modulus", "length" or "positive ratio": its unit and range.
 

@@ -122,7 +122,7 @@ def test_all_that_is_wrong_with_a_part_is_told_by_its_field(
 
 
 def test_a_mask_in_place_of_numbers_is_told_what_makes_numbers_of_it() -> None:
-    with pytest.raises(InputError, match=r"bar\.fixed: these are not numbers.*numpy\.flatnonzero"):
+    with pytest.raises(InputError, match=r"bar\.fixed: these are not whole numbers.*numpy\.flatnonzero"):
         Body("bar", MESH, MESH.points[:, 2] < 1e-9, ELASTIC)
 
 

@@ -13,12 +13,25 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.slow  # builds a wheel, and starts a program in an environment of its own
-def test_an_installed_wheel_lists_all_cases_and_scores_one(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("hatchling")
-    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    folder = tmp_path_factory.mktemp("wheel")
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
-    (wheel,) = tmp_path.glob("*.whl")
+    (path,) = folder.glob("*.whl")
+    return path
+
+
+def test_a_wheel_has_the_licence_and_the_notice(wheel: Path) -> None:
+    with ZipFile(wheel) as packed:
+        (place,) = {name.partition("/")[0] for name in packed.namelist() if ".dist-info/" in name}
+        for name in ("LICENSE", "NOTICE"):
+            assert packed.read(f"{place}/licenses/{name}") == (ROOT / name).read_bytes()
+
+
+@pytest.mark.slow  # starts a program in an environment of its own
+def test_an_installed_wheel_lists_all_cases_and_scores_one(wheel: Path, tmp_path: Path) -> None:
     venv.create(tmp_path / "fresh", with_pip=False)
     (site,) = (tmp_path / "fresh").glob("lib/python*/site-packages")
     ZipFile(wheel).extractall(site)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,7 @@ def test_an_experiment_goes_with_a_project_and_without_a_protocol(tmp_path: Path
 
 
 def test_snapshots_are_none_all_or_those_of_samples() -> None:
-    with pytest.raises(ParameterError, match="no such snapshots; got 'sample'; allowed: True, False or 'samples'"):
+    with pytest.raises(InputError, match=r"snapshots: .* kind; got 'sample'; allowed: True or False or 'samples'"):
         softcal.simulate(bar_robot(), PULL, snapshots="sample")  # type: ignore[arg-type]
     assert len(softcal.simulate(bar_robot(), PULL, snapshots="samples").snapshots) == 2
 
@@ -60,16 +61,43 @@ def test_values_of_another_kind_are_refused_with_their_names(part: type, given: 
 
 
 def test_a_command_drives_what_a_cable_has() -> None:
-    with pytest.raises(InputError, match="cannot be driven by this; got 'force'; allowed: tension, shortening"):
+    with pytest.raises(InputError, match=r"control: .* kind; got 'force'; allowed: 'tension', 'shortening'"):
         Command("force", np.array([1.0]))  # type: ignore[arg-type]
     with pytest.raises(InputError, match="tension: the command has no sample"):
         Command("tension", np.array([]))
 
 
-@pytest.mark.parametrize("samples", [1, 0, 2.5])
+@pytest.mark.parametrize("samples", [1, 0, 2.5, 10**12])
 def test_a_pull_has_two_samples_or_more(samples: float) -> None:
-    with pytest.raises(ParameterError, match=f"samples: a pull cannot have so many samples; got {samples:g}"):
+    with pytest.raises(InputError, match=r"samples: .*; allowed: (2 to 1000000 samples|a whole number)"):
         softcal.pull(bar_robot(), "front", "tension", 1.0, samples)  # type: ignore[arg-type]
+
+
+def test_a_robot_has_the_nodes_and_the_moving_ends_that_its_parts_name() -> None:
+    robot = bar_robot()
+    (bar,), (plate,), (front,) = robot.bodies, robot.plates, robot.cables
+    with pytest.raises(InputError, match=r"plate\.nodes\.bar: these numbers do not exist; got 999"):
+        replace(robot, plates=(replace(plate, nodes={"bar": [0, 999]}),))
+    with pytest.raises(InputError, match=r"wind\.faces: these numbers do not exist; got 999"):
+        replace(robot, loads=(softcal.SurfaceLoad("wind", "bar", [[0, 1, 999]], (0.0, 0.0, 1.0)),))
+    with pytest.raises(InputError, match=r"bar\.fixed: these numbers do not exist; got 999; allowed"):
+        replace(bar, fixed=[0, 999])
+    on_plate = replace(front, via_points=tuple(replace(via, on="plate") for via in front.via_points))
+    with pytest.raises(InputError, match=r"front: nothing changes the length .* on plate"):
+        replace(robot, cables=(on_plate,))
+
+
+def test_arrays_are_what_they_say_or_refused() -> None:
+    times = np.ma.array([0.0, 1.0, 2.0], mask=[False, True, False])
+    with pytest.raises(InputError, match=r"values: masked values are .* got 1 masked; .* NaN for a missing one"):
+        Channel(times, "s")
+    np.testing.assert_array_equal(Channel(np.ma.array([1.0, 2.0]), "s").values, [1.0, 2.0])  # none is masked
+    np.testing.assert_array_equal(Channel(np.array([1, 2], dtype=np.uint8), "s").values, [1.0, 2.0])
+    with pytest.raises(InputError, match=r"values: these are not real numbers; got complex numbers\. Try: \.real"):
+        Command("tension", [1.0 + 0j])  # type: ignore[arg-type]
+    mesh = softcal.box_mesh((1.0, 1.0, 1.0), (1, 1, 1))
+    with pytest.raises(InputError, match=r"tets: these are not whole numbers; got floats\. Try: \.astype\(int\)"):
+        softcal.TetMesh(mesh.points, mesh.tets.astype(float))
 
 
 def test_a_test_that_is_read_twice_is_found() -> None:

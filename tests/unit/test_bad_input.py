@@ -142,6 +142,14 @@ MODEL: dict[str, tuple[Change, tuple[str, ...]]] = {
         ("{on: plate, at: [30 mm, 0 mm, 100 mm]}", "{on: bar, at: [30 mm, 0 mm, 100 mm]}"),
         ("project.yaml:19: robot.cables.front.via[0].at", "outside its body by 20 mm", "spans"),
     ),
+    "a cable on one plate": (
+        ("- {at: [30 mm, 0 mm, 0 mm]}", "- {on: plate, at: [30 mm, 0 mm, 0 mm]}"),
+        ("project.yaml:17: robot.cables.front: nothing changes the length", "got every via point on plate"),
+    ),
+    "a cable in space": (
+        ("{on: plate, at: [30 mm, 0 mm, 100 mm]}", "{at: [30 mm, 0 mm, 100 mm]}"),
+        ("project.yaml:17: robot.cables.front: nothing changes the length", "got every via point fixed in space"),
+    ),
     "a cable on nothing": (("on: plate", "on: plat"), ("via[0].on", "'plat'", "Try: 'plate'")),
     "a missing mesh": (
         ("file: bar.msh", "file: baz.msh"),
@@ -157,7 +165,7 @@ MODEL: dict[str, tuple[Change, tuple[str, ...]]] = {
     ),
     "a cable shorter than the data pull it": (
         ("- {at: [30 mm, 0 mm, 0 mm]}", "- {at: [30 mm, 0 mm, 90 mm]}"),
-        ("project.yaml:22: experiments.pull: front.shortening", "got 20 mm; allowed: < 10 mm. Try: check the units"),
+        ("front.shortening", "got 20 mm; allowed: < 10 mm. Try: check the unit of the column 'Displacement' in mm"),
     ),
     "friction in per cent": (
         ("experiments:\n", "rig:\n  pulleys: {wrap: 90 deg, friction_coefficient: 5}\nexperiments:\n"),
@@ -583,3 +591,13 @@ def test_files_and_columns_are_looked_for_beside_sections_with_slips(
         "no column 'State'",
         "calibration.startz: unknown key",
     )
+
+
+@pytest.mark.parametrize(("unit", "slack"), [("cm", ""), ("um", "    slack: 2 mm\n")])
+def test_a_wrong_unit_in_a_header_is_told_by_its_column(
+    unit: str, slack: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = bench_csv().replace("Displacement [mm]", f"Displacement [{unit}]")
+    change = [("name: Displacement, unit: mm", "name: Displacement"), ("    noise:", f"{slack}    noise:")]
+    path = write_project(tmp_path, *change, data=data)
+    refused(capsys, path, f"Try: check the unit of the column 'Displacement' in {unit}")

@@ -341,7 +341,7 @@ def in_a_thin_valley(seed: int) -> Problem:
         values = held[name].values
         size = np.sqrt(np.mean(values**2))
         wave = np.cos(turn) * chance.standard_normal() + np.sin(turn) * chance.standard_normal()
-        noise = 0.1 * share * size * np.ones(41)
+        noise = float(0.1 * share * size)
         held[name] = Channel(values + share * size * wave, held[name].unit, noise)
     parameters = [
         FreeParameter(E, "Pa", 0.1e6, 40e6, "log", TRUE[E]),

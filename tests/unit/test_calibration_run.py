@@ -34,7 +34,7 @@ from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate, calibrate_each
 from softcal.calibration.search import Progress
 from softcal.calibration.trial_journal import stored_trials
-from softcal.errors import CalibrationError, ParameterError, StorageError
+from softcal.errors import CalibrationError, InputError, StorageError
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
@@ -328,14 +328,21 @@ def test_what_follows_the_search_is_told_before_it_begins(monkeypatch: pytest.Mo
         ({"method": "simplex"}, "no such method"),
         ({"trials": 0}, "too few trials"),
         ({"method": "grid", "trials": 3}, "needs more trials; got 3; allowed: at least 4"),
-        ({"workers": 0}, "must be a worker"),
+        ({"workers": 0}, "too few workers"),
         ({"starts": 0}, "too few starts"),
         ({"seed": -1}, "too few seeds"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(options: dict[str, object], message: str) -> None:
-    with pytest.raises(ParameterError, match=message):
+    with pytest.raises(InputError, match=message):
         calibrate(problem_of(), **options)  # type: ignore[arg-type]
+
+
+def test_the_curves_of_a_result_cannot_be_changed() -> None:
+    fit = next(iter(calibrate(problem_of()).experiments.values()))
+    curves = [*fit.measured.values(), *fit.simulated.values(), *fit.response.values(), *fit.bands.values()]
+    assert len(curves) > 5
+    assert not any(curve.flags.writeable for curve in curves)
 
 
 def test_to_resume_there_must_be_a_folder_with_a_run(tmp_path: Path) -> None:

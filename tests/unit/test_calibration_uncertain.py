@@ -122,7 +122,6 @@ def test_a_pattern_stands_for_independent_errors_and_of_ties_them() -> None:
     [
         (UncertainParameter("front.gain", "1", SD), "there is no such parameter"),
         (UncertainParameter(GAIN, "1", 0.0), "the standard deviation must be above zero"),
-        (UncertainParameter(GAIN, "1", float("nan")), "the standard deviation must be above zero"),
         (UncertainParameter(GAIN, "N", SD), "the unit is not the parameter's"),
         (UncertainParameter(E, "Pa", 1e5), "uncertain and free at once"),
         (UncertainParameter("noise", "1", SD, of=(GAIN,)), "the name is that of a source of error"),

@@ -1,14 +1,27 @@
-"""docs/python.md runs as it stands, and lists the public names with the first sentence of each docstring."""
+"""The Python of the documents runs as it stands; docs/python.md lists the public names with the first sentence of each
+docstring.
+"""
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
+import shutil
+import sys
+import textwrap
+from collections.abc import Callable
+from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import pytest
+from project_case import write_project
+from sweep_case import write_sweep
 
 import softcal
+from softcal.bench.case import CASES
 from softcal.calibration.loss import LOSSES
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.experiments.step import STEPS
@@ -53,3 +66,116 @@ def test_the_names_are_listed_with_what_they_are(repository: Path) -> None:
     listed = re.findall(r"^\| `(\w+)` \| (.*) \|$", page, re.MULTILINE)
     assert listed == [(name, first_sentence(name)) for name in softcal.__all__]
     assert all(told for _, told in listed)
+
+
+# Documents with Python -> what each block of theirs finds: files in its folder, and names beside softcal.
+FINDS: dict[str, Callable[[Path, pytest.MonkeyPatch], dict[str, Any]]] = {}
+NOT_HERE = {
+    "docs/python.md": "above",
+    "docs/sofa.md": "runs in SOFA; tests/verification/test_sofa.py",
+    "README.md": "minutes; below",
+}
+
+
+def finds(document: str) -> Callable[[Any], Any]:
+    return lambda function: FINDS.setdefault(document, function)
+
+
+@finds("docs/cluster.md")
+def _a_cluster(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """A project, and in the place of both clusters this process."""
+    on = softcal.executor_on
+
+    @contextmanager
+    def here(name: str):
+        assert name in ("dask:tcp://10.0.0.5:8786", "dask:tcp://scheduler:8786")
+        with on("local", 1) as executor:
+            yield executor
+
+    @contextmanager
+    def kubernetes(*, name: str, image: str, n_workers: int, worker_command: str):
+        assert "--nthreads 1" in worker_command
+        yield SimpleNamespace(scheduler_address="tcp://scheduler:8786")
+
+    operator = ModuleType("dask_kubernetes.operator")
+    operator.KubeCluster = kubernetes  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "dask_kubernetes", ModuleType("dask_kubernetes"))
+    monkeypatch.setitem(sys.modules, "dask_kubernetes.operator", operator)
+    monkeypatch.setattr(softcal, "executor_on", here, raising=False)
+    return {"project": softcal.load(write_project(folder))}
+
+
+@finds("docs/sweep.md")
+def _a_manipulator(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    write_sweep(folder)
+    return {}
+
+
+@finds("docs/mesh-study.md")
+def _a_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    softcal.calibrate(write_project(folder), out=folder / "run")
+    return {}
+
+
+@finds("docs/exports.md")
+def _a_reduced_model(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    write_project(folder / "project")
+    request = softcal.ExportRequest(softcal.load(folder / "project" / "project.yaml"))
+    for file in softcal.write_export("reduced", request, folder / "reduced", cables="front", reach="4N", samples=5):
+        shutil.copy(file, folder)
+    monkeypatch.syspath_prepend(folder)
+    return {}
+
+
+@finds("docs/bench-cases.md")
+def _nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    return {}
+
+
+def python_of(document: str) -> list[str]:
+    """The blocks of Python of a document: in fences, or indented lines that are Python and no command."""
+    text = (ROOT / document).read_text(encoding="utf-8")
+    fenced = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    rest = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
+    indented = [textwrap.dedent(one) for one in re.findall(r"(?<=\n\n)((?:(?: {4}.*)?\n)+)", rest)]
+    return [*fenced, *filter(_is_python, indented)]
+
+
+def _is_python(block: str) -> bool:
+    try:
+        tree = ast.parse(block)
+    except SyntaxError:
+        return False
+    kinds = (ast.Import, ast.ImportFrom, ast.Call, ast.FunctionDef)
+    return any(isinstance(node, kinds) for node in ast.walk(tree))
+
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCUMENTS = [path for place in (".", "docs", "examples/*") for path in sorted(ROOT.glob(f"{place}/*.md"))]
+BLOCKS = [(document, k) for document in FINDS for k in range(len(python_of(document)))]
+
+
+def test_no_python_of_the_documents_is_left_out() -> None:
+    documents = [path.relative_to(ROOT).as_posix() for path in DOCUMENTS]
+    assert {document for document in documents if python_of(document)} == {*FINDS, *NOT_HERE}
+
+
+@pytest.mark.parametrize(("document", "k"), BLOCKS)
+def test_a_block_runs(document: str, k: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    try:
+        names = {"softcal": softcal, **FINDS[document](tmp_path, monkeypatch)}
+        monkeypatch.chdir(tmp_path)
+        exec(compile(python_of(document)[k], document, "exec"), names)
+    finally:
+        if "our-tentacle" in CASES:
+            CASES.remove("our-tentacle")
+
+
+@pytest.mark.slow  # two minutes
+def test_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copytree(ROOT / "examples" / "neck", tmp_path / "examples" / "neck", ignore=shutil.ignore_patterns("runs"))
+    monkeypatch.chdir(tmp_path)
+    (block,) = python_of("README.md")
+    exec(compile(block, "README.md", "exec"), {})
+    assert "neck.youngs_modulus" in capsys.readouterr().out
+    assert (tmp_path / "runs" / "neck" / "report.html").is_file()

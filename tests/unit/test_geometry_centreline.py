@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from softcal.errors import MeshError
+from softcal.errors import InputError
 from softcal.geometry.centreline import Centreline, helix, polyline, spaced, straight
 
 
@@ -79,14 +79,20 @@ def test_elements_are_spaced_through_stations():
     ("make", "message"),
     [
         (lambda: straight((0, 0, 0), (0, 0, 0), 1), "ends coincide"),
-        (lambda: straight((0, 0, 0), (0, 0, 1), 0), "one element or more"),
+        (lambda: straight((0, 0, 0), (0, 0, 1), 0), "too few elements of a rod"),
         (lambda: straight((0, 0, 0), (0, 0, 1), [0.0, 0.5, 0.5, 1.0]), "not in order"),
         (lambda: straight((0, 0, 0), (0, 0, 1), [0.0, 0.5]), "not in order"),
         (lambda: straight((0, 0, 0), (0, 0, 1), 1, first=(0, 0, 2)), "along the tangent"),
         (lambda: helix((0, 0, 0), (0, 0, 0), diameter=1, pitch=1, turns=1, at=9), "no direction"),
         (lambda: helix((0, 0, 0), (0, 0, 1), diameter=0, pitch=1, turns=1, at=9), "diameter must be positive"),
-        (lambda: helix((0, 0, 0), (0, 0, 1), diameter=1, pitch=-1, turns=1, at=9), "pitch must not be negative"),
-        (lambda: helix((0, 0, 0), (0, 0, 1), diameter=1, pitch=1, turns=0, at=9), "turns must be positive"),
+        (
+            lambda: helix((0, 0, 0), (0, 0, 1), diameter=1, pitch=-1, turns=1, at=9),
+            "pitch must not be negative",
+        ),
+        (
+            lambda: helix((0, 0, 0), (0, 0, 1), diameter=1, pitch=1, turns=0, at=9),
+            "turns must be positive",
+        ),
         (lambda: polyline([(0, 0, 0), (0, 0, 0)]), "all different"),
         (lambda: polyline([(0, 0, 0), (1, 0, 0), (1, 1, 0)]), "point 1: .* 90 deg"),
         (lambda: spaced([1.5], 0.1), "not on the rod"),
@@ -97,5 +103,5 @@ def test_elements_are_spaced_through_stations():
     ],
 )
 def test_bad_centrelines_are_refused(make, message):
-    with pytest.raises(MeshError, match=message):
+    with pytest.raises(InputError, match=message):
         make()

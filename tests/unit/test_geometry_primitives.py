@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softcal.errors import MeshError
+from softcal.errors import InputError, MeshError
 from softcal.geometry.cell import TET_EDGES, TET_FACE_EDGES, TET_FACES
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
@@ -45,9 +45,17 @@ def test_box_sides_look_outwards():
         assert np.all(mesh.points[mesh.node_sets[name], axis] == (upper if name[1] == "1" else lower))
 
 
-@pytest.mark.parametrize(("sides", "parts"), [((1, 0, 1), (1, 1, 1)), ((1, 1, 1), (1, 0, 1)), ((1, 1), (1, 1))])
-def test_box_without_extent_is_refused(sides, parts):
-    with pytest.raises(MeshError, match="three"):
+@pytest.mark.parametrize(
+    ("sides", "parts", "told"),
+    [
+        ((1, 0, 1), (1, 1, 1), r"lengths\[1\]: the size is out of range"),
+        ((1, 1, 1), (1, 0, 1), "divisions: a box needs three"),
+        ((1, 1), (1, 1), "lengths: .* 3 entries"),
+        ((1, 1, 1), (10**5, 10**5, 10**5), "divisions: there are too many tets"),
+    ],
+)
+def test_box_without_extent_or_with_too_many_bricks_is_refused(sides, parts, told):
+    with pytest.raises(InputError, match=told):
         box_mesh(sides, parts)
 
 

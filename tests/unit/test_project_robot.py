@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from project_case import write_project
 from robot_case import MANIPULATOR, write_robot
 
 from softcal.errors import InputError, StorageError
@@ -32,6 +33,16 @@ def part(robot: Robot, name: str):
 
 def rod_of(folder: Path, *changes: tuple[str, str]) -> Rod:
     return load(write_robot(folder, *changes)).robot.rods[0]
+
+
+def test_a_via_point_just_outside_its_body_is_warned_of(tmp_path: Path) -> None:
+    def warned(x: str) -> list[str]:
+        at = "{on: plate, at: [30 mm, 0 mm, 100 mm]}", f"{{on: bar, at: [{x}, 0 mm, 100 mm]}}"
+        return [str(one) for one in load(write_project(tmp_path / x, at)).warnings]
+
+    (told,) = warned("11 mm")
+    assert "project.yaml:19: robot.cables.front.via[0].at: the point lies outside its body by 1 mm" in told
+    assert warned("10.02 mm") == []
 
 
 def test_everything_is_there_and_bends(project: Project):

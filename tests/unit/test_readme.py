@@ -10,7 +10,8 @@ import pytest
 
 import softcal
 
-DOCUMENTS = ("README.md", "CONTRIBUTING.md", "VISION.md", "docs/index.md", "docs/python.md", "docs/cad.md")
+DOCUMENTS = ("README.md", "CONTRIBUTING.md", "VISION.md", "SECURITY.md")
+DOCUMENTS += tuple(f"docs/{page}.md" for page in ("index", "python", "cad", "security"))
 
 
 def test_the_python_example_uses_public_names(repository: Path):
@@ -21,6 +22,12 @@ def test_the_python_example_uses_public_names(repository: Path):
         used = {node.attr for node in nodes if isinstance(node.value, ast.Name) and node.value.id == "softcal"}
         assert used
         assert used <= set(softcal.__all__)
+
+
+def test_the_index_has_every_page(repository: Path):
+    index = (repository / "docs" / "index.md").read_text(encoding="utf-8")
+    pages = {path.name for path in (repository / "docs").glob("*.md")} - {"index.md"}
+    assert {page for page in pages if f"]({page})" not in index} == set()
 
 
 def test_the_make_targets_exist(repository: Path):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from softcal.errors import ParameterError
+from softcal.errors import InputError
 from softcal.geometry.primitives import box_mesh
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Protocol
@@ -23,7 +23,7 @@ ROBOT = Robot(
 @pytest.mark.parametrize("value", ["3 MPa", None, True, 3e6 + 1j, np.array([3e6]), np.array([3e6, 2e6])], ids=repr)
 def test_a_value_that_is_no_number_is_refused(value: Any) -> None:
     for use in (lambda theta: simulate(ROBOT, Protocol({}), theta), lambda theta: with_parameters(ROBOT, theta)):
-        with pytest.raises(ParameterError, match=r"bar\.youngs_modulus: this is not a number.*one number in SI \(Pa\)"):
+        with pytest.raises(InputError, match=r"bar\.youngs_modulus: this is .* number in SI"):
             use({"bar.youngs_modulus": value})
 
 

@@ -14,7 +14,7 @@ from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.run import calibrate
-from softcal.errors import InputError, ParameterError
+from softcal.errors import InputError
 
 
 def problem() -> Problem:
@@ -50,11 +50,11 @@ def test_what_a_run_records_is_complete_and_holds_nothing_that_was_not_heeded() 
         ({"starts": 0}, "starts: there are too few starts; got 0"),
         ({"starts": 2.5}, "starts: this is of the wrong kind; got 2.5; allowed: a whole number"),
         ({"seed": -1}, "seed: there are too few seeds; got -1"),
-        ({"workers": 0}, "workers: there must be a worker; got 0"),
+        ({"workers": 0}, "workers: there are too few workers; got 0"),
     ],
 )
 def test_what_makes_no_sense_is_refused_by_its_name(changes: dict, told: str) -> None:
-    with pytest.raises(ParameterError, match=told) as error:
+    with pytest.raises(InputError, match=told) as error:
         calibrate(problem(), **changes)
     assert len(error.value.faults) == 1
 

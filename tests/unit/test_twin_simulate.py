@@ -1,14 +1,17 @@
 """simulate's own bookkeeping: what comes back where a path ends early, without cables, without samples to reach."""
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import is_dataclass, replace
 
 import numpy as np
 import pytest
 from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed
+from project_case import bar_robot
 
 from softcal.errors import ParameterError
 from softcal.geometry.primitives import box_mesh
 from softcal.mechanics import path as path_module
+from softcal.twin.live import LiveTwin
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 
@@ -149,6 +152,24 @@ def test_snapshots_hold_what_the_channels_say():
         assert np.arctan2(R[0, 2], R[2, 2]) == pytest.approx(pitch)
     assert shot.points["neck"].shape[0] == response.tets["neck"].max() + 1
     assert response.snapshots[0].controls["front"] == 0.0
+
+
+def arrays_of(value: object) -> list[np.ndarray]:
+    if isinstance(value, np.ndarray):
+        return [value]
+    inner = value.values() if isinstance(value, Mapping) else value if isinstance(value, tuple) else ()
+    inner = vars(value).values() if is_dataclass(value) else inner
+    return [array for one in inner for array in arrays_of(one)]
+
+
+def test_a_result_cannot_be_changed():
+    robot = bar_robot()
+    pull = Protocol({"front": Command("shortening", np.array([0.0, 0.002]))})
+    response = simulate(robot, pull, sensitivities=["bar.youngs_modulus"], snapshots=True)
+    jacobian = LiveTwin(robot).at({"front": 0.001}).by_commands()
+    arrays = [*arrays_of(response), *arrays_of(response.over(3)), *arrays_of(jacobian)]
+    assert len(arrays) > 20
+    assert not any(array.flags.writeable for array in arrays)
 
 
 def test_two_robots_in_turn_do_not_mix():

@@ -4,23 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 
 from softcal.calibration.experiment import Experiment, rig_kind
 from softcal.calibration.scope import P
 from softcal.checks import Floats
+from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Channel, Dataset
+from softcal.limits import LIMITS
 from softcal.sensing.channel import ChannelName, channel_name, kinds
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.parameter_name import parameter_name
 
+MOST_SAMPLES = replace(LIMITS["samples"], least=0)
+
 
 @displayed
 @dataclass(frozen=True, kw_only=True)
-class Candidate:
+class Candidate(Checked):
     """A test that could be made.
 
     Attributes
@@ -54,18 +59,12 @@ class Candidate:
     cable: str = ""
     control: str = ""
     reach: float | None = None
-    samples: int = 0
+    samples: Annotated[int, MOST_SAMPLES] = 0
     measured: tuple[str, ...] = ()
     noise: Mapping[str, float] = field(default_factory=dict[str, float])
     better: Mapping[str, float] = field(default_factory=dict[str, float])
     settings: Mapping[str, float] = field(default_factory=dict[str, float])
-    repeats: int = 1
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "measured", tuple(self.measured))
-        object.__setattr__(self, "noise", dict(self.noise))
-        object.__setattr__(self, "better", dict(self.better))
-        object.__setattr__(self, "settings", dict(self.settings))
+    repeats: Annotated[int, LIMITS["repeats"]] = 1
 
 
 def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:

@@ -26,6 +26,7 @@ import numpy as np
 from softcal.calibration.frame import FRAME
 from softcal.calibration.rig import Rig
 from softcal.checks import Floats
+from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset
@@ -48,7 +49,7 @@ _OF_PULLEYS = {
 
 @displayed
 @dataclass(frozen=True)
-class Experiment:
+class Experiment(Checked):
     """A prepared dataset, what drives the twin, what is compared with it, and the rig.
 
     Attributes
@@ -89,10 +90,8 @@ class Experiment:
     set_up: str = ""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.drive, str):
-            object.__setattr__(self, "drive", tuple(self.drive))
-        object.__setattr__(self, "compared", tuple(self.compared) or self._comparable())
-        object.__setattr__(self, "settings", dict(self.settings))
+        super().__post_init__()
+        object.__setattr__(self, "compared", self.compared or self._comparable())
         faults = [
             Fault(f"no channel '{channel}'", self.name, allowed=", ".join(self.dataset.channels))
             for channel in (*self.drives, *self.compared)

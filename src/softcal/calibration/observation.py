@@ -73,10 +73,12 @@ def slack_faults(experiment: Experiment) -> list[Fault]:
     """Cables whose slack is never taken up: they would never be taut, and the test would identify nothing."""
     rig = experiment.rig_values()
     longest: dict[str, float] = {}
+    read: dict[str, str] = {}
     for channel in experiment.dataset.channels:
         name = experiment.twin_channel(channel)
         if name.kind == SHORTENING and not name.is_deviation and name.offset in rig:
             longest[name.carrier] = float(np.nanmax(experiment.dataset.values(channel)))
+            read[name.carrier] = channel
     slack = {cable: rig[ChannelName(SHORTENING, cable).offset] for cable in longest}
     if not longest or any(slack[cable] <= 0.0 or slack[cable] < most for cable, most in longest.items()):
         return []
@@ -87,6 +89,7 @@ def slack_faults(experiment: Experiment) -> list[Fault]:
             experiment.name,
             format_quantity(slack[cable], "m"),
             f"below the largest shortening, {format_quantity(longest[cable], 'm')}",
+            f"check {experiment.dataset.unit_read([read[cable]])}, and the slack",
         )
     ]
 

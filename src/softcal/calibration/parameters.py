@@ -11,6 +11,7 @@ import numpy as np
 
 from softcal.calibration.scope import ScopedParameter, doubled, expanded, resolved
 from softcal.checks import Floats
+from softcal.declare import OrInfinite
 from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.twin.parameters import ParameterInfo
@@ -45,8 +46,8 @@ class FreeParameter(ScopedParameter):
     start: float | None = None
     prior_mean: float | None = None
     prior_sd: float | None = None
-    ceiling: float = math.inf
-    floor: float = -math.inf
+    ceiling: OrInfinite = math.inf
+    floor: OrInfinite = -math.inf
 
 
 @displayed
@@ -204,15 +205,7 @@ def _started(parameter: FreeParameter, present: float) -> FreeParameter:
 
 def _faults(parameter: FreeParameter) -> list[Fault]:
     label, unit = parameter.label, parameter.unit
-    numbers = {"lower bound": parameter.lower, "upper bound": parameter.upper, "start": parameter.start}
-    numbers |= {"prior mean": parameter.prior_mean, "prior sd": parameter.prior_sd}
-    faults = [
-        Fault(f"the {what} is not finite", label, got=str(value))
-        for what, value in numbers.items()
-        if value is not None and not math.isfinite(value)
-    ]
-    if faults:
-        return faults
+    faults: list[Fault] = []
     bounds = f"{parameter.lower:.6g} to {parameter.upper:.6g} {unit}"
     if parameter.lower >= parameter.upper:
         faults.append(Fault("the bounds are reversed or equal", label, got=bounds, allowed="lower < upper"))

@@ -11,7 +11,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, runtime_checkable
 from typing import Protocol as TypingProtocol
 
 import numpy as np
@@ -26,6 +26,7 @@ from softcal.calibration.scope import ScopedParameter
 from softcal.calibration.trajectory import Member, Trajectory, shared_out
 from softcal.calibration.uncertain import UncertainParameter, uncertain_parameters
 from softcal.checks import Floats
+from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import InputError, MeshError, SimulationError
 from softcal.twin.parameters import MODULUS, ParameterInfo, robot_parameters
@@ -39,6 +40,7 @@ SOFTCAL = "softcal"  # the engine used where no other simulator is named
 FAR, SHARE, ROUGH = 0.05, 0.02, 1e-2
 
 
+@runtime_checkable
 class Simulate(TypingProtocol):
     """The twin: `softcal.twin.simulate.simulate`, or a stand-in with its signature."""
 
@@ -401,6 +403,7 @@ class Problem:
         ]
 
 
+@checked_arguments
 def make_problem(
     robot: Robot,
     experiments: Sequence[Experiment],

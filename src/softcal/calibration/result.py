@@ -17,7 +17,7 @@ from softcal.calibration.parameters import Scale
 from softcal.calibration.random_effects import Spread
 from softcal.calibration.residuals import ResidualRecord
 from softcal.calibration.uncertain import EACH
-from softcal.checks import Floats
+from softcal.checks import Floats, ReadOnly
 from softcal.display import displayed
 from softcal.experiments.hysteresis import Loop
 from softcal.sensing.channel import channel_name
@@ -196,7 +196,7 @@ class CycleFit:
 
 @displayed
 @dataclass(frozen=True)
-class ExperimentFit:
+class ExperimentFit(ReadOnly):
     """Goodness of fit of one experiment: errors of the compared channels and distances of markers and plates.
 
     Attributes

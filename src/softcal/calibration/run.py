@@ -19,15 +19,17 @@ from softcal.calibration.result_files import write_result
 from softcal.calibration.search import Found, Observer, Search, searched
 from softcal.calibration.settings import SearchSettings
 from softcal.calibration.shared_search import Sharing, require_shareable, searched_together
-from softcal.executors.executor import Executor
+from softcal.declare import checked_arguments
+from softcal.executors.chosen import Workers
 
 
+@checked_arguments
 def calibrate(  # noqa: PLR0913 (what is searched, where, and by whom)
     problem: Problem,
     settings: SearchSettings | None = None,
     *,
-    workers: int | Executor = 1,
-    store: Path | None = None,
+    workers: Workers = 1,
+    store: str | Path | None = None,
     resume: bool = False,
     hashes: Mapping[str, str] | None = None,
     files: Mapping[str, str] | None = None,
@@ -78,7 +80,8 @@ def calibrate(  # noqa: PLR0913 (what is searched, where, and by whom)
     search, complete = _search(problem, given, hashes)
     part = search.problem
     course = searched if sharing is None else partial(searched_together, sharing=sharing)
-    with course(search, workers=workers, store=store, resume=resume, files=files, progress=progress) as found:
+    folder = None if store is None else Path(store)
+    with course(search, workers=workers, store=folder, resume=resume, files=files, progress=progress) as found:
         result = _concluded(part, found, mesh_error=given.mesh_error)
         if complete.hold_out:
             found.announce(f"prediction of {', '.join(complete.hold_out)}")

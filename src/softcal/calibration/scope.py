@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import TypeVar
 
+from softcal.declare import Checked
 from softcal.errors import Fault
 from softcal.twin.parameters import ParameterInfo, unknown_name
 
@@ -14,7 +15,7 @@ P = TypeVar("P", bound="ScopedParameter")
 
 
 @dataclass(frozen=True)
-class ScopedParameter:
+class ScopedParameter(Checked):
     """One value that parameters of the robot or the rig have, in all experiments or in one.
 
     Attributes
@@ -40,6 +41,9 @@ class ScopedParameter:
     experiment: str = field(default="", kw_only=True)
     of: tuple[str, ...] = field(default=(), kw_only=True)
     members: tuple[str, ...] = field(default=(), kw_only=True)
+
+    def _where(self, name: str) -> str:
+        return f"{self.name}.{name}"
 
     def serves(self, *experiments: str) -> bool:
         """Whether it is a parameter of any of these experiments."""

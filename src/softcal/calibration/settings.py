@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Annotated, Any
 
 from softcal.calibration.option import Option
+from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import InputError, ParameterError, unknown
 from softcal.limits import LIMITS
@@ -14,7 +15,7 @@ from softcal.limits import LIMITS
 
 @displayed
 @dataclass(frozen=True)
-class SearchSettings:
+class SearchSettings(Checked):
     """The settings of a search.
 
     Attributes
@@ -40,16 +41,12 @@ class SearchSettings:
     """
 
     method: str = "least-squares"
-    trials: int | None = None
-    seed: int = 1
+    trials: Annotated[int, LIMITS["trials"]] | None = None
+    seed: Annotated[int, LIMITS["seeds"]] = 1
     hold_out: tuple[str, ...] = ()
-    batch: int | None = None
+    batch: Annotated[int, LIMITS["trials"]] | None = None
     options: Mapping[str, float] = field(default_factory=dict[str, float])
     mesh_error: bool = False
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "hold_out", tuple(self.hold_out))
-        object.__setattr__(self, "options", dict(self.options))
 
     def changed(self, **changes: object) -> SearchSettings:
         """The settings with some of them, or options of an optimiser by their names, replaced."""
@@ -82,11 +79,6 @@ class SearchSettings:
             unknown("there is no such setting of a search", name, name, allowed, got="")
             for name in self.options
             if name not in known
-        ]
-        faults += [
-            replace(fault, where=name)
-            for name, of, count in (("trials", "trials", budget), ("seed", "seeds", self.seed))
-            if (fault := LIMITS[of].fault(count))
         ]
         values: dict[str, float] = {}
         for option in options:

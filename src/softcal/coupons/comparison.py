@@ -13,12 +13,14 @@ from softcal.coupons.coupon import Coupon
 from softcal.coupons.free_constants import POISSONS_RATIO, FreeConstants, free_constants
 from softcal.coupons.held_out import folds, held_out_errors, joint_error
 from softcal.coupons.law_fit import LawFit, fit_law
+from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import CalibrationError, Fault, ParameterError
 from softcal.html_text import summary
 from softcal.materials.catalogue import LAWS
 from softcal.materials.histories import history_of
 from softcal.materials.inelastic import History
+from softcal.quantities import PoissonsRatio, PositiveRatio
 from softcal.units import format_quantity
 
 REACH = 1.5
@@ -127,13 +129,14 @@ class LawComparison:
         return "each kind of test" if len(tests) > 1 else f"each of {len(names)} blocks of neighbouring rows"
 
 
+@checked_arguments
 def compare_laws(
     coupons: Sequence[Coupon],
     laws: Sequence[str] = (),
     *,
     history: Sequence[str] = (),
-    poissons_ratio: float = POISSONS_RATIO,
-    reach: float | None = None,
+    poissons_ratio: PoissonsRatio = POISSONS_RATIO,
+    reach: PositiveRatio | None = None,
     doing: Callable[[str], None] = lambda _: None,
 ) -> LawComparison:
     """Fit laws to coupon tests and compare them.

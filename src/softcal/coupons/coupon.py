@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
+from softcal.arrays import Array, Series
 from softcal.checks import Floats
 from softcal.coupons.kind import KINDS, CouponKind, CouponStates
+from softcal.declare import Checked
 from softcal.display import displayed
+from softcal.errors import Fault, InputError, unknown
 
 
 @displayed
 @dataclass(frozen=True)
-class Coupon:
+class Coupon(Checked):
     """One test of one specimen: with times a way in their order, else in the order of the file.
 
     Attributes
@@ -33,9 +37,18 @@ class Coupon:
 
     name: str
     test: str
-    strain: Floats
-    stress: Floats
-    time: Floats | None = None
+    strain: Annotated[Floats, Array((None, None))]
+    stress: Annotated[Floats, Array((None, None), missing=True)]
+    time: Series | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.test not in KINDS:
+            raise InputError(unknown("there is no such kind of test", "test", self.test, KINDS))
+        if len({len(one) for one in (self.strain, self.stress, self.time) if one is not None}) != 1:
+            got = f"{len(self.strain)} strains, {len(self.stress)} stresses"
+            got += "" if self.time is None else f", {len(self.time)} times"
+            raise InputError(Fault("a coupon needs arrays of one length", self.name, got))
 
     @property
     def kind(self) -> CouponKind:

@@ -11,7 +11,7 @@ import numpy as np
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.result import Estimate
 from softcal.calibration.sensitivity import Statistics, local_estimator, local_statistics
-from softcal.checks import Floats
+from softcal.checks import Floats, ReadOnly
 from softcal.coupons.coupon import Coupon
 from softcal.coupons.fitted_material import FittedMaterial, PredictedCoupon, fitted_material
 from softcal.coupons.free_constants import FreeConstants
@@ -25,7 +25,7 @@ from softcal.materials.law import Law
 
 @displayed
 @dataclass(frozen=True)
-class LawFit:
+class LawFit(ReadOnly):
     """A law with the constants that fit coupon tests best.
 
     Attributes

@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from softcal.checks import Floats, as_path
+from softcal.checks import Floats
 from softcal.coupons.coupon import Coupon
 from softcal.coupons.kind import KINDS, CouponKind
+from softcal.declare import checked_arguments
 from softcal.errors import DatasetError, Fault, ParameterError, UnitError, unknown
 from softcal.experiments.columns import N_NAMED, Columns, read_columns
 from softcal.experiments.header import find_column, unit_of_column
@@ -55,6 +56,7 @@ def coupon_kind(name: str) -> CouponKind:
     raise ParameterError(unknown(what, "--test", name, KINDS))
 
 
+@checked_arguments
 def read_coupons(path: str | Path, test: str, *, needs_stress: bool = True) -> list[Coupon]:
     """Read the tests of one file, by specimen, each in the order of its rows.
 
@@ -79,7 +81,7 @@ def read_coupons(path: str | Path, test: str, *, needs_stress: bool = True) -> l
     StorageError
         Where the file cannot be read.
     """
-    path, kind = as_path(path, "path", "the path of a table"), coupon_kind(test)
+    path, kind = Path(path), coupon_kind(test)
     wanted = [measure + axis for axis in kind.axes for measure in (*kind.strains, *kind.stresses)]
     table = load_table(path, [*wanted, SPECIMEN, TIME], TableFormat())
     faults: list[Fault] = []

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from contextlib import contextmanager
+from typing import Annotated
 
+from softcal.declare import checked_arguments
 from softcal.executors.executor import EXECUTORS, Executor
 from softcal.executors.kinds.local import LocalExecutor
+from softcal.limits import LIMITS
+
+Workers = Annotated[int, LIMITS["workers"]] | Executor
+"""A number of processes, or an executor."""
 
 
 @contextmanager
@@ -25,8 +31,9 @@ def executor_of(workers: int | Executor) -> Generator[Executor]:
         yield own
 
 
+@checked_arguments
 @contextmanager
-def executor_on(on: str, workers: int | None = None) -> Generator[Executor]:
+def executor_on(on: str, workers: Annotated[int, LIMITS["workers"]] | None = None) -> Generator[Executor]:
     """The executor that `NAME` or `NAME:ADDRESS` names, such as "local" or "dask:tcp://host:8786", closed at the end.
 
     workers: their number, where it is for the executor to choose; None for its default.

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from softcal.checks import Floats, frozen_floats
+from softcal.arrays import Measured, Series
+from softcal.checks import Floats
+from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import DatasetError, Fault, unknown
+from softcal.quantities import QUANTITIES
+
+SIGMA = replace(QUANTITIES["noise"], lower=0.0)
 
 
 @displayed
 @dataclass(frozen=True)
-class Channel:
+class Channel(Checked):
     """One measured quantity.
 
     Attributes
@@ -28,12 +33,9 @@ class Channel:
         Standard deviation of the noise [unit]; 0 if unknown.
     """
 
-    values: Floats
+    values: Measured
     unit: str
-    sigma: float = 0.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "values", frozen_floats(self.values, name="channel", shape=(None,), missing=True))
+    sigma: Annotated[float, SIGMA] = 0.0
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class Step:
 
 @displayed
 @dataclass(frozen=True)
-class Dataset:
+class Dataset(Checked):
     """Measured channels of equal length, and their provenance.
 
     With several cables or markers the channels have the twin's names: `cable1.tension`, `m4.x`; `m4.x_sd` is the
@@ -71,16 +73,13 @@ class Dataset:
     name: str
     channels: Mapping[str, Channel]
     provenance: tuple[Step, ...] = ()
-    cycle: Floats | None = None
+    cycle: Series | None = None
     labels: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "channels", dict(self.channels))
-        object.__setattr__(self, "labels", tuple(self.labels))
-        object.__setattr__(self, "provenance", tuple(self.provenance))
+        super().__post_init__()
         lengths = {key: len(channel.values) for key, channel in self.channels.items()}
         if self.cycle is not None:
-            object.__setattr__(self, "cycle", frozen_floats(self.cycle, name="cycle", shape=(None,)))
             lengths["cycle"] = len(self.cycle)
         if self.labels:
             lengths["labels"] = len(self.labels)
@@ -98,6 +97,18 @@ class Dataset:
     def incomplete(self) -> tuple[str, ...]:
         """Channels with missing values."""
         return tuple(name for name, channel in self.channels.items() if np.isnan(channel.values).any())
+
+    def unit_read(self, channels: Collection[str]) -> str:
+        """The unit of some channels in words, by their columns in the tables that they were read from."""
+        tables = [step.settings for step in self.provenance if "columns" in step.settings]
+        columns = [
+            f"'{column['name']}' in {column['unit']}"
+            for table in tables
+            for channel, column in table["columns"].items()
+            if channel in channels
+        ]
+        named = f"the column {', '.join(dict.fromkeys(columns))}" if columns else ", ".join(channels)
+        return f"the unit of {named}"
 
     def values(self, channel: str) -> Floats:
         """Values of a channel [SI].

@@ -6,31 +6,37 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from numbers import Integral
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from softcal.arrays import Array, Series
 from softcal.checks import Floats, frozen_floats
+from softcal.declare import Checked, checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, MeshError
+from softcal.limits import LIMITS
 
 
 @displayed
 @dataclass(frozen=True)
-class Centreline:
+class Centreline(Checked):
     """nodes (m, 3) [m]; triads (m, 3, 3): columns d1, d2, d3 of each node's cross-section, d3 along the tangent;
     lengths (m - 1,): arc length from node to node [m].
     """
 
-    nodes: Floats
-    triads: Floats
-    lengths: Floats
+    nodes: Annotated[Floats, Array((None, 3))]
+    triads: Annotated[Floats, Array((None, 3, 3))]
+    lengths: Series
 
     def __post_init__(self) -> None:
-        m = len(np.asarray(self.nodes))
-        object.__setattr__(self, "nodes", frozen_floats(self.nodes, name="nodes", shape=(None, 3)))
-        object.__setattr__(self, "triads", frozen_floats(self.triads, name="triads", shape=(m, 3, 3)))
-        object.__setattr__(self, "lengths", frozen_floats(self.lengths, name="lengths", shape=(m - 1,)))
+        super().__post_init__()
+        m = len(self.nodes)
+        if (len(self.triads), len(self.lengths)) != (m, m - 1):
+            got = f"{m} nodes, {len(self.triads)} triads, {len(self.lengths)} lengths"
+            raise MeshError(Fault("a centreline has a triad for each node, and a length between two", "", got))
         if m < 2:
             raise MeshError(Fault("a centreline needs two nodes or more", got=str(m), allowed=">= 2"))
         if not self.lengths.min() > 0.0:
@@ -73,6 +79,7 @@ def spaced(stations: ArrayLike, longest: float) -> Floats:
     return np.concatenate([[0.0], *pieces])
 
 
+@checked_arguments
 def straight(
     start: Sequence[float], end: Sequence[float], at: int | ArrayLike, *, first: Sequence[float] | None = None
 ) -> Centreline:
@@ -101,6 +108,7 @@ def straight(
     return Centreline(a + s[:, None] * (b - a), np.repeat(triad[None], len(s), axis=0), length * np.diff(s))
 
 
+@checked_arguments
 def helix(
     base: Sequence[float],
     axis: Sequence[float],
@@ -139,12 +147,12 @@ def helix(
         Where a measure is out of range, or `towards` is along the axis.
     """
     faults = [
-        Fault(f"a helix's {name} must be positive", got=f"{value:.6g}", allowed="> 0")
+        Fault(f"a helix's {name} must be positive", name, got=f"{value:.6g}", allowed="> 0")
         for name, value in {"diameter": diameter, "turns": turns}.items()
-        if not 0.0 < value < math.inf
+        if not value > 0.0
     ]
-    if not 0.0 <= pitch < math.inf:
-        faults.append(Fault("a helix's pitch must not be negative", got=f"{pitch:.6g} m", allowed=">= 0"))
+    if not pitch >= 0.0:
+        faults.append(Fault("a helix's pitch must not be negative", "pitch", got=f"{pitch:.6g} m", allowed=">= 0"))
     if faults:
         raise MeshError(faults)
     origin = _vector(base, "base")
@@ -269,11 +277,10 @@ def _direction(values: ArrayLike, name: str) -> Floats:
 
 
 def _fractions(at: int | ArrayLike) -> Floats:
-    if isinstance(at, int):
-        if at < 1:
-            raise MeshError(Fault("a rod needs one element or more", got=str(at), allowed=">= 1"))
-        return np.linspace(0.0, 1.0, at + 1)
-    s = np.array(at, dtype=np.float64)
-    if s.ndim != 1 or len(s) < 2 or s[0] != 0.0 or s[-1] != 1.0 or not np.diff(s).min() > 0.0:
-        raise MeshError(Fault("a rod's nodes are not in order", got=str(s), allowed="fractions ascending from 0 to 1"))
+    if isinstance(at, Integral):
+        return np.linspace(0.0, 1.0, LIMITS["elements of a rod"].checked(at, where="at") + 1)
+    s = frozen_floats(at, name="at", shape=(None,))
+    if len(s) < 2 or s[0] != 0.0 or s[-1] != 1.0 or not np.diff(s).min() > 0.0:
+        allowed = "fractions ascending from 0 to 1"
+        raise MeshError(Fault("a rod's nodes are not in order", "at", str(s), allowed))
     return s

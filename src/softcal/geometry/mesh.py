@@ -6,10 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
+from typing import Annotated
 
 import numpy as np
 
-from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
+from softcal.arrays import Array, Numbers, Triangles
+from softcal.checks import Floats, Ints, require_below
+from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import Fault, MeshError
 from softcal.geometry.cell import CELLS, Cell, cell_of
@@ -20,7 +23,7 @@ ROUNDING = 1e-8  # of a tet's extent
 
 @displayed
 @dataclass(frozen=True)
-class TetMesh:
+class TetMesh(Checked):
     """Tetrahedra of order one (4 nodes) or two (10 nodes, VTK order).
 
     points [m], shape (n_points, 3); tets, shape (n_tets, 4 or 10).
@@ -28,23 +31,24 @@ class TetMesh:
     element_sets: name -> tet numbers.
     """
 
-    points: Floats
-    tets: Ints
-    node_sets: Mapping[str, Ints] = field(default_factory=dict[str, Ints])
-    face_sets: Mapping[str, Ints] = field(default_factory=dict[str, Ints])
-    element_sets: Mapping[str, Ints] = field(default_factory=dict[str, Ints])
+    points: Annotated[Floats, Array((None, 3))]
+    tets: Triangles
+    node_sets: Mapping[str, Numbers] = field(default_factory=dict[str, Ints])
+    face_sets: Mapping[str, Triangles] = field(default_factory=dict[str, Ints])
+    element_sets: Mapping[str, Numbers] = field(default_factory=dict[str, Ints])
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", frozen_floats(self.points, name="mesh points", shape=(None, 3)))
-        tets = frozen_ints(self.tets, name="tets")
+        super().__post_init__()
+        tets = self.tets
         if tets.ndim != 2 or tets.shape[1] not in {cell.n_nodes for cell in CELLS.values()} or len(tets) == 0:
             raise MeshError(
                 Fault("the mesh has no tetrahedra", got=f"a connectivity of shape {tets.shape}", allowed="(n, 4 or 10)")
             )
-        object.__setattr__(self, "tets", tets)
-        for name in ("node_sets", "face_sets", "element_sets"):
-            sets = {key: frozen_ints(values, name=f"{name}.{key}") for key, values in getattr(self, name).items()}
-            object.__setattr__(self, name, MappingProxyType(sets))
+        require_below(len(self.points), tets, "tets")
+        for name, n in (("node_sets", len(self.points)), ("face_sets", len(self.points)), ("element_sets", len(tets))):
+            for key, numbers in getattr(self, name).items():
+                require_below(n, numbers, f"{name}.{key}")
+            object.__setattr__(self, name, MappingProxyType(getattr(self, name)))
 
     def __reduce__(self) -> tuple[object, ...]:  # a mapping proxy does not pickle; workers need meshes
         sets = (dict(self.node_sets), dict(self.face_sets), dict(self.element_sets))

@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import permutations
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
+from softcal.arrays import ArrayOf, Numbers
 from softcal.checks import Ints
+from softcal.declare import checked_arguments
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import of_order
 from softcal.geometry.surface import boundary_faces
+from softcal.limits import LIMITS
+from softcal.quantities import Point, Size
 
 
+@checked_arguments
 def box_mesh(
-    lengths: Sequence[float],
-    divisions: Sequence[int],
+    lengths: Annotated[Sequence[float], ArrayOf(tuple[Size, Size, Size])],
+    divisions: Annotated[Sequence[int], Numbers],
     *,
     order: Literal[1, 2] = 1,
-    origin: Sequence[float] = (0.0, 0.0, 0.0),
+    origin: Annotated[Sequence[float], ArrayOf(Point)] = (0.0, 0.0, 0.0),
 ) -> TetMesh:
     """A box divided into bricks of six tetrahedra each (Kuhn's subdivision, which conforms across bricks).
 
@@ -42,13 +48,16 @@ def box_mesh(
 
     Raises
     ------
+    InputError
+        Where a length is not positive, or there are too many divisions.
     MeshError
-        Where a length or a number of divisions is not positive.
+        Where a number of divisions is not positive.
     """
-    if len(lengths) != 3 or min(lengths) <= 0:
-        raise MeshError(Fault("a box needs three positive lengths", got=str(tuple(lengths)), allowed="> 0 m each"))
-    if len(divisions) != 3 or min(divisions) < 1:
-        raise MeshError(Fault("a box needs three numbers of divisions", got=str(tuple(divisions)), allowed=">= 1 each"))
+    bricks = [int(n) for n in divisions]
+    if len(bricks) != 3 or min(bricks) < 1:
+        what = "a box needs three numbers of divisions"
+        raise MeshError(Fault(what, "divisions", str(tuple(bricks)), ">= 1 each"))
+    LIMITS["tets"].check(6 * math.prod(bricks), where="divisions")
     axes = [
         np.linspace(start, start + length, n + 1) for start, length, n in zip(origin, lengths, divisions, strict=True)
     ]

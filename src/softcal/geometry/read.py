@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from softcal.checks import Floats, Ints, as_path
+from softcal.checks import Floats, Ints
+from softcal.declare import checked_arguments
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import matching_faces
@@ -51,6 +52,7 @@ SUMMARY = "Error: Couldn't read file"
 NOT_A_GROUP = "gmsh:bounding_entities"
 
 
+@checked_arguments
 def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
     """The tetrahedra of a mesh file with its named groups.
 
@@ -77,7 +79,7 @@ def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
     UnitError
         If the unit is not a length.
     """
-    path = as_path(path, "path", "the path of a mesh file")
+    path = Path(path)
     factor = unit_factor(unit, "m", where=str(path))
     raw = _read_raw(path)
     # Rows of other kinds, such as polyhedra, may differ in length.

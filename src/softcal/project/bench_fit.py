@@ -30,7 +30,8 @@ def check_test(
         part = "" if fault.where == experiment.name else f": {fault.where}"
         if key in written:
             where = findings.document.where(place) + part
-            attempt = fault.attempt or "check the units of the channel and of the via points, and the slack"
+            unit = experiment.dataset.unit_read(experiment.drives)
+            attempt = fault.attempt or f"check {unit}, the units of the via points, and the slack"
             findings.faults.append(replace(fault, where=where, attempt=attempt))
             continue
         others = {name: {n: v for n, v in held.items() if n != name} for name in held}

@@ -12,7 +12,7 @@ from softcal.calibration.rig import CommonRig
 from softcal.errors import Fault, ParameterError, ProjectFileError
 from softcal.experiments.plausibility import copies
 from softcal.materials.components import NO_DIRECTION
-from softcal.project.axes import Axis, cells_fault, doubled, parse_axis
+from softcal.project.axes import Axis, cells_fault, doubled, parse_axis, shown_configurations
 from softcal.project.bench import Bench, build_bench
 from softcal.project.bench_fit import check_test, held_rig, held_robot
 from softcal.project.candidate_schema import build_candidates
@@ -192,6 +192,10 @@ def _check_sweep(
         findings.add(("sweep", "over", fault.where), fault.what, got=fault.got)
     if axes and (fault := cells_fault(axes)):
         findings.add(("sweep", "over"), fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
+    for configuration, values in section.show.items():
+        for name, written in values.items():
+            with findings.at(("sweep", "show", configuration, name)):
+                shown_configurations({configuration: {name: written}}, known, tied)
 
 
 def _check_settings(space: SearchSpace | None, experiments: Mapping[str, Experiment], findings: Findings) -> None:

@@ -24,7 +24,6 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from softcal.checks import as_path
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, ProjectFileError, StorageError, nearest, unknown
 from softcal.experiments.table import Table, load_table, split_header
@@ -146,9 +145,9 @@ def parse_fleet(
     InputError
         For anything but paths.
     """
-    path = as_path(source, "source", "the path of a table, or of a folder with one")
+    path = Path(source)
     path = path / TABLE if path.is_dir() else path
-    of = path.parent / TEMPLATE if template is None else as_path(template, "template", "the path of a project file")
+    of = path.parent / TEMPLATE if template is None else Path(template)
     for one, kind, attempt in ((path, "table of the fleet", ""), (of, "template", "--template FILE")):
         if found := not_a_file(one):
             raise StorageError(Fault(f"the {kind} cannot be read", str(one), found, "a regular file", attempt))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softcal.checks import as_path
+from softcal.declare import as_annotated, checked_arguments
 from softcal.display import displayed
 from softcal.errors import InputError
 from softcal.materials.catalogue import LAWS
@@ -128,9 +128,10 @@ def project_of(source: ProjectSource) -> Project:
     InputError
         For anything else, and as `load`.
     """
-    return source if isinstance(source, Project) else load(source)
+    return source if isinstance(source, Project) else load(as_annotated(source, ProjectSource, "project"))
 
 
+@checked_arguments
 def load(
     path: str | Path,
     *,
@@ -162,7 +163,7 @@ def load(
     StorageError
         Where the project file cannot be read.
     """
-    path = as_path(path, "project", "a project, or the path of a project file")
+    path = Path(path)
     document = read_document(path)
     given = {key: one if isinstance(one, Entry) else Entry(one) for key, one in (changes or {}).items()}
     document = document.changed(given)

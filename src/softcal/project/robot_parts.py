@@ -20,10 +20,14 @@ from softcal.project.robot_schema import (
     TieSection,
     ViaSection,
 )
+from softcal.twin.cables import require_changing_length
 from softcal.twin.joints import tie_fault
 from softcal.twin.robot import Cable, Marker, Moment, Plate, PointLoad, Rod, SurfaceLoad, Tie, ViaPoint
 from softcal.twin.routing import bored, require_movable
 from softcal.units import format_quantity
+
+NEARLY_OUTSIDE = 0.2
+"""Of the distance at which a point counts as outside its body: what a curved surface is from the tets' plane faces."""
 
 
 @dataclass(frozen=True)
@@ -65,26 +69,32 @@ class Carriers:
             self.within(on, {(*path, "at"): at})
 
     def within(self, body: str, points: Mapping[KeyPath, Floats]) -> None:
-        """Record, in one fault at the first of them, which points lie outside their body and in none of its bores."""
+        """Record which points lie outside their body and in none of its bores, in one fault at the first of them;
+        in one warning, where all are so near that they move as the nearest element does.
+        """
         mesh, at = self.built.meshes[body], np.array(list(points.values()))
         found = nearest_places(mesh, at)
-        off = [i for i in np.flatnonzero(found.is_off) if wall_around(mesh, at[i]) is None]
-        if not off:
+        beyond = np.flatnonzero(found.distances > NEARLY_OUTSIDE * found.allowed)
+        near = [i for i in beyond if wall_around(mesh, at[i]) is None]
+        off = [i for i in near if found.is_off[i]]
+        if not near:
             return
-        furthest = format_quantity(float(found.distances[off].max()), "m")
-        place = "(" + ", ".join(f"{1e3 * x:.6g}" for x in at[off[0]]) + ") mm"
+        record, told = (self.findings.add, off) if off else (self.findings.warn, near)
+        furthest = format_quantity(float(found.distances[told].max()), "m")
+        place = "(" + ", ".join(f"{1e3 * x:.6g}" for x in at[told[0]]) + ") mm"
         spans = ", ".join(
             f"{axis} {1e3 * low:.6g} to {1e3 * high:.6g} mm"
             for axis, low, high in zip("xyz", mesh.points.min(axis=0), mesh.points.max(axis=0), strict=True)
         )
-        one = len(off) == 1
-        self.findings.add(
-            list(points)[off[0]],
+        one = len(told) == 1
+        most = float(found.allowed[told].min()) * (1.0 if off else NEARLY_OUTSIDE)
+        record(
+            list(points)[told[0]],
             f"the point lies outside its body by {furthest}"
             if one
-            else f"{len(off)} via points lie outside their body, by up to {furthest}",
-            got=place if one else f"{place} and {len(off) - 1} more",
-            allowed=f"at most {format_quantity(float(found.allowed[off].min()), 'm')} outside {body}, which spans "
+            else f"{len(told)} via points lie outside their body, by up to {furthest}",
+            got=place if one else f"{place} and {len(told) - 1} more",
+            allowed=f"at most {format_quantity(most, 'm')} outside {body}, which spans "
             f"{spans}, or in a bore whose wall is all around",
             attempt="the unit of mesh and points; where a channel is open to a side, points in its wall",
         )
@@ -162,14 +172,6 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
             )
     for body, points in on_body.items():
         carriers.within(body, points)
-    if not any(section.on for section in cable.via):
-        carriers.findings.add(
-            (*path, "via"),
-            "the cable is fixed in space from end to end",
-            got="no via point with `on`",
-            allowed="at least one via point on a body or plate",
-            attempt=f"on: {next(iter([*carriers.holes, *carriers.built.sections]), 'PLATE')}",
-        )
     if len(via) < len(cable.via):
         return None
     with carriers.findings.at(path):
@@ -180,6 +182,7 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
             name, tuple(via), cable.friction_coefficient, cable.pulled_end, cable.routing_axis, line=cable.line
         )
         require_movable(found, carriers.built.meshes)
+        require_changing_length(found, carriers.plates.values())
         return found
     return None
 

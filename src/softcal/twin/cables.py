@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -31,6 +31,9 @@ from softcal.quantities import (
     Twist,
 )
 from softcal.twin.part import NamedPart
+
+if TYPE_CHECKING:
+    from softcal.twin.robot import Plate
 
 PRESLIDING = 1e-5  # [m] of a cable's via points, where it is not stated
 # How a routing axis moves the via points of a cable: its fields, and the last parts of the parameters' names.
@@ -387,6 +390,29 @@ class Cable(NamedPart):
 
     def _offset_name(self, via: ViaPoint, axis: str) -> str:
         return f"{self.name}.{via.name}.{axis}_offset"
+
+
+def require_changing_length(cable: Cable, plates: Iterable[Plate]) -> None:
+    """Refuse a cable that no deformation lengthens or shortens: all its points are fixed in space, or on one plate.
+
+    Raises
+    ------
+    InputError
+        Where it is one.
+    """
+    is_fixed = {"": True, **{plate.name: plate.fixed for plate in plates}}
+    carriers = {"" if is_fixed.get(via.on, False) else via.on for via in cable.via_points}
+    if len(carriers) == 1 and carriers <= is_fixed.keys():
+        (carrier,) = carriers
+        raise InputError(
+            Fault(
+                "nothing changes the length of the cable",
+                cable.name,
+                f"every via point {f'on {carrier}' if carrier else 'fixed in space'}",
+                "via points on two parts that move against each other, or on a body or rod",
+                "`on` of the first or last via point",
+            )
+        )
 
 
 def _by_axis(via: ViaPoint) -> list[tuple[str, float]]:

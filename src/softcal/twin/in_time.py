@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
+from softcal.limits import LIMITS
 from softcal.mechanics.crossing import Crossings
 from softcal.mechanics.dynamics import Dynamics
 from softcal.mechanics.path_watch import path_watch
@@ -31,16 +34,18 @@ from softcal.twin.start import UNDER_LOADS, Start, instability, pretensioned, sn
 from softcal.twin.time_settings import Settling, TimeSettings
 
 DEFAULT = TimeSettings()
+MOST_SHAPES = replace(LIMITS["shapes of a film"], least=0)
 # Called at the beginning and after each step: the time, and the end of the schedule, both [s]; settling follows that.
 Observer = Callable[[float, float], None]
 
 
+@checked_arguments
 def simulate_in_time(
     robot: Robot,
     schedule: Schedule,
     settings: TimeSettings = DEFAULT,
     *,
-    snapshots: int = 0,
+    snapshots: Annotated[int, MOST_SHAPES] = 0,
     progress: Observer | None = None,
 ) -> Response:
     """The twin's motion under a schedule of commands.

@@ -6,10 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol as Shape
+from typing import runtime_checkable
 
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, ReadOnly
+from softcal.declare import OrInfinite, checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, SimulationError, unknown
 from softcal.mechanics.cable import cables_of
@@ -33,6 +35,7 @@ from softcal.twin.start import UNDER_LOADS, instability, loaded, slack_line, sna
 from softcal.units import format_quantity
 
 
+@runtime_checkable
 class HasRobot(Shape):
     """What has a robot: a project, or a run with its calibrated values."""
 
@@ -42,7 +45,7 @@ class HasRobot(Shape):
 
 @displayed
 @dataclass(frozen=True)
-class Jacobian:
+class Jacobian(ReadOnly):
     """Derivatives of channels, in SI.
 
     Attributes
@@ -163,6 +166,7 @@ class LiveTwin:
         Where the robot has no equilibrium under its loads.
     """
 
+    @checked_arguments
     def __init__(
         self,
         twin: Robot | HasRobot,
@@ -210,7 +214,8 @@ class LiveTwin:
         status = f"At rest, all cables slack.{self._at_rest}"
         return self._moved_to(place, {}, self._values(place, None), status, n)
 
-    def at(self, commands: Mapping[str, float], elapsed: float = np.inf) -> LiveState:
+    @checked_arguments
+    def at(self, commands: Mapping[str, float], elapsed: OrInfinite = np.inf) -> LiveState:
         """Move to commands.
 
         Parameters

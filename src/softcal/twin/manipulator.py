@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.declare import ByShape, Declared, Reading
+from softcal.declare import ByShape, Declared, Reading, checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, unknown
 from softcal.geometry.coil import Coil
@@ -259,6 +259,7 @@ class Manipulator(Declared):
         )
 
 
+@checked_arguments
 def manipulator(of: Manipulator, *, gravity: Sequence[float] = (0.0, 0.0, -9.81)) -> Robot:
     """The robot of a manipulator.
 

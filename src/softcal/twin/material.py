@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from softcal.arrays import Numbers
+from softcal.checks import require_below
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.materials.inelastic import History
@@ -73,9 +74,7 @@ def complete_materials(part: Deformable, n_elements: int, of: str) -> None:
     object.__setattr__(part, "inclusions", tuple(inclusions))
     times = np.zeros(n_elements, dtype=np.int64)
     for one in part.inclusions:
-        if len(one.elements) and one.elements.max() >= n_elements:
-            got, allowed = str(int(one.elements.max())), f"0 to {n_elements - 1}"
-            raise InputError(Fault(f"there are no such {of}", f"{part.name}.{one.name}", got, allowed))
+        require_below(n_elements, one.elements, f"{part.name}.{one.name}")
         np.add.at(times, one.elements, 1)
     names = ", ".join(one.name for one in part.inclusions)
     if (times > 1).any():

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.geometry.shape import LENGTHS
@@ -91,6 +92,7 @@ def kind_by_name(name: str) -> Quantity | None:
     return constant.quantity if constant is not None else KINDS.get(key)
 
 
+@checked_arguments
 def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
     """Every parameter of the robot by dotted name, such as `neck.youngs_modulus`."""
     infos: dict[str, ParameterInfo] = {}
@@ -151,6 +153,7 @@ def value_faults(known: Mapping[str, ParameterInfo], theta: Mapping[str, float])
     ]
 
 
+@checked_arguments
 def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
     """The robot with some parameters changed; the same object if none differs.
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softcal.checks import Floats, Ints, frozen_floats
+from softcal.arrays import Series
+from softcal.checks import Floats, Ints
+from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, unknown
 from softcal.sensing.channel import ChannelName, kinds
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
 
 @displayed
 @dataclass(frozen=True)
-class Command:
+class Command(Checked):
     """One cable's prescribed `tension` [N, >= 0] or `shortening` [m, + = pulled], shape (n_samples,).
 
     by: their derivatives (n_samples,) by parameters of the rig, such as a slack; where a robot remembers, a state
@@ -29,21 +31,18 @@ class Command:
     """
 
     control: Control
-    values: Floats
-    by: Mapping[str, Floats] = field(default_factory=dict[str, Floats])
+    values: Series
+    by: Mapping[str, Series] = field(default_factory=dict[str, Floats])
 
     def __post_init__(self) -> None:
-        if self.control not in get_args(Control):
-            allowed = ", ".join(get_args(Control))
-            raise InputError(Fault("a cable cannot be driven by this", "command", f"'{self.control}'", allowed))
-        object.__setattr__(self, "values", frozen_floats(self.values, name=self.control, shape=(None,)))
+        super().__post_init__()
         if len(self.values) == 0:
             raise InputError(Fault("the command has no sample", self.control, allowed="one value or more"))
 
 
 @displayed
 @dataclass(frozen=True)
-class Protocol:
+class Protocol(Checked):
     """Commands by cable name, all of one length. A cable that is not named is slack (tension zero), or stays at zero
     shortening where it has a pretension.
 
@@ -58,13 +57,14 @@ class Protocol:
     """
 
     commands: Mapping[str, Command]
-    times: Floats | None = None
+    times: Series | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "commands", dict(self.commands))
-        if self.times is not None:
-            times = frozen_floats(self.times, name="times", shape=(self.n_samples,))
-            object.__setattr__(self, "times", times)
+        super().__post_init__()
+        if (times := self.times) is not None:
+            if len(times) != self.n_samples:
+                got, allowed = f"{len(times)} times", f"{self.n_samples}, one for each sample"
+                raise InputError(Fault("the times of a protocol are not those of its samples", "times", got, allowed))
             if not (np.diff(times) >= 0.0).all():
                 k = int(np.argmax(np.diff(times) < 0.0))
                 got = f"{times[k + 1]:.6g} s after {times[k]:.6g} s"

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from softcal.checks import Floats, Ints
+from softcal.checks import Floats, Ints, ReadOnly
 from softcal.display import displayed
 
 Shown = bool | Literal["samples"]
@@ -16,7 +16,7 @@ Shown = bool | Literal["samples"]
 
 @displayed
 @dataclass(frozen=True)
-class Snapshot:
+class Snapshot(ReadOnly):
     """A solved shape to draw: positions of every body's mesh points, cable polylines, plate poses.
 
     Attributes
@@ -62,7 +62,7 @@ class Snapshot:
 
 @displayed
 @dataclass(frozen=True)
-class Response:
+class Response(ReadOnly):
     """Channels by name, each of shape (n_samples,), in SI.
 
     Attributes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any, Literal
@@ -16,7 +16,7 @@ from softcal.arrays import (
     Position,
     UnitVector,
 )
-from softcal.checks import Floats, frozen_floats
+from softcal.checks import Floats, Ints, frozen_floats, require_below
 from softcal.declare import ByShape, Check, Checked, Declared
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, unknown
@@ -38,7 +38,7 @@ from softcal.mechanics.path_limits import PathLimits
 from softcal.quantities import Clearance, Density, Direction, Mass, MomentOfInertia, Size
 from softcal.sensing.sensor import NamedSensor
 from softcal.twin.barrier import Contact, require_wires
-from softcal.twin.cables import Cable, ViaPoint
+from softcal.twin.cables import Cable, ViaPoint, require_changing_length
 from softcal.twin.clamp import Clamp, Zone, clamp_zone
 from softcal.twin.dead_loads import Moment, PointLoad, SurfaceLoad
 from softcal.twin.material import Material, complete_materials, materials_of
@@ -86,6 +86,7 @@ class Body(NamedPart):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require_below(self.mesh.n_points, self.fixed, f"{self.name}.fixed")
         if self.shape is not None:
             self.shape.require_fit(self.mesh, f"{self.name}.shape")
         if self.build_direction is not None and not LAWS[self.law].is_directed:
@@ -182,11 +183,9 @@ class Rod(NamedPart):
         super().__post_init__()
         n = len(self.centreline.nodes)
         complete_materials(self, n - 1, "elements")
+        for where, numbers in {"fixed": self.fixed, **{f"clamped.{k}": v for k, v in self.clamped.items()}}.items():
+            require_below(n, numbers, f"{self.name}.{where}")
         held = np.concatenate([self.fixed, *self.clamped.values()])
-        if len(held) and held.max() >= n:
-            raise InputError(
-                Fault("the rod has no such node", self.name, got=str(int(held.max())), allowed=f"0 to {n - 1}")
-            )
         if len(np.unique(held)) != len(held):
             raise InputError(
                 Fault("a node of the rod is fixed or clamped twice", self.name, got=str(np.sort(held).tolist()))
@@ -396,8 +395,21 @@ class Robot(Checked):
             raise InputError(Fault("two parts of the robot share a name", got=", ".join(twice)))
         if not self.bodies and not self.rods:
             raise InputError(Fault("the robot has nothing that bends", got="no body and no rod", allowed="one or more"))
+        n_points = {body.name: body.mesh.n_points for body in self.bodies}
+        for body, numbers, where in self._numbered:
+            require_below(n_points.get(body, np.inf), numbers, where)
+        for cable in self.cables:
+            require_changing_length(cable, self.plates)
         if self.contact is not None:
             require_wires(self.rods)
+
+    @property
+    def _numbered(self) -> Iterator[tuple[str, Ints, str]]:
+        """What has numbers of a body's nodes: the body, the numbers, and where messages find them."""
+        for plate in self.plates:
+            yield from ((body, nodes, f"{plate.name}.nodes.{body}") for body, nodes in plate.nodes.items())
+        yield from ((tie.body, tie.nodes, f"{tie.name}.nodes") for tie in self.ties)
+        yield from ((one.on, one.faces, f"{one.name}.faces") for one in self.loads if isinstance(one, SurfaceLoad))
 
     @property
     def fitted_contact(self) -> Contact | None:

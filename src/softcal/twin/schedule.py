@@ -7,29 +7,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.checks import Floats, frozen_floats
+from softcal.arrays import Series
+from softcal.declare import Checked, checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
+from softcal.quantities import Duration
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Control, Robot
 
 
 @displayed
 @dataclass(frozen=True)
-class Schedule:
+class Schedule(Checked):
     """Commands by cable over time: values at `times` (n,) [s], from 0 on and ascending; linear in between, then
     constant.
 
     A cable that is not named is slack, or stays at zero shortening where it has a pretension.
     """
 
-    times: Floats
+    times: Series
     commands: Mapping[str, Command]
 
     def __post_init__(self) -> None:
-        times = frozen_floats(self.times, name="times", shape=(None,))
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "commands", dict(self.commands))
+        super().__post_init__()
+        times = self.times
         faults: list[Fault] = []
         if len(times) == 0 or times[0] != 0.0 or not (np.diff(times) > 0.0).all():
             shown = ", ".join(f"{t:.6g}" for t in times[:6]) + (" …" if len(times) > 6 else "")
@@ -56,7 +57,14 @@ class Schedule:
         return Schedule(np.append(self.times, self.times[-1] + duration), held)
 
 
-def ramp(targets: Mapping[str, tuple[Control, float]], duration: float) -> Schedule:
-    """From zero to each cable's target, such as {"front": ("tension", 5.0)}, at a constant rate [duration in s]."""
+@checked_arguments
+def ramp(targets: Mapping[str, tuple[Control, float]], duration: Duration) -> Schedule:
+    """From zero to each cable's target, such as {"front": ("tension", 5.0)}, at a constant rate [duration in s].
+
+    Raises
+    ------
+    InputError
+        For a control or number that makes no sense.
+    """
     commands = {name: Command(control, np.array([0.0, value])) for name, (control, value) in targets.items()}
     return Schedule(np.array([0.0, duration]), commands)

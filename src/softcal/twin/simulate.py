@@ -24,7 +24,7 @@ def simulate(
     protocol: Protocol,
     theta: Mapping[str, float] | None = None,
     *,
-    sensitivities: Sequence[str] = (),
+    sensitivities: str | Sequence[str] = (),
     snapshots: Shown = False,
     curve_tolerance: float = CURVE_TOLERANCE,
     shared: bool = False,

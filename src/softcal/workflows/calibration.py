@@ -20,9 +20,10 @@ from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.calibration.run import require_joinable
 from softcal.calibration.search import Progress
 from softcal.calibration.shared_search import Sharing
+from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError, unknown
-from softcal.executors.executor import Executor
+from softcal.executors.chosen import Workers
 from softcal.html_text import paragraph, summary
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration_schema import CalibrationSection
@@ -63,12 +64,13 @@ class Calibrations(Outcome):
         return self.results[JOINT] if JOINT in self.results else next(iter(self.results.values()))
 
 
+@checked_arguments
 def calibrate(
     project: ProjectSource,
     *,
     out: str | Path | None = None,
     resume: bool = False,
-    workers: int | Executor = 1,
+    workers: Workers = 1,
     engine: str = SOFTCAL,
     progress: Observer | None = None,
     storage: str | None = None,

@@ -12,6 +12,7 @@ import numpy as np
 from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.calibration.scope import ScopedParameter
 from softcal.checks import Ints
+from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.geometry.cell import CELLS
@@ -50,6 +51,7 @@ class CheckReport:
         return summary("The project", ["part", ""], self.rows, told)
 
 
+@checked_arguments
 def check(
     project: ProjectSource,
     out_dir: str | Path | None = None,

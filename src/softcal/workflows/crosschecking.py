@@ -10,9 +10,8 @@ from softcal.calibration.outcome import installed_versions
 from softcal.calibration.problem import SOFTCAL
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, InputError
-from softcal.executors.chosen import executor_of
+from softcal.executors.chosen import Workers, executor_of
 from softcal.executors.each import results
-from softcal.executors.executor import Executor
 from softcal.export.crosscheck import AGREES, Crosscheck, crosscheck
 from softcal.export.engine import ENGINES, Running
 from softcal.project.project import Project
@@ -29,7 +28,7 @@ def crosscheck_project(
     engines: Sequence[str] = (),
     *,
     timeout: float | None = None,
-    workers: int | Executor = 1,
+    workers: Workers = 1,
     progress: Callable[[str, str], None] = lambda state, engine: None,
 ) -> dict[str, Crosscheck]:
     """Case name -> cross-check of its furthest state in the engines (default: all); see `softcal.export.crosscheck`.

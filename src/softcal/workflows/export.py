@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from softcal.catalogue import Catalogue, FunctionMember
+from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault
 
@@ -222,6 +223,7 @@ def register_export(*files: str, pulled: bool = True, hint: str = "", **options:
     return EXPORTS.decorator(lambda function: Export(function.__name__, function, files, options, pulled, hint))
 
 
+@checked_arguments
 def write_export(name: str, request: ExportRequest, folder: str | Path, **options: Any) -> list[Path]:
     """Write an export into a new folder, completely or not at all; returns the files.
 

@@ -18,9 +18,10 @@ from softcal.calibration.digits import value_text
 from softcal.calibration.interrupts import stoppable
 from softcal.calibration.live import told_live
 from softcal.calibration.search import Progress
+from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import ProjectFileError, SoftcalError, StorageError
-from softcal.executors.chosen import executor_of
+from softcal.executors.chosen import Workers, executor_of
 from softcal.executors.each import LostCall, each
 from softcal.executors.executor import Executor
 from softcal.html_text import summary
@@ -82,13 +83,14 @@ class Fleet(Outcome):
         return summary(title, ["specimen", "state", *labels], rows, told)
 
 
+@checked_arguments
 def fleet(
     source: str | Path,
     *,
     template: str | Path | None = None,
     out: str | Path,
     resume: bool = False,
-    workers: int | Executor = 1,
+    workers: Workers = 1,
     by: Sequence[str] = (),
     progress: Observer | None = None,
     **changes: object,

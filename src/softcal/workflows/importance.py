@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 from softcal.analysis.importance import SIMULATIONS, ImportanceStudy, importance_study
 from softcal.calibration.likelihood_points import Observer
-from softcal.executors.executor import Executor
+from softcal.declare import checked_arguments
+from softcal.executors.chosen import Workers
+from softcal.limits import LIMITS
 from softcal.project.project import ProjectSource
 from softcal.workflows.importance_files import write_importance
 from softcal.workflows.output import require_free_folder
@@ -20,7 +23,7 @@ def study_importance(
     *,
     seed: int = 1,
     simulations: int = SIMULATIONS,
-    workers: int | Executor = 1,
+    workers: Workers = 1,
     progress: Observer | None = None,
 ) -> ImportanceStudy:
     """The importance study of a source; options as for `importance`.
@@ -39,14 +42,15 @@ def study_importance(
     return replace(found, fanova=fanova, notes=(*source.notes, *found.notes))
 
 
+@checked_arguments
 def importance(
     path: ProjectSource,
     *,
     calibration: str = "",
     values: Mapping[str, str] | None = None,
-    seed: int = 1,
-    simulations: int = SIMULATIONS,
-    workers: int | Executor = 1,
+    seed: Annotated[int, LIMITS["seeds"]] = 1,
+    simulations: Annotated[int, LIMITS["trials"]] = SIMULATIONS,
+    workers: Workers = 1,
     out: str | Path | None = None,
     progress: Observer | None = None,
 ) -> ImportanceStudy:

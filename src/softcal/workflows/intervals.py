@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from softcal.calibration.bootstrap import DRAWS, bootstrap
 from softcal.calibration.checked_interval import IntervalStudy
@@ -15,10 +15,10 @@ from softcal.calibration.profile import profile
 from softcal.calibration.resampling import jackknife
 from softcal.calibration.result import SearchResult
 from softcal.calibration.uncertain import MESH_ERROR
-from softcal.checks import as_path
+from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, unknown
-from softcal.executors.chosen import executor_of
-from softcal.executors.executor import Executor
+from softcal.executors.chosen import Workers, executor_of
+from softcal.limits import LIMITS
 from softcal.workflows.intervals_files import folder_name, write_intervals
 from softcal.workflows.output import require_free_folder
 from softcal.workflows.study_source import StudySource, run_source
@@ -39,7 +39,7 @@ def study_intervals(
     over: str = "",
     samples: int | None = None,
     seed: int = 1,
-    workers: int | Executor = 1,
+    workers: Workers = 1,
     progress: Observer | None = None,
 ) -> IntervalStudy:
     """The intervals of a source; options as for `intervals`.
@@ -90,15 +90,16 @@ def check_method(by: str, over: str = "") -> None:
         raise InputError(unknown("this is no kind of group", "--over", over, KINDS))
 
 
+@checked_arguments
 def intervals(  # noqa: PLR0913 (one keyword for each option)
     path: str | Path,
     *,
     by: str = "profile",
     over: str = "",
     calibration: str = "",
-    samples: int | None = None,
-    seed: int = 1,
-    workers: int | Executor = 1,
+    samples: Annotated[int, LIMITS["samples"]] | None = None,
+    seed: Annotated[int, LIMITS["seeds"]] = 1,
+    workers: Workers = 1,
     out: str | Path | None = None,
     progress: Observer | None = None,
 ) -> IntervalStudy:
@@ -136,7 +137,7 @@ def intervals(  # noqa: PLR0913 (one keyword for each option)
     check_method(by, over)
     if out is not None:
         require_free_folder(Path(out))
-    source = run_source(as_path(path, "path", "the path of a run folder"), calibration)
+    source = run_source(Path(path), calibration)
     found = study_intervals(source, by, over=over, samples=samples, seed=seed, workers=workers, progress=progress)
     if out is not None:
         write_intervals(found, source.project, source.calibration, Path(out))

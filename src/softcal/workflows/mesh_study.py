@@ -8,8 +8,9 @@ from pathlib import Path
 
 from softcal.analysis.mesh_study import UNKNOWNS, MeshStudy, Observer
 from softcal.analysis.mesh_study import mesh_study as study_problem
+from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, unknown
-from softcal.executors.executor import Executor
+from softcal.executors.chosen import Workers
 from softcal.mechanics.elements import DEFAULT, higher_elements
 from softcal.project.project import ProjectSource
 from softcal.twin.finer import has_lower
@@ -26,7 +27,7 @@ def study(
     element: str = DEFAULT.name,
     halvings: int = 2,
     max_unknowns: int = UNKNOWNS,
-    workers: int | Executor = 1,
+    workers: Workers = 1,
     progress: Observer | None = None,
 ) -> MeshStudy:
     """Mesh study of a source; see `softcal.analysis.mesh_study`.
@@ -63,6 +64,7 @@ def study(
     return replace(found, notes=(*source.notes, *found.notes))
 
 
+@checked_arguments
 def mesh_study(  # noqa: PLR0913 (one argument for each option)
     path: ProjectSource,
     *,
@@ -71,7 +73,7 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
     element: str = DEFAULT.name,
     halvings: int = 2,
     max_unknowns: int = UNKNOWNS,
-    workers: int | Executor = 1,
+    workers: Workers = 1,
     out: str | Path | None = None,
     progress: Observer | None = None,
 ) -> MeshStudy:

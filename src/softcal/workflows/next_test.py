@@ -11,10 +11,10 @@ from softcal.analysis.default_candidates import default_candidates, furthest
 from softcal.analysis.next_test import NextTests, next_tests
 from softcal.analysis.next_test_verdict import verdict
 from softcal.calibration.uncertain import MESH_ERROR
-from softcal.checks import as_path
 from softcal.csv_text import csv_text
+from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, StorageError
-from softcal.executors.executor import Executor
+from softcal.executors.chosen import Workers
 from softcal.workflows.output import require_free_folder
 from softcal.workflows.study_files import write_study_files
 from softcal.workflows.study_source import StudySource, study_source
@@ -23,6 +23,7 @@ RANKING, TABLE = "next-test.json", "candidates.csv"
 FORMAT = 1
 
 
+@checked_arguments
 def next_test(
     run: str | Path,
     *,
@@ -30,7 +31,7 @@ def next_test(
     parameter: str = "",
     calibration: str = "",
     out: str | Path | None = None,
-    workers: int | Executor = 1,
+    workers: Workers = 1,
 ) -> NextTests:
     """Rank tests that could be made after a run by the interval that one parameter is expected to have then.
 
@@ -64,7 +65,7 @@ def next_test(
     """
     if out is not None:
         require_free_folder(Path(out))
-    source = run_source(as_path(run, "run", "the path of a run folder"), calibration)
+    source = run_source(Path(run), calibration)
     found = rank(source, parameter, candidates, workers)
     if out is not None:
         write_ranking(found, source, Path(out))
@@ -95,7 +96,7 @@ def run_source(run: Path, calibration: str = "") -> StudySource:
 
 
 def rank(
-    source: StudySource, parameter: str = "", candidates: Sequence[Candidate] = (), workers: int | Executor = 1
+    source: StudySource, parameter: str = "", candidates: Sequence[Candidate] = (), workers: Workers = 1
 ) -> NextTests:
     """The candidates, those of a run's project and those of softcal, ranked; see `next_test`."""
     problem = source.problem

@@ -14,6 +14,7 @@ from softcal.analysis.landscape import ProportionalTwin, loss_over, scales_with_
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult, SearchResult
+from softcal.declare import checked_arguments
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project
 from softcal.report.content import ExperimentContent, Landscape, ReportContent
@@ -40,6 +41,7 @@ LANDSCAPE_SHAPE = (41, 9)
 ENOUGH_TRIALS = 100
 
 
+@checked_arguments
 def write_report(
     run: str | Path,
     out: str | Path | None = None,

@@ -23,8 +23,8 @@ from softcal.calibration.result_files import fits_of, response_file, result_json
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.store import write_text
 from softcal.calibration.stored import Record, contradiction, read_record
-from softcal.checks import as_path
 from softcal.csv_text import csv_text
+from softcal.declare import checked_arguments
 from softcal.errors import Fault, StorageError
 from softcal.geometry.write import write_mesh
 from softcal.project.calibration_schema import CalibrationSection
@@ -197,6 +197,7 @@ def _finish(
     write_text(folder / "result.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
 
 
+@checked_arguments
 def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
     """Read a run, independent of its folder's location and of the original project.
 
@@ -209,7 +210,7 @@ def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
     InputError
         For anything but a path.
     """
-    folder = as_path(folder, "folder", "the path of a run folder")
+    folder = Path(folder)
     record = _record(folder)
     project, settings = project_of_run(folder)
     results = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import numpy as np
 
@@ -12,9 +12,12 @@ from softcal.calibration.experiment import Experiment
 from softcal.calibration.observation import protocol_told
 from softcal.calibration.problem import Simulate
 from softcal.csv_text import csv_text
+from softcal.declare import checked_arguments
 from softcal.errors import Fault, ParameterError, SimulationError, unknown
+from softcal.limits import LIMITS
 from softcal.mechanics.path_watch import path_watch
 from softcal.project.project import Project, ProjectSource, project_of
+from softcal.quantities import QUANTITIES
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Command, Protocol, let_go_faults
 from softcal.twin.response import Response, Shown, Snapshot
@@ -27,17 +30,18 @@ if TYPE_CHECKING:
 
 Of = TypeVar("Of")
 
-# Samples of a pull that is given by its end alone.
-PULL_SAMPLES = 41
+# Samples of a pull that is given by its end alone; and how many it may have.
+PULL_SAMPLES, FROM_TWO = 41, replace(LIMITS["samples"], least=2)
 
 
+@checked_arguments
 def simulate(
     twin: ProjectSource | Robot,
     protocol: Protocol | None = None,
     theta: Mapping[str, float] | None = None,
     *,
     experiment: str = "",
-    sensitivities: Sequence[str] = (),
+    sensitivities: str | Sequence[str] = (),
     snapshots: Shown = False,
     engine: Simulate | None = None,
 ) -> Response:
@@ -97,7 +101,7 @@ def response_to(
     protocol: Protocol,
     theta: Mapping[str, float] | None = None,
     *,
-    sensitivities: Sequence[str] = (),
+    sensitivities: str | Sequence[str] = (),
     snapshots: Shown = False,
     engine: Simulate | None = None,
 ) -> Response:
@@ -203,19 +207,21 @@ def _chosen(project: Project, experiment: str) -> Experiment:
     return project.experiments[name]
 
 
-def pull(robot: Robot, cable: str, control: Control, end: float, samples: int = PULL_SAMPLES) -> Protocol:
+@checked_arguments
+def pull(
+    robot: Robot, cable: str, control: Control, end: float, samples: Annotated[int, FROM_TWO] = PULL_SAMPLES
+) -> Protocol:
     """One cable pulled evenly from zero to `end`, a tension [N] or shortening [m].
 
     Raises
     ------
     ParameterError
-        Where the robot has no such cable, or the end is not above zero.
+        Where the robot has no such cable, or the end is not above zero or out of range.
     """
     known = [part.name for part in robot.cables]
     if cable not in known:
         raise ParameterError(unknown("the robot has no such cable", "", cable, known))
-    if samples < 2 or samples != int(samples):
-        raise ParameterError(Fault("a pull cannot have so many samples", "samples", f"{samples:g}", "2, 3, …"))
+    QUANTITIES[control].checked(end, where="end")
     if not end > 0:
         got = format_quantity(end, "m" if control == "shortening" else "N")
         raise ParameterError(Fault("the end of a pull must be positive", f"{cable}.{control}", got))

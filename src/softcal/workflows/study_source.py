@@ -10,12 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softcal.checks import as_path
 from softcal.errors import Fault, InputError, ParameterError, unknown
 from softcal.project.names import JOINT
 from softcal.project.project import Project, ProjectSource, load
 
-_SOURCES = "a project, or the path of a project file or a run folder"
 MESH_STUDY, IMPORTANCE = "mesh-study", "importance"  # folders of studies in a run
 
 if TYPE_CHECKING:
@@ -50,7 +48,7 @@ def study_source(path: ProjectSource, values: Mapping[str, str] | None = None, c
     StorageError
         For a folder that holds no run.
     """
-    path = path if isinstance(path, Project) else as_path(path, "path", _SOURCES)
+    path = path if isinstance(path, Project) else Path(path)
     if not isinstance(path, Project) and path.is_dir():
         if values:
             raise InputError(

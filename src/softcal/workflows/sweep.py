@@ -19,11 +19,12 @@ from softcal.calibration.store import write_text
 from softcal.calibration.sweep import sweep as sweep_problem
 from softcal.calibration.trial_journal import stored_trials
 from softcal.csv_text import csv_text
+from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError, unknown
-from softcal.executors.executor import Executor
+from softcal.executors.chosen import Workers
 from softcal.html_text import summary
-from softcal.project.axes import Axis, cells_fault, doubled, parse_axis, shown_configurations
+from softcal.project.axes import Axis, cells_fault, doubled, parse_axis
 from softcal.project.bench_names import experiments_named
 from softcal.project.project import Project, ProjectSource, project_of
 from softcal.units import format_quantity
@@ -71,6 +72,7 @@ class Swept(Outcome):
         )
 
 
+@checked_arguments
 def sweep(
     project: ProjectSource,
     *,
@@ -78,7 +80,7 @@ def sweep(
     experiments: Sequence[str] | None = None,
     out: str | Path | None = None,
     resume: bool = False,
-    workers: int | Executor = 1,
+    workers: Workers = 1,
     progress: Callable[[str, Progress], None] | None = None,
 ) -> Swept:
     """Simulate a project's experiments in every cell of a grid over any of its parameters.
@@ -117,8 +119,6 @@ def sweep(
     """
     project = project_of(project)
     axes = _axes(project, over)
-    if project.sweep is not None:
-        shown_configurations(project.sweep.show, project.parameters, project.tied)
     problem = make_sweep(project, axes, experiments)
     folder = None if out is None else Path(out)
     settings = project.calibration.model_copy(

@@ -11,8 +11,9 @@ from softcal.calibration.problem import Problem
 from softcal.calibration.search import Progress
 from softcal.calibration.settings import SearchSettings
 from softcal.csv_text import csv_text
+from softcal.declare import checked_arguments
 from softcal.errors import Fault, ParameterError
-from softcal.executors.executor import Executor
+from softcal.executors.chosen import Workers
 from softcal.project.project import Project, ProjectSource, project_of
 from softcal.workflows.calibration import make_problem
 from softcal.workflows.output import require_free_file, write_new_file
@@ -21,12 +22,13 @@ from softcal.workflows.output import require_free_file, write_new_file
 Observer = Callable[[str, str, Progress], None]
 
 
+@checked_arguments
 def validate(
     projects: ProjectSource | Mapping[str, ProjectSource],
     *,
     hold_out: Sequence[Sequence[str]] = (),
     split: Sequence[str] = (),
-    workers: int | Executor = 1,
+    workers: Workers = 1,
     progress: Observer | None = None,
 ) -> Validation:
     """Leave experiments out, fit the others jointly, and predict what was left out.

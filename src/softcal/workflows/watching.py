@@ -8,13 +8,16 @@ import threading
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import Annotated
 
-from softcal.checks import as_path
+from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
+from softcal.limits import Limit
 from softcal.processes import beside
 
 _SAID = "Page: "
+PORTS = Limit("port numbers", 65535, 0)
 
 
 @displayed
@@ -46,7 +49,8 @@ class WatchedPage:
         self._running.close()
 
 
-def watch_run(folder: str | Path, *, port: int | None = None) -> WatchedPage:
+@checked_arguments
+def watch_run(folder: str | Path, *, port: Annotated[int, PORTS] | None = None) -> WatchedPage:
     """Serve the page of a run's folder on this machine alone, without waiting for the run; see `softcal watch`.
 
     port: by default the first free one from 8085 on; the folder may not be there yet.
@@ -57,7 +61,7 @@ def watch_run(folder: str | Path, *, port: int | None = None) -> WatchedPage:
         Where NiceGUI is not installed, or the page cannot be served.
     """
     options = ["--wait", "--no-browser", *([] if port is None else ["--port", str(port)])]
-    command = [sys.executable, "-m", "softcal", "watch", *options, "--", str(as_path(folder, "folder").absolute())]
+    command = [sys.executable, "-m", "softcal", "watch", *options, "--", str(Path(folder).absolute())]
     with ExitStack() as stack:
         try:
             process = stack.enter_context(beside(command))

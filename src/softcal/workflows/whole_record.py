@@ -7,6 +7,7 @@ import numpy as np
 from softcal.analysis.record import RecordFit, record_fit
 from softcal.calibration.experiment import PULLEY_FRICTION
 from softcal.calibration.result import CalibrationResult
+from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Dataset
 from softcal.project.project import Project, ProjectSource, project_of
@@ -49,6 +50,7 @@ def whole_record(project: Project, name: str) -> Dataset | None:
     return record
 
 
+@checked_arguments
 def compare_records(project: ProjectSource, result: CalibrationResult) -> dict[str, RecordFit]:
     """Experiment -> comparison of the calibrated twin with its whole record, if it has one.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import socket
-import sys
 import time
 import urllib.request
 from collections.abc import Callable
@@ -120,7 +119,9 @@ sys.stdout.flush()
 Path({str(done)!r}).touch()
 time.sleep(60)
 """
-    monkeypatch.setattr(watching, "beside", lambda command: beside([sys.executable, "-c", talker]))
+    (tmp_path / "talker.py").write_text(talker)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(watching, "beside", lambda *arguments: beside("talker"))
     with watch_run(tmp_path) as page:
         assert page.address == "http://127.0.0.1:1/"
         until = time.monotonic() + 60.0

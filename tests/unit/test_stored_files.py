@@ -18,8 +18,11 @@ from changed_trials import change_trials
 from project_case import write_project
 
 from softcal.calibration.result_reading import load_result
+from softcal.calibration.store import RECORD, write_text
+from softcal.calibration.trial_journal import JOURNAL
 from softcal.cli import main
 from softcal.errors import StorageError
+from softcal.report.write import write_files
 from softcal.workflows.mesh_study_files import read_study
 from softcal.workflows.run_folder import load_run
 
@@ -559,3 +562,62 @@ def test_damaged_files_of_a_store_are_refused(
     code, err = resume(capsys, finished, run, "--method", "tpe", "--trials", "4")
     assert code == 2, err
     assert str(run / STORE) in err
+
+
+NOTES = b"my notes,\nand the last line has no end"
+
+
+def linked_out(run: Path, place: str, target: Path) -> None:
+    shutil.move(run / place, target) if (run / place).exists() else None
+    (run / place).symlink_to(target)
+
+
+@pytest.mark.parametrize("place", [JOURNAL, RECORD])
+@pytest.mark.parametrize("content", ["its own", NOTES])
+def test_a_link_in_the_place_of_a_file_is_not_followed(
+    capsys: pytest.CaptureFixture[str], finished: Path, run: Path, tmp_path: Path, place: str, content: bytes | str
+) -> None:
+    outside = tmp_path / "outside"
+    linked_out(run / STORE, place, outside)
+    if isinstance(content, bytes):
+        outside.write_bytes(content)
+    before = outside.read_bytes()
+    code, err = resume(capsys, finished, run)
+    assert code
+    assert "a link to another file" in err
+    assert outside.read_bytes() == before
+
+
+@pytest.mark.parametrize("content", [NOTES, NOTES[:8], b'{"a": 1}\n{"a": 2}\n{"a"', b'{"op_code": "or not",\nan end'])
+def test_what_is_no_journal_is_refused_before_it_is_cut(
+    capsys: pytest.CaptureFixture[str], finished: Path, run: Path, content: bytes
+) -> None:
+    path = run / STORE / JOURNAL
+    path.write_bytes(content)
+    code, err = resume(capsys, finished, run)
+    assert code
+    assert str(path) in err
+    assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("place", ["calibrations", STORE, f"{STORE}/arrays"])
+def test_a_folder_that_is_a_link_is_not_followed(
+    capsys: pytest.CaptureFixture[str], finished: Path, run: Path, tmp_path: Path, place: str
+) -> None:
+    outside = tmp_path / "outside"
+    linked_out(run, place, outside)
+    before = {path: path.read_bytes() for path in outside.rglob("*") if path.is_file()}
+    code, err = resume(capsys, finished, run)
+    assert code
+    assert "outside" in err
+    assert before == {path: path.read_bytes() for path in outside.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("write", [write_text, lambda path, text: write_files({path: text.encode()})])
+def test_a_link_left_where_a_file_is_being_written_is_not_followed(tmp_path: Path, write: Callable[..., None]) -> None:
+    (tmp_path / "notes").write_bytes(NOTES)
+    for part in ("result.json.part", ".result.json.part"):
+        (tmp_path / part).symlink_to(tmp_path / "notes")
+    write(tmp_path / "result.json", "{}")
+    assert (tmp_path / "notes").read_bytes() == NOTES
+    assert (tmp_path / "result.json").read_bytes() == b"{}"

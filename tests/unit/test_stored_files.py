@@ -7,6 +7,7 @@ import copy
 import io
 import json
 import pickle
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,6 +18,7 @@ import pytest
 from changed_trials import change_trials
 from project_case import write_project
 
+import softcal
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.store import RECORD, write_text
 from softcal.calibration.trial_journal import JOURNAL
@@ -621,3 +623,23 @@ def test_a_link_left_where_a_file_is_being_written_is_not_followed(tmp_path: Pat
     write(tmp_path / "result.json", "{}")
     assert (tmp_path / "notes").read_bytes() == NOTES
     assert (tmp_path / "result.json").read_bytes() == b"{}"
+
+
+OPENING = re.compile(r"\.read_(text|bytes)\(|\.open\(|\bopen\((?!.*opener=)|np\.load\((?!io\.BytesIO)")
+# Not of a run's folder: the system's own, the page's own, and a journal that the user names.
+OTHERS = {
+    "watch/live.py": 3,
+    "watch/server.py": 1,
+    "watch/twin.py": 2,
+    "calibration/interrupts.py": 1,
+    "calibration/shared_journal.py": 1,
+    "calibration/trial_journal.py": 1,
+}
+
+
+def test_files_of_a_run_folder_are_opened_in_one_way() -> None:
+    source = Path(softcal.__file__).parent
+    paths = [*source.glob("watch/*.py"), *source.glob("calibration/*.py"), *source.glob("workflows/*_folder.py"),
+             source / "workflows/fleet_report.py", source / "bench/page.py"]  # fmt: skip
+    found = {path.relative_to(source).as_posix(): len(OPENING.findall(path.read_text("utf-8"))) for path in paths}
+    assert {place: n for place, n in found.items() if n} == OTHERS

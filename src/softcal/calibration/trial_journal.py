@@ -32,6 +32,7 @@ JOURNAL, ARRAYS = "optuna.journal", "arrays"
 STUDY = "softcal"
 _WHAT = "the trials of the run"
 BEGIN = b'{"op_code"'  # of every journal of Optuna's
+_NEW_TRIAL, _STATES = 4, {1: "COMPLETE", 3: "FAIL"}  # of Optuna's journals
 LONGEST_LINE = 2**24  # bytes; those of hundreds of experiments have some ten thousand
 _STEP = 2**16
 # What Optuna raises for a journal that is none, or is damaged.
@@ -198,6 +199,21 @@ def stored_trials(folder: Path) -> Mapping[int, StoredTrial]:
     return TrialJournal(path).read() if path.exists() else {}
 
 
+def trial_of_line(line: bytes, folder: Path) -> StoredTrial | None:
+    """The trial that a line of a run's journal adds; None where it adds none. Without Optuna, which keeps all of them.
+
+    Raises
+    ------
+    ValueError, LookupError, TypeError
+        Where it is no line of softcal's.
+    """
+    entry = json.loads(line)
+    if entry["op_code"] != _NEW_TRIAL:
+        return None
+    state = _STATES[entry["state"]]
+    return _as_stored(entry["params"], state, entry["value"], entry["user_attrs"], folder)
+
+
 def mend(path: Path) -> None:
     """Cut off a last line that a process did not write to its end: it was never said to be there.
 
@@ -298,14 +314,13 @@ def as_stored(frozen: optuna.trial.FrozenTrial, held: Mapping[str, Any], folder:
         Where attributes are missing, or are others than softcal's.
     """
     values = frozen.values
-    row = _StoredRow.model_validate(
-        {
-            **held,
-            "theta": frozen.params,
-            "state": frozen.state.name,
-            "loss": None if values is None else values[0],
-        }
-    )
+    return _as_stored(frozen.params, frozen.state.name, None if values is None else values[0], held, folder)
+
+
+def _as_stored(
+    theta: Mapping[str, Any], state: str, loss: float | None, held: Mapping[str, Any], folder: Path
+) -> StoredTrial:
+    row = _StoredRow.model_validate({**held, "theta": theta, "state": state, "loss": loss})
     trial = Trial(
         row.number,
         row.theta,

@@ -39,7 +39,7 @@ from softcal.calibration.file_lock import hold_in
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result import Estimate
 from softcal.calibration.store import write_text
-from softcal.calibration.stored import Amount, Record, read_record
+from softcal.calibration.stored import Amount, Record, read_bytes, read_record
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, StorageError
 from softcal.project.files import sha256
@@ -288,8 +288,8 @@ def finish_fleet(
     text = fleet_csv(specimens, list(table.factors))
     told = _text({**_plan(table, settings, _record(folder).created), "statement": asdict(statement)})
     if (folder / REPORT[0]).is_file():
-        before = json.loads((folder / FLEET).read_text(encoding="utf-8")).get("statement")
-        same = (folder / CSV).is_file() and (folder / CSV).read_text(encoding="utf-8") == text
+        before = json.loads(read_bytes(folder / FLEET, "the record of the fleet")).get("statement")
+        same = (folder / CSV).is_file() and read_bytes(folder / CSV, "the table of the fleet") == text.encode()
         if not same or before != json.loads(told)["statement"]:
             _set_report_aside(folder)
     write_text(folder / CSV, text)

@@ -21,8 +21,8 @@ from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result import CalibrationResult, SearchResult, SweepResult
 from softcal.calibration.result_files import fits_of, response_file, result_json
 from softcal.calibration.result_reading import load_result
-from softcal.calibration.store import write_text
-from softcal.calibration.stored import Record, contradiction, read_record
+from softcal.calibration.store import write_bytes, write_text
+from softcal.calibration.stored import Record, contradiction, read_bytes, read_record
 from softcal.checks import as_path
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, StorageError
@@ -183,7 +183,7 @@ def _finish(
     try:
         for name in fits_of(headline):
             source = calibration_folder(folder, label or name) / response_file(name)
-            write_text(folder / source.name, source.read_text(encoding="utf-8"))
+            write_bytes(folder / source.name, read_bytes(source, "the response"))
     except OSError as error:
         raise unwritable(folder, error) from error
     write_text(folder / "trials.csv", _trials_csv(results))

@@ -25,6 +25,18 @@ def executor_of(workers: int | Executor) -> Generator[Executor]:
         yield own
 
 
+def require_workers(workers: int | Executor) -> None:
+    """Check a number of workers before anything is made for their work.
+
+    Raises
+    ------
+    ParameterError
+        Where there can be no such executor.
+    """
+    if not isinstance(workers, Executor):
+        LocalExecutor(workers)  # which starts them with its first call
+
+
 @contextmanager
 def executor_on(on: str, workers: int | None = None) -> Generator[Executor]:
     """The executor that `NAME` or `NAME:ADDRESS` names, such as "local" or "dask:tcp://host:8786", closed at the end.

@@ -22,6 +22,7 @@ from softcal.calibration.search import Progress
 from softcal.calibration.shared_search import Sharing
 from softcal.display import displayed
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError, unknown
+from softcal.executors.chosen import require_workers
 from softcal.executors.executor import Executor
 from softcal.html_text import paragraph, summary
 from softcal.project.bench_names import experiments_named
@@ -110,6 +111,7 @@ def calibrate(
     CalibrationError
         Where no trial could be simulated.
     """
+    require_workers(workers)
     project = project_of(project)
     settings, problems = plan(project, engine, **changes)
     identity = engine_identity(engine, project.engines)

@@ -21,6 +21,7 @@ from softcal.calibration.trial_journal import stored_trials
 from softcal.csv_text import csv_text
 from softcal.display import displayed
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError, unknown
+from softcal.executors.chosen import require_workers
 from softcal.executors.executor import Executor
 from softcal.html_text import summary
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis, shown_configurations
@@ -115,6 +116,7 @@ def sweep(
     KeyboardInterrupt
         Where the user stopped it before any was.
     """
+    require_workers(workers)
     project = project_of(project)
     axes = _axes(project, over)
     if project.sweep is not None:

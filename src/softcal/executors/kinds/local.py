@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import resource_tracker
+from numbers import Integral
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -56,15 +57,15 @@ class LocalExecutor(Executor):
     Raises
     ------
     ParameterError
-        For less than one worker, or too many.
+        For anything but a number of workers, less than one, or too many.
     """
 
     name = "local"
     summary = "processes of this machine"
 
     def __init__(self, workers: int = 1, *, limit: float | None = None) -> None:
-        if workers < 1:
-            raise ParameterError(Fault("there must be a worker", "workers", got=str(workers), allowed="1 or more"))
+        if isinstance(workers, bool) or not isinstance(workers, Integral) or workers < 1:
+            raise ParameterError(Fault("there must be a worker", "workers", got=repr(workers), allowed="1 or more"))
         if fault := LIMITS["workers"].fault(workers):
             raise ParameterError(fault)
         self._processes = [_Process() for _ in range(workers)]

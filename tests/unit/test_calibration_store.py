@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import csv
 import errno
+import io
 import json
 import os
+import resource
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -450,3 +453,15 @@ def test_a_file_without_lines_is_not_cut(tmp_path: Path):
     with pytest.raises(ValueError, match="a line has more than"):
         cut_to_whole_lines(tmp_path / "journal")
     assert (tmp_path / "journal").stat().st_size == 3 * 2**30
+
+
+def test_arrays_that_unpack_to_gigabytes_are_refused_before_they_do(tmp_path: Path) -> None:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as file, file.open("keys.npy", "w") as one:
+        np.lib.format.write_array_header_1_0(one, {"descr": "<f8", "fortran_order": False, "shape": (40 * 2**20,)})
+        for _ in range(40):
+            one.write(bytes(2**23))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(StorageError, match="they unpack to more than 268435456 bytes"):
+        decode(buffer.getvalue(), tmp_path / "0.npz", "trial 0")
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000

@@ -495,6 +495,7 @@ ARRAYS: dict[str, Callable[[dict[str, np.ndarray]], None]] = {
     "whole numbers": lambda held: held.update({"0": held["0"].astype(int)}),
     "text": lambda held: held.update({"0": np.array(["a"] * 25)}),
     "an array less": lambda held: held.pop("0"),
+    "keys that are numbers": lambda held: held.update(keys=np.arange(len(held["keys"]))),
     "no keys": lambda held: held.pop("keys"),
     "a key of one part": lambda held: held.update(keys=np.array(["predicted"] * len(held["keys"]))),
     "another experiment": lambda held: held.update(keys=np.char.replace(held["keys"], "pull", "push")),

@@ -1,15 +1,23 @@
-"""External programs in separate process groups, terminated on timeout, and when softcal is stopped or killed."""
+"""Helpers of softcal and external programs in separate process groups, terminated on timeout, and when softcal is
+stopped or killed.
+
+No Python that is started here takes modules from the present folder, which may be a stranger's project.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import signal
+import site
 import subprocess
 import sys
 from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+SAFE = {"PYTHONSAFEPATH": "1"}
+"""Variable with which a Python, and what it starts, does not take modules from the present folder."""
 
 # Reads the process group to terminate, then blocks on its pipe until the system closes it when the parent ends.
 _WATCH = """
@@ -72,10 +80,21 @@ def run(
         return subprocess.CompletedProcess(command, process.returncode, output, errors)
 
 
+def run_module(module: str, *arguments: str, timeout: float, told: str = "") -> subprocess.CompletedProcess[str]:
+    """As `run`, of a module of softcal as `python -m`.
+
+    Raises
+    ------
+    OSError, TimeoutExpired
+        As `run`.
+    """
+    return run(_command(module, arguments), timeout=timeout, told=told, environment=_environment())
+
+
 @contextlib.contextmanager
-def beside(command: Sequence[str], *, patience: float = 5.0) -> Generator[subprocess.Popen[str]]:
-    """A program that runs during this block, with its output to be read; at the end it is asked to stop, and terminated
-    after `patience` [s].
+def beside(module: str, *arguments: str, patience: float = 5.0) -> Generator[subprocess.Popen[str]]:
+    """A module of softcal that runs as `python -m` during this block, with its output to be read; at the end it is
+    asked to stop, and terminated after `patience` [s].
 
     Raises
     ------
@@ -83,13 +102,29 @@ def beside(command: Sequence[str], *, patience: float = 5.0) -> Generator[subpro
         If it cannot be started.
     """
     pipes: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-    with _guarded(command, text=True, errors="replace", **pipes) as process:
+    command, environment = _command(module, arguments), _environment()
+    with _guarded(command, env=environment, text=True, errors="replace", **pipes) as process:
         try:
             yield process
         finally:
             process.terminate()
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(patience)
+
+
+def _command(module: str, arguments: Sequence[str]) -> list[str]:
+    return [sys.executable, "-m", module, *arguments]
+
+
+def _environment() -> dict[str, str]:
+    """The environment of a Python that has this softcal, also one that is not installed, and the same plugins."""
+    source = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    # What is installed stays behind the standard library; an empty entry would be the present folder.
+    paths = [
+        *([] if source in site.getsitepackages() else [source]),
+        *os.environ.get("PYTHONPATH", "").split(os.pathsep),
+    ]
+    return {**os.environ, **SAFE, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
 
 @contextlib.contextmanager

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import csv
 import errno
+import io
 import json
 import os
+import resource
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +28,7 @@ from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate
 from softcal.calibration.search import Progress
 from softcal.calibration.store import RunStore, write_text
-from softcal.calibration.trial_journal import stored_trials
+from softcal.calibration.trial_journal import cut_to_whole_lines, stored_trials
 from softcal.errors import StorageError
 
 MODULUS = FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=0.2e6)
@@ -430,3 +433,35 @@ def test_a_process_that_is_killed_as_a_run_begins_leaves_nothing_that_is_refused
     assert not folder.exists()
     with RunStore.create(folder, space, **about):
         assert {path.name for path in folder.iterdir()} >= {"about.txt", "run.json"}
+
+
+@pytest.mark.parametrize("line", [10, 2**16 - 1, 2**16, 2**16 + 1, 10**6])
+@pytest.mark.parametrize("lines", [0, 1, 3])
+@pytest.mark.parametrize("tail", [0, 1, 2**16, 300_000])
+def test_a_last_line_that_does_not_end_is_cut_off(tmp_path: Path, line: int, lines: int, tail: int):
+    path = tmp_path / "journal"
+    whole = (b"1" * line + b"\n") * lines
+    path.write_bytes(whole + b"2" * tail)
+    cut_to_whole_lines(path)
+    assert path.read_bytes() == whole
+
+
+def test_a_file_without_lines_is_not_cut(tmp_path: Path):
+    with (tmp_path / "journal").open("wb") as file:
+        file.write(b"a line\n")
+        file.truncate(3 * 2**30)
+    with pytest.raises(ValueError, match="a line has more than"):
+        cut_to_whole_lines(tmp_path / "journal")
+    assert (tmp_path / "journal").stat().st_size == 3 * 2**30
+
+
+def test_arrays_that_unpack_to_gigabytes_are_refused_before_they_do(tmp_path: Path) -> None:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as file, file.open("keys.npy", "w") as one:
+        np.lib.format.write_array_header_1_0(one, {"descr": "<f8", "fortran_order": False, "shape": (40 * 2**20,)})
+        for _ in range(40):
+            one.write(bytes(2**23))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(StorageError, match="they unpack to more than 268435456 bytes"):
+        decode(buffer.getvalue(), tmp_path / "0.npz", "trial 0")
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000

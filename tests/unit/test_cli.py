@@ -387,7 +387,7 @@ def test_report_from_a_moved_run(capsys: pytest.CaptureFixture[str], finished: P
 def test_a_stop_keeps_everything_and_resumes(tmp_path: Path, number: signal.Signals, code: int, by: str):
     """A real process, a real signal: an exit code of its own, what to type next, and a run that goes on."""
     path, out = write_project(tmp_path / "p"), tmp_path / "run"
-    command = [sys.executable, "-m", "softcal.cli", "calibrate", str(path), "--out", str(out), "--no-report"]
+    command = [sys.executable, "-m", "softcal", "calibrate", str(path), "--out", str(out), "--no-report"]
     command += ["--method", "tpe", "--trials", "4000"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     store = out / "calibrations" / "pull" / "optuna.journal"
@@ -413,7 +413,7 @@ def test_a_terminal_that_is_closed_stops_a_calibration_whole(tmp_path: Path):
     """What is written to it from then on is an error, which must not come before the results are kept."""
     fcntl, pty, termios = (pytest.importorskip(name) for name in ("fcntl", "pty", "termios"))
     path, out = write_project(tmp_path / "p"), tmp_path / "run"
-    command = [sys.executable, "-m", "softcal.cli", "calibrate", str(path), "--out", str(out), "--no-report"]
+    command = [sys.executable, "-m", "softcal", "calibrate", str(path), "--out", str(out), "--no-report"]
     command += ["--method", "tpe", "--trials", "4000"]
     terminal, end = pty.openpty()
     process = subprocess.Popen(

@@ -376,3 +376,12 @@ def test_it_says_where_other_machines_do_the_work(
         said.append(capsys.readouterr().out)
     assert said[0] == ""
     assert re.fullmatch(r"On 2 processes of this machine: \d workers? at present.*\.\n", said[1])
+
+
+@pytest.mark.parametrize("name", ["s 3", "s 2"])
+def test_the_record_of_another_specimen_is_not_believed(folder: Path, found: Fleet, tmp_path: Path, name: str) -> None:
+    out = Path(shutil.copytree(found.folder, tmp_path / "out"))
+    record = json.loads((out / "specimens" / "s 3.json").read_text())
+    (out / "specimens" / "s 2.json").write_text(json.dumps({**record, "specimen": name}))
+    with pytest.raises(StorageError, match=r"s 2.json: .*another specimen"):
+        fleet(folder, out=out, resume=True)

@@ -11,6 +11,7 @@ from fleet_case import FILE, write_fleet
 
 from softcal.cli import main
 from softcal.errors import ProjectFileError, StorageError
+from softcal.workflows import fleet_check
 from softcal.workflows.fleet import Fleet, fleet
 from softcal.workflows.fleet_folder import LOCK, held_fleet
 from softcal.workflows.fleet_report import write_fleet_report
@@ -149,3 +150,19 @@ def test_a_fleet_holds_its_folder_while_it_runs(tmp_path: Path) -> None:
     assert len(seen) == 2
     with held_fleet(folder / "out"):
         pass
+
+
+def test_many_missing_files_are_told_without_a_look_at_every_specimen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    n, seen = 300, list[str]()
+    rows = "".join(f"s{k},{'p1' if k == n else f'no{k}'}.csv\n" for k in range(1, n + 1))
+    write_fleet(tmp_path, [1.0], f"specimen,{FILE}\n{rows}")
+    read = fleet_check.row_project
+    monkeypatch.setattr(fleet_check, "row_project", lambda of, row: (seen.append(row.name), read(of, row))[1])
+    with pytest.raises(ProjectFileError) as error:
+        fleet(tmp_path, out=tmp_path / "out")
+    (fault,) = error.value.faults
+    assert "there is no such data file" in fault.what
+    assert "lines 2, 3, 4, 5, 6, …" in fault.where
+    assert seen == ["s1", "s2", "s3", "s4", "s5", f"s{n}", ""]  # the last: the template by itself

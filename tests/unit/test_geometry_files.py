@@ -1,5 +1,11 @@
 """Mesh files in and out."""
 
+import base64
+import lzma
+import subprocess
+import sys
+import zlib
+
 import numpy as np
 import pytest
 
@@ -202,3 +208,28 @@ def test_what_a_format_cannot_hold_is_refused(tmp_path):
         write_mesh(shared, tmp_path / "box.msh")
     with pytest.raises(StorageError, match="cannot be written"):
         write_mesh(mesh, tmp_path / "none" / "box.msh")
+
+
+@pytest.mark.parametrize("compressor", ["vtkZLibDataCompressor", "vtkLZMADataCompressor"])
+def test_a_small_file_that_unpacks_to_gigabytes_is_refused_before_it_does(tmp_path, compressor):
+    """Of which a process of its own says how much memory it took."""
+    zeros = bytes(2**26)
+    maker = zlib.compressobj() if "ZLib" in compressor else lzma.LZMACompressor(preset=0)
+    packed = b"".join([*(maker.compress(zeros) for _ in range(16)), maker.flush()])
+    header = np.array([1, 16 * len(zeros), 0, len(packed)], dtype="<u8").tobytes()
+    data = (base64.b64encode(header) + base64.b64encode(packed)).decode()
+    (tmp_path / "bomb.vtu").write_text(f"""<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian"
+header_type="UInt64" compressor="{compressor}"><UnstructuredGrid><Piece NumberOfPoints="4" NumberOfCells="1"><Points>
+<DataArray type="Float64" NumberOfComponents="3" format="binary">{data}</DataArray></Points></Piece></UnstructuredGrid>
+</VTKFile>""")
+    code = (
+        "import resource, sys, softcal\ntry:\n    softcal.read_mesh(sys.argv[1])\n"
+        "except softcal.MeshError as error:\n    print(error)\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "bomb.vtu")], capture_output=True, text=True, check=True
+    )
+    told, kilobytes = done.stdout.splitlines()
+    assert "the mesh file cannot be read; got arrays that unpack to more than 268435456 bytes" in told
+    assert int(kilobytes) < 1_000_000

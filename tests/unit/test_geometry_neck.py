@@ -376,10 +376,10 @@ def test_an_open_surface_is_told(tmp_path):
 
 
 def fake_worker(monkeypatch, script: str) -> None:
-    def replaced(command, **options):
-        return run([sys.executable, "-c", script, *command[-1:]], **options)
+    def replaced(module, *arguments, **options):
+        return run([sys.executable, "-c", script, *arguments], **options)
 
-    monkeypatch.setattr(generate, "run", replaced)
+    monkeypatch.setattr(generate, "run_module", replaced)
 
 
 @pytest.mark.parametrize(

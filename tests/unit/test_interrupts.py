@@ -327,7 +327,7 @@ def test_interrupted_while_it_starts_workers_it_starts_them_whole_and_stops(
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.6, 1.2])
 def test_a_real_ctrl_c_while_workers_start(delay: float, tmp_path: Path) -> None:
     path, out = write_project(tmp_path / "p"), tmp_path / "run"
-    command = [sys.executable, "-m", "softcal.cli", "calibrate", str(path), "--out", str(out), "--no-report"]
+    command = [sys.executable, "-m", "softcal", "calibrate", str(path), "--out", str(out), "--no-report"]
     command += ["--method", "tpe", "--trials", "4000", "--workers", "2"]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -11,7 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from softcal.processes import exit_code, run
+import softcal
+from softcal.executors.kinds.local import LocalExecutor
+from softcal.processes import exit_code, run, run_module
+from softcal.workflows.watching import watch_run
 
 # Starts a program that starts another, as SOFA's launcher does; both say who they are and sleep.
 SLEEPER = "sleep 100 & echo $$ $! > started.tmp; mv started.tmp started; wait"
@@ -80,3 +84,69 @@ def test_what_they_are_told_and_say(tmp_path: Path):
     assert (tmp_path / "log").read_text() == "said\n"
     with pytest.raises(OSError, match="nowhere"):
         run([str(tmp_path / "nowhere")], timeout=1)
+
+
+PLANTED = ("json", "multiprocessing", "numpy", "pickle", "random", "socket", "softcal", "yaml")
+
+
+@pytest.fixture
+def strangers_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The present folder, with modules that say so where they are run."""
+    for name in PLANTED:
+        (tmp_path / f"{name}.py").write_text(
+            f"import os\nos.makedirs({str(tmp_path / f'{name}-was-run')!r}, exist_ok=True)\n"
+        )
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run_there(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.glob("*-was-run"))
+
+
+def a_helper() -> None:
+    assert run_module("softcal.geometry.gmsh_worker", "nowhere", timeout=60, told="{").returncode == 1
+
+
+def a_page() -> None:
+    pytest.importorskip("nicegui", reason="the extra `watch` is not installed")
+    with pytest.raises(softcal.InputError, match="there is no such folder; got a file"):
+        watch_run("numpy.py")
+
+
+def workers() -> None:
+    with LocalExecutor(2) as executor:
+        assert executor.submit(os.getcwd).result(60) == os.getcwd()
+
+
+@pytest.mark.parametrize("start", [a_helper, a_page, workers])
+def test_no_module_of_the_present_folder_is_run(strangers_folder: Path, start):
+    start()
+    assert run_there(strangers_folder) == []
+
+
+def test_no_module_of_the_present_folder_is_run_by_the_module_as_a_command(strangers_folder: Path):
+    """But one called softcal, and those of the standard library that Python imports before it."""
+    (strangers_folder / "softcal.py").unlink()
+    done = subprocess.run([sys.executable, "-m", "softcal", "check", "project.yaml"], capture_output=True, check=False)
+    assert done.returncode == 2, done.stderr
+    assert run_there(strangers_folder) == []
+
+
+STARTING = re.compile(
+    r"sys\.executable|\bsubprocess\.(?!TimeoutExpired\b|CompletedProcess\b)|\bget_context\(|ProcessPoolExecutor\("
+    r"|\bos\.(system|popen|fork|forkpty|posix_spawn|spawn\w+|exec\w+)\("
+    r"|from (subprocess|multiprocessing)\b(?! import resource_tracker)"
+)
+# The pool of workers, and the question which Python SOFA's bindings are for.
+ELSEWHERE = {"executors/kinds/local.py", "export/sofa_install.py"}
+
+
+def test_processes_are_started_in_one_place():
+    source = Path(softcal.__file__).parent
+    starts = {
+        path.relative_to(source).as_posix()
+        for path in source.rglob("*.py")
+        if STARTING.search(path.read_text(encoding="utf-8"))
+    }
+    assert starts == {"processes.py", *ELSEWHERE}

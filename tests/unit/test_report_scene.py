@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from report_example import column_mesh, example_content, neck_robot, twin_view
 from softcal.geometry.cell import TET_EDGES
 from softcal.geometry.fine_surface import fine_surface
 from softcal.geometry.surface import border, boundary, boundary_triangles
-from softcal.report import check_figures, scene_render
+from softcal.report import check_figures
 from softcal.report.check_figures import draw_check, region_colours, robot_scenes
 from softcal.report.figure import FIGURES
 from softcal.report.figures import twin
@@ -213,7 +214,7 @@ def test_a_figure_is_drawn_once_for_each_file(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_where_the_renderer_dies_a_sentence_stands_for_its_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scene_render.sys, "executable", "/bin/false")
+    monkeypatch.setattr(sys, "executable", "/bin/false")
     (drawn,) = FIGURES["twin"].function(replace(example_content(n_trials=3), twin=twin_view(column_mesh())))
     assert drawn.note.startswith("The pictures are missing, since the 3-D renderer (PyVista/VTK) does not work")
     assert "libegl1" in drawn.note

@@ -123,7 +123,7 @@ def test_an_unwritable_place_is_one_sentence(tmp_path: Path) -> None:
     (folder / "report.html" / "inside").mkdir(parents=True)
     with pytest.raises(StorageError):
         write_files({folder / "report.html": b"x"})
-    assert not list(folder.glob(".*"))
+    assert not list(folder.glob("*.part"))
 
 
 def test_one_parameter_few_trials_and_no_extras_still_give_a_report(tmp_path: Path) -> None:
@@ -194,3 +194,13 @@ def test_importing_the_report_loads_nothing_heavy() -> None:
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+def test_figures_are_not_written_through_a_link(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "pictures").mkdir()
+    (tmp_path / "run" / "figures").symlink_to(tmp_path / "pictures")
+    files = {tmp_path / "run" / name: b"x" for name in ("figures/error.png", "report.html")}
+    with pytest.raises(StorageError, match="a link leads out of the folder"):
+        write_files(files)
+    assert not any((tmp_path / "pictures").iterdir())

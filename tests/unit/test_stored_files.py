@@ -7,6 +7,7 @@ import copy
 import io
 import json
 import pickle
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,9 +18,13 @@ import pytest
 from changed_trials import change_trials
 from project_case import write_project
 
+import softcal
 from softcal.calibration.result_reading import load_result
+from softcal.calibration.store import RECORD, write_text
+from softcal.calibration.trial_journal import JOURNAL
 from softcal.cli import main
 from softcal.errors import StorageError
+from softcal.report.write import write_files
 from softcal.workflows.mesh_study_files import read_study
 from softcal.workflows.run_folder import load_run
 
@@ -490,6 +495,7 @@ ARRAYS: dict[str, Callable[[dict[str, np.ndarray]], None]] = {
     "whole numbers": lambda held: held.update({"0": held["0"].astype(int)}),
     "text": lambda held: held.update({"0": np.array(["a"] * 25)}),
     "an array less": lambda held: held.pop("0"),
+    "keys that are numbers": lambda held: held.update(keys=np.arange(len(held["keys"]))),
     "no keys": lambda held: held.pop("keys"),
     "a key of one part": lambda held: held.update(keys=np.array(["predicted"] * len(held["keys"]))),
     "another experiment": lambda held: held.update(keys=np.char.replace(held["keys"], "pull", "push")),
@@ -559,3 +565,82 @@ def test_damaged_files_of_a_store_are_refused(
     code, err = resume(capsys, finished, run, "--method", "tpe", "--trials", "4")
     assert code == 2, err
     assert str(run / STORE) in err
+
+
+NOTES = b"my notes,\nand the last line has no end"
+
+
+def linked_out(run: Path, place: str, target: Path) -> None:
+    shutil.move(run / place, target) if (run / place).exists() else None
+    (run / place).symlink_to(target)
+
+
+@pytest.mark.parametrize("place", [JOURNAL, RECORD])
+@pytest.mark.parametrize("content", ["its own", NOTES])
+def test_a_link_in_the_place_of_a_file_is_not_followed(
+    capsys: pytest.CaptureFixture[str], finished: Path, run: Path, tmp_path: Path, place: str, content: bytes | str
+) -> None:
+    outside = tmp_path / "outside"
+    linked_out(run / STORE, place, outside)
+    if isinstance(content, bytes):
+        outside.write_bytes(content)
+    before = outside.read_bytes()
+    code, err = resume(capsys, finished, run)
+    assert code
+    assert "a link to another file" in err
+    assert outside.read_bytes() == before
+
+
+@pytest.mark.parametrize("content", [NOTES, NOTES[:8], b'{"a": 1}\n{"a": 2}\n{"a"', b'{"op_code": "or not",\nan end'])
+def test_what_is_no_journal_is_refused_before_it_is_cut(
+    capsys: pytest.CaptureFixture[str], finished: Path, run: Path, content: bytes
+) -> None:
+    path = run / STORE / JOURNAL
+    path.write_bytes(content)
+    code, err = resume(capsys, finished, run)
+    assert code
+    assert str(path) in err
+    assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("place", ["calibrations", STORE, f"{STORE}/arrays"])
+def test_a_folder_that_is_a_link_is_not_followed(
+    capsys: pytest.CaptureFixture[str], finished: Path, run: Path, tmp_path: Path, place: str
+) -> None:
+    outside = tmp_path / "outside"
+    linked_out(run, place, outside)
+    before = {path: path.read_bytes() for path in outside.rglob("*") if path.is_file()}
+    code, err = resume(capsys, finished, run)
+    assert code
+    assert "outside" in err
+    assert before == {path: path.read_bytes() for path in outside.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("write", [write_text, lambda path, text: write_files({path: text.encode()})])
+def test_a_link_left_where_a_file_is_being_written_is_not_followed(tmp_path: Path, write: Callable[..., None]) -> None:
+    (tmp_path / "notes").write_bytes(NOTES)
+    for part in ("result.json.part", ".result.json.part"):
+        (tmp_path / part).symlink_to(tmp_path / "notes")
+    write(tmp_path / "result.json", "{}")
+    assert (tmp_path / "notes").read_bytes() == NOTES
+    assert (tmp_path / "result.json").read_bytes() == b"{}"
+
+
+OPENING = re.compile(r"\.read_(text|bytes)\(|\.open\(|\bopen\((?!.*opener=)|np\.load\((?!io\.BytesIO)")
+# Not of a run's folder: the system's own, the page's own, and a journal that the user names.
+OTHERS = {
+    "watch/live.py": 3,
+    "watch/server.py": 1,
+    "watch/twin.py": 2,
+    "calibration/interrupts.py": 1,
+    "calibration/shared_journal.py": 1,
+    "calibration/trial_journal.py": 1,
+}
+
+
+def test_files_of_a_run_folder_are_opened_in_one_way() -> None:
+    source = Path(softcal.__file__).parent
+    paths = [*source.glob("watch/*.py"), *source.glob("calibration/*.py"), *source.glob("workflows/*_folder.py"),
+             source / "workflows/fleet_report.py", source / "bench/page.py"]  # fmt: skip
+    found = {path.relative_to(source).as_posix(): len(OPENING.findall(path.read_text("utf-8"))) for path in paths}
+    assert {place: n for place, n in found.items() if n} == OTHERS

@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.simulate import simulate
+from softcal.workflows.calibration import calibrate
 from softcal.workflows.run import SweepRun
 from softcal.workflows.run_folder import load_run
 from softcal.workflows.sweep import Swept, sweep, sweep_csv
@@ -426,3 +428,11 @@ def test_what_an_option_gives_twice_is_refused(run: Run, project: Project, tmp_p
     code, _, err = run("sweep", project.path, "--over", f"{E}=1GPa", "--set", f"{NU}=0.3", "--set", f"{NU}=0.4")
     assert code == 2
     assert f"--set: the name is given twice; got '{NU}=0.3' and '{NU}=0.4'" in err
+
+
+@pytest.mark.parametrize("workers", [0, -1, 2.5, "x", True, None, 10**6])
+def test_a_wrong_number_of_workers_leaves_no_folder(project: Project, tmp_path: Path, workers: Any) -> None:
+    for make, of in ((sweep, project), (calibrate, write_project(tmp_path / "p"))):
+        with pytest.raises(InputError, match="workers"):
+            make(of, out=tmp_path / "out", workers=workers)
+        assert not (tmp_path / "out").exists()

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import importlib.util
+import json
+import signal
 import socket
+import subprocess
 import sys
 import time
+import urllib.error
 import urllib.request
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -120,7 +125,9 @@ sys.stdout.flush()
 Path({str(done)!r}).touch()
 time.sleep(60)
 """
-    monkeypatch.setattr(watching, "beside", lambda command: beside([sys.executable, "-c", talker]))
+    (tmp_path / "talker.py").write_text(talker)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(watching, "beside", lambda *arguments: beside("talker"))
     with watch_run(tmp_path) as page:
         assert page.address == "http://127.0.0.1:1/"
         until = time.monotonic() + 60.0
@@ -186,3 +193,46 @@ def test_the_page_beside_a_sweep(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     monkeypatch.setattr("softcal.workflows.watching.watch_run", served)
     assert CliRunner().invoke(app, ["sweep", str(project), *over, str(tmp_path / "two"), "--watch"]).exit_code == 0
     assert seen == [tmp_path / "two"]
+
+
+@needs_nicegui
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="Windows has no such signal")
+def test_a_page_answers_what_no_browser_sends_and_ends_with_its_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Without a traceback, and without a file that stays."""
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
+    run = write_run(tmp_path / "run")
+    with (run / "report.html").open("wb") as file:
+        file.truncate(2**32)
+    command = [sys.executable, "-m", "softcal", "watch", str(run), "--no-browser", "--port", "0"]
+    with ExitStack() as stack:
+        process = stack.enter_context(
+            subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        )
+        stack.callback(process.kill)
+        assert process.stdout is not None
+        address = process.stdout.readline().split()[1]
+
+        def asked(place: str, data: str | None = None, **headers: str) -> tuple[int, str]:
+            request = urllib.request.Request(address + place, None if data is None else data.encode(), headers)
+            try:
+                with urllib.request.urlopen(request, timeout=20) as answer:
+                    return answer.status, answer.read().decode()
+            except urllib.error.HTTPError as error:
+                return error.code, error.read().decode()
+
+        assert asked("", Origin="http://[")[0] == 403
+        assert asked("report") == (404, "report.html cannot be read: more than 64000000 bytes.\n")
+        socket = "_nicegui_ws/socket.io/?EIO=4&transport=polling"
+        opened = asked(socket)[1]
+        socket += f"&sid={json.loads(opened[1:])['sid']}"
+        for message in ("40", '42["event",{}]', '42["handshake",{}]', '42["ack",[]]', '42["log"]'):
+            assert asked(socket, message) == (200, "OK")
+        asked(socket)
+        process.send_signal(signal.SIGHUP)
+        said = process.communicate(timeout=60)[1]
+    assert process.returncode == 129
+    assert said.strip() == "Stopped."
+    assert not list((tmp_path / "temporary").iterdir())

@@ -84,6 +84,11 @@ def test_a_page_of_this_machine_answers_to_its_names_alone():
         "",
         "[",
         "localhost.evil",
+        "127.0.0.1/evil",
+        "evil@127.0.0.1",
+        "127.0.0.1?",
+        "127.0.0.1:80:80",
+        "127.0.0.1 ",
     ):
         assert ask("", host=host)[:2] == (403, ELSEWHERE), host
         assert ask("", host=host, kind="websocket")[0] == "websocket.close", host
@@ -95,6 +100,8 @@ def test_a_page_of_another_origin_gets_no_websocket():
             ask(token, PATHS[4], kind="websocket", cookie=cookie, origin="http://evil.example")[0] == "websocket.close"
         )
         assert ask(token, PATHS[4], kind="websocket", cookie=cookie, origin="null")[0] == "websocket.close"
+        for origin in ("http://[", "http://", "", "127.0.0.1:8085", "http://127.0.0.1:8085/"):
+            assert ask(token, cookie=cookie, origin=origin)[:2] == (403, ELSEWHERE), origin
         own = ask(token, PATHS[4], kind="websocket", cookie=cookie, origin="http://127.0.0.1:8085")
         assert own[0] == "websocket.accept"
 

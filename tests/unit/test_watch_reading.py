@@ -13,6 +13,7 @@ import pytest
 from watch_case import HOST, NOW, RESULT, add_trials, gone, live_record, write_fleet, write_json, write_run
 
 from softcal.calibration.result import Trial
+from softcal.watch import trials
 from softcal.watch.charts import MOST_POINTS, loss_chart, parameter_chart
 from softcal.watch.live import live_sign, process_exists, process_start
 from softcal.watch.reading import Unreadable, clean, read_record
@@ -360,3 +361,39 @@ def test_charts_of_any_number_of_parameters_and_losses(count: int, losses: list[
     known = ParameterFacts(dict.fromkeys(theta, "Pa"), dict.fromkeys(theta, (1e5, 4e7)))
     for facts in (ParameterFacts(), known):
         json.dumps([loss_chart(search), parameter_chart(search, facts)], allow_nan=False)
+
+
+def test_a_journal_that_is_too_large_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    place = write_run(tmp_path) / "calibrations" / "joint"
+    add_trials(place, [3.0, 2.0, 1.0])
+    reader = RunReader(tmp_path)
+    assert reader.read().searches[0].done == 3
+    with (place / "optuna.journal").open("ab") as file:
+        file.truncate(2**33)
+    assert reader.read().searches[0].unreadable == ("optuna.journal cannot be read: it has more than 268435456 bytes.",)
+    with (place / "optuna.journal").open("ab") as file:
+        file.truncate(2**27)  # a line of zeros
+    assert reader.read().searches[0].unreadable == ("optuna.journal cannot be read: it is damaged.",)
+    (place / "optuna.journal").unlink()
+    add_trials(place, [3.0, 2.0, 1.0])
+    monkeypatch.setattr(trials, "MOST_VALUES", 2)
+    assert reader.read().searches[0].unreadable == ("optuna.journal has more trials than the page shows.",)
+
+
+def test_the_end_of_the_page_does_not_wait_for_a_folder_that_is_read(tmp_path: Path):
+    """As of a journal of many trials, or of a server that no longer answers."""
+    code = f"""
+import asyncio, time
+from pathlib import Path
+from softcal.watch.watch import Watch
+watch = Watch(Path({str(tmp_path)!r}))
+watch.reader.read = lambda: time.sleep(60)
+async def page():
+    try:
+        await asyncio.wait_for(watch.now(), 0.2)
+    except TimeoutError:
+        print("left")
+asyncio.run(page())
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=True)
+    assert done.stdout == "left\n"

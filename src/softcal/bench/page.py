@@ -15,6 +15,7 @@ from softcal.bench.record import FIT, PREDICT, CaseRecord
 from softcal.bench.run import PREDICTIONS, SCORE
 from softcal.bench.score import Score, SplitScore, distances_of
 from softcal.errors import Fault, StorageError
+from softcal.regular_file import read_own
 from softcal.report.check_figures import robot_scenes
 from softcal.report.scene_figure import draw_side_by_side
 from softcal.report.scene_render import render_scenes
@@ -69,6 +70,9 @@ def write_page(runs: Path, out: Path) -> list[Path]:
     return list(files)
 
 
+MOST_BYTES = 2**24  # of a score
+
+
 def read_scores(runs: Path) -> list[tuple[Path, Score]]:
     """Every score below a folder, with its own folder.
 
@@ -80,7 +84,7 @@ def read_scores(runs: Path) -> list[tuple[Path, Score]]:
     found: list[tuple[Path, Score]] = []
     for path in sorted(runs.rglob(SCORE)):
         try:
-            found.append((path.parent, Score.from_json(json.loads(path.read_text(encoding="utf-8")))))
+            found.append((path.parent, Score.from_json(json.loads(read_own(path, MOST_BYTES)))))
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise StorageError(
                 Fault("this is no score", str(path), str(error)[:80], "what `bench run` wrote")

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
 from softcal.errors import Fault, StorageError
+from softcal.regular_file import own_file
 
 _FAR = 2**40  # the byte that is locked on Windows, where others cannot read what is
 
 
-def hold(path: Path, *, wait: bool = False) -> BinaryIO:
+def hold(path: Path, *, wait: bool = False, opener: Callable[[str, int], int] | None = None) -> BinaryIO:
     """Open a file to append to it, made if it is not there, and hold it until it is closed; others can read it.
 
-    wait: until another process has released it.
+    wait: until another process has released it. opener: as that of `open`.
 
     Raises
     ------
@@ -23,7 +25,7 @@ def hold(path: Path, *, wait: bool = False) -> BinaryIO:
     OSError
         Where it cannot be opened, or its file system has no locks.
     """
-    file = path.open("ab")
+    file = open(path, "ab", opener=opener)
     try:
         lock(file, wait=wait)
     except BaseException:
@@ -45,7 +47,7 @@ def hold_in(path: Path, what: str, other: str) -> BinaryIO:
         If the file cannot be opened, or the file system has no locks.
     """
     try:
-        return hold(path)
+        return hold(path, opener=own_file)
     except BlockingIOError as error:
         attempt = f"wait for the other {other} in this folder"
         fault = Fault(f"the {what} cannot be kept", str(path.parent), "a folder locked by another process", "", attempt)

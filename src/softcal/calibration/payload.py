@@ -17,10 +17,11 @@ from softcal.checks import Floats
 
 # Between the parts of a key; a character that no name holds.
 _SEPARATOR = "\x1f"
+_LARGEST = 2**28  # bytes of the arrays of a trial, unpacked
 # What NumPy and zipfile raise for bytes of another format, or incomplete ones.
 _BROKEN = (
     ValueError, KeyError, IndexError, TypeError, EOFError, OSError, MemoryError, NotImplementedError, RuntimeError,
-    zipfile.BadZipFile, zlib.error, struct.error,
+    AttributeError, zipfile.BadZipFile, zlib.error, struct.error,
 )  # fmt: skip
 
 
@@ -62,6 +63,8 @@ def _decoded(payload: bytes) -> dict[str, Observation]:
     response: dict[str, dict[str, Floats]] = {}
     units: dict[str, dict[str, str]] = {}
     with np.load(io.BytesIO(payload), allow_pickle=False) as held:
+        if sum(one.file_size for one in held.zip.infolist()) > _LARGEST:  # to which zipfile keeps as it unpacks
+            raise ValueError(f"they unpack to more than {_LARGEST} bytes")
         for i, key in enumerate(held["keys"].tolist()):
             kind, name, channel, *last = key.split(_SEPARATOR)
             values = held[str(i)]

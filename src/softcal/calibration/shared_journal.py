@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softcal.calibration.file_lock import hold, lock
-from softcal.calibration.trial_journal import cut_to_whole_lines
+from softcal.calibration.trial_journal import BEGIN, cut_to_whole_lines
 from softcal.errors import Fault, StorageError
 from softcal.regular_file import not_a_file
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from optuna.storages.journal import JournalFileOpenLock
 
 NO_JOURNAL, ANOTHER = "this file is no journal of a study", "journal:FILE of a new file, or of a study's"
-_BEGIN = b'{"op_code"'  # of every journal of Optuna's
 
 
 def is_new_journal(path: Path) -> bool:
@@ -83,7 +82,7 @@ def _require_journal(path: Path) -> None:
         for line in file:
             first = first or line
             last = line if line.endswith(b"\n") else last  # one without an end may be written at this moment
-    if first and not (first.startswith(_BEGIN) and first.endswith(b"\n")):
+    if first and not (first.startswith(BEGIN) and first.endswith(b"\n")):
         raise StorageError(Fault(NO_JOURNAL, str(path), attempt=ANOTHER))
     if last:
         json.loads(last)

@@ -26,6 +26,7 @@ from softcal.calibration.result import Trial
 from softcal.calibration.stored import Record, read_record
 from softcal.calibration.trial_journal import ARRAYS, JOURNAL, StoredTrial, TrialJournal, arrays_file, mend
 from softcal.errors import Fault, StorageError
+from softcal.regular_file import is_inside, write_whole
 from softcal.whole_folder import whole_folder
 
 RECORD, RESULT = "run.json", "result.json"
@@ -64,6 +65,9 @@ class RunStore:
         self._space, self._path = space, folder / JOURNAL
         if lost := [name for name in (ARRAYS, RESULT) if (folder / name).exists() and not self._path.exists()]:
             raise StorageError(Fault("the trials of the run are missing", str(self._path), f"{lost[0]} beside it"))
+        if not is_inside(folder / ARRAYS, folder):
+            what = "the arrays of the trials lie outside the run's folder"
+            raise StorageError(Fault(what, str((folder / ARRAYS).resolve()), allowed="a folder in it, and no link"))
         with storing(self._path):
             # Two processes in one folder would each undo the other's search.
             self._file = _alone(folder)
@@ -234,17 +238,8 @@ def write_bytes(path: Path, content: bytes) -> None:
     StorageError
         Where it cannot be written; what was there before is then still there.
     """
-    partial = path.with_name(path.name + ".part")
     with storing(path):
-        try:
-            with partial.open("wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            partial.replace(path)
-        except OSError:
-            partial.unlink(missing_ok=True)
-            raise
+        write_whole(path, content)
 
 
 @contextlib.contextmanager

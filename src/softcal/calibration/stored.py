@@ -14,6 +14,7 @@ from typing import Annotated, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from softcal.errors import Fault, StorageError
+from softcal.regular_file import read_own
 
 _LARGEST = 2**28  # bytes of a record; those of long searches have some hundred thousand
 _N_NAMED = 5  # faults of one record that are reported
@@ -67,15 +68,9 @@ def read_bytes(path: Path, what: str) -> bytes:
         Where it cannot be read, or is larger than any such file.
     """
     try:
-        with path.open("rb") as file:
-            held = file.read(_LARGEST + 1)
+        return read_own(path, _LARGEST)
     except OSError as error:
         raise StorageError(Fault(f"{what} cannot be read", str(path), error.strerror or str(error))) from error
-    if len(held) > _LARGEST:
-        raise StorageError(
-            Fault(f"{what} cannot be read: the file is too large", str(path), allowed=f"{_LARGEST} bytes")
-        )
-    return held
 
 
 def damaged(path: Path, what: str, error: ValidationError) -> StorageError:

@@ -13,15 +13,16 @@ from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 from pydantic import ValidationError, model_validator
 
 from softcal.calibration.fanova import distributions
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.result import Trial
-from softcal.calibration.stored import Amount, Count, Record, contradiction, damaged, read_bytes
+from softcal.calibration.stored import Amount, Count, Record, contradiction, damaged
 from softcal.errors import Fault, StorageError
+from softcal.regular_file import own_file
 
 if TYPE_CHECKING:
     import optuna
@@ -30,6 +31,10 @@ if TYPE_CHECKING:
 JOURNAL, ARRAYS = "optuna.journal", "arrays"
 STUDY = "softcal"
 _WHAT = "the trials of the run"
+BEGIN = b'{"op_code"'  # of every journal of Optuna's
+_NEW_TRIAL, _STATES = 4, {1: "COMPLETE", 3: "FAIL"}  # of Optuna's journals
+LONGEST_LINE = 2**24  # bytes; those of hundreds of experiments have some ten thousand
+_STEP = 2**16
 # What Optuna raises for a journal that is none, or is damaged.
 BROKEN = (ValueError, LookupError, TypeError, AttributeError, AssertionError, ArithmeticError, RuntimeError)
 
@@ -94,6 +99,7 @@ class TrialJournal:
         self._n_read = 0
         self._study: int | None = None
         with self._reading():
+            open(path, "rb", opener=own_file).close()
             from optuna.storages import JournalStorage
             from optuna.storages.journal import JournalFileBackend
 
@@ -193,6 +199,21 @@ def stored_trials(folder: Path) -> Mapping[int, StoredTrial]:
     return TrialJournal(path).read() if path.exists() else {}
 
 
+def trial_of_line(line: bytes, folder: Path) -> StoredTrial | None:
+    """The trial that a line of a run's journal adds; None where it adds none. Without Optuna, which keeps all of them.
+
+    Raises
+    ------
+    ValueError, LookupError, TypeError
+        Where it is no line of softcal's.
+    """
+    entry = json.loads(line)
+    if entry["op_code"] != _NEW_TRIAL:
+        return None
+    state = _STATES[entry["state"]]
+    return _as_stored(entry["params"], state, entry["value"], entry["user_attrs"], folder)
+
+
 def mend(path: Path) -> None:
     """Cut off a last line that a process did not write to its end: it was never said to be there.
 
@@ -201,14 +222,19 @@ def mend(path: Path) -> None:
     OSError
         Where the file cannot be written.
     StorageError
-        Where its last line is damaged otherwise.
+        Where it is no journal, or its last whole line is damaged; it is not cut then.
     """
-    cut_to_whole_lines(path)
-    try:
-        if last := read_bytes(path, _WHAT).splitlines()[-1:]:
-            json.loads(last[0])
-    except (ValueError, RecursionError) as error:
-        raise contradiction(path, _WHAT, f"its last line is damaged ({error})") from error
+    with open(path, "r+b", opener=own_file) as file:
+        first = file.readline(LONGEST_LINE).rstrip(b"\0")  # which a loss of power leaves
+        try:
+            end, last = _whole_lines(file)
+            if not (first.startswith(BEGIN) or BEGIN.startswith(first)):
+                raise ValueError("it is no journal of a study")
+            if last:
+                json.loads(last)
+        except (ValueError, RecursionError) as error:
+            raise contradiction(path, _WHAT, f"its first or its last line is damaged ({error})") from error
+        file.truncate(end)
 
 
 def cut_to_whole_lines(path: Path) -> None:
@@ -218,18 +244,30 @@ def cut_to_whole_lines(path: Path) -> None:
     ------
     OSError
         Where the file cannot be written.
+    ValueError
+        Where a line is longer than any of a journal.
     """
     with path.open("r+b") as file:
-        end = file.seek(0, os.SEEK_END)
-        place, last = end, b""
-        while place > 0 and not last.endswith(b"\n"):
-            place -= 1
-            file.seek(place)
-            last = file.read(1)
-        if last.endswith(b"\n"):
-            place += 1
-        if place < end:
-            file.truncate(place)
+        file.truncate(_whole_lines(file)[0])
+
+
+def _whole_lines(file: BinaryIO) -> tuple[int, bytes]:
+    """Where the last whole line of a file ends, and that line without its end.
+
+    Raises
+    ------
+    ValueError
+        Where a line is longer than any of a journal.
+    """
+    place, tail, end = file.seek(0, os.SEEK_END), b"", 0
+    while place > 0 and b"\n" not in tail[: max(end - 1, 0)]:
+        if len(tail) > LONGEST_LINE:
+            raise ValueError(f"a line has more than {LONGEST_LINE} bytes")
+        step = min(place, max(_STEP, len(tail)))
+        place = file.seek(place - step)
+        tail = file.read(step) + tail
+        end = tail.rfind(b"\n") + 1
+    return place + end, tail[: max(end - 1, 0)].rpartition(b"\n")[2]
 
 
 def _as_optunas(stored: StoredTrial, space: SearchSpace) -> optuna.trial.FrozenTrial:
@@ -276,14 +314,13 @@ def as_stored(frozen: optuna.trial.FrozenTrial, held: Mapping[str, Any], folder:
         Where attributes are missing, or are others than softcal's.
     """
     values = frozen.values
-    row = _StoredRow.model_validate(
-        {
-            **held,
-            "theta": frozen.params,
-            "state": frozen.state.name,
-            "loss": None if values is None else values[0],
-        }
-    )
+    return _as_stored(frozen.params, frozen.state.name, None if values is None else values[0], held, folder)
+
+
+def _as_stored(
+    theta: Mapping[str, Any], state: str, loss: float | None, held: Mapping[str, Any], folder: Path
+) -> StoredTrial:
+    row = _StoredRow.model_validate({**held, "theta": theta, "state": state, "loss": loss})
     trial = Trial(
         row.number,
         row.theta,

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import subprocess
-import sys
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,13 +12,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-import softcal
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.stl import checked_stl
 from softcal.geometry.surface import boundary_faces
 from softcal.limits import LIMITS
-from softcal.processes import run
+from softcal.processes import run_module
 from softcal.quantities import QUANTITIES
 from softcal.units import unit_factor
 
@@ -169,16 +166,14 @@ def run_gmsh(job: Mapping[str, Any], *, where: str, timeout: float) -> dict[str,
     MeshError
         Where Gmsh is not installed, fails, crashes or takes longer than `timeout` [s].
     """
-    source = str(Path(softcal.__file__).resolve().parent.parent)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [source, os.environ.get("PYTHONPATH")]))}
     with tempfile.TemporaryDirectory(prefix="softcal-") as folder:
         mesh, fault = Path(folder) / "mesh.npz", Path(folder) / "fault.json"
         try:
-            done = run(
-                [sys.executable, "-P", "-m", "softcal.geometry.gmsh_worker", folder],
+            done = run_module(
+                "softcal.geometry.gmsh_worker",
+                folder,
                 timeout=timeout,
                 told=json.dumps({"options": OPTIONS, "timeout": timeout, "most_tets": LIMITS["tets"].most, **job}),
-                environment=environment,
             )
         except subprocess.TimeoutExpired as error:
             raise MeshError(

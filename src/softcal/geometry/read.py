@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import io
+import lzma
 import re
 import shlex
-from collections.abc import Iterator
+import threading
+import zlib
+from collections.abc import Callable, Generator, Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -48,6 +51,8 @@ FOUND: tuple[tuple[type[BaseException], str], ...] = (
 # Lines of its own that are no words: numbers, lists, code, warnings; and how the last ones begin, which name readers.
 NO_WORDS = re.compile(r"[^A-Za-z]*|\[.*|.*(\w\(|[!=]=).*|Warning: .*")
 SUMMARY = "Error: Couldn't read file"
+MOST_INFLATED = 2**28  # bytes
+_inflating = threading.Lock()
 # Added by meshio to the sets of a .msh file.
 NOT_A_GROUP = "gmsh:bounding_entities"
 
@@ -144,7 +149,7 @@ def _read_raw(path: Path) -> Any:
     said = io.StringIO()
     try:
         # meshio prints an error and exits.
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), _inflation_limited():
             return meshio.read(path)
     except (Exception, SystemExit) as error:  # its readers raise arbitrary exceptions for a damaged file
         raise MeshError(
@@ -158,8 +163,44 @@ def _read_raw(path: Path) -> Any:
         ) from error
 
 
+class InflatedError(Exception):
+    """Arrays of a file that unpack to more than any mesh needs."""
+
+
+class _Inflation:
+    """zlib or lzma in meshio's eyes, of one file."""
+
+    def __init__(self, module: Any, new: Callable[[], Any]) -> None:
+        self._module, self._new, self._left = module, new, MOST_INFLATED
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._module, name)
+
+    def decompress(self, data: bytes) -> bytes:
+        found: bytes = self._new().decompress(data, self._left + 1)
+        self._left -= len(found)
+        if self._left < 0:
+            raise InflatedError(f"arrays that unpack to more than {MOST_INFLATED} bytes")
+        return found
+
+
+@contextlib.contextmanager
+def _inflation_limited() -> Generator[None]:
+    """A limit to what the arrays of .vtu files unpack to: meshio has none, and small files can hold gigabytes."""
+    vtu: Any = import_module("meshio.vtu._vtu")
+    with _inflating:
+        before = vtu.zlib, vtu.lzma
+        vtu.zlib, vtu.lzma = _Inflation(zlib, zlib.decompressobj), _Inflation(lzma, lzma.LZMADecompressor)
+        try:
+            yield
+        finally:
+            vtu.zlib, vtu.lzma = before
+
+
 def _reason(error: BaseException, said: str) -> str:
     """What a reader of meshio found, in words: its own, the last one's that it prints before it exits, or `FOUND`."""
+    if isinstance(error, InflatedError):
+        return str(error)
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     if not isinstance(error, SystemExit):

@@ -32,7 +32,7 @@ from softcal.experiments.text_file import open_text
 from softcal.limits import LIMITS
 from softcal.project.alike_faults import merged
 from softcal.project.document import Document, Entry, dotted, key_path
-from softcal.project.files import sha256
+from softcal.project.files import InputFiles, sha256
 from softcal.project.fleet_cell import CellReader
 from softcal.project.names import folded, name_fault
 from softcal.project.project import Project, load
@@ -182,6 +182,18 @@ def row_project(template: Path, row: FleetRow) -> Project:
         return load(template, changes=row.changes, values=row.values)
     except InputError as error:
         raise type(error)(replace(one, where=row.places.get(one.where, one.where)) for one in error.faults) from error
+
+
+def missing_files(template: Path, row: FleetRow) -> list[Fault]:
+    """The faults of a row's measured files that are not there, as `row_project` has them, at their cells."""
+    files, faults = InputFiles(template.parent), list[Fault]()
+    for key, entry in row.changes.items():
+        if _MEASURED.fullmatch(key):
+            try:
+                files.find(str(entry.value), "data file")
+            except StorageError as error:
+                faults += [replace(one, where=entry.place) for one in error.faults]
+    return faults
 
 
 @dataclass(frozen=True)

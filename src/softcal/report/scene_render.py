@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 import subprocess
-import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from softcal.processes import run
+from softcal.processes import run_module
 from softcal.report.scene import Projection, Scene
 from softcal.report.style import DPI
 
@@ -35,9 +34,8 @@ def render_scenes(scenes: tuple[Scene, ...], cameras: tuple[Projection, ...]) ->
         # At display size: more pixels cost time in every later step and are scaled down.
         heights = [min(round(DPI * panel_size(camera)[1]), _MOST_PIXELS) for camera in cameras]
         request.write_bytes(pickle.dumps((scenes, cameras, heights)))
-        command = [sys.executable, "-m", "softcal.report.scene_worker", str(request), str(answer)]
         try:
-            done = run(command, timeout=_PATIENCE)
+            done = run_module("softcal.report.scene_worker", str(request), str(answer), timeout=_PATIENCE)
         except subprocess.TimeoutExpired:
             problem = f"it did not finish within {_PATIENCE:g} s"
         else:

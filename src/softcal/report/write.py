@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from softcal.display import displayed
 from softcal.errors import Fault, StorageError
+from softcal.regular_file import is_inside, write_whole
 from softcal.report.all_tables import all_tables
 from softcal.report.content import ReportContent
 from softcal.report.figure import named_figures, report_pictures
@@ -70,21 +70,21 @@ def write_report(
 
 
 def write_files(files: Mapping[Path, bytes]) -> None:
-    """Write files completely or not at all, each through a temporary file in the same folder.
+    """Write files of one folder and of folders in it, each completely or not at all.
 
     Raises
     ------
     StorageError
-        Where a file cannot be written; its temporary file is removed.
+        Where a file cannot be written, or a link leads out of the folder.
     """
+    folder = min((path.parent for path in files), key=lambda parent: len(parent.parts))
+    if out := sorted({str(path.parent) for path in files if not is_inside(path.parent, folder)}):
+        raise StorageError([Fault("a link leads out of the folder", place, allowed="a folder in it") for place in out])
     for path, data in files.items():
-        part = path.with_name(f".{path.name}.part")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            part.write_bytes(data)
-            os.replace(part, path)
+            write_whole(path, data)
         except OSError as error:
-            _forget(part)
             raise StorageError(
                 Fault(
                     "the file cannot be written",
@@ -93,10 +93,3 @@ def write_files(files: Mapping[Path, bytes]) -> None:
                     allowed="a folder with free space in which you may write",
                 )
             ) from error
-
-
-def _forget(path: Path) -> None:
-    try:
-        path.unlink(missing_ok=True)
-    except OSError:
-        return  # report only the first failure

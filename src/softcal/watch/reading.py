@@ -8,7 +8,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-MOST_BYTES = 64_000_000  # of one record; a larger one is none of softcal's
+from softcal.regular_file import is_inside, read_own
+
+MOST_BYTES = 64_000_000  # of one file; a larger one is none of softcal's
 _LARGEST = 1e100  # in any unit: what is computed from such numbers is finite
 T = TypeVar("T")
 
@@ -28,11 +30,27 @@ def inside(folder: Path, place: str) -> Path | None:
     path = folder / place
     try:
         found = path.resolve(strict=True)
-        regular = stat.S_ISREG(found.stat().st_mode)
-        return found if regular and found.is_relative_to(folder.resolve()) else None
+        return found if stat.S_ISREG(found.stat().st_mode) and is_inside(found, folder) else None
     except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, ValueError, RuntimeError) as error:
+        raise Unreadable(f"{clean(place)} cannot be read: {_reason(error)}.") from error
+
+
+def read_file(folder: Path, place: str) -> bytes | None:
+    """The bytes of a file in a folder; None where there is no such file.
+
+    Raises
+    ------
+    Unreadable
+        Where the system refuses to read it, or it is larger than any of softcal's.
+    """
+    path = inside(folder, place)
+    try:
+        return None if path is None else read_own(path, MOST_BYTES)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
         raise Unreadable(f"{clean(place)} cannot be read: {_reason(error)}.") from error
 
 
@@ -44,16 +62,12 @@ def read_record(folder: Path, place: str) -> dict[str, Any] | None:
     Unreadable
         Where it is no JSON object, such as one that is half-written.
     """
-    path = inside(folder, place)
-    if path is None:
+    text = read_file(folder, place)
+    if text is None:
         return None
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise Unreadable(f"{clean(place)} is larger than a record of softcal's.")
-        record = json.loads(path.read_bytes())
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError, RecursionError) as error:
+        record = json.loads(text)
+    except (ValueError, RecursionError) as error:
         raise Unreadable(f"{clean(place)} cannot be read: {_reason(error)}.") from error
     if not isinstance(record, dict):
         raise Unreadable(f"{clean(place)} is no record of softcal's.")

@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from softcal.regular_file import own_file, read_own
 from softcal.watch.reading import MOST_BYTES, Unreadable, clean, inside
 
 FIGURES = "figures"
@@ -70,9 +71,7 @@ def figure_bytes(folder: Path, name: str) -> bytes:
     """A figure's PNG; empty where there is none, or the file is no PNG."""
     try:
         path = figure_file(folder, name)
-        if path is None or path.stat().st_size > MOST_BYTES:
-            return b""
-        data = path.read_bytes()
+        data = b"" if path is None else read_own(path, MOST_BYTES)
     except (Unreadable, OSError):
         return b""
     return data if data.startswith(_PNG) else b""
@@ -88,7 +87,7 @@ def _title(folder: Path, name: str) -> str:
     with suppress(Unreadable, OSError):
         path = inside(folder, f"{FIGURES}/{svg}")
         if path is not None and path == folder.resolve() / FIGURES / svg:
-            with path.open("rb") as file:
+            with open(path, "rb", opener=own_file) as file:
                 head = file.read(_HEAD).decode("utf-8", "replace")
             if found := re.search(r"<title>([^<]+)</title>", head):
                 return clean(html.unescape(found[1]), 120)

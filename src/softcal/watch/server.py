@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import logging
 import os
+import signal
 import socket
 import tempfile
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, contextmanager
+from inspect import isawaitable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from softcal.errors import Fault, InputError
 from softcal.extras import require_extra
 from softcal.watch.gate import Gate, is_loopback, new_token
-from softcal.watch.reading import Unreadable, inside
+from softcal.watch.reading import Unreadable, read_file
 from softcal.watch.report_figures import figure_bytes
 from softcal.watch.run_reader import REPORT
 
@@ -85,7 +88,7 @@ def _application(folder: Path) -> tuple[Any, Watch]:
     """The application, and what its pages share."""
     from fastapi import FastAPI
     from fastapi.responses import HTMLResponse, PlainTextResponse, Response
-    from nicegui import ui
+    from nicegui import core, ui
 
     from softcal.watch.page import RunPage
     from softcal.watch.watch import Watch
@@ -96,10 +99,9 @@ def _application(folder: Path) -> tuple[Any, Watch]:
 
     def report() -> Response:
         try:
-            path = inside(folder, REPORT)
-            text = None if path is None else path.read_bytes()
-        except (Unreadable, OSError):
-            text = None
+            text = read_file(folder, REPORT)
+        except Unreadable as error:
+            return PlainTextResponse(f"{error}\n", status_code=404)
         if text is None:
             return PlainTextResponse("There is no report yet.\n", status_code=404)
         return HTMLResponse(text, headers={"content-security-policy": _REPORT_POLICY})
@@ -136,18 +138,47 @@ def _application(folder: Path) -> tuple[Any, Watch]:
         message_history_length=50,
         show_welcome_message=False,
     )
+    handlers = core.sio.handlers["/"]
+    handlers.update({name: _tolerant(answer) for name, answer in handlers.items()})
     return app, watch
+
+
+def _tolerant(answer: Callable[..., Any]) -> Callable[..., Any]:
+    """NiceGUI's answer to a message of a websocket, and none to a message without the entries of the page's own."""
+
+    async def answered(*message: Any) -> Any:
+        try:
+            made = answer(*message)
+            return await made if isawaitable(made) else made
+        except (LookupError, TypeError) as error:
+            logging.getLogger(__name__).debug("a message is none of the page's: %r", error)
+            return False
+
+    return answered
 
 
 def _server(gate: Gate, ready: Callable[[], None]) -> Any:
     import uvicorn
 
     class WatchServer(uvicorn.Server):
-        """A server that says when it answers."""
+        """A server that says when it answers, and ends by every signal that stops softcal."""
 
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
             await super().startup(sockets)
             ready()
+
+        @contextmanager
+        def capture_signals(self) -> Generator[None]:
+            """End the page as by SIGTERM when its terminal is closed, too, unless that is ignored (nohup)."""
+            before = signal.getsignal(signal.SIGHUP) if hasattr(signal, "SIGHUP") else None
+            with super().capture_signals():
+                if callable(before):
+                    signal.signal(signal.SIGHUP, self.handle_exit)
+                try:
+                    yield
+                finally:
+                    if callable(before):
+                        signal.signal(signal.SIGHUP, before)
 
     config = uvicorn.Config(gate, log_level="error", timeout_graceful_shutdown=1, server_header=False)
     return WatchServer(config)

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 from softcal.calibration.result import Trial
-from softcal.calibration.trial_journal import JOURNAL, StoredTrial, TrialJournal
-from softcal.errors import StorageError
+from softcal.calibration.trial_journal import JOURNAL, LONGEST_LINE, StoredTrial, trial_of_line
+from softcal.limits import LIMITS
+from softcal.regular_file import own_file
 from softcal.watch.reading import Unreadable, clean, finite, inside, numbers
+
+MOST_BYTES = 2**28  # of a journal
+MOST_VALUES = 1_000_000  # of parameters, in all trials
 
 
 class TrialReader:
@@ -16,11 +22,7 @@ class TrialReader:
 
     def __init__(self, folder: Path, place: str = JOURNAL) -> None:
         self._folder, self._place = folder, place
-        self._journal: TrialJournal | None = None
-        self._file: tuple[int, int] | None = None
-        self._size = -1
-        self._found: dict[int, Trial] = {}
-        self.seconds = 0.0  # of the search when the last trial was recorded
+        self._forget()
 
     def read(self) -> tuple[Trial, ...]:
         """Every trial that is done, in order.
@@ -28,35 +30,56 @@ class TrialReader:
         Raises
         ------
         Unreadable
-            Where the journal is damaged.
+            Where the journal is damaged, or larger than any of softcal's.
         """
         path = inside(self._folder, self._place)
         if path is None:
             self._forget()
             return ()
         try:
-            about = path.stat()
-            if self._file != (about.st_dev, about.st_ino) or about.st_size < self._size:
-                self._forget()
-                self._file = (about.st_dev, about.st_ino)
-            if about.st_size != self._size:
-                self._journal = self._journal or TrialJournal(path)
-                held = self._journal.read()
-                self._found |= {number: _shown(held[number]) for number in held.keys() - self._found.keys()}
-                self.seconds = max((one.elapsed for one in held.values()), default=0.0)
-                self._size = about.st_size
-        except (StorageError, OSError) as error:
+            with open(path, "rb", opener=own_file) as file:
+                about = os.fstat(file.fileno())
+                if self._file != (about.st_dev, about.st_ino) or about.st_size < self._end:
+                    self._forget()
+                    self._file = (about.st_dev, about.st_ino)
+                if about.st_size > MOST_BYTES:
+                    raise Unreadable(f"{JOURNAL} cannot be read: it has more than {MOST_BYTES} bytes.")
+                file.seek(self._end)
+                while (line := file.readline(LONGEST_LINE)).endswith(b"\n"):
+                    self._add(trial_of_line(line, path.parent))
+                    self._end += len(line)
+                if len(line) == LONGEST_LINE:
+                    raise ValueError("a line is too long")
+        except Unreadable:
+            self._forget()
+            raise
+        except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
             self._forget()
             raise Unreadable(f"{JOURNAL} cannot be read: it is damaged.") from error
         return tuple(self._found[number] for number in sorted(self._found))
 
+    def _add(self, stored: StoredTrial | None) -> None:
+        if stored is None:
+            return
+        trial = _shown(stored)
+        if trial.number in self._found:
+            raise ValueError(f"trial {trial.number} is there twice")
+        self._n_values += len(trial.theta)
+        if len(self._found) >= LIMITS["trials"].most or self._n_values > MOST_VALUES:
+            raise Unreadable(f"{JOURNAL} has more trials than the page shows.")
+        self._found[trial.number] = trial
+        self.seconds = max(self.seconds, stored.elapsed)  # of the search when the last trial was recorded
+
     def _forget(self) -> None:
-        self._journal, self._file, self._size, self._found, self.seconds = None, None, -1, {}, 0.0
+        self._file: tuple[int, int] | None = None
+        self._end, self._n_values, self.seconds = 0, 0, 0.0
+        self._found: dict[int, Trial] = {}
 
 
 def _shown(stored: StoredTrial) -> Trial:
-    """A trial whose texts can be shown, and whose numbers are finite."""
-    trial = stored.trial
-    loss = finite(trial.loss)
+    """What the page shows of a trial: texts that can be shown, numbers that are finite, names that are kept once."""
+    trial, loss = stored.trial, finite(stored.trial.loss)
+    theta = {sys.intern(name): value for name, value in numbers(trial.theta).items()}
     state = "FAILED" if loss is None else "COMPLETE"
-    return replace(trial, theta=numbers(trial.theta), loss=loss, state=state, reason=clean(trial.reason))
+    reason = sys.intern(clean(trial.reason))
+    return replace(trial, theta=theta, loss=loss, state=state, reason=reason, experiment_losses={}, errors={})

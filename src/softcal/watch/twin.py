@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -15,7 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from softcal.processes import run
+from softcal.processes import run_module
 from softcal.watch.reading import clean, finite, numbers
 from softcal.watch.run_reader import CALIBRATIONS
 from softcal.watch.watched import WatchedSearch
@@ -174,11 +173,7 @@ def simulated_twin(folder: Path, search: WatchedSearch, patience: float = PATIEN
     with tempfile.TemporaryDirectory(prefix="softcal-watch-") as place:
         path = Path(place, "twin.glb")
         try:
-            done = run(
-                [sys.executable, "-m", "softcal.watch.twin_worker", str(path)],
-                timeout=patience,
-                told=json.dumps(request),
-            )
+            done = run_module("softcal.watch.twin_worker", str(path), timeout=patience, told=json.dumps(request))
         except subprocess.TimeoutExpired:
             return {"trouble": f"The simulation for the picture took longer than {patience:g} s."}, b""
         except OSError as error:

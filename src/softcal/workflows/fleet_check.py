@@ -12,7 +12,7 @@ from softcal.executors.each import results
 from softcal.executors.executor import Executor
 from softcal.experiments.read import line_numbers
 from softcal.project.alike_faults import merged
-from softcal.project.fleet_table import FleetRow, FleetTable, row_project
+from softcal.project.fleet_table import FleetRow, FleetTable, missing_files, row_project
 from softcal.project.names import JOINT
 from softcal.project.yaml_file import read_document
 from softcal.workflows.calibration import plan
@@ -43,10 +43,13 @@ def check_fleet(
     ProjectFileError
         With every fault, each with the rows that have it.
     """
+    absent = {row.line: faults for row in table.rows if (faults := missing_files(order.template, row))}
+    # A look at a whole project takes long: of those without their files at some alone.
+    late = set(list(absent)[_NAMED:])
+    calls = results(executor, checked_row, order, [(row,) for row in table.rows if row.line not in late])
     found: list[tuple[FleetRow, Fault]] = []
-    calls = results(executor, checked_row, order, [(row,) for row in table.rows])
-    for k, (row, faults) in enumerate(zip(table.rows, calls, strict=True), 1):
-        found += [(row, one) for one in faults]
+    for k, row in enumerate(table.rows, 1):
+        found += [(row, one) for one in (absent[row.line] if row.line in late else next(calls))]
         show("checked", len(table.rows), k, 0)
     if known or found:
         alone = checked_row(order, FleetRow("", {}, {}, {})) if found else ()

@@ -39,7 +39,7 @@ from softcal.calibration.file_lock import hold_in
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result import Estimate
 from softcal.calibration.store import write_text
-from softcal.calibration.stored import Amount, Record, read_record
+from softcal.calibration.stored import Amount, Record, read_bytes, read_record
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, StorageError
 from softcal.project.files import sha256
@@ -70,6 +70,16 @@ class _SpecimenRecord(Record):
     parameters: dict[str, Estimate] = Field(default_factory=dict[str, Estimate])
     warnings: tuple[str, ...]
     hashes: dict[str, str]
+
+
+def _specimen_file(folder: Path, name: str) -> Path:
+    return folder / SPECIMENS / f"{name}.json"
+
+
+def _of_another(folder: Path, name: str, got: str) -> StorageError:
+    attempt = "remove the record, and the specimen is calibrated again"
+    where = str(_specimen_file(folder, name))
+    return StorageError(Fault("this is the record of another specimen", where, got, f"'{name}'", attempt))
 
 
 def specimen_folder(folder: Path, name: str) -> Path:
@@ -176,7 +186,11 @@ def _changed_files(table: FleetTable, folder: Path) -> list[Fault]:
     now: dict[str, str] = {}
     for row in table.rows:
         one = read_specimen(folder, row.name)
-        for written, digest in {} if one is None or one.state != "DONE" else one.hashes.items():
+        if one is None or one.state != "DONE":
+            continue
+        if not one.hashes.keys() >= set(row.measured):
+            raise _of_another(folder, row.name, f"its files are {', '.join(one.hashes)}")
+        for written, digest in one.hashes.items():
             if written not in now:
                 path = table.template.parent / Path(written).expanduser()
                 try:
@@ -206,7 +220,7 @@ def set_aside(name: str, folder: Path, why: Literal["failed", "changed"]) -> Non
     StorageError
         Where they cannot be moved.
     """
-    run, record = specimen_folder(folder, name), folder / SPECIMENS / f"{name}.json"
+    run, record = specimen_folder(folder, name), _specimen_file(folder, name)
     aside = next(
         place
         for n in count(1)
@@ -243,7 +257,7 @@ def write_specimen(one: Specimen, folder: Path) -> None:
         "warnings": list(one.warnings),
         "hashes": dict(one.hashes),
     }
-    write_text(folder / SPECIMENS / f"{one.name}.json", _text(held))
+    write_text(_specimen_file(folder, one.name), _text(held))
 
 
 def read_specimen(folder: Path, name: str) -> Specimen | None:
@@ -252,12 +266,14 @@ def read_specimen(folder: Path, name: str) -> Specimen | None:
     Raises
     ------
     StorageError
-        Where its record is damaged.
+        Where its record is damaged, or another specimen's.
     """
-    path = folder / SPECIMENS / f"{name}.json"
+    path = _specimen_file(folder, name)
     if not path.is_file():
         return None
     held = read_record(_SpecimenRecord, path, "the record of the specimen", FORMAT)
+    if held.specimen != name:
+        raise _of_another(folder, name, f"'{held.specimen}'")
     return Specimen(
         name,
         held.state,
@@ -288,8 +304,8 @@ def finish_fleet(
     text = fleet_csv(specimens, list(table.factors))
     told = _text({**_plan(table, settings, _record(folder).created), "statement": asdict(statement)})
     if (folder / REPORT[0]).is_file():
-        before = json.loads((folder / FLEET).read_text(encoding="utf-8")).get("statement")
-        same = (folder / CSV).is_file() and (folder / CSV).read_text(encoding="utf-8") == text
+        before = json.loads(read_bytes(folder / FLEET, "the record of the fleet")).get("statement")
+        same = (folder / CSV).is_file() and read_bytes(folder / CSV, "the table of the fleet") == text.encode()
         if not same or before != json.loads(told)["statement"]:
             _set_report_aside(folder)
     write_text(folder / CSV, text)

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from softcal.calibration.stored import read_bytes
 from softcal.project.yaml_file import read_document
 from softcal.report.figure import Picture
 from softcal.report.fleet_figures import draw_infill, draw_specimens
@@ -40,7 +41,7 @@ def write_fleet_report(found: Fleet) -> Path:
     for table in fleet_tables(found.specimens, found.statement, len(found.specimens)):
         if table.rows:
             files[found.folder / TABLES / f"{table.key}.csv"] = table.as_csv().encode()
-    record = json.loads((found.folder / FLEET).read_text(encoding="utf-8"))
+    record = json.loads(read_bytes(found.folder / FLEET, "the record of the fleet"))
     page = FleetPage(str(read_document(found.table.template).data["name"]), record["created"])
     path = found.folder / PAGE
     files[path] = render_fleet_page(page, found.specimens, found.statement, pictures).encode()

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from softcal.errors import Fault, StorageError
+from softcal.regular_file import write_whole
 from softcal.whole_folder import whole_folder
 
 ANOTHER = "another --out"
@@ -93,15 +93,11 @@ def write_new_file(path: Path, text: str) -> None:
         Where it exists already, or cannot be written.
     """
     require_free_file(path)
-    part = path.with_name(f".{path.name}-{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(text, encoding="utf-8")
-        part.replace(path)
+        write_whole(path, text.encode("utf-8"))
     except OSError as error:
         raise unwritable(path, error) from error
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def unwritable(path: Path, error: OSError) -> StorageError:

@@ -21,8 +21,8 @@ from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result import CalibrationResult, SearchResult, SweepResult
 from softcal.calibration.result_files import fits_of, response_file, result_json
 from softcal.calibration.result_reading import load_result
-from softcal.calibration.store import write_text
-from softcal.calibration.stored import Record, contradiction, read_record
+from softcal.calibration.store import write_bytes, write_text
+from softcal.calibration.stored import Record, contradiction, read_bytes, read_record
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, StorageError
@@ -30,7 +30,7 @@ from softcal.geometry.write import write_mesh
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.files import sha256, stored_mesh
 from softcal.project.project import Project, load
-from softcal.regular_file import not_a_file
+from softcal.regular_file import is_inside, not_a_file
 from softcal.workflows.output import new_folder, require_writable, unwritable
 from softcal.workflows.run import SWEEP, CalibrationRun, SweepRun, headline_of
 
@@ -113,6 +113,7 @@ def reopen_run(project: Project, folder: Path) -> None:
         cannot be written.
     """
     record = _record(folder)
+    _require_inside(folder, [f"{CALIBRATIONS}/{label}" for label in record.calibrations])
     _require_unchanged(folder, record)
     what, attempt = "the file was changed after the run began", "restore it, or use another --out without --resume"
     if changed := _changed_inputs(project, record):
@@ -182,7 +183,7 @@ def _finish(
     try:
         for name in fits_of(headline):
             source = calibration_folder(folder, label or name) / response_file(name)
-            write_text(folder / source.name, source.read_text(encoding="utf-8"))
+            write_bytes(folder / source.name, read_bytes(source, "the response"))
     except OSError as error:
         raise unwritable(folder, error) from error
     write_text(folder / "trials.csv", _trials_csv(results))
@@ -311,17 +312,9 @@ def _require_unchanged(folder: Path, record: _RunRecord) -> None:
 
 def _require_inside(folder: Path, places: Iterable[str]) -> None:
     """Check that no link leads out of the run's folder."""
-    faults: list[Fault] = []
-    for place in places:
-        try:
-            inside = (folder / place).resolve().is_relative_to(folder.resolve())
-        except (OSError, RuntimeError):  # a loop of links
-            inside = False
-        if not inside:
-            what = "the file lies outside the run's folder"
-            faults.append(Fault(what, str(folder / place), allowed="a file of the folder, and no link out of it"))
-    if faults:
-        raise StorageError(faults)
+    what, allowed = "the file lies outside the run's folder", "a file of the folder, and no link out of it"
+    if out := [folder / place for place in places if not is_inside(folder / place, folder)]:
+        raise StorageError([Fault(what, str(path), allowed=allowed) for path in out])
 
 
 def _sha256(path: Path) -> str:

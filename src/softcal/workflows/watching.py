@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import sys
 import threading
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
@@ -61,10 +60,10 @@ def watch_run(folder: str | Path, *, port: Annotated[int, PORTS] | None = None) 
         Where NiceGUI is not installed, or the page cannot be served.
     """
     options = ["--wait", "--no-browser", *([] if port is None else ["--port", str(port)])]
-    command = [sys.executable, "-m", "softcal", "watch", *options, "--", str(Path(folder).absolute())]
+    arguments = ["watch", *options, "--", str(Path(folder).absolute())]
     with ExitStack() as stack:
         try:
-            process = stack.enter_context(beside(command))
+            process = stack.enter_context(beside("softcal", *arguments))
         except OSError as error:
             raise InputError(Fault("the page cannot be served", str(folder), error.strerror or str(error))) from error
         assert process.stdout is not None  # noqa: S101

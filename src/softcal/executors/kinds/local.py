@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import resource_tracker
+from numbers import Integral
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -29,6 +30,7 @@ from softcal.executors.executor import (
 )
 from softcal.executors.shared import ParcelFile, UnableError, packed
 from softcal.limits import LIMITS
+from softcal.processes import SAFE
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 _START = 300.0  # [s] that a process may take to start
@@ -55,15 +57,15 @@ class LocalExecutor(Executor):
     Raises
     ------
     ParameterError
-        For less than one worker, or too many.
+        For anything but a number of workers, less than one, or too many.
     """
 
     name = "local"
     summary = "processes of this machine"
 
     def __init__(self, workers: int = 1, *, limit: float | None = None) -> None:
-        if workers < 1:
-            raise ParameterError(Fault("there must be a worker", "workers", got=str(workers), allowed="1 or more"))
+        if isinstance(workers, bool) or not isinstance(workers, Integral) or workers < 1:
+            raise ParameterError(Fault("there must be a worker", "workers", got=repr(workers), allowed="1 or more"))
         if fault := LIMITS["workers"].fault(workers):
             raise ParameterError(fault)
         self._processes = [_Process() for _ in range(workers)]
@@ -116,8 +118,8 @@ class LocalExecutor(Executor):
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> concurrent.futures.Future[Any]:
         if self._threads is None:
+            self._stack.enter_context(_environment_of_workers(max(1, (os.cpu_count() or 1) // self.count)))
             resource_tracker.ensure_running()  # else the first worker starts it, which would unblock its signals
-            self._stack.enter_context(_threads_per_worker(max(1, (os.cpu_count() or 1) // self.count)))
             self._threads = concurrent.futures.ThreadPoolExecutor(self.count, thread_name_prefix="softcal-worker")
         return self._threads.submit(self._made, fn, args, kwargs)
 
@@ -249,10 +251,11 @@ class _Process:
 
 
 @contextlib.contextmanager
-def _threads_per_worker(threads: int) -> Generator[None]:
-    """Workers read these when their libraries are loaded, so they must be set before the workers start."""
-    before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
-    os.environ.update(dict.fromkeys(_THREAD_VARIABLES, str(threads)))
+def _environment_of_workers(threads: int) -> Generator[None]:
+    """Workers read these as they start, and when their libraries are loaded, so they must be set before."""
+    variables = {**SAFE, **dict.fromkeys(_THREAD_VARIABLES, str(threads))}
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
     try:
         yield
     finally:

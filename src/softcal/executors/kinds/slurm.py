@@ -14,6 +14,7 @@ from softcal.errors import Fault, InputError
 from softcal.executors.executor import register_executor
 from softcal.executors.kinds.cluster import DaskExecutor
 from softcal.extras import require_extra
+from softcal.processes import SAFE
 
 _JOBS = 4
 # Where Dask's configuration says nothing else. The certificates of a run lie in the home, which the machines share.
@@ -54,6 +55,8 @@ class SlurmExecutor(DaskExecutor):
         }
         if address:
             options["queue"] = address
+        first = dask.config.get("jobqueue.slurm.job-script-prologue", None) or []
+        options["job_script_prologue"] = [*first, *(f"export {name}={value}" for name, value in SAFE.items())]
         try:
             cluster = SLURMCluster(
                 **options,

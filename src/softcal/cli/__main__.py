@@ -1,5 +1,0 @@
-"""`python -m softcal.cli` is `softcal`."""
-
-from softcal.cli import main
-
-main()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from contextlib import contextmanager
 
+from softcal.errors import Fault, ParameterError
 from softcal.executors.executor import EXECUTORS, Executor
 from softcal.executors.kinds.local import LocalExecutor
 
@@ -36,6 +37,8 @@ def executor_on(on: str, workers: int | None = None) -> Generator[Executor]:
     InputError
         Where there is no such executor, or it cannot be had.
     """
+    if not on.isprintable():
+        raise ParameterError(Fault("this is no executor", "--on", repr(on), "NAME or NAME:ADDRESS, in one line"))
     name, _, address = on.partition(":")
     with EXECUTORS.named(name.strip(), "--on").at(address.strip(), workers) as executor:
         yield executor

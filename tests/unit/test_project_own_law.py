@@ -117,6 +117,7 @@ DOUBLING = ", ".join(f"a{k}: exp(a{k - 1})+log(a{k - 1})+J" for k in range(1, 25
         ({"volumetric_strain": '"0"'}, r"energy: the bulk modulus at rest is not above zero; got 0 Pa"),
         ({"volumetric_strain": "(J - 1)**2"}, r"energy: the bulk modulus at rest is not above zero; got 0 Pa"),
         ({"volumetric_strain": "kappa*(J - 1)"}, r"volumetric_strain: this is not of such symbols; got kappa"),
+        ({"volumetric_strain": "sqrt(J - 1)"}, r"volumetric_strain: this, its inverse or a derivative is not a"),
         # Names that mean something else, of which some gave wrong numbers in silence.
         (
             {"energy": "e/2*exp(0*J + 1)*(I1_bar - 3)", "constants": "{e: modulus, kappa: modulus}"},

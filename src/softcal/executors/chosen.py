@@ -34,8 +34,10 @@ def executor_on(on: str, workers: int | None = None) -> Generator[Executor]:
 
     Raises
     ------
+    ParameterError
+        Where there is no such executor.
     InputError
-        Where there is no such executor, or it cannot be had.
+        Where it cannot be had.
     """
     if not on.isprintable():
         raise ParameterError(Fault("this is no executor", "--on", repr(on), "NAME or NAME:ADDRESS, in one line"))

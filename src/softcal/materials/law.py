@@ -246,15 +246,15 @@ def _compiled(law: Law) -> CompiledLaw:
         parameters=law.names,
         variables=law.variables,
         is_simple=law.variables == INVARIANTS and not any([psi_d.diff(variables["I2"]), *second[:-1]]),
-        shear=of_energy(theta, shear),
+        strain=function("volumetric_strain", [volume], [g, g.diff(volume), g.diff(volume, 2)]),
         bulk=function("bulk", theta, kappa),
+        compliance=function("bulk", theta, [1 / kappa, [(1 / kappa).diff(t) for t in theta]]),
+        shear=of_energy(theta, shear),
         compressed=of_energy(theta, compressed + kappa * g.diff(volume).subs(volume, 1) ** 2),
         energy=of_energy([*of, *theta], energy),
         energy_by_parameter=of_energy([*of, *theta], [energy.diff(t) for t in theta]),
         rows=of_energy([*of, *theta], first + second),
         first_by_parameter=of_energy([*of, *theta], [[slope.diff(t) for slope in first] for t in theta]),
-        strain=function("volumetric_strain", [volume], [g, g.diff(volume), g.diff(volume, 2)]),
-        compliance=function("bulk", theta, [1 / kappa, [(1 / kappa).diff(t) for t in theta]]),
         shifted=function("shifted", theta, [shifted, [shifted.diff(t) for t in theta]]),
     )
 

@@ -231,17 +231,21 @@ def _compiled(law: Law) -> CompiledLaw:
     smooth = (sympy.log, sympy.exp, sympy.sinh, sympy.cosh, sympy.tanh, sympy.Abs, sympy.sign)
     nowhere = (sympy.zoo, sympy.oo, -sympy.oo, sympy.nan, sympy.I, sympy.Derivative, sympy.Subs)
 
-    def function(what: str, args: list[Any], expression: Any) -> Callable[..., Any]:
+    def finite(what: str, expression: Any) -> Any:
         for one in map(sympy.sympify, sympy.flatten([expression])):
             if one.has(*nowhere) or not all(isinstance(part, smooth) for part in one.atoms(sympy.Function)):
                 fault = "this, its inverse or a derivative is not a finite real function"
                 raise InputError(Fault(fault, f"law {law.name}, {what}", got=getattr(law, what)))
-        return sympy.lambdify(args, expression, modules="numpy", cse=True)
+        return expression
+
+    def function(what: str, args: list[Any], expression: Any) -> Callable[..., Any]:
+        return sympy.lambdify(args, finite(what, expression), modules="numpy", cse=True)
 
     def of_energy(args: list[Any], expression: Any) -> Callable[..., Any]:
         return function("distortional", args, expression)
 
-    shear, compressed = _shear_at_rest(psi_d, variables), _bulk_at_rest(psi_d, variables)
+    shear, bulk = _shear_at_rest(psi_d, variables), _bulk_at_rest(psi_d, variables)
+    slope_at_rest = finite("volumetric_strain", g.diff(volume).subs(volume, 1))
     return CompiledLaw(
         parameters=law.names,
         variables=law.variables,
@@ -250,7 +254,7 @@ def _compiled(law: Law) -> CompiledLaw:
         bulk=function("bulk", theta, kappa),
         compliance=function("bulk", theta, [1 / kappa, [(1 / kappa).diff(t) for t in theta]]),
         shear=of_energy(theta, shear),
-        compressed=of_energy(theta, compressed + kappa * g.diff(volume).subs(volume, 1) ** 2),
+        compressed=of_energy(theta, bulk + kappa * slope_at_rest**2),
         energy=of_energy([*of, *theta], energy),
         energy_by_parameter=of_energy([*of, *theta], [energy.diff(t) for t in theta]),
         rows=of_energy([*of, *theta], first + second),

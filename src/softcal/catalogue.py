@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
@@ -36,8 +37,9 @@ class FunctionMember:
 
     @property
     def summary(self) -> str:
-        """The first line of the function's docstring."""
-        return (inspect.getdoc(self.function) or "").partition("\n")[0]
+        """The first line of the function's docstring; its name where Python drops docstrings (`python -OO`)."""
+        without = self.name.replace("_", " ") if sys.flags.optimize > 1 else ""
+        return (inspect.getdoc(self.function) or without).partition("\n")[0]
 
     @property
     def module(self) -> str:

@@ -1,10 +1,11 @@
-"""Small tables and pictures as HTML, for notebooks; every text is escaped."""
+"""Small tables and pictures as HTML, for notebooks, and text in Markdown; every text is escaped."""
 
 from __future__ import annotations
 
 import base64
 import html
 import math
+import re
 from collections.abc import Iterable, Sequence
 
 MOST_ROWS = 60  # of a table
@@ -66,6 +67,15 @@ def picture(png: bytes, what: str) -> Markup:
     """A picture in line; what: what it shows, for those who do not see it."""
     data = base64.b64encode(png).decode("ascii")
     return Markup(f'<img src="data:image/png;base64,{data}" alt="{html.escape(what, quote=True)}"/>')
+
+
+# What Markdown, with its tables and formulas, takes for a mark; an underscore within a word is none.
+_MARKS = re.compile(r"[\\`*\[\]|~$]|(?<!\w)_|_(?!\w)|^[-+=#]")
+
+
+def markdown(text: object) -> str:
+    """Any text as one line of Markdown that shows it as it is."""
+    return _MARKS.sub(r"\\\g<0>", html.escape(" ".join(str(text).split()), quote=False))
 
 
 def _escaped(value: object) -> str:

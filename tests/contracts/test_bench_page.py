@@ -71,3 +71,15 @@ def test_what_is_said_of_opencrs_score_is_what_the_score_is() -> None:
     assert (
         f"It leaves {100 * (1.0 - reached / other):.0f} % less than its rival, and {own[4]}, not 95 %," in case.remarks
     )
+
+
+def test_markup_of_a_table_from_elsewhere_is_shown_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("softcal.bench.page._pictures", lambda case, found: {})
+    method, value = "<script>alert(1)</script> [x](javascript:a) `b` **c**\n# d", "<img src=x onerror=a> ![y](z)"
+    kept = {"case": "beam", "method": method, "evaluations": 3, "wall_s": 1.0, "parameters": {"_E_": value}}
+    (tmp_path / "score.json").write_text(json.dumps({**kept, "splits": {}}), encoding="utf-8")
+    write_page(tmp_path, tmp_path / "page.md")
+    text = (tmp_path / "page.md").read_text(encoding="utf-8")
+    shown = r"&lt;script&gt;alert(1)&lt;/script&gt; \[x\](javascript:a) \`b\` \*\*c\*\* # d"
+    assert f"| **{shown}** |" in text
+    assert rf"{shown} found: \_E\_ &lt;img src=x onerror=a&gt; !\[y\](z)." in text

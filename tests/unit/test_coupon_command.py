@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -114,6 +115,15 @@ def test_the_scatter_between_specimens_is_the_prior_of_a_further_body(specimens:
     assert project.space is not None
     (prior,) = [p for p in project.space.parameters if p.name == "bar.C10"]
     assert (prior.prior_mean, prior.prior_sd) == (pytest.approx(mean, rel=1e-5), pytest.approx(sd, rel=1e-2))
+
+
+def test_names_that_yaml_takes_for_something_else_stay_names(specimens: list[Coupon]):
+    found = compare_laws(specimens, ["yeoh"])
+    fit = found.laws[0].fit
+    named = replace(fit, constants=replace(fit.constants, law=replace(fit.law, name="a: [b")))
+    block = YAML(typ="safe").load(material_block(named, found, "1 (x)"))
+    assert block["law"] == "a: [b"
+    assert all(name.startswith("1 (x).") for name in block["parameters"])
 
 
 def test_one_specimen_gives_no_prior():

@@ -72,8 +72,15 @@ ROWS = {"stretch": STRETCH, "nominal_stress [MPa]": NOMINAL}
         ({**ROWS, "stretch": [0.0, -1.0, *STRETCH[2:]]}, "", ("out of range in 2 row(s)", "lines 2, 3")),
         ({**ROWS, "stretch": 100 * STRETCH}, "", ("out of range in 9 row(s)", "engineering_strain")),
         ({name: cells[:4] for name, cells in ROWS.items()}, "", ("too few rows", "5 or more")),
-        ({**ROWS, "stretch": 1 / STRETCH}, "", ("in compression have the wrong sign",)),
-        ({**ROWS, "nominal_stress [MPa]": -NOMINAL}, "", ("in extension have the wrong sign",)),
+        ({**ROWS, "stretch": 1 / STRETCH}, "", ("a.csv, specimen 'a': the stresses in compression have the",)),
+        ({**ROWS, "nominal_stress [MPa]": -NOMINAL}, "", ("a.csv, specimen 'a': the stresses in extension have the",)),
+        ({**ROWS, "nominal_stress [MPa]": 1e-300 * NOMINAL}, "", ("a.csv, specimen 'a': no material has such str",)),
+        ({**ROWS, "nominal_stress [MPa]": 1e300 * NOMINAL}, "", ("a.csv, specimen 'a': no material has such str",)),
+        (
+            {"stretch": STRETCH, "true_stress [MPa]": 1e307 * NOMINAL},
+            "",
+            ("no material has such stresses; got up to inf",),
+        ),
         ({**ROWS, "nominal_stress [MPa]": 0 * NOMINAL}, "", ("every stress is zero",)),
         ({**ROWS, "stretch": 0 * STRETCH + 1}, "", ("specimen 'a': the coupon is never strained",)),
         (
@@ -89,6 +96,9 @@ ROWS = {"stretch": STRETCH, "nominal_stress [MPa]": NOMINAL}
         (ROWS, "--law stvenant-kirchhoff", ("no incompressible form",)),
         (ROWS, "--poissons-ratio 0.5", ("out of range",)),
         (ROWS, "--reach 0.9", ("--reach", "above 1")),
+        *((ROWS, f"--body {body}", ("--body: this cannot be a name",)) for body in ("a:b", "{x}", "../x", "-", "#")),
+        (ROWS, f"--body {'x' * 5000}", ("--body: there are too many characters",)),
+        (ROWS, "--body rig", ("--body: the name is reserved",)),
     ],
 )
 def test_bad_input_is_refused_in_a_sentence(
@@ -103,6 +113,14 @@ def test_bad_input_is_refused_in_a_sentence(
         assert text in done.output
     assert "Traceback" not in done.output
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("body", ["", "a\nsoftcal: 1", "- a", "a: b"])
+def test_a_body_is_named_as_in_a_project(tmp_path: Path, body: str):
+    path = write_coupon(tmp_path / "a.csv", ROWS)
+    done = CliRunner().invoke(app, ["coupon", str(path), "--test", "uniaxial", "--body", body])
+    assert done.exit_code == 2, done.output
+    assert "--body" in done.output
 
 
 def test_what_happens_in_time_is_no_kind_of_test(tmp_path: Path):

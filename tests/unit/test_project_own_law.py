@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from project_case import write_project
 from softcal import load
 from softcal.errors import ProjectFileError
 from softcal.materials.catalogue import LAWS
+from softcal.project.law_schema import OwnLawSection
+from softcal.project.own_law import read_laws
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 
@@ -59,7 +62,7 @@ def test_it_is_used_as_any_other(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (("exp(b*(I1_bar - 3)) - 1", "open('x')"), r"laws\.stiffening: .*there is no such function"),
+        (("exp(b*(I1_bar - 3)) - 1", "open('x')"), r"laws\.stiffening\.energy: there is no such function"),
         (("- 3)) - 1", "- 2)) - 1"), r"laws\.stiffening\.energy: the energy at rest is not zero"),
         (
             ("exp(b*(I1_bar - 3)) - 1", "J - 1"),
@@ -79,3 +82,95 @@ def test_what_is_wrong_with_it_is_said_at_its_place(tmp_path: Path, change: tupl
     with pytest.raises(ProjectFileError, match=told):
         load(write_project(tmp_path, *changed))
     assert "stiffening" not in LAWS  # so that it can be mended and read again
+
+
+NEO = "mu/2*(I1_bar - 3)"
+MODULI = "{mu: modulus, kappa: modulus}"
+DOUBLING = ", ".join(f"a{k}: exp(a{k - 1})+log(a{k - 1})+J" for k in range(1, 25))
+
+
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        # Numbers that SymPy would work out until memory ends.
+        ({"energy": f"{NEO} + 0*2**(99*99*99*99*99*99)"}, r"energy: this power is too large"),
+        ({"energy": f"{NEO} + 0*3**(99*99*99*99*(99+99))"}, r"energy: this power is too large"),
+        ({"energy": f"{NEO} + 0*((((10**99)**99)**99)**99)"}, r"energy: the numbers of this become too long"),
+        ({"energy": f"{NEO} + 0*7**n", "symbols": '{n: "999999999999"}'}, r"energy: this power is too large"),
+        ({"bulk": "kappa + 0*7**(99*99*99*99*99*99)"}, r"bulk: this power is too large"),
+        ({"bulk": "kappa + 0*7**n", "symbols": '{n: "999999999999"}'}, r"bulk: this power is too large"),
+        ({"volumetric_strain": "J - 1 + 0*7**(99*99*99*99*99)"}, r"volumetric_strain: this power is too large"),
+        ({"symbols": f"{{a0: J, {DOUBLING}}}"}, r"symbols\.a3: this power is too large"),
+        # Tracebacks once.
+        ({"symbols": '{a: "a + 1"}'}, r"symbols\.a: this symbol leads back to itself.*got 'a'"),
+        ({"symbols": "{a: b, b: a}"}, r"symbols\.a: this symbol leads back to itself.*got 'b'"),
+        (
+            {"energy": "exp*(exp(I1_bar - 3) - 1)", "constants": "{exp: modulus, kappa: modulus}"},
+            "stands for an invariant, a function or a number",
+        ),
+        ({"bulk": "kappa*J"}, r"bulk: this is not of such symbols; got J; allowed: constants and numbers"),
+        ({"bulk": '"0"'}, r"bulk: this, its inverse or a derivative is not a finite real function"),
+        ({"bulk": "mu - mu"}, r"bulk: this, its inverse or a derivative is not a finite real function"),
+        ({"energy": "Rational(mu, 2)*(I1_bar - 3)"}, r"energy: Rational is of two whole numbers"),
+        ({"energy": "mu*sqrt(-1)*(I1_bar - 3)**2"}, r"energy: this is not a real number; got 'sqrt\(-1\)'"),
+        ({"energy": "mu/2*(I1_bar - 3) + mu*sqrt(-J)"}, r"energy: this is not a real number at rest"),
+        ({"volumetric_strain": '"0"'}, r"energy: the bulk modulus at rest is not above zero; got 0 Pa"),
+        ({"volumetric_strain": "(J - 1)**2"}, r"energy: the bulk modulus at rest is not above zero; got 0 Pa"),
+        ({"volumetric_strain": "kappa*(J - 1)"}, r"volumetric_strain: this is not of such symbols; got kappa"),
+        ({"volumetric_strain": "sqrt(J - 1)"}, r"volumetric_strain: this, its inverse or a derivative is not a"),
+        # Names that mean something else, of which some gave wrong numbers in silence.
+        (
+            {"energy": "e/2*exp(0*J + 1)*(I1_bar - 3)", "constants": "{e: modulus, kappa: modulus}"},
+            "stands for an invariant, a function or a number",
+        ),
+        (
+            {"energy": "pi/2*(I1_bar - 3)", "constants": "{pi: modulus, kappa: modulus}"},
+            "stands for an invariant, a function or a number",
+        ),
+        (
+            {"energy": "J/2*(I1 - 3)", "constants": "{J: modulus, kappa: modulus}"},
+            "stands for an invariant, a function or a number",
+        ),
+        ({"constants": "{I1_bar: modulus, mu: modulus, kappa: modulus}"}, "constants.I1_bar: this stands for an inv"),
+        ({"symbols": "{I1_bar: I1}"}, r"symbols.I1_bar: this stands for an invariant"),
+        ({"constants": "{lambda: modulus, mu: modulus, kappa: modulus}"}, r"cannot be a name; got 'lambda'"),
+        ({"constants": "{µ: modulus, mu: modulus, kappa: modulus}"}, r"cannot be a name"),
+        ({"constants": "{clamp: modulus, mu: modulus, kappa: modulus}"}, r"a body has something else of this name"),
+        # What has no derivatives, or is no law of an isotropic body.
+        ({"energy": f"{NEO} + mu*sqrt((J - 1)**2)"}, r"energy: this, its inverse or a derivative is not a finite"),
+        ({"energy": "mu*sqrt(I1_bar - 3)"}, r"energy: this, its inverse or a derivative is not a finite real"),
+        ({"energy": "mu*(lambda1 - 1)**2"}, r"energy: the energy changes where the stretches change places"),
+        ({"energy": "mu*(I1 - 3) + lambda1"}, r"energy: the law has no such symbol; got 'I1'"),
+        ({"energy": "mu**mu**mu*(I1_bar - 3)"}, r"energy: the shear modulus at rest is not above zero"),
+        ({"energy": "(-mu)**mu*(I1_bar - 3)"}, r"energy: (the shear modulus|this, its inverse)"),
+        ({"energy": "log(-mu)*(I1_bar - 3)"}, r"energy: (the shear modulus|this, its inverse)"),
+        ({"energy": "J**J**J*" + NEO + "**1e400"}, r"energy: this number is too large"),
+        ({"energy": "'mu\n'"}, r"energy: "),
+    ],
+)
+def test_a_law_without_sense_is_refused_in_a_sentence(tmp_path: Path, keys: dict[str, str], told: str) -> None:
+    law = {"energy": NEO, "constants": MODULI, **keys}
+    path = tmp_path / "laws.yaml"
+    path.write_text("laws:\n  stiffening:\n" + "".join(f"    {key}: {text}\n" for key, text in law.items()))
+    start = time.process_time()
+    with pytest.raises(ProjectFileError, match=rf"laws\.yaml:\d+: laws\.stiffening.*{told}"):
+        read_laws(path)
+    assert time.process_time() - start < 5.0
+
+
+def test_the_formula_of_a_long_law_has_an_end() -> None:
+    constants = {"mu": "modulus", "kappa": "modulus", **{f"a{k}": "ratio" for k in range(6)}}
+    law = OwnLawSection(energy="mu*(a0 + a1 + a2 + a3 + a4 + a5)**90*(I1_bar - 3)", constants=constants)
+    assert law.law("stiffening").shear_formula == "2 mu (a0 + a1 + a2 + a3 + a4 + a5)^90"
+
+
+def test_a_constant_may_be_called_s() -> None:
+    law = OwnLawSection(energy="s/2*(I1_bar - 3)", constants={"s": "modulus", "kappa": "modulus"}).law("stiffening")
+    assert law.shear_modulus({"s": 7e5, "kappa": 4e6}) == pytest.approx(7e5, rel=1e-12)
+
+
+def test_the_faults_of_a_law_are_not_repeated_at_each_body(tmp_path: Path) -> None:
+    changed = (("robot:\n", LAW.replace("exp(b", "expo(b")), *CHANGES[1:])
+    with pytest.raises(ProjectFileError) as error:
+        load(write_project(tmp_path, *changed))
+    assert len(error.value.faults) == 1

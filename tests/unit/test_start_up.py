@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -67,3 +68,59 @@ def test_a_slip_in_a_project_file_is_told_before_anything_heavy_is_loaded(tmp_pa
 
 def test_the_probe_sees_what_is_loaded():
     assert heavy_after("import sympy") == ["sympy"]
+
+
+TOLD = """
+import rich.console, typer
+from softcal.cli import app, main
+@app.command("told")
+def told() -> None:
+    typer.echo("\\u03bd 0.4 \\u00b1 1 \\u00b0, 3 cm\\u00b3, \\u03bb\\u2081 \\u2026 \\u2013 \\u4e2d")
+    rich.console.Console().print("\\u03a8 \\u00e4 \\u2265 \\udcff")
+    typer.echo("\\u03bd", err=True)
+main(["told"])
+"""
+
+
+@pytest.mark.parametrize(
+    ("encoding", "echoed", "printed"),
+    [
+        ("latin-1", "nu 0.4 ± 1 °, 3 cm³, lambda1 ... - ?", "Psi ä >= ?"),
+        ("cp1252", "nu 0.4 ± 1 °, 3 cm³, lambda1 … – ?", "Psi ä >= ?"),
+        ("utf-8", "ν 0.4 ± 1 °, 3 cm³, λ₁ … – 中", "Ψ ä ≥ ?"),
+    ],
+)
+def test_what_a_terminal_cannot_write_is_written_in_other_characters(encoding: str, echoed: str, printed: str):
+    done = subprocess.run(
+        [sys.executable, "-c", TOLD], capture_output=True, check=False, env={**os.environ, "PYTHONIOENCODING": encoding}
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.decode(encoding).splitlines() == [echoed, printed]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="writes to /dev/full")
+@pytest.mark.parametrize("words", [["--help"], ["bench", "list"]])
+def test_output_that_finds_no_room_ends_in_a_sentence(words: list[str]):
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "softcal", *words]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (1, "Error: the output cannot be written: No space left on device.\n")
+
+
+def test_an_unknown_backend_of_matplotlib_does_not_matter():
+    told = "from softcal.cli import main\ntry: main(['--version'])\nexcept SystemExit: import matplotlib.pyplot"
+    env = {**os.environ, "MPLBACKEND": "nonsense"}
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=False, env=env)
+    assert done.returncode == 0, done.stderr
+
+
+def test_members_are_registered_where_python_drops_docstrings():
+    told = """
+from softcal.experiments.step import STEPS
+from softcal.report.figure import FIGURES
+from softcal.workflows.export import EXPORTS
+print(STEPS["set_noise"].summary, len(FIGURES), len(EXPORTS))
+"""
+    done = subprocess.run([sys.executable, "-OO", "-c", told], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("set noise ")

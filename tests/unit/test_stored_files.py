@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import csv
 import io
 import json
 import pickle
@@ -21,9 +22,13 @@ from project_case import write_project
 import softcal
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.store import RECORD, write_text
+from softcal.calibration.stored import read_rows
 from softcal.calibration.trial_journal import JOURNAL
 from softcal.cli import main
+from softcal.csv_text import csv_text, plain
 from softcal.errors import StorageError
+from softcal.experiments.table import load_table
+from softcal.experiments.table_format import TableFormat
 from softcal.report.write import write_files
 from softcal.workflows.mesh_study_files import read_study
 from softcal.workflows.run_folder import load_run
@@ -644,3 +649,25 @@ def test_files_of_a_run_folder_are_opened_in_one_way() -> None:
              source / "workflows/fleet_report.py", source / "bench/page.py"]  # fmt: skip
     found = {path.relative_to(source).as_posix(): len(OPENING.findall(path.read_text("utf-8"))) for path in paths}
     assert {place: n for place, n in found.items() if n} == OTHERS
+
+
+FORMULAS = ["=1+1", "=cmd|' /C calc'!A0", "+a", "-b", "@c", "\td", "\re", "＝f", "'=g", "''-h", "-1 mm", "--1"]
+PLAIN = ["", "a", "-1.5", "+2e3", "-inf", "'", "'a", "a=b", "-", "it's"]
+
+
+def test_a_text_that_begins_as_a_formula_is_marked_as_text() -> None:
+    table = csv_text(["name", "=x"], [[text, 1] for text in [*FORMULAS, *PLAIN]])
+    header, *rows = csv.reader(io.StringIO(table, newline=""))
+    assert header == ["name", "'=x"]
+    assert [row[0] for row in rows] == [*(f"'{text}" for text in FORMULAS), *PLAIN]
+    assert [plain(row[0]) for row in rows] == [*FORMULAS, *PLAIN]
+    assert csv_text(["a"], [[-1.5], [None], [np.float64(-2.0)], [-3]]) == 'a\n-1.5\n""\n-2.0\n-3\n'
+
+
+def test_stored_and_measured_tables_are_read_with_the_texts_that_were_written(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(csv_text(["=name", "x [mm]"], [["=a", 1.0], ["-b", -2.0]]), encoding="utf-8", newline="")
+    assert read_rows(path, "the table") == (["=name", "x [mm]"], [["=a", "1.0"], ["-b", "-2.0"]])
+    table = load_table(path, ["x"], TableFormat())
+    assert table.headers[0] == "=name"
+    assert [cells for _, rows in table.rows() for cells in rows] == [["=a", "1.0"], ["-b", "-2.0"]]

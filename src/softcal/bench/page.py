@@ -15,6 +15,7 @@ from softcal.bench.record import FIT, PREDICT, CaseRecord
 from softcal.bench.run import PREDICTIONS, SCORE
 from softcal.bench.score import Score, SplitScore, distances_of
 from softcal.errors import Fault, StorageError
+from softcal.html_text import markdown
 from softcal.regular_file import read_own
 from softcal.report.check_figures import robot_scenes
 from softcal.report.scene_figure import draw_side_by_side
@@ -107,7 +108,7 @@ def _section(case: BenchmarkCase, scores: Sequence[Score], pictures: Sequence[st
     lines += ["", HEAD + "\n".join(rows), ""]
     for score in scores:
         if found := _found(score):
-            lines += [f"{score.method} found: {found}.", ""]
+            lines += [f"{markdown(score.method)} found: {markdown(found)}.", ""]
     if case.remarks:
         lines += [case.remarks, ""]
     lines += [
@@ -123,19 +124,19 @@ def _row(case: BenchmarkCase, score: Score) -> str:
         share = f"{100 * predicted.all_points.rms / case.length:.2g} %"
     band = "–" if predicted is None or predicted.coverage is None else f"{100 * predicted.coverage:.0f} %"
     wall = "–" if score.wall_s is None else format_quantity(score.wall_s, "s", digits=2)
-    note = f"predicts {score.data}" if score.data else ""
+    note = f"predicts {markdown(score.data)}" if score.data else ""
     if not score.parameters and predicted is not None and case.tip in predicted.points:
         tip = predicted.points[case.tip]
         mean, most, largest = (f"{100 * x / case.length:.2g} %" for x in (tip.mean, tip.most_95, tip.largest))
         told = f"tip: mean {mean}, 95 % below {most}, largest {largest} of the length"
         note = f"{told}; {note}" if note else told
     cells = [
-        f"**{score.method}**",
+        f"**{markdown(score.method)}**",
         _errors(case, score.splits.get(FIT)),
         _errors(case, predicted),
         share,
         band,
-        "–" if score.evaluations is None else str(score.evaluations),
+        "–" if score.evaluations is None else markdown(score.evaluations),
         wall,
         note or "–",
     ]
@@ -148,8 +149,7 @@ def _found(score: Score) -> str:
 
 
 def _line(cells: Sequence[str]) -> str:
-    """A row of a table; a bar in a cell, such as in the name of a method from a file, would end the cell."""
-    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+    return f"| {' | '.join(cells)} |"
 
 
 def _errors(case: BenchmarkCase, split: SplitScore | None) -> str:

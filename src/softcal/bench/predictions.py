@@ -24,12 +24,14 @@ import numpy as np
 from softcal.bench.frames import frame_faults
 from softcal.bench.record import PREDICT, SPLITS, CaseRecord, Split
 from softcal.checks import Floats
-from softcal.csv_text import csv_text
+from softcal.csv_text import csv_text, plain
 from softcal.errors import DatasetError, Fault, SoftcalError, StorageError, nearest
 from softcal.units import parse_quantity
 
 SAMPLE, BAND = "sample", "band."
 SHOWN = 4  # names of many in a message
+SHORT, LONGEST_NAME, MOST_DIGITS = 40, 255, 15  # characters of a name in a message, and of a method's; of a count
+LARGEST = 1e15  # [SI], of a value
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,13 @@ def read_predictions(path: Path, record: CaseRecord, method: str = "", *, aligne
         ) from error
     told = dict(re.findall(r"^#\s*(\w+)\s*:\s*(.*?)\s*$", text, flags=re.MULTILINE))
     parameters = dict(re.findall(r"^#\s*([\w.\[\]]+)\s*=\s*(.*?)\s*$", text, flags=re.MULTILINE))
-    rows = [row for row in csv.reader(line for line in text.splitlines() if not line.startswith("#")) if any(row)]
+    lines = csv.reader(line for line in text.splitlines() if not line.startswith("#"))
+    try:
+        rows = [[plain(cell) for cell in row] for row in lines if any(row)]
+    except csv.Error as error:
+        raise DatasetError(
+            Fault("the table cannot be cut into cells", str(path), str(error), _layout(record))
+        ) from None
     if not rows:
         raise DatasetError(Fault("the table is empty", str(path), allowed=_layout(record)))
     faults: list[Fault] = []
@@ -131,6 +139,9 @@ def read_predictions(path: Path, record: CaseRecord, method: str = "", *, aligne
         channels = {name: held for name, held in values.items() if not name.startswith(BAND)}
         bands = {name.removeprefix(BAND): held for name, held in values.items() if name.startswith(BAND)}
         name = method or told.get("method") or path.stem
+        if len(name) > LONGEST_NAME:
+            got, allowed = f"{len(name)} characters", f"{LONGEST_NAME}"
+            raise DatasetError(Fault("the name of the method is too long", str(path), got, allowed))
         found = Predictions(tuple(samples), channels, bands, name, evaluations, wall, parameters)
         faults += require_matching(record, found, str(path), aligned=aligned)
         if not faults:
@@ -225,10 +236,10 @@ def _values(
             continue
         with suppress(ValueError):
             found[i] = scale * float(cell)
-        if not np.isfinite(found[i]) or (name.startswith(BAND) and found[i] < 0.0):
-            wrong.append(f"{row[0].strip()}: '{cell}'")
+        if not abs(found[i]) <= LARGEST or (name.startswith(BAND) and found[i] < 0.0):
+            wrong.append(f"{row[0].strip()[:SHORT]}: '{cell[:SHORT]}'")
     if wrong:
-        allowed = "a number, not negative" if name.startswith(BAND) else "a number"
+        allowed = f"a number up to {LARGEST:g} in SI" + (", not negative" if name.startswith(BAND) else "")
         faults.append(Fault(f"{len(wrong)} value(s) of {name} are no such number", where, _some(wrong), allowed))
     return found
 
@@ -236,8 +247,8 @@ def _values(
 def _count(text: str | None, where: str, faults: list[Fault]) -> int | None:
     if text is None:
         return None
-    if not text.isdecimal():
-        faults.append(Fault("the number of evaluations is no count", where, f"'{text}'", "such as 12"))
+    if not text.isdecimal() or len(text) > MOST_DIGITS:
+        faults.append(Fault("the number of evaluations is no count", where, f"'{text[:SHORT]}'", "such as 12"))
         return None
     return int(text)
 
@@ -254,4 +265,4 @@ def _seconds(text: str | None, where: str, faults: list[Fault]) -> float | None:
 
 def _some(names: list[str]) -> str:
     more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return ", ".join(names[:SHOWN]) + more
+    return ", ".join(name[: 3 * SHORT] for name in names[:SHOWN]) + more

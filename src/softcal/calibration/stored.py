@@ -13,6 +13,7 @@ from typing import Annotated, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from softcal.csv_text import plain
 from softcal.errors import Fault, StorageError
 from softcal.regular_file import read_own
 
@@ -97,7 +98,7 @@ def read_rows(path: Path, what: str) -> tuple[list[str], list[list[str]]]:
     """
     try:
         text = read_bytes(path, what).decode("utf-8")
-        lines = list(csv.reader(io.StringIO(text), strict=True))
+        lines = [[plain(cell) for cell in row] for row in csv.reader(io.StringIO(text), strict=True)]
     except (UnicodeDecodeError, csv.Error) as error:
         raise contradiction(path, what, str(error)) from error
     if "\0" in text:

@@ -4,6 +4,8 @@ One module for each group of commands; importing it adds them to the application
 them.
 """
 
+import os
+
 # isort: off
 from softcal.cli import project_commands
 from softcal.cli import simulate_command
@@ -25,6 +27,7 @@ from softcal.cli import watch_command
 # isort: on
 from softcal.calibration.interrupts import stop_signals_raised
 from softcal.cli.app import app
+from softcal.cli.printing import any_terminal
 
 COMMAND_GROUPS = (
     project_commands,
@@ -51,5 +54,6 @@ def main(argv: list[str] | None = None) -> None:
 
     0 success; 1 failure; 2 invalid input; 128 plus the signal's number: 130 Ctrl-C, 143 SIGTERM, 129 SIGHUP.
     """
-    with stop_signals_raised():
+    os.environ["MPLBACKEND"] = "agg"  # charts are drawn into files, whatever the user's own programs draw on
+    with stop_signals_raised(), any_terminal():
         app(args=argv)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -90,10 +91,13 @@ def coupon(  # noqa: PLR0913 (one argument for each option)
     ] = None,
 ) -> None:
     """Fit laws, alone or with a history, to coupon tests: intervals, errors held out, stability, a body's block."""
+    from softcal.project.names import RESERVED_OF_PARTS, name_fault
     from softcal.workflows.output import require_free_folder
 
     data, predict, test = data or [], predict or [], test or []
     _require_consistent(data, predict, test, law or [], history or [], stored)
+    if fault := name_fault(body, RESERVED_OF_PARTS):
+        raise ParameterError(replace(fault, where="--body"))
     if out is not None:
         require_free_folder(out)
     from softcal.coupons.plausibility import implausible

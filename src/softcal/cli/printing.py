@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import codecs
+import errno
 import os
 import re
-from collections.abc import Iterable, Sequence
+import sys
+import unicodedata
+from collections.abc import Generator, Iterable, Sequence
+from contextlib import contextmanager, suppress
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +24,51 @@ if TYPE_CHECKING:
     from softcal.report.tables import ReportTable
 
 LOG_WIDTH = 160  # a log does not wrap
+NO_OUTPUT = 1  # the exit code where the output cannot be written
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+# What stands for the signs of messages where the terminal cannot write them.
+_SIGNS = {
+    "±": "+/-", "–": "-", "—": "-", "−": "-", "×": "x", "·": "*", "⋅": "*", "→": "->", "≥": ">=", "≤": "<=", "≈": "~",
+    "°": "deg", "µ": "u", "∞": "inf", "’": "'", "‘": "'", "“": '"', "”": '"', "′": "'", "″": '"', "©": "(c)",
+}  # fmt: skip
+
+
+@contextmanager
+def any_terminal() -> Generator[None]:
+    """Output to a terminal or file of any encoding: what it cannot write is written in other characters, and where
+    there is no room for it the program ends with a sentence.
+    """
+    codecs.register_error("softcal", _plain)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="softcal")
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None or error.errno not in _NO_ROOM:
+            raise
+        with suppress(OSError):
+            typer.echo(f"Error: the output cannot be written: {error.strerror}.", err=True)
+        # What is left of it would be an error again at the end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        raise SystemExit(NO_OUTPUT) from None
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(map(_in_ascii, error.object[error.start : error.end])), error.end
+
+
+def _in_ascii(sign: str) -> str:
+    """A sign, a letter of Greek by its name, any other without its accent; else a question mark."""
+    if sign in _SIGNS:
+        return _SIGNS[sign]
+    greek = re.match(r"GREEK (SMALL|CAPITAL) LETTER (\w+)", unicodedata.name(sign, ""))
+    if greek:
+        name = greek[2].replace("LAMDA", "LAMBDA")  # Unicode's spelling
+        return name.lower() if greek[1] == "SMALL" else name.capitalize()
+    return unicodedata.normalize("NFKD", sign).encode("ascii", "ignore").decode() or "?"
 
 
 def shown_path(path: Path) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -18,8 +19,10 @@ _FEWEST = 5  # rows
 _FITS, _BETTER = 0.08, 3.0  # error of what the other measure would be, and the stated one's error over it
 
 
-def require_signs(coupons: Sequence[Coupon]) -> None:
+def require_signs(coupons: Sequence[Coupon], path: Path) -> None:
     """Check that stresses have the sign of the strains: the work in extension, and that in compression, is above zero.
+
+    path: of the file that they are from.
 
     Raises
     ------
@@ -36,7 +39,7 @@ def require_signs(coupons: Sequence[Coupon]) -> None:
                 faults.append(
                     Fault(
                         f"the stresses in {what} have the wrong sign",
-                        f"{coupon.test} test of '{coupon.name}'",
+                        f"{path}, specimen '{coupon.name}'",
                         allowed="stresses above zero in extension, below zero in compression",
                     )
                 )

@@ -28,6 +28,7 @@ from softcal.experiments.table_format import TableFormat
 SPECIMEN, TIME = "specimen", "time"
 FEWEST = 5  # rows of a specimen
 _LARGEST = 100.0  # stretch, or amount of shear
+_STRESSES = (1e-2, 1e12)  # Pa, of the largest of a specimen
 _WITH_MEMORY = ("relaxation", "cyclic", "creep")
 
 
@@ -103,9 +104,10 @@ def read_coupons(path: str | Path, test: str, *, needs_stress: bool = True) -> l
         raise DatasetError([*faults, *unit_faults])
     if unit_faults:
         raise UnitError(unit_faults)
-    values = [held.numbers[str(column.place)] * column.factor for column in columns]
     k = len(kind.axes)
-    strain = np.column_stack([kind.strains[c.measure](v) for c, v in zip(columns[:k], values[:k], strict=True)])
+    with np.errstate(over="ignore"):  # what is infinite is out of range
+        values = [held.numbers[str(column.place)] * column.factor for column in columns]
+        strain = np.column_stack([kind.strains[c.measure](v) for c, v in zip(columns[:k], values[:k], strict=True)])
     faults += _strain_faults(kind, table, held, columns, strain)
     names = held.labels or (path.stem,) * len(strain)
     faults += _row_faults(table, names)
@@ -116,15 +118,22 @@ def read_coupons(path: str | Path, test: str, *, needs_stress: bool = True) -> l
         raise DatasetError(faults)
     stress = np.full_like(strain, np.nan)
     for i, (c, v) in enumerate(zip(columns[k:], values[k:], strict=True)):
-        stress[:, i] = kind.stresses[c.measure](v, strain[:, i])
+        with np.errstate(over="ignore"):
+            stress[:, i] = kind.stresses[c.measure](v, strain[:, i])
     found: list[Coupon] = []
     for name in dict.fromkeys(names):
         own = np.array([one == name for one in names])
         where = f"{path}, specimen '{name}'"
         if np.all(strain[own] == kind.at_rest):
             faults.append(Fault("the coupon is never strained", where, attempt="the column of its strain"))
-        if has_stress and not stress[own].any():
+        largest = float(np.nanmax(np.abs(stress[own]), initial=0.0))
+        if has_stress and not largest:
             faults.append(Fault("every stress is zero", where, attempt="the column of the stress that was measured"))
+        elif has_stress and not _STRESSES[0] <= largest <= _STRESSES[1]:
+            low, high = _STRESSES
+            allowed = f"a largest one from {low:g} to {high:g} Pa"
+            attempt = "the unit in the column's header"
+            faults.append(Fault("no material has such stresses", where, f"up to {largest:.4g} Pa", allowed, attempt))
         found.append(Coupon(name, kind.name, strain[own], stress[own], None if time is None else time[own]))
     if faults:
         raise DatasetError(faults)

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Annotated
 
 from softcal.declare import checked_arguments
+from softcal.errors import Fault, ParameterError
 from softcal.executors.executor import EXECUTORS, Executor
 from softcal.executors.kinds.local import LocalExecutor
 from softcal.limits import LIMITS
@@ -40,9 +41,13 @@ def executor_on(on: str, workers: Annotated[int, LIMITS["workers"]] | None = Non
 
     Raises
     ------
+    ParameterError
+        Where there is no such executor.
     InputError
-        Where there is no such executor, or it cannot be had.
+        Where it cannot be had.
     """
+    if not on.isprintable():
+        raise ParameterError(Fault("this is no executor", "--on", repr(on), "NAME or NAME:ADDRESS, in one line"))
     name, _, address = on.partition(":")
     with EXECUTORS.named(name.strip(), "--on").at(address.strip(), workers) as executor:
         yield executor

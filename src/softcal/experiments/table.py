@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from softcal.csv_text import plain
 from softcal.errors import DatasetError, Fault, UnitError
 from softcal.experiments.table_format import TableFormat
 from softcal.experiments.text_file import TextFile, open_text
@@ -211,7 +212,8 @@ def _uncomment(line: str) -> str:
 
 def _cells(path: Path, number: int, line: str, delimiter: str, *, header: bool = False) -> list[str]:
     try:
-        return _split(line, delimiter, header=header)
+        cells = _split(line, delimiter, header=header)
+        return [plain(cell) for cell in cells] if "'" in line else cells
     except csv.Error as error:
         raise DatasetError(Fault("the line cannot be cut into cells", f"{path}, line {number}", str(error))) from error
 

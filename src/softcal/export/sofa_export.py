@@ -25,6 +25,7 @@ from softcal.export.sofa_scene import (
 )
 from softcal.export.sofa_settings import SofaSettings
 from softcal.export.sofa_visual import visual_parameters, write_surfaces
+from softcal.html_text import markdown
 from softcal.twin.protocol import Protocol, command_faults
 from softcal.twin.robot import Control, Robot
 from softcal.twin.time_settings import TimeSettings
@@ -134,7 +135,7 @@ def _readme(
         )
     keys = ", ".join(f"{i} {cable.name}" for i, cable in enumerate(robot.cables[:9], start=1)) or "there are none"
     return _TEXT.format(
-        name=name,
+        name=markdown(name),
         conda=CONDA,
         root=ROOT,
         package=package,

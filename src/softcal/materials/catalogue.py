@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import keyword
+import math
+import unicodedata
+from collections.abc import Iterator, Mapping
 from typing import Annotated
 
 from softcal.catalogue import Catalogue
 from softcal.declare import member_of
 from softcal.errors import Fault
 from softcal.materials.arruda_boyce import ARRUDA_BOYCE
-from softcal.materials.expression import expression_faults
+from softcal.materials.expression import FUNCTIONS, Measure, measured
 from softcal.materials.gent import GENT
 from softcal.materials.histories import history_constants
-from softcal.materials.law import ALONG, INVARIANTS, STRETCHES, Law
+from softcal.materials.law import ALONG, STRETCHES, Law
 from softcal.materials.layered import NEO_HOOKE_LAYERED
 from softcal.materials.mooney_rivlin import MOONEY_RIVLIN, MOONEY_RIVLIN_3, MOONEY_RIVLIN_5
 from softcal.materials.neo_hooke import NEO_HOOKE, NEO_HOOKE_ISOCHORIC
@@ -26,6 +29,7 @@ from softcal.materials.yeoh import YEOH
 # The other keys of a body in a project file: reserved names.
 TAKEN = (
     "build_direction",
+    "clamp",
     "density",
     "element",
     "fixed",
@@ -36,10 +40,13 @@ TAKEN = (
     "placement",
     "region",
     "regions",
+    "shape",
 )
 
-# What a law's texts are written in.
-RESERVED = (*INVARIANTS, ALONG, *STRETCHES)
+# What a law's texts are written in, and their values at rest.
+AT_REST = {"I1": 3.0, "I2": 3.0, "J": 1.0, ALONG: 1.0, **dict.fromkeys(STRETCHES, 1.0)}
+# What else has a meaning in the texts, or in the functions that are made of them.
+RESERVED = (*AT_REST, *FUNCTIONS, "pi", "e", *(f"ln_{name}" for name in STRETCHES))
 
 
 def _clashes(law: Law, known: Mapping[str, Law]) -> list[Fault]:
@@ -65,12 +72,17 @@ def _faults(law: Law, known: Mapping[str, Law]) -> list[Fault]:
     letters = [parameter.symbol for parameter in law.parameters]
     names = [*law.names, *letters, *law.symbols]
     faults = [
-        Fault("this cannot be a name", where=f"law {law.name}", got=f"'{name}'", allowed="letters, digits and _")
+        Fault("this cannot be a name", where=f"law {law.name}", got=repr(name), allowed="letters, digits and _")
         for name in names
-        if not name.isidentifier()
+        if not name.isidentifier() or keyword.iskeyword(name) or unicodedata.normalize("NFKC", name) != name
     ]
     faults += [
-        Fault("this stands for an invariant", where=f"law {law.name}", got=name, attempt="another letter")
+        Fault(
+            "this stands for an invariant, a function or a number",
+            where=f"law {law.name}",
+            got=name,
+            attempt="another letter",
+        )
         for name in [*letters, *law.symbols]
         if name in RESERVED
     ]
@@ -85,10 +97,29 @@ def _faults(law: Law, known: Mapping[str, Law]) -> list[Fault]:
             faults.append(Fault(f"two {kind} have one name", where=f"law {law.name}", got=", ".join(twice)))
     if not law.parameters:
         faults.append(Fault("the law has no constants", where=f"law {law.name}"))
-    written = {what: getattr(law, what) for what in ("distortional", "volumetric_strain", "bulk")}
-    for what, text in {**law.symbols, **written}.items():
-        faults += expression_faults(text, f"law {law.name}, {what}", [*letters, *law.symbols, *RESERVED, "pi"])
-    return faults + _clashes(law, known)
+    return [*faults, *_clashes(law, known), *(() if faults else _text_faults(law))]
+
+
+def _text_faults(law: Law) -> Iterator[Fault]:
+    """What is wrong with the texts of a law whose names are in order."""
+    constants = frozenset(parameter.symbol for parameter in law.parameters)
+    scope: dict[str, Measure | None] = dict.fromkeys(law.symbols)
+    scope |= {name: Measure(names=frozenset({name})) for name in constants}
+    scope |= {name: Measure(AT_REST[name], names=frozenset({name})) for name in (*law.variables, "J")}
+    scope["pi"] = Measure(math.pi)
+    for symbol, text in law.symbols.items():
+        scope[symbol], faults = measured(text, f"law {law.name}, symbols.{symbol}", scope)
+        yield from faults
+    for what, names, allowed in (
+        ("distortional", frozenset(AT_REST) | constants, ""),
+        ("volumetric_strain", frozenset({"J"}), "J and numbers"),
+        ("bulk", constants, "constants and numbers"),
+        ("shifted", constants, "constants and numbers"),
+    ):
+        measure, faults = measured(getattr(law, what), f"law {law.name}, {what}", scope)
+        yield from faults
+        if others := measure.names - names - set(FUNCTIONS):
+            yield Fault("this is not of such symbols", f"law {law.name}, {what}", ", ".join(sorted(others)), allowed)
 
 
 def constants_of(laws: Mapping[str, Law]) -> dict[str, Parameter]:

@@ -1,50 +1,185 @@
-"""The texts of laws: arithmetic of named symbols, read by a list of what is allowed and never run as code."""
+"""The texts of laws: arithmetic of named symbols, read by a list of what is allowed and never run as code.
+
+SymPy works numbers out exactly, however long they become, and differentiates whatever it is given. So a text is
+measured in floats before SymPy sees it, with all its symbols filled in, and symbolic work has a limit of time.
+"""
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Collection, Mapping
+import ctypes
+import math
+import operator
+import threading
+import time
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from typing import Any
 
 from softcal.declare import shown
-from softcal.errors import Fault, unknown
+from softcal.errors import Fault, InputError, unknown
 
-# Function -> number of its arguments.
-FUNCTIONS = {"log": 1, "exp": 1, "sqrt": 1, "sinh": 1, "cosh": 1, "tanh": 1, "Rational": 2}
+_OPERATIONS: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+}
+_SIGNS: dict[type[ast.unaryop], Callable[[Any], Any]] = {ast.UAdd: operator.pos, ast.USub: operator.neg}
+FUNCTIONS: dict[str, Callable[..., float]] = {
+    "log": math.log,
+    "exp": math.exp,
+    "sqrt": math.sqrt,
+    "sinh": math.sinh,
+    "cosh": math.cosh,
+    "tanh": math.tanh,
+    "Rational": operator.truediv,
+}
 ALLOWED = f"numbers, + - * / **, brackets and {', '.join(FUNCTIONS)}"
 LONGEST = 4000  # characters
-# SymPy works numbers out exactly: larger ones, and powers of powers, would take it forever.
-LARGEST, LARGEST_POWER = 1e12, 100
+LARGEST, LARGEST_POWER = 1e100, 100
+MOST_BITS = 10_000  # of the numbers in it, worked out exactly
+MOST_PARTS, DEEPEST = 2000, 40  # with all symbols filled in
+MOST_SECONDS = 10.0  # of symbolic work on one law; softcal's own take half a second
 
-_OPERATIONS = (ast.Add, ast.Sub, ast.Mult, ast.Div)
-_SIGNS = (ast.UAdd, ast.USub)
+
+@dataclass(frozen=True)
+class Measure:
+    """What an expression comes to with all symbols filled in.
+
+    Attributes
+    ----------
+    value
+        At rest; None where it depends on constants.
+    bits
+        Those of its numbers worked out exactly, at most.
+    parts, depth
+        Numbers, names and operations, and how deep they are nested; a chain of sums is one level.
+    names
+        The constants, variables and functions in it.
+    """
+
+    value: float | None = None
+    bits: float = 0.0
+    parts: int = 1
+    depth: int = 1
+    names: frozenset[str] = frozenset()
 
 
-def expression_faults(text: object, where: str, known: Collection[str]) -> list[Fault]:
-    """What is wrong with a text in the symbols `known`, as far as it shows without SymPy, which is slow to import."""
+def measured(text: object, where: str, scope: Mapping[str, Measure | None]) -> tuple[Measure, list[Fault]]:
+    """The measure of a text and what is wrong with it, without SymPy, which is slow to import.
+
+    scope: symbol -> its measure, or None for an abbreviation that is not yet filled in.
+    """
     such = "text such as 'mu/2*(I1 - 3)'"
     if not isinstance(text, str):
-        return [Fault("this is not an expression", where, shown(text), such)]
+        return Measure(), [Fault("this is not an expression", where, shown(text), such)]
     if len(text) > LONGEST:
-        return [Fault("this expression is too long", where, f"{len(text)} characters", f"{LONGEST}")]
+        return Measure(), [Fault("this expression is too long", where, f"{len(text)} characters", f"{LONGEST}")]
+    faults: list[Fault] = []
     try:
-        return _faults(ast.parse(text.strip(), mode="eval").body, where, known)
+        measure = _measured(ast.parse(text.strip(), mode="eval").body, scope, faults)
     except (SyntaxError, ValueError, MemoryError):
-        return [Fault("this is not an expression", where, shown(text), such)]
+        return Measure(), [Fault("this is not an expression", where, shown(text), such)]
     except RecursionError:
-        return [Fault("this expression is nested too deeply", where, shown(text))]
+        return Measure(), [Fault("this expression is too long, or nested too deeply", where, shown(text))]
+    if not faults and measure.parts > MOST_PARTS:
+        got = f"{measure.parts} numbers, names and operations"
+        faults.append(Fault("this is too long with its symbols filled in", got=got, allowed=f"{MOST_PARTS}"))
+    if not faults and measure.depth > DEEPEST:
+        got, allowed = f"{measure.depth} levels, with its symbols filled in", f"{DEEPEST}"
+        faults.append(Fault("this expression is nested too deeply", got=got, allowed=allowed))
+    return measure, [replace(fault, where=where) for fault in faults]
 
 
-def _faults(part: ast.AST, where: str, known: Collection[str]) -> list[Fault]:
-    """Those of a part, or else of the parts in it."""
-    if isinstance(part, ast.Name):
-        what = "this function has no argument" if part.id in FUNCTIONS else "the law has no such symbol"
-        fault = unknown(what, where, part.id, known)
-        return [] if part.id in known else [fault]
-    if wrong := _wrong(part):
-        return [Fault(wrong, where, shown(ast.unparse(part)), ALLOWED)]
-    inner = part.args if isinstance(part, ast.Call) else ast.iter_child_nodes(part)
-    return [fault for one in inner if isinstance(one, ast.expr) for fault in _faults(one, where, known)]
+def _measured(node: ast.expr, scope: Mapping[str, Measure | None], faults: list[Fault]) -> Measure:
+    """The measure of a part; of one with a fault, which is added to the faults, that of a symbol like any other."""
+
+    def wrong(what: str, allowed: str = ALLOWED) -> Measure:
+        faults.append(Fault(what, got=shown(ast.unparse(node)), allowed=allowed))
+        return Measure()
+
+    if isinstance(node, ast.Name):
+        return _named(node.id, scope, faults)
+    called = ""
+    match node:
+        case ast.Constant(int() | float() as number) if not isinstance(number, bool):
+            if not abs(number) <= LARGEST:
+                return wrong("this number is too large", f"up to {LARGEST:g}")
+            return Measure(float(number), abs(math.log2(abs(number))) if number else 0.0)
+        case ast.UnaryOp(op, operand) if type(op) in _SIGNS:
+            function, inner = _SIGNS[type(op)], [operand]
+        case ast.BinOp(left, op, right) if type(op) in _OPERATIONS:
+            function, inner = _OPERATIONS[type(op)], [left, right]
+        case ast.Call(ast.Name(called), inner, []) if called in FUNCTIONS:
+            function = FUNCTIONS[called]
+            if len(inner) != 1 + (called == "Rational"):
+                return wrong("this function takes another number of arguments")
+        case ast.Call(ast.Name(name)) if name not in FUNCTIONS:
+            return wrong("there is no such function")
+        case _:
+            return wrong("this is not allowed in an expression")
+
+    before = len(faults)
+    parts = [_measured(one, scope, faults) for one in inner]
+    if len(faults) > before:
+        return Measure()
+    if called == "Rational" and not all(map(_is_whole, parts)):
+        return wrong("Rational is of two whole numbers", "such as Rational(2, 3)")
+    names = frozenset([called] if called else []).union(*(one.names for one in parts))
+    bits = sum(one.bits for one in parts) + (function in (operator.add, operator.sub))
+    # e to a multiple of a logarithm is a power too.
+    if function is operator.pow or (called == "exp" and "log" in names):
+        exponent = parts[-1]
+        power = 2.0 ** min(exponent.bits, 64.0) if exponent.names else abs(exponent.value or 0.0)
+        if power > LARGEST_POWER:
+            return wrong("this power is too large", f"up to {LARGEST_POWER}")
+        bits = parts[0].bits * (power + 1.0)
+    if bits > MOST_BITS:
+        return wrong("the numbers of this become too long", f"{MOST_BITS} bits")
+    value = _value(function, [one.value for one in parts])
+    if called == "exp" and value == 0.0:
+        value = math.inf  # less than any float: as long as the inverse, which is larger
+    at = " at rest" if names - set(FUNCTIONS) else ""
+    if value is not None and math.isnan(value):
+        return wrong(f"this is not a real number{at}", "real numbers")
+    if value is not None and abs(value) > LARGEST:
+        return wrong(f"this number is too large{at}", f"up to {LARGEST:g}, and its inverse")
+    first, *others = parts
+    # SymPy joins sums of sums, and products of products.
+    level = 0 if isinstance(node, ast.BinOp) and function is not operator.pow else 1
+    depth = max(first.depth + level, *(one.depth + 1 for one in others), 1)
+    return Measure(value, bits, 1 + sum(one.parts for one in parts), depth, names)
+
+
+def _named(name: str, scope: Mapping[str, Measure | None], faults: list[Fault]) -> Measure:
+    if name in FUNCTIONS:
+        faults.append(Fault("this function has no argument", got=f"'{name}'"))
+    elif name not in scope:
+        faults.append(unknown("the law has no such symbol", "", name, [one for one in scope if scope[one]]))
+    elif scope[name] is None:
+        what = "this symbol leads back to itself, or is explained only further down"
+        faults.append(Fault(what, got=f"'{name}'", allowed="constants, variables, and symbols that stand above it"))
+    return scope.get(name) or Measure()
+
+
+def _is_whole(one: Measure) -> bool:
+    return one.value is not None and not one.names and one.value.is_integer()
+
+
+def _value(function: Callable[..., float], of: list[float | None]) -> float | None:
+    """That of a function: infinite where it overflows, NaN where there is no real one; None where one is not known."""
+    if None in of:
+        return None
+    try:
+        value = function(*of)
+    except OverflowError:
+        return math.inf
+    except (ZeroDivisionError, ValueError):
+        return math.nan
+    return value if isinstance(value, float) else math.nan
 
 
 def to_sympy(text: str, scope: Mapping[str, Any]) -> Any:
@@ -58,54 +193,58 @@ def to_sympy(text: str, scope: Mapping[str, Any]) -> Any:
             case ast.Name(name):
                 return scope[name]
             case ast.UnaryOp(op, operand):
-                return -read(operand) if isinstance(op, ast.USub) else read(operand)
+                return _SIGNS[type(op)](read(operand))
             case ast.BinOp(left, op, right):
-                return _combined(op, read(left), read(right))
+                return _OPERATIONS[type(op)](read(left), read(right))
             case ast.Call(ast.Name(name), arguments):
-                return getattr(sympy, name)(*(read(one) for one in arguments))
+                values = [read(one) for one in arguments]
+                # In floats, as nothing exact is then made of logarithms of numbers.
+                if name != "Rational" and values[0].is_number:
+                    values = [sympy.Float(values[0])]
+                return getattr(sympy, name)(*values)
             case _:
                 raise TypeError(ast.dump(node))
 
     return read(ast.parse(text.strip(), mode="eval").body)
 
 
-def _combined(op: ast.operator, left: Any, right: Any) -> Any:
-    match op:
-        case ast.Add():
-            return left + right
-        case ast.Sub():
-            return left - right
-        case ast.Mult():
-            return left * right
-        case ast.Div():
-            return left / right
-        case _:
-            return left**right
+class _TimeUp(BaseException):
+    """Not an Exception, of which SymPy catches some."""
 
 
-def _wrong(part: ast.AST) -> str:
-    """What is wrong with one part of a parsed text by itself; "" where nothing is."""
-    match part:
-        case ast.Constant(value) if isinstance(value, int | float) and not isinstance(value, bool):
-            return "" if abs(value) <= LARGEST else "this number is too large"
-        case ast.UnaryOp(op) if isinstance(op, _SIGNS):
-            return ""
-        case ast.BinOp(_, ast.Pow(), exponent):
-            return _wrong_power(exponent)
-        case ast.BinOp(_, op) if isinstance(op, _OPERATIONS):
-            return ""
-        case ast.Call(ast.Name(name), arguments, []) if name in FUNCTIONS:
-            return "" if len(arguments) == FUNCTIONS[name] else "this function takes another number of arguments"
-        case ast.Call(ast.Name(name)) if name not in FUNCTIONS:
-            return "there is no such function"
-        case _:
-            return "this is not allowed in an expression"
+@contextmanager
+def limited(where: str) -> Generator[None]:
+    """Symbolic work that has an end.
 
+    Raises
+    ------
+    InputError
+        Where it takes longer than MOST_SECONDS or is nested too deeply; where: of what.
+    """
+    thread, done = threading.get_ident(), threading.Event()
 
-def _wrong_power(exponent: ast.AST) -> str:
-    parts = list(ast.walk(exponent))
-    if any(isinstance(part, ast.Pow) for part in parts):
-        return "a power of a power is not allowed in an expression"
-    numbers = (part.value for part in parts if isinstance(part, ast.Constant))
-    large = any(isinstance(number, int | float) and abs(number) > LARGEST_POWER for number in numbers)
-    return "this power is too large" if large else ""
+    def watch() -> None:
+        clocks = (
+            time.monotonic,
+            time.process_time,
+        )  # a machine at full load gives the process less than the clock says
+        start = [clock() for clock in clocks]
+        while not done.wait(0.1):
+            if min(clock() - begin for clock, begin in zip(clocks, start, strict=True)) > MOST_SECONDS:
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(_TimeUp))
+                return
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        try:
+            yield
+        finally:
+            done.set()
+            watcher.join()
+    except _TimeUp:
+        what = "the derivatives of this law take too long to work out"
+        allowed, attempt = f"{MOST_SECONDS:g} s", "a shorter energy"
+        raise InputError(Fault(what, where, allowed=allowed, attempt=attempt)) from None
+    except (RecursionError, MemoryError):
+        raise InputError(Fault("this law is nested too deeply for its derivatives", where)) from None

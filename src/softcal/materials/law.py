@@ -24,7 +24,8 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.display import displayed
-from softcal.materials.expression import to_sympy
+from softcal.errors import Fault, InputError
+from softcal.materials.expression import limited, to_sympy
 from softcal.materials.parameter import Parameter
 
 INVARIANTS = ("I1", "I2", "J")
@@ -131,12 +132,13 @@ class Law:
         """The shear modulus at small strain by the names of the constants, such as "alpha1 mu1/2"."""
         import sympy
 
-        letters, variables, scope = _scope(self)
-        shear = sympy.expand(_shear_at_rest(to_sympy(self.distortional, scope), variables))
-        named = {letters[one.symbol]: sympy.Symbol(one.name) for one in self.parameters}
-        # Series have fractions that nobody reads.
-        rounded = {one: sympy.Float(one, 4) for one in shear.atoms(sympy.Rational) if one.q > PLAIN}
-        text = str(sympy.factor_terms(shear.xreplace(rounded), fraction=False).xreplace(named))
+        with limited(f"law {self.name}, distortional"):
+            letters, variables, scope = _scope(self)
+            shear = sympy.expand_mul(_shear_at_rest(to_sympy(self.distortional, scope), variables))
+            named = {letters[one.symbol]: sympy.Symbol(one.name) for one in self.parameters}
+            # Series have fractions that nobody reads.
+            rounded = {one: sympy.Float(one, 4) for one in shear.atoms(sympy.Rational) if one.q > PLAIN}
+            text = str(sympy.factor_terms(shear.xreplace(rounded), fraction=False).xreplace(named))
         return text.replace("**", "^").replace("*", " ")
 
     def is_proportional(self, theta: Mapping[str, float]) -> bool:
@@ -190,21 +192,35 @@ def _scope(law: Law) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
     letters = {one.symbol: sympy.Symbol(one.symbol, real=True) for one in law.parameters}
     variables = {name: sympy.Symbol(name, positive=True) for name in law.variables}
     J = variables["J"] if "J" in variables else sympy.Mul(*variables.values())
-    scope: dict[str, Any] = {**letters, **variables, "J": J, "pi": sympy.pi}
+    return letters, variables, _with_symbols(law, {**letters, **variables, "J": J, "pi": sympy.pi})
+
+
+def _with_symbols(law: Law, scope: dict[str, Any]) -> dict[str, Any]:
     for symbol, text in law.symbols.items():
         scope[symbol] = to_sympy(text, scope)
-    return letters, variables, scope
+    return scope
 
 
 @functools.cache
 def compile_law(law: Law) -> CompiledLaw:
-    """Differentiate the energy with SymPy and turn the derivatives into NumPy functions; cached."""
+    """Differentiate the energy with SymPy and turn the derivatives into NumPy functions; cached.
+
+    Raises
+    ------
+    InputError
+        Where a derivative is not a finite real function, or takes too long to work out.
+    """
+    with limited(f"law {law.name}, distortional"):
+        return _compiled(law)
+
+
+def _compiled(law: Law) -> CompiledLaw:
     import sympy
 
     letters, variables, scope = _scope(law)
     psi_d, kappa, shifted = (to_sympy(text, scope) for text in (law.distortional, law.bulk, law.shifted))
     volume = sympy.Symbol("J", positive=True)
-    g = to_sympy(law.volumetric_strain, {**scope, "J": volume})
+    g = to_sympy(law.volumetric_strain, _with_symbols(law, {**scope, "J": volume}))
 
     of, theta, energy = list(variables.values()), list(letters.values()), psi_d
     if law.variables == STRETCHES:
@@ -212,27 +228,38 @@ def compile_law(law: Law) -> CompiledLaw:
         energy = psi_d.subs({one: sympy.exp(log) for one, log in zip(variables.values(), of, strict=True)})
     first = [energy.diff(a) for a in of]
     second = [slope.diff(b) for i, slope in enumerate(first) for b in of[i:]]
+    smooth = (sympy.log, sympy.exp, sympy.sinh, sympy.cosh, sympy.tanh, sympy.Abs, sympy.sign)
+    nowhere = (sympy.zoo, sympy.oo, -sympy.oo, sympy.nan, sympy.I, sympy.Derivative, sympy.Subs)
 
-    def function(args: list[Any], expression: Any) -> Callable[..., Any]:
-        return sympy.lambdify(args, expression, modules="numpy", cse=True)
+    def finite(what: str, expression: Any) -> Any:
+        for one in map(sympy.sympify, sympy.flatten([expression])):
+            if one.has(*nowhere) or not all(isinstance(part, smooth) for part in one.atoms(sympy.Function)):
+                fault = "this, its inverse or a derivative is not a finite real function"
+                raise InputError(Fault(fault, f"law {law.name}, {what}", got=getattr(law, what)))
+        return expression
 
-    is_simple = law.variables == INVARIANTS and all(
-        sympy.simplify(one) == 0 for one in [psi_d.diff(variables["I2"]), *second[:-1]]
-    )
+    def function(what: str, args: list[Any], expression: Any) -> Callable[..., Any]:
+        return sympy.lambdify(args, finite(what, expression), modules="numpy", cse=True)
+
+    def of_energy(args: list[Any], expression: Any) -> Callable[..., Any]:
+        return function("distortional", args, expression)
+
+    shear, bulk = _shear_at_rest(psi_d, variables), _bulk_at_rest(psi_d, variables)
+    slope_at_rest = finite("volumetric_strain", g.diff(volume).subs(volume, 1))
     return CompiledLaw(
         parameters=law.names,
         variables=law.variables,
-        is_simple=is_simple,
-        shear=function(theta, _shear_at_rest(psi_d, variables)),
-        bulk=function(theta, kappa),
-        compressed=function(theta, _bulk_at_rest(psi_d, variables) + kappa * g.diff(volume).subs(volume, 1) ** 2),
-        energy=function([*of, *theta], energy),
-        energy_by_parameter=function([*of, *theta], [energy.diff(t) for t in theta]),
-        rows=function([*of, *theta], first + second),
-        first_by_parameter=function([*of, *theta], [[slope.diff(t) for slope in first] for t in theta]),
-        strain=function([volume], [g, g.diff(volume), g.diff(volume, 2)]),
-        compliance=function(theta, [1 / kappa, [(1 / kappa).diff(t) for t in theta]]),
-        shifted=function(theta, [shifted, [shifted.diff(t) for t in theta]]),
+        is_simple=law.variables == INVARIANTS and not any([psi_d.diff(variables["I2"]), *second[:-1]]),
+        strain=function("volumetric_strain", [volume], [g, g.diff(volume), g.diff(volume, 2)]),
+        bulk=function("bulk", theta, kappa),
+        compliance=function("bulk", theta, [1 / kappa, [(1 / kappa).diff(t) for t in theta]]),
+        shear=of_energy(theta, shear),
+        compressed=of_energy(theta, bulk + kappa * slope_at_rest**2),
+        energy=of_energy([*of, *theta], energy),
+        energy_by_parameter=of_energy([*of, *theta], [energy.diff(t) for t in theta]),
+        rows=of_energy([*of, *theta], first + second),
+        first_by_parameter=of_energy([*of, *theta], [[slope.diff(t) for slope in first] for t in theta]),
+        shifted=function("shifted", theta, [shifted, [shifted.diff(t) for t in theta]]),
     )
 
 
@@ -274,7 +301,7 @@ def _shear_at_rest(psi: Any, variables: Mapping[str, Any]) -> Any:
     """d2 psi / ds2 / 4 of the stretches e^s and e^-s, across the direction of a law that has one, at 0."""
     import sympy
 
-    s = sympy.Symbol("s", real=True)
+    s = sympy.Dummy("s", real=True)  # a constant may be called s
     longer, shorter = sympy.exp(s), sympy.exp(-s)
     square = longer**2 + shorter**2 + 1
     sheared = {"I1": square, "I2": square, "J": 1, ALONG: 1}

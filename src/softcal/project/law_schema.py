@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
 from typing import Annotated
 
 from pydantic import Field
@@ -37,6 +39,11 @@ class OwnLawSection(Section):
             for name, kind in self.constants.items()
             if kind not in KINDS
         ]
+        faults += [
+            Fault("this stands for an invariant", f"{key}.{name}", name, attempt="another name")
+            for key, names in (("constants", self.constants), ("symbols", self.symbols))
+            for name in ISOCHORIC.keys() & names.keys()
+        ]
         if faults:
             raise InputError(faults)
 
@@ -60,5 +67,18 @@ class OwnLawSection(Section):
 def register_laws(sections: Mapping[str, OwnLawSection], findings: Findings) -> None:
     """Make the laws of a file known; what is wrong with one goes to `findings`."""
     for name, section in sections.items():
-        with findings.at(("laws", name)):
+        with at_law(name, findings):
             LAWS.add(section.law(name))
+
+
+@contextmanager
+def at_law(name: str, findings: Findings) -> Generator[None]:
+    """Record the faults of an `InputError` raised inside, each at the key of the law that it is of."""
+    try:
+        yield
+    except InputError as error:
+        for fault in error.faults:
+            # Such as "law stiffening, symbols.a"; what a file calls energy is the law's distortional one.
+            key = fault.where.removeprefix(f"law {name}, ").replace("distortional", "energy")
+            path = key.split(".") if key.partition(".")[0] in OwnLawSection.model_fields else ()
+            findings.take(("laws", name, *path), [replace(fault, where="" if path else fault.where)])

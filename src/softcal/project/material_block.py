@@ -10,6 +10,7 @@ from __future__ import annotations
 from softcal.calibration.digits import NORMAL_95
 from softcal.coupons.comparison import LawComparison
 from softcal.coupons.law_fit import LawFit
+from softcal.project.yaml_file import yaml_text
 from softcal.report.coupon_tables import modulus_texts
 from softcal.units import format_quantity, plain
 
@@ -20,20 +21,18 @@ _REACH = 5.0  # half-width of the bounds over the standard deviation
 
 def material_block(fit: LawFit, comparison: LawComparison, body: str) -> str:
     """The lines of a body's law and constants, and of the priors of its parameters where the specimens tell them."""
-    lines = [
-        f"# By softcal coupon, from {_tests(comparison)}. Poisson's ratio is stated, not measured.",
-        f"# Keys of robot.bodies.{body}:",
-        f"law: {fit.law.name}",
-    ]
+    block: dict[str, object] = {"law": fit.law.name}
     for parameter in (*fit.law.parameters, *fit.constants.history.parameters):
-        text = format_quantity(fit.theta[parameter.name], parameter.quantity.unit, digits=_DIGITS)
-        lines.append(f"{parameter.name}: {text}")
+        block[parameter.name] = _value(fit.theta[parameter.name], parameter.quantity.unit)
     if fit.constants.parts:
-        lines.append(f"history: [{', '.join(fit.constants.parts)}]")
+        block["history"] = list(fit.constants.parts)
     at = fit.small_strain
     E, ends = modulus_texts(at)
     G = format_quantity(at.shear_modulus, "Pa", digits=3)
-    lines += [
+    lines = [
+        f"# By softcal coupon, from {_tests(comparison)}. Poisson's ratio is stated, not measured.",
+        f"# Keys of robot.bodies.{body}:",
+        yaml_text(block).rstrip(),
         f"# At small strain E {E}{f' ({ends})' if ends else ''}, nu {plain(at.poissons_ratio, 4)},",
         f"# G = {at.formula} = {G}.",
         f"# A rod (robot.rods.{body}) takes the law and its constants as well, and uses this E and nu at any strain.",
@@ -42,10 +41,7 @@ def material_block(fit: LawFit, comparison: LawComparison, body: str) -> str:
     lines.append("")
     if not found:
         return "\n".join([*lines, f"# {no_prior(comparison)}"]) + "\n"
-    lines += [
-        "# And this, where the constants are free or uncertain, one of a further body of this material:",
-        "parameters:",
-    ]
+    parameters: dict[str, object] = {}
     for parameter in fit.constants.fitted:
         if parameter.name not in found:
             continue
@@ -54,10 +50,23 @@ def material_block(fit: LawFit, comparison: LawComparison, body: str) -> str:
         low, high = mean - _REACH * sd, mean + _REACH * sd
         if quantity.lower >= 0.0:
             low = max(low, mean / 10.0)
-        ends = ", ".join(format_quantity(x, unit, digits=_DIGITS) for x in (low, min(high, quantity.upper)))
-        prior = f"mean: {format_quantity(mean, unit, digits=_DIGITS)}, sd: {format_quantity(sd, unit, digits=3)}"
-        lines.append(f"  {body}.{parameter.name}: {{bounds: [{ends}], prior: {{{prior}}}}}")
+        bounds = [_value(x, unit) for x in (low, min(high, quantity.upper))]
+        prior = {"mean": _value(mean, unit), "sd": _value(sd, unit, digits=3)}
+        parameters[f"{body}.{parameter.name}"] = {"bounds": bounds, "prior": prior}
+    lines += [
+        "# And this, where the constants are free or uncertain, one of a further body of this material:",
+        yaml_text({"parameters": parameters}, levels=2).rstrip(),
+    ]
     return "\n".join(lines) + "\n"
+
+
+def _value(value: float, unit: str, digits: int = _DIGITS) -> str | float:
+    """A value as a project file has it: a text with a unit, or a bare number."""
+    text = format_quantity(value, unit, digits=digits)
+    try:
+        return int(text) if text.isdecimal() else float(text)
+    except ValueError:
+        return text
 
 
 def priors(fit: LawFit, comparison: LawComparison) -> dict[str, tuple[float, float]]:

@@ -13,6 +13,7 @@ from softcal.errors import Fault, ProjectFileError, unknown
 from softcal.experiments.prepare import PlannedStep
 from softcal.export.sofa_settings import Engines
 from softcal.limits import LIMITS
+from softcal.materials.catalogue import LAWS
 from softcal.materials.infill import PrintInfill
 from softcal.project.bench_names import experiments_named
 from softcal.project.bench_plan import check_headers, plan_bench
@@ -85,6 +86,8 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     _check_keys(document, findings)
     laws = entries(OwnLawSection, "laws", document, findings)
     register_laws(laws, findings)
+    if document.mapping("laws").keys() - LAWS.keys():
+        findings.raise_if_any()  # without its law a body has faults that are none
     robot = _section(RobotSection, "robot", document, findings)
     rig = _section(CommonRig, "rig", document, findings, {})
     experiments = entries(ExperimentSection, "experiments", document, findings)

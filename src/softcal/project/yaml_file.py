@@ -1,13 +1,16 @@
-"""A YAML file read as plain data: bounded in size and depth, equal keys found, numbers read by YAML 1.2's rules."""
+"""YAML: plain data as text; a file as plain data, bounded in size and depth, equal keys found, numbers by YAML 1.2."""
 
 from __future__ import annotations
 
+import io
 import math
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, ReusedAnchorWarning, YAMLError
 from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
@@ -23,6 +26,7 @@ _MERGE = _TAG + "merge"
 _TAGS = {_TAG + kind for kind in ("str", "int", "float", "bool", "null", "map", "seq", "merge", "timestamp", "value")}
 _NO_NUMBERS = (".nan", ".inf")
 _LONGEST_KEY, _MOST_DIGITS = 200, 30
+_ONE_LINE = 2**20  # characters, so that no line is wrapped
 
 
 def read_document(
@@ -90,6 +94,26 @@ def _compose(text: str, name: str) -> Node | None:
 
 def _yaml() -> YAML:
     return YAML(typ="safe", pure=True)
+
+
+def yaml_text(data: Mapping[str, Any], levels: int = 1) -> str:
+    """A mapping as YAML: to so many levels a line for each entry, and deeper ones within their lines."""
+
+    def styled(value: Any, level: int) -> Any:
+        if isinstance(value, Mapping):
+            made = CommentedMap((key, styled(one, level + 1)) for key, one in value.items())
+        elif isinstance(value, list | tuple):
+            made = CommentedSeq(styled(one, level + 1) for one in value)
+        else:
+            return value
+        if level >= levels:
+            made.fa.set_flow_style()
+        return made
+
+    text, writer = io.StringIO(), YAML(pure=True)
+    writer.width = _ONE_LINE
+    writer.dump(styled(data, 0), text)  # pyright: ignore[reportUnknownMemberType]
+    return text.getvalue()
 
 
 class _Reader:

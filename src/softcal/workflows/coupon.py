@@ -62,14 +62,15 @@ def all_coupons(
     for i, (path, test) in enumerate(zip(every, tests if len(tests) > 1 else [*tests] * len(every), strict=True)):
         is_fitted = i < len(files)
         try:
-            found[0 if is_fitted else 1].extend(read_coupons(path, test, needs_stress=is_fitted))
+            coupons = read_coupons(path, test, needs_stress=is_fitted)
+            require_signs(coupons, path)
+            found[0 if is_fitted else 1].extend(coupons)
         except InputError as error:
             faults += [fault for fault in error.faults if fault not in faults]
     if faults:
         raise InputError(faults)
     for coupons in found:
         require_apart(coupons)
-        require_signs(coupons)
     return found
 
 

@@ -10,7 +10,7 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
-from softcal.errors import Fault, InputError
+from softcal.errors import Fault, InputError, ParameterError
 from softcal.executors.executor import register_executor
 from softcal.executors.kinds.cluster import DaskExecutor
 from softcal.extras import require_extra
@@ -38,9 +38,13 @@ class SlurmExecutor(DaskExecutor):
 
         Raises
         ------
+        ParameterError
+            For a name of a queue with blanks, which would be other options of the job.
         InputError
             Where dask-jobqueue or SLURM is not installed, or a job cannot be queued.
         """
+        if len(address.split()) > 1:
+            raise ParameterError(Fault("this is no queue", "--on", f"'slurm:{address}'", "a name without blanks"))
         require_extra("cluster", "distributed", "dask_jobqueue", where="--on", got="'slurm'")
         import dask.config
 

@@ -2,9 +2,9 @@
 
 Residuals r and shapes c are divided by the noise of their channel with its correlation along the record (REML), which
 is estimated beside all shapes, and are without what the fitted parameters can do in the experiment, by the jacobians. A
-cause is then worth c . r / |c| standard errors: it would reduce the sum of squares by the square of that, in all channels
-of the experiment together, since the parameters follow. Its share is that by which the channel's own squares fall.
-These shares compare causes; they do not sum to one, since shapes are alike.
+cause is then worth c . r / |c| standard errors: it would reduce the sum of squares by the square of that, in all
+channels of the experiment together, since the parameters follow. Its share is that by which the channel's own squares
+fall. These shares compare causes; they do not sum to one, since shapes are alike.
 """
 
 from __future__ import annotations

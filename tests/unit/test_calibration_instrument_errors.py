@@ -44,9 +44,11 @@ def measured(seed: int, errors: Mapping[str, float]) -> Experiment:
     return replace(one, dataset=replace(one.dataset, channels=channels))
 
 
-def calibrated(loss: Loss, errors: Mapping[str, float] | None = None, **how: object) -> CalibrationResult:
+def calibrated(
+    loss: Loss, errors: Mapping[str, float] | None = None, free: tuple[FreeParameter, ...] = FREE, **how: object
+) -> CalibrationResult:
     tests = [measured(seed, errors or {}) for seed in (1, 2)]
-    return calibrate(make_problem(fake_robot(), tests, FREE, loss, fake_simulate, **how))  # type: ignore[arg-type]
+    return calibrate(make_problem(fake_robot(), tests, free, loss, fake_simulate, **how))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("loss", LOSSES.values(), ids=LOSSES)
@@ -61,6 +63,22 @@ def test_data_with_such_an_error_move_the_estimate_by_half_its_interval(loss: Lo
             moved = calibrated(loss, {error: size / 3.0}).parameters[name].value - one.value
             assert abs(moved) == pytest.approx((one.interval[1] - one.interval[0]) / 6.0, rel=0.1), error
     assert best.parameters["front.slack"].moved_by == {}
+
+
+@pytest.mark.parametrize("loss", LOSSES.values(), ids=LOSSES)
+def test_a_parameter_at_its_bound_stays_there(loss: Loss) -> None:
+    """Where nu is at a bound far from its best value, an error moves E as if nu were known."""
+    bounded = (FREE[0], replace(FREE[1], upper=0.6 * TRUE[NU], start=0.5 * TRUE[NU]), FREE[2])
+    best = calibrated(loss, free=bounded)
+    one = best.parameters[E]
+    assert best.parameters[NU].at_bound
+    assert one.interval is not None
+    assert one.moved_by
+    half = 0.5 * np.log(one.interval[1] / one.interval[0])
+    for error, size in one.moved_by.items():
+        # A fiftieth of it: larger ones of one sign take nu off its bound.
+        moved = calibrated(loss, {error: size / 50.0}, bounded).parameters[E].value
+        assert abs(np.log(moved / one.value)) == pytest.approx(half / 50.0, rel=0.1), error
 
 
 def test_what_is_stated_is_not_named() -> None:

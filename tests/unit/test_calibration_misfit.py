@@ -64,6 +64,24 @@ def test_a_cause_below_the_noise_is_found_beside_what_another_channel_knows() ->
     assert tension.significance > 2.0 * alone.significance
 
 
+def test_a_cause_explains_of_a_channel_what_its_own_squares_lose_by_it() -> None:
+    """A drift of the pitch would let the parameters follow a curve of the force too: that is no share of the pitch."""
+    n, chance = 100, np.random.default_rng(3)
+    d = np.linspace(0.0, 1.0, n)
+    one = np.ones(n)
+    stacked = np.concatenate([np.column_stack([d, one, d**2]), np.column_stack([d**2, one, d**3])])
+    error = 0.01 * chance.standard_normal(2 * n) + np.concatenate([0.1 * d**3, 0.0 * d])
+    basis = np.linalg.qr(stacked)[0]
+    left = error - basis @ (basis.T @ error)
+    pairs = zip(("tension", "pitch"), np.split(left, 2), np.split(stacked, 2), strict=True)
+    _, pitch = misfits([Block("pull", c, d - part, part, one, own) for c, part, own in pairs])
+    drift = np.concatenate([0.0 * d, d])
+    drift -= basis @ (basis.T @ drift)
+    after = left - drift * (drift @ left) / (drift @ drift)
+    assert pitch.significance > SHOWN
+    assert pitch.explained[DRIFT] == pytest.approx(1.0 - np.sum(after[n:] ** 2) / np.sum(left[n:] ** 2), abs=0.05)
+
+
 @pytest.mark.parametrize(("step", "found"), [(0.1, 0.1), (0.03, 0.0), (0.001, 0.0)])
 def test_steps_of_readings_are_said_where_they_are_larger_than_the_residuals(step: float, found: float) -> None:
     noise = 0.04 * np.random.default_rng(6).standard_normal(N)

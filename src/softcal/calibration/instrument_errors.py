@@ -2,7 +2,7 @@
 
 An error of a load cell or an IMU of one sign in all samples, an offset, a gain or a drift in proportion to time, is in
 no residual. By how much it would move the minimum is known from the derivatives: -A^-1 J^T W c for the change c of the
-residuals, as of an uncertain parameter (`uncertain.py`).
+residuals, as of an uncertain parameter (`uncertain.py`). A parameter at a bound stays there.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def instrument_errors(loss: Loss, slopes: Floats, blocks: Sequence[Block], half:
     """Of each parameter: name of an instrument's error, on which nothing is stated -> its size [SI] that moves the
     estimate by `half` (size,) in the unit box. Of each instrument the one that is smallest over what it reads.
 
-    slopes: d theta / d z; the blocks must have jacobians.
+    slopes: d theta / d z, zero of parameters that stay where they are; the blocks must have jacobians.
     """
     seen = [weighed(loss, one) for one in blocks]
     parts, inverse, _ = linearised(loss, seen, slopes)

@@ -2,12 +2,14 @@
 
 Residuals r and shapes c are divided by the noise of their channel with its correlation along the record (REML), which
 is estimated beside all shapes, and are without what the fitted parameters can do in the experiment, by the jacobians. A
-cause is then worth c . r / |c| standard errors: it would reduce the sum of squares by the square of that. These shares
-compare causes; they do not sum to one, since shapes are alike.
+cause is then worth c . r / |c| standard errors: it would reduce the sum of squares by the square of that, in all
+channels of the experiment together, since the parameters follow. Its share is that by which the channel's own squares
+fall. These shares compare causes; they do not sum to one, since shapes are alike.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -29,7 +31,7 @@ _ROUNDING = 1e-9  # of what is measured: smaller residuals are those of an exact
 
 @dataclass(frozen=True)
 class Misfit:
-    """Of a channel: cause -> the share [-] of the squared residuals that it explains, the largest first, and how many
+    """Of a channel: cause -> the share [-] of its squared residuals that it explains, the clearest first, and how many
     standard errors that one is worth.
     """
 
@@ -52,18 +54,20 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
     for one in records:
         rows = slice(start, start + len(one.residual))
         start = rows.stop
-        worth: dict[str, float] = {}
+        square = max(float(residual[rows] @ residual[rows]), 1e-300)
+        worth: dict[str, tuple[float, float]] = {}
         for cause, shape in one.shapes.items():
             whole = np.zeros(len(residual))
             whole[rows] = shape
             left = _without(basis, whole)
             size = float(left @ left)
             if size > _ABSORBED**2 * float(shape @ shape):
-                worth[cause] = abs(float(left @ residual)) / np.sqrt(size)
-        square = max(float(residual[rows] @ residual[rows]), 1e-300)
-        ordered = sorted(worth.items(), key=lambda pair: -pair[1])
-        shares = {cause: min(t**2 / square, 1.0) for cause, t in ordered}
-        found.append(Misfit(shares, max(worth.values(), default=0.0)))
+                along = float(left @ residual) / size
+                after = residual[rows] - along * left[rows]
+                worth[cause] = abs(along) * math.sqrt(size), max(1.0 - float(after @ after) / square, 0.0)
+        ordered = sorted(worth.items(), key=lambda pair: -pair[1][0])
+        shares = {cause: share for cause, (_, share) in ordered}
+        found.append(Misfit(shares, max((t for t, _ in worth.values()), default=0.0)))
     return found
 
 

@@ -49,7 +49,7 @@ class ResidualRecord:
     largest
         Where they are largest, averaged over a twentieth of the record: as a part of its samples [-].
     explained
-        Usual cause -> the share of their squares that it explains [-], the largest first
+        Usual cause -> the share of their squares that it explains [-], the clearest first
         (`softcal.calibration.misfit`).
     significance
         How many standard errors the first of these is worth [-].

@@ -196,7 +196,8 @@ def local_statistics(
     minimum = space.to_model(np.clip(found.minimum, 0.0, 1.0))
     widths, repeats = (one(loss, slopes, blocks, found) for one in (bands, repeat_bands))
     dof = {space.labels[j]: float(found.dof[j]) for j in known if np.isfinite(found.dof[j])}
-    moved = instrument_errors(loss, slopes, blocks, (upper - lower) / 2)
+    free = np.array([not at_bound[label] for label in space.labels])
+    moved = instrument_errors(loss, np.where(free, slopes, 0.0), blocks, (upper - lower) / 2)
     moved_by = {space.labels[j]: moved[j] for j in known if rig_kind(space.parameters[j].targets[0]) is None}
     return Statistics(
         errors,

@@ -487,6 +487,8 @@ class Estimator:
         weights = 1 / (v + tau2) / np.sum(1 / (v + tau2))
         responses, steps = ({e: of[e] for e in clear} for of in (responses, steps))
         q, known, estimated = welch(y, v, n)
+        if not any(source.along for e in clear for source in alone[e][1]):
+            known = estimated  # white noise, whose degrees of freedom are exact
         named = dict(zip(clear, weights, strict=True))
         return Between(steps, responses, q, known, estimated, math.sqrt(tau2), float(weights @ y), named)
 

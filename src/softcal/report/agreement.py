@@ -68,7 +68,7 @@ def _at_one_value(
     estimate, spread = joint.parameters[one.name], joint.spreads[one.name]
     at = joined(f"{parameter_label(n, names)} = {value_text(joint.parameters[n])}" for n in bound)
     values = [f"{shown(estimate, value)} ({test})" for test, value in spread.values.items()]
-    return f" With {at} in all, it is {with_unit(estimate, joined(values))}."
+    return f" With {at} in all, it is {with_unit(estimate, joined(values))}, by the derivatives at the joint fit."
 
 
 def agreement_text(one: Agreement, name: str) -> str:
@@ -173,7 +173,8 @@ def _spread_text(result: SearchResult, name: str, label: str) -> str:
     ]
     text = (
         f"{label} differs between the {who} by more than their noise explains ({chance}): "
-        f"{joined(values)} {scale.unit}".rstrip()
+        + f"{joined(values)} {scale.unit}".rstrip()
+        + ", by the derivatives at the joint fit"
         + fixed
     )
     if one.next_interval is None:

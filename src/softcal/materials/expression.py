@@ -224,10 +224,7 @@ def limited(where: str) -> Generator[None]:
     thread, done = threading.get_ident(), threading.Event()
 
     def watch() -> None:
-        clocks = (
-            time.monotonic,
-            time.process_time,
-        )  # a machine at full load gives the process less than the clock says
+        clocks = (time.monotonic, time.process_time)  # at full load a process gets less than the clock says
         start = [clock() for clock in clocks]
         while not done.wait(0.1):
             if min(clock() - begin for clock, begin in zip(clocks, start, strict=True)) > MOST_SECONDS:

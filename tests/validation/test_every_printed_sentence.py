@@ -290,7 +290,7 @@ def corrected(told: Told, estimator: Estimator) -> None:
     r"(?P<unit>\w+), by the derivatives at the joint fit"
     r"(?P<fixed>, with the other shared parameters at their joint values)?"
 )
-def tests_differ(case: Case, labels: list[str], told: Told) -> None:
+def differing_tests(case: Case, labels: list[str], told: Told) -> None:
     (label,) = labels
     fit, estimator = case.fits[label], case.estimator(label)
     name = named(fit, told["what"])
@@ -355,7 +355,7 @@ def further_test(case: Case, labels: list[str], told: Told) -> None:
     rf"(?P<what>{LABEL}(?:(?:, | and ){LABEL})*) do(?:es)? not differ between the tests by more than "
     rf"their noise explains \({P}\)"
 )
-def tests_agree(case: Case, labels: list[str], told: Told) -> None:
+def agreeing_tests(case: Case, labels: list[str], told: Told) -> None:
     (label,) = labels
     fit, estimator = case.fits[label], case.estimator(label)
     corrected(told, estimator)

@@ -1,0 +1,194 @@
+"""Whatever stands in the place of a file that softcal reads: a table, a mesh, a law, a prediction, a file of a run."""
+
+from __future__ import annotations
+
+import gzip
+import os
+import shutil
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from coupon_case import mooney_coupon, write_coupon
+from faults.case import Case, assert_proper, parts
+from fleet_case import FILE, write_fleet
+from project_case import write_project
+
+NOISE = np.random.default_rng(1).bytes(20_000)
+Place = Callable[[Path], None]
+
+
+def holding(raw: bytes) -> Place:
+    """Writes these bytes."""
+    return lambda path: [path.unlink(missing_ok=True), path.write_bytes(raw)][0]
+
+
+def sparse(path: Path) -> None:
+    """Five gigabytes of NUL, which take no space."""
+    path.unlink()
+    with path.open("wb") as file:
+        file.truncate(5 << 30)
+
+
+def zipped(path: Path) -> None:
+    """A gigabyte of blanks in an archive of one megabyte."""
+    path.unlink()
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("x", "w") as member:
+        for _ in range(1000):
+            member.write(b" " * (1 << 20))
+
+
+def in_place(make: Callable[[Path], object]) -> Place:
+    """Removes the file, and makes something in its place."""
+    return lambda path: [path.unlink(), make(path)][0]
+
+
+# What is no file of any kind that softcal reads.
+HOSTILE: Mapping[str, Place] = {
+    "nothing": holding(b""),
+    "blanks": holding(b" \n\t\n" * 500),
+    "NUL": holding(b"\0" * 4000),
+    "noise": holding(NOISE),
+    "UTF-16": holding("Time [s],Force [N]\n0,1\n".encode("utf-16")),
+    "Latin-1": holding("Zeit,Kraft für Prüfung °\n0,1\n".encode("latin-1") * 50),
+    "one long line": holding(b"7," * 3_000_000),
+    "many brackets": holding(b"[" * 200_000),
+    "many braces": holding(b'{"a":' * 100_000),
+    "an anchor that doubles": holding(
+        b"a: &a [x, x]\n" + b"".join(b"%c: &%c [*%c, *%c]\n" % (c + 1, c + 1, c, c) for c in range(97, 121))
+    ),
+    "entities that double": holding(
+        b'<?xml version="1.0"?><!DOCTYPE l [<!ENTITY a0 "ha">'
+        + b"".join(b'<!ENTITY a%d "&a%d;&a%d;">' % (i + 1, i, i) for i in range(30))
+        + b"]><VTKFile>&a30;</VTKFile>"
+    ),
+    "an object of Python": holding(b"!!python/object/apply:os.system ['touch owned']\n"),
+    "a pickle": holding(b"cos\nsystem\n(S'touch owned'\ntR."),
+    "compressed": holding(gzip.compress(b"0" * 50_000_000)),
+    "an archive": zipped,
+    "five gigabytes": sparse,
+    "a folder": in_place(Path.mkdir),
+    "a pipe": in_place(os.mkfifo),
+    "a link to itself": in_place(lambda path: path.symlink_to(path)),
+    "a link to an endless device": in_place(lambda path: path.symlink_to("/dev/zero")),
+    "no file": in_place(lambda path: None),
+}
+
+
+def project(*changes: tuple[str, str]) -> Callable[[Path], object]:
+    """Writes the small project with some text replaced."""
+    return lambda folder: write_project(folder, *changes)
+
+
+def with_mesh(suffix: str) -> Callable[[Path], object]:
+    """Writes the small project with the name of a mesh of another kind."""
+
+    def files(folder: Path) -> None:
+        is_surface = suffix in (".stl", ".step")
+        size = ", size: 8 mm" if is_surface else ""
+        write_project(folder, ("{file: bar.msh, unit: mm}", f"{{file: bar{suffix}, unit: mm{size}}}"))
+        (folder / "bar.msh").rename(folder / f"bar{suffix}") if suffix != ".msh" else None
+
+    return files
+
+
+def coupon(folder: Path) -> None:
+    test = mooney_coupon("a", "uniaxial", (2e5, 5e4))
+    write_coupon(folder / "coupon.csv", {"stretch [1]": test.strain[:, 0], "stress [Pa]": test.stress[:, 0]})
+
+
+def laws(folder: Path) -> None:
+    coupon(folder)
+    (folder / "laws.yaml").write_text("laws: {}\n")
+
+
+def fleet(folder: Path) -> None:
+    write_fleet(folder, (1.0, 1.1), f"specimen,{FILE}\np1,p1.csv\np2,p2.csv\n")
+
+
+def predictions(folder: Path) -> None:
+    (folder / "own.csv").write_text("sample,channel,value\n")
+
+
+def camera(folder: Path) -> None:
+    (folder / "camera.yaml").write_text("camera: {}\n")
+
+
+CHECK = ("check", "project.yaml", "--no-solve", "--no-pictures")
+# Door -> what writes the folder, the file that is attacked, and the command that reads it.
+DOORS: Mapping[str, tuple[Callable[[Path], object], str, tuple[str, ...]]] = {
+    "project file": (project(), "project.yaml", CHECK),
+    "bench table": (project(), "data/pull.csv", CHECK),
+    **{
+        f"mesh {suffix}": (with_mesh(suffix), f"bar{suffix}", CHECK)
+        for suffix in (".msh", ".vtk", ".vtu", ".inp", ".stl", ".step")
+    },
+    "coupon": (coupon, "coupon.csv", ("coupon", "coupon.csv", "--test", "uniaxial", "--law", "neo-hooke")),
+    "laws of a coupon": (laws, "laws.yaml", ("coupon", "coupon.csv", "--test", "uniaxial", "--laws", "laws.yaml")),
+    "fleet": (fleet, "fleet.csv", ("fleet", "fleet.csv", "--template", "project.yaml", "--out", "out")),
+    "specimen of a fleet": (fleet, "p2.csv", ("fleet", "fleet.csv", "--template", "project.yaml", "--out", "out")),
+    "predictions": (predictions, "own.csv", ("bench", "score", "neck", "own.csv")),
+}  # fmt: skip
+
+
+def attacked(files: Callable[[Path], object], name: str, place: Place) -> Callable[[Path], None]:
+    """Writes the files of a door, and what stands in the place of one."""
+
+    def write(folder: Path) -> None:
+        files(folder)
+        place(folder / name)
+
+    return write
+
+
+CASES = [
+    Case(door, what, command, ("refused",), attacked(files, name, place), name.rpartition("/")[2].partition(".")[0])
+    for door, (files, name, command) in DOORS.items()
+    for what, place in HOSTILE.items()
+]
+
+
+@pytest.mark.parametrize("case", parts(CASES))
+def test_what_is_no_such_file_is_refused(case: Case, tmp_path: Path) -> None:
+    assert_proper(case, tmp_path)
+
+
+# Files of a run, of which a stranger may send the folder.
+RUN = tuple(f"calibrations/pull/{name}" for name in ("result.json", "trials.csv", "optuna.journal")) + ("run.json",)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of a run."""
+    import softcal
+
+    folder = tmp_path_factory.mktemp("run")
+    softcal.calibrate(write_project(folder), out=folder / "run", fit="each")
+    return folder
+
+
+def command(name: str) -> tuple[str, ...]:
+    """What reads a file of a run: its report, or a search that goes on from its journal."""
+    if name.endswith("journal"):
+        return "calibrate", "project.yaml", "--out", "run", "--fit", "each", "--resume", "--no-report"
+    return "report", "run", "--out", "report", "--figures", "overview"
+
+
+RUN_CASES = [
+    Case("run folder", f"{what} as {name}", command(name), ("refused", "failed"), says=r"run")
+    for name in RUN
+    for what in HOSTILE
+]
+
+
+@pytest.mark.parametrize("case", parts(RUN_CASES))
+def test_what_is_no_file_of_a_run_is_refused(case: Case, run: Path, tmp_path: Path) -> None:
+    what, _, name = case.name.partition(" as ")
+
+    def files(folder: Path) -> None:
+        shutil.copytree(run, folder, dirs_exist_ok=True)
+        HOSTILE[what](folder / "run" / name)
+
+    assert_proper(Case(case.door, case.name, case.run, case.ends, files, case.says), tmp_path)

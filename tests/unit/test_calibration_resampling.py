@@ -274,7 +274,7 @@ def test_the_covariance_of_fewer_groups_than_parameters_is_not_singular():
 
 
 def test_pieces_of_records_are_said_not_to_show_that_experiments_differ() -> None:
-    said = "The experiments differ, which records cannot show: the quick intervals include it."
+    said = "The tests differ, which records cannot show: the quick intervals include it."
     problem = markers(3, n=5)
     by_records = resampled(problem, minimum(problem), "records")
     assert said not in by_records._notes()

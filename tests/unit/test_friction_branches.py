@@ -215,7 +215,6 @@ def test_a_rough_cable_that_the_other_draws_out_is_told_of(mu: float, told: bool
 
 @pytest.mark.parametrize(("mu", "told"), [(0.0, False), (0.2, True)])
 def test_the_report_and_the_command_line_tell_of_it_too(mu: float, told: bool) -> None:
-    from softcal.workflows.furthest import shape_warnings
     from softcal.workflows.simulation import twin_view
 
     protocol = Protocol({"front": Command("tension", np.array([1.0, 8.0])), "back": Command("tension", np.ones(2))})
@@ -223,5 +222,5 @@ def test_the_report_and_the_command_line_tell_of_it_too(mu: float, told: bool) -
     view = twin_view(two_cables(mu), response)
     assert view is not None
     assert view.drawn_out == response.drawn_out
-    sentences = shape_warnings({"joint": response})
-    assert sentences == ([f"joint: {response.drawn_out}"] if told else [])
+    assert response.warnings == ((response.drawn_out,) if told else ())
+    assert response.doubts == ("a cable slides opposite to the modelled direction" if told else "")

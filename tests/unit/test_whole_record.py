@@ -40,7 +40,7 @@ def cycles(n_cycles: int = 3, *, loop: float = LOOP) -> dict[str, np.ndarray]:
         "time": time,
         "shortening": travel,
         "tension": response.channels["front.tension"] * (1.0 + loop * side),
-        "pitch": response.channels["plate.pitch"],
+        "pitch": response.channels["plate.pitch"].copy(),
     }
 
 

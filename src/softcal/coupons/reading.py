@@ -134,6 +134,7 @@ def read_coupons(path: str | Path, test: str, *, needs_stress: bool = True) -> l
             allowed = f"a largest one from {low:g} to {high:g} Pa"
             attempt = "the unit in the column's header"
             faults.append(Fault("no material has such stresses", where, f"up to {largest:.4g} Pa", allowed, attempt))
+            continue  # of what is infinite there is no coupon
         found.append(Coupon(name, kind.name, strain[own], stress[own], None if time is None else time[own]))
     if faults:
         raise DatasetError(faults)

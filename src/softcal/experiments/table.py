@@ -22,6 +22,11 @@ DELIMITERS = (";", "\t", ",", WHITESPACE)
 _COMMENTS = ("#", "%", "!", "//")
 _HEADER_SEARCH_LINES = 1000
 _BEGINNING = 2000  # non-empty lines used to detect the format
+_CELL = re.compile(r'"[^"]*"|\S+')
+# A unit in brackets belongs to the preceding word, with or without a blank. Without a limit on its length, each of many
+# open brackets would be looked for to the line's end.
+_UNIT_CELL = r"[\[(][^\])]{0,200}[\])]"
+_HEADER_CELL = re.compile(rf'"[^"]*"|[^\s\[(]+(?:\s*{_UNIT_CELL})?|{_UNIT_CELL}')
 _BRACKETED = re.compile(r"^(?P<base>.*?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]$")
 _AFTER_SLASH = re.compile(r"^(?P<base>.*?)\s*/\s*(?P<unit>\S+)$")
 _NUMBER = re.compile(r"^[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?$")
@@ -220,9 +225,8 @@ def _cells(path: Path, number: int, line: str, delimiter: str, *, header: bool =
 
 def _split(line: str, delimiter: str, *, header: bool = False) -> list[str]:
     if delimiter.isspace() and delimiter != "\t":
-        # In a header a unit in brackets belongs to the preceding word, with or without a blank.
-        pattern = r'"[^"]*"|[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|[\[(][^\])]*[\])]' if header else r'"[^"]*"|\S+'
-        return [cell.strip('"').strip() for cell in re.findall(pattern, line)]
+        cells = (_HEADER_CELL if header else _CELL).findall(line)
+        return [cell.strip('"').strip() for cell in cells]
     if '"' not in line:
         cells = line.split(delimiter)
         return cells if line.isascii() and line.isprintable() and " " not in line else [cell.strip() for cell in cells]

@@ -26,10 +26,12 @@ from softcal.bench.record import PREDICT, SPLITS, CaseRecord, Split
 from softcal.checks import Floats
 from softcal.csv_text import csv_text, plain
 from softcal.errors import DatasetError, Fault, SoftcalError, StorageError, nearest
+from softcal.regular_file import not_a_file
 from softcal.units import parse_quantity
 
 SAMPLE, BAND = "sample", "band."
 SHOWN = 4  # names of many in a message
+MOST_BYTES, MOST_STRANGE = 1 << 25, 100  # of a table; columns that the case does not have
 SHORT, LONGEST_NAME, MOST_DIGITS = 40, 255, 15  # characters of a name in a message, and of a method's; of a count
 LARGEST = 1e15  # [SI], of a value
 
@@ -99,7 +101,11 @@ def read_predictions(path: Path, record: CaseRecord, method: str = "", *, aligne
         With everything that is wrong with it: missing, unknown or repeated samples or columns, units, values that are
         no numbers, positions in another unit or frame.
     """
+    if what := not_a_file(path):
+        raise StorageError(Fault("this is no table", str(path), what, "a CSV file"))
     try:
+        if (size := path.stat().st_size) > MOST_BYTES:
+            raise StorageError(Fault("this table is too large", str(path), f"{size} bytes", f"{MOST_BYTES}"))
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise StorageError(
@@ -116,6 +122,8 @@ def read_predictions(path: Path, record: CaseRecord, method: str = "", *, aligne
         ) from None
     if not rows:
         raise DatasetError(Fault("the table is empty", str(path), allowed=_layout(record)))
+    if (n := len(rows[0])) > (most := MOST_STRANGE + 2 * len(record.channels)):
+        raise DatasetError(Fault("the table has too many columns", str(path), f"{n}", f"{most}; {_layout(record)}"))
     faults: list[Fault] = []
     columns = _columns([cell.strip() for cell in rows[0]], record, str(path), faults)
     samples = [row[0].strip() for row in rows[1:]]

@@ -102,7 +102,7 @@ def read_predictions(path: Path, record: CaseRecord, method: str = "", *, aligne
         no numbers, positions in another unit or frame.
     """
     if what := not_a_file(path):
-        raise StorageError(Fault("this is no table", str(path), what, "a CSV file"))
+        raise StorageError(Fault("this cannot be read as text", str(path), what, "a CSV file in UTF-8"))
     try:
         if (size := path.stat().st_size) > MOST_BYTES:
             raise StorageError(Fault("this table is too large", str(path), f"{size} bytes", f"{MOST_BYTES}"))

@@ -112,10 +112,6 @@ def predictions(folder: Path) -> None:
     (folder / "own.csv").write_text("sample,channel,value\n")
 
 
-def camera(folder: Path) -> None:
-    (folder / "camera.yaml").write_text("camera: {}\n")
-
-
 CHECK = ("check", "project.yaml", "--no-solve", "--no-pictures")
 # Door -> what writes the folder, the file that is attacked, and the command that reads it.
 DOORS: Mapping[str, tuple[Callable[[Path], object], str, tuple[str, ...]]] = {

@@ -32,6 +32,7 @@ HEAD = (
     "notes |\n|---|---|---|---|---|---|---|---|\n"
 )
 FEW = 12  # samples that have a bar each
+MOST_BYTES = 2**24  # of a score
 
 INTRODUCTION = """# The benchmark
 
@@ -69,9 +70,6 @@ def write_page(runs: Path, out: Path) -> list[Path]:
     files[out] = "\n".join(text).encode()
     write_files(files)
     return list(files)
-
-
-MOST_BYTES = 2**24  # of a score
 
 
 def read_scores(runs: Path) -> list[tuple[Path, Score]]:

@@ -24,8 +24,7 @@ class SearchSettings(Checked):
         The optimiser's name: "least-squares" (exact sensitivities), "tpe" (Optuna, as paper A), "grid" (as paper B), or
         one that was registered.
     trials
-        Budget: trials, grid points at most, of each start of "least-squares". The optimiser's own when
-        None.
+        Budget: trials, of "least-squares" those of each start; grid points at most. The optimiser's own when None.
     seed
         Of the starts and of TPE. Everything else is deterministic.
     hold_out

@@ -1,4 +1,4 @@
-"""The calibrated twin in the experiment with the largest drive: its response for pictures, and its warnings."""
+"""The calibrated twin in the experiment with the largest drive: its response, with pictures and warnings."""
 
 from __future__ import annotations
 

@@ -28,12 +28,12 @@ _MET = 1e-6
 
 @register_optimiser
 class LeastSquaresOptimiser(Optimiser):
-    """Trust-region descents with exact jacobians; `trials` limits those of each start.
+    """Trust-region descents with exact jacobians; `trials` limits the evaluations of each start.
 
     The first start is the parameters' own (the middle of the range where there is none); the others are a Latin
     hypercube by `seed`. The first descent runs alone, then the others together. Once a descent has converged, the
     models of the others predict their minima; a descent is abandoned when that is the same minimum or none that is
-    lower by a hundredth. So a start costs one trajectory where there is one minimum, and none where the first has
+    lower by a hundredth. So a start costs one evaluation where there is one minimum, and none where the first has
     fitted the measurements exactly.
 
     `starts`: local searches, in case the first ends in a minimum that is not the lowest.

@@ -49,11 +49,14 @@ calibrate(problem_of(slow), method="tpe", trials={trials}, store=Path({folder!r}
 
 @contextlib.contextmanager
 def processes(
-    folders: list[Path], url: str, trials: int, *, pause: float = 0.01, resume: bool = False
+    folders: list[Path], url: str, trials: int, *, pause: float = 0.01
 ) -> Generator[list[subprocess.Popen[str]]]:
+    """A process for each folder; the run in a folder is resumed, where there is one."""
     here = Path(__file__).parent
-    settings = {"path": [str(here), str(here / "unit")], "pause": pause, "trials": trials, "url": url, "resume": resume}
-    scripts = [_PROCESS.format(folder=str(folder), **settings) for folder in folders]
+    settings = {"path": [str(here), str(here / "unit")], "pause": pause, "trials": trials, "url": url}
+    scripts = [
+        _PROCESS.format(folder=str(folder), resume=(folder / "run.json").is_file(), **settings) for folder in folders
+    ]
     begun = [subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) for script in scripts]
     watchdog = threading.Timer(500, lambda: [one.kill() for one in begun])
     watchdog.start()

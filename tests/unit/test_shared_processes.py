@@ -103,11 +103,10 @@ def test_processes_that_are_killed_at_random_and_begun_again_lose_and_double_not
     folders = [tmp_path / str(i) for i in range(3)]
     done = 0
     while done < 60:
-        resume = all((folder / "run.json").is_file() for folder in folders)
         done += 10
-        with processes(folders, place, 80, pause=0.05, resume=resume) as begun:
+        with processes(folders, place, 80, pause=0.05) as begun:
             until(begun[done % 3], min(done, 60))
-    with processes(folders, place, 80, resume=True) as begun:
+    with processes(folders, place, 80) as begun:
         with ThreadPoolExecutor(3) as pool:
             assert list(pool.map(at_end, begun)) == [0, 0, 0]
     require_whole(place, 80, folders)

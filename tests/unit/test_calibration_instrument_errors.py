@@ -104,7 +104,7 @@ def test_the_closing_sentences_name_them_and_files_keep_them(tmp_path: Path) -> 
     best = calibrate(problem, store=tmp_path / "run")
     text = sentences(best)
     one = best.parameters[NU if "ν shifts to an end" in text else E]
-    assert "shifts to an end of its interval where front.tension_offset is off by " in text
+    assert "shifts by half its interval where front.tension_offset is off by " in text
     assert all(f"{error} is off by " in text for error in one.moved_by)
     assert load_result(tmp_path / "run").parameters == best.parameters
     quiet = {name: replace(held, moved_by={}) for name, held in best.parameters.items()}

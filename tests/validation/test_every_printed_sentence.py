@@ -47,7 +47,7 @@ P = (
 LABEL = r"(?:E|ν|\w+ \([^)]*\))"  # of a parameter
 LIST = rf"(?P<list>{V} \(\w+\)(?:(?:, | and ){V} \(\w+\))*)"  # of values and their tests
 ITEM = rf"(?P<channel>\w+) of (?P<of>\w+) by (?P<size>{V}) (?P<unit>\w+) \(RMS\), "
-CAUSE = rf"(an? [\w ]+?) alone (?:would explain )?{V} %"
+CAUSE = rf"(an? [\w ]+?|friction that reverses) alone (?:would explain )?{V} %"
 UNITS = {"MPa": 1e6, "kPa": 1e3, "mm": 1e-3, "deg": math.pi / 180, "g": 1e-3, "N": 1.0, "%": 0.01, "": 1.0}
 
 Told = re.Match[str]
@@ -375,17 +375,18 @@ def residual_size(case: Case, labels: list[str], told: Told) -> tuple[Fit, Block
     return fit, block
 
 
-def named_causes(fit: Fit, block: Block, text: str, least: float) -> float:
+def named_causes(fit: Fit, block: Block, text: str, least: float) -> tuple[float, list[float], list[float]]:
     """The clearest two causes of those that explain more than `least`, with the part of the channel's own squares that
-    each explains.
+    each explains: how clear the clearest is, and how clear each named one is, and its share, in their order.
     """
     significance, worth = causes(fit, block.experiment)[block.channel]
-    ordered = sorted((c for c in worth if worth[c][1] > least), key=lambda cause: -worth[cause][0])
-    assert len(re.findall(CAUSE, text)) == min(len(ordered), 2)
-    for place, (cause, share, *_) in enumerate(re.findall(CAUSE, text)):
-        assert worth[cause][0] >= 0.98 * worth[ordered[place]][0], f"not the cause at place {place + 1}: {cause}"
+    clearest = sorted((clear for clear, share in worth.values() if share > least), reverse=True)[:2]
+    named = re.findall(CAUSE, text)
+    assert len({cause for cause, *_ in named}) == len(named) == len(clearest)
+    for cause, share, *_ in named:
+        assert worth[cause][0] >= 0.98 * clearest[-1], f"not one of the two clearest causes: {cause}"
         like(share, 100 * max(worth[cause][1], 0.0), CLOSE)
-    return significance
+    return significance, [worth[cause][0] for cause, *_ in named], [float(share) for _, share, *_ in named]
 
 
 @sentence(rf"{ITEM}most (?P<where>at the start|at the end|\d+ % along the record)(?: \((?P<causes>[^)]*)\))?")
@@ -397,15 +398,23 @@ def is_curve(case: Case, labels: list[str], told: Told) -> None:
     at = (int(smooth.argmax()) + (part - 1) / 2) / (len(b.r) - 1)
     expected = "at the start" if at < 0.1 else "at the end" if at > 0.9 else f"{100 * at:.0f} % along the record"
     assert told["where"] == expected
-    named_causes(fit, b, told["causes"] or "", 0.2)
+    _, _, shares = named_causes(fit, b, told["causes"] or "", 0.2)
+    assert shares == sorted(shares, reverse=True)
 
 
-@sentence(rf"{ITEM}of which (?P<causes>[^(]*) \((?P<sure>{V}) standard errors from zero\)")
+@sentence(
+    rf"in (?P<channel>\w+) of (?P<of>\w+) \((?P<size>{V}) (?P<unit>\w+) RMS\) (?P<clearest>[\w ]+) is (?P<sure>{V}) "
+    rf"standard errors from zero, and (?P<share>alone would explain {V} %) of the squares relative to the noise"
+    rf"(?P<more>, [\w ]+ alone {V} %)?"
+)
 def is_more_than_noise(case: Case, labels: list[str], told: Told) -> None:
     fit, b = residual_size(case, labels, told)
     assert effective(b.r) >= min(len(b.r) / 5, 10)
-    significance = named_causes(fit, b, told["causes"], -1.0)
+    significance, (clear, *others), _ = named_causes(
+        fit, b, f"{told['clearest']} {told['share']}{told['more'] or ''}", -1.0
+    )
     assert significance > 5
+    assert clear >= 0.98 * max(others, default=0.0)
     like(told["sure"], significance, CLOSE)
 
 
@@ -614,12 +623,12 @@ REMEDIES = {
 
 
 @sentence(
-    r"(?P<what>\S+) shifts to an end of its interval where (?P<errors>\S+ is off by [\d.]+ \S+?(?: or "
+    r"(?P<what>\S+) shifts by half its interval where (?P<errors>\S+ is off by [\d.]+ \S+?(?: or "
     r"\S+ is off by [\d.]+ \S+?)*)(?=\.(?: |$))"
 )
 def shifts(case: Case, _: list[str], told: Told) -> None:
     """An error c of the readings moves the minimum by -H^-1 J^T W c, parameters at their bounds staying there: by
-    half the length of the interval, which stands for the way to an end.
+    half the length of the interval.
     """
     fit, name = case.joint, named(case.joint, told["what"])
     j, (low, high) = fit.names.index(name), (fit.place(name, end) for end in fit.p[name]["interval"])

@@ -229,25 +229,22 @@ def _curve_text(fit: ExperimentFit, experiment: str, channel: str, one: Residual
     size = format_quantity(one.size, fit.units[channel], digits=2)
     where = "at the start" if one.largest < 0.1 else "at the end" if one.largest > 0.9 else ""
     where = where or f"{100 * one.largest:.0f} % along the record"
-    causes = _causes_text([(cause, share) for cause, share in one.explained.items() if share > _CAUSE])
-    by = f" ({causes})" if causes else ""
-    return f"{channel} of {experiment} by {size} (RMS), most {where}{by}"
+    # The two clearest ones; the less clear one may explain more of this channel.
+    causes = [(cause, share) for cause, share in one.explained.items() if share > _CAUSE][:2]
+    causes.sort(key=lambda pair: -pair[1])
+    by = ", ".join(f"{cause} alone would explain {100 * share:.0f} %" for cause, share in causes)
+    return f"{channel} of {experiment} by {size} (RMS), most {where}{by and f' ({by})'}"
 
 
 def _cause_text(fit: ExperimentFit, experiment: str, channel: str, one: ResidualRecord) -> str:
-    """How large residuals are, what is in them beside noise, and how sure that is."""
+    """What is in residuals beside noise, how sure that is, and what it explains."""
     size = format_quantity(one.size, fit.units[channel], digits=2)
-    sure = f"{number(one.significance, 2)} standard errors from zero"
-    return f"{channel} of {experiment} by {size} (RMS), of which {_causes_text(list(one.explained.items()))} ({sure})"
-
-
-def _causes_text(causes: Sequence[tuple[str, float]]) -> str:
-    """What the first two causes would explain; "" without one."""
-    if not causes:
-        return ""
-    (first, share), *others = causes[:2]
-    more = "".join(f", {name} alone {100 * s:.0f} %" for name, s in others)
-    return f"{first} alone would explain {100 * share:.0f} %{more}"
+    (clearest, share), *others = one.explained.items()
+    more = "".join(f", {cause} alone {100 * s:.0f} %" for cause, s in others[:1])
+    return (
+        f"in {channel} of {experiment} ({size} RMS) {clearest} is {number(one.significance, 2)} standard errors from "
+        f"zero, and alone would explain {100 * share:.0f} % of the squares relative to the noise{more}"
+    )
 
 
 def _outliers_text(experiment: str, channel: str, one: ResidualRecord) -> str:

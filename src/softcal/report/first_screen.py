@@ -230,14 +230,14 @@ def _source_of(of: FirstScreen, one: Statement) -> str:
 
 
 def _instruments(one: Statement) -> str:
-    """Which errors of instruments, on which nothing is stated, would shift an estimate to an end of its interval."""
+    """Which errors of instruments, on which nothing is stated, would shift an estimate by half its interval."""
     kinds = readings()
     errors = [
         f"{name} is off by {format_quantity(size, kind.unit, '%' if kind.unit == '1' else None, digits=2)}"
         for name, size in one.estimate.moved_by.items()
         for kind in [kinds[parameter_name(name).kind]]
     ]
-    return f" {one.label} shifts to an end of its interval where {' or '.join(errors)}." if errors else ""
+    return f" {one.label} shifts by half its interval where {' or '.join(errors)}." if errors else ""
 
 
 def _records(result: SearchResult) -> list[ResidualRecord]:

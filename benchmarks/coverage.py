@@ -31,7 +31,7 @@ from softcal.calibration.loss import Loss
 from softcal.calibration.losses.distance import DistanceLoss
 from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.misfit import DRIFT, FRICTION, LAW
+from softcal.calibration.misfit import CONTACT, DRIFT, FRICTION, LAW
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.residuals import ResidualRecord
@@ -83,10 +83,11 @@ class Case:
     whether the pulleys' friction is known. drift: of load cell and IMU over the record, over the noise, up or down;
     states_drift: whether `uncertain:` states it, or `settings:` that there is none. law: of the true material, in the
     place of the neo-Hookean one that is fitted. loop: friction by which the force is larger while pulling than on the
-    way back, both of which are fitted. outliers: share of samples with 20 times the noise. step: of the load cell's
-    readings [N]. cause: the words of the misfit's true cause. six: six cables and eight markers of the manipulator, and
-    0.2 mm of noise; off: how far each marker [m], pulled: by what share each cable's force is off (standard
-    deviations).
+    way back, both of which are fitted. bends: friction, by which the force is larger the more the neck bends, and which
+    is left out of the fit. touches: whether the true neck's grooves close; the fit is without contact. outliers: share
+    of samples with 20 times the noise. step: of the load cell's readings [N]. cause: the words of the misfit's true
+    cause. six: six cables and eight markers of the manipulator, and 0.2 mm of noise; off: how far each marker [m],
+    pulled: by what share each cable's force is off (standard deviations).
     studies: at most, for those that take long.
     """
 
@@ -109,6 +110,8 @@ class Case:
     cause: str = ""
     law: str = ""
     loop: float = 0.0
+    bends: float = 0.0
+    touches: bool = False
     outliers: float = 0.0
     step: float = 0.0
     six: bool = False
@@ -155,6 +158,12 @@ WRONG: tuple[tuple[str, str, dict[str, Any]], ...] = (
         "neck, 300 samples, both branches of a loop of ± 3 %, fitted without friction",
         {"loop": 0.03, "cause": FRICTION},
     ),
+    (
+        "bends",
+        "neck, 300 samples, friction of 0.1 where the cable bends with the neck, fitted without",
+        {"bends": 0.1, "cause": LAW},
+    ),
+    ("contact", "neck, 300 samples, grooves that close, fitted without contact", {"touches": True, "cause": CONTACT}),
     ("outliers", "neck, 300 samples, one in a hundred off by 20 σ", {"outliers": 0.01, "cause": OUTLIERS}),
     ("quantised", "neck, 300 samples, a load cell in steps of 0.1 N", {"step": 0.1, "cause": STEPS}),
 )
@@ -301,7 +310,7 @@ def _neck_study(case: Case, chance: np.random.Generator) -> Problem:
             NU: true[NU],
         }
         pulled = Protocol({"front": Command("shortening", shortening - true[SLACK])})
-        made = other_law(case.law) if case.law else twin
+        made = other_neck(case.law, case.touches) if case.law or case.touches else twin
         seen = made(with_parameters(robot, of_robot), pulled)
         channels = {"shortening": Channel(shortening, "m")}
         for kind, unit, channel, share in (
@@ -309,6 +318,8 @@ def _neck_study(case: Case, chance: np.random.Generator) -> Problem:
             ("pitch", "rad", "plate.pitch", 1 / 3),
         ):
             values = gains[kind] * seen.channels[channel] + NOISE[kind] * _noise(case, chance)
+            if case.bends and kind == "tension":
+                values = values + seen.channels[channel] * np.expm1(case.bends * np.abs(seen.channels["plate.pitch"]))
             if case.loop and kind == "tension":
                 values = values + case.loop * seen.channels[channel] * np.repeat([1.0, -1.0], case.n // 2)
             if case.outliers:
@@ -405,17 +416,19 @@ def neck(reach: float = REACH[1] + 5e-4) -> tuple[Robot, NeckTable]:
 
 
 @cache
-def other_law(name: str) -> Callable[[Robot, Protocol], Response]:
-    """The twin of the neck with another law of the same moduli at small strain."""
-    robot = neck()[0]
-    C10 = TRUE[E] / (4.0 * (1.0 + TRUE[NU]))
-    C20, C30 = (over * C10 for over in OTHER_LAWS[name])
-    parameters = {"C10": C10, "C20": C20, "C30": C30, "bulk_modulus": TRUE[E] / (3.0 * (1.0 - 2.0 * TRUE[NU]))}
-    body = replace(robot.bodies[0], law="yeoh", parameters=parameters)
+def other_neck(law: str, touches: bool) -> Callable[[Robot, Protocol], Response]:
+    """The twin of the neck with another law of the same moduli at small strain, or with contact."""
+    robot = load(NECK).robot
+    robot = with_parameters(robot if touches else replace(robot, contact=None), {name: TRUE[name] for name in (E, NU)})
+    if law:
+        C10 = TRUE[E] / (4.0 * (1.0 + TRUE[NU]))
+        C20, C30 = (over * C10 for over in OTHER_LAWS[law])
+        parameters = {"C10": C10, "C20": C20, "C30": C30, "bulk_modulus": TRUE[E] / (3.0 * (1.0 - 2.0 * TRUE[NU]))}
+        robot = replace(robot, bodies=(replace(robot.bodies[0], law="yeoh", parameters=parameters), *robot.bodies[1:]))
 
     @cache
     def pulled(*shortening: float) -> Response:
-        return simulate(replace(robot, bodies=(body, *robot.bodies[1:])), pull(np.array(shortening)), crossings=False)
+        return simulate(robot, pull(np.array(shortening)), crossings=False)
 
     return lambda _, protocol: pulled(*protocol.commands["front"].values.tolist())
 

@@ -568,12 +568,17 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[
         time = b.time if b.drifts else np.linspace(0.0, 1.0, len(y))
         slope = np.gradient(y)
         shapes = {"an offset": y * 0 + 1, "a drift": time, "a gain": y, "a slack": slope}
-        shapes["a law that stiffens or softens"] = y**3
+        shapes["another material law or friction in bends"] = y**3
         if 0.1 < np.mean(slope > 0) < 0.9:
             shapes["friction that reverses"] = np.sign(slope) * y
+        beside = len(shapes)
+        if b.channel == "tension":  # contact from a place on, by which the force is larger than without
+            for share in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8):
+                hinge = y - ((1 - share) * y.min() + share * y.max())
+                shapes[f"surfaces that meet{share}"] = np.where(hinge > 0, hinge, 0)
         C = averaged(np.column_stack([shape / np.linalg.norm(shape) for shape in shapes.values()]))
         J, r = averaged(b.J), averaged(b.r)
-        X = span(np.column_stack([J / np.maximum(np.linalg.norm(J, axis=0), 1e-300), C]))
+        X = span(np.column_stack([J / np.maximum(np.linalg.norm(J, axis=0), 1e-300), C[:, :beside]]))
         along = process([(r, X)])
         left = r - X @ (X.T @ r)
         V = left @ left / (len(r) - X.shape[1]) * np.eye(len(r)) if along is None else along.covariance(len(r))
@@ -594,8 +599,15 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[
             if np.linalg.norm(whole) > 1e-3 * np.linalg.norm(shape):
                 after = r - whole * (whole @ r) / (whole @ whole)
                 t = abs(float(whole @ r)) / float(np.linalg.norm(whole))
-                worth[cause] = t, 1.0 - float(np.sum(after[at] ** 2) / np.sum(r[at] ** 2))
-        found[channel] = max(t for t, _ in worth.values()), worth
+                one = t, 1.0 - float(np.sum(after[at] ** 2) / np.sum(r[at] ** 2))
+                if cause.startswith("surfaces that meet"):
+                    if whole @ r < 0 and one > worth.get("surfaces that meet", (0.0, 0.0)):
+                        worth["surfaces that meet"] = one
+                else:
+                    worth[cause] = one
+        clearest = max(t for cause, (t, _) in worth.items() if cause != "surfaces that meet")
+        worth = {cause: (min(t, clearest), share) for cause, (t, share) in worth.items()}
+        found[channel] = clearest, worth
     return found
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from softcal.calibration.loss import Block
-from softcal.calibration.misfit import DRIFT, FRICTION, GAIN, LAW, OFFSET, misfits
+from softcal.calibration.misfit import CONTACT, DRIFT, FRICTION, GAIN, LAW, OFFSET, misfits
 from softcal.calibration.residuals import SHOWN, outliers, residual_record, step_of_readings
 
 N = 120
@@ -91,6 +91,27 @@ def test_steps_of_readings_are_said_where_they_are_larger_than_the_residuals(ste
     assert step_of_readings(np.zeros(N), noise) == 0.0
 
 
+def test_contact_is_one_of_the_two_clearest_causes_of_a_force_that_grows_more_from_a_place_on() -> None:
+    y = D + 0.3 * D**2
+    J = np.column_stack([y, np.ones(N)])
+    for place in (0.2, 0.37, 0.6):
+        error = 0.002 * np.random.default_rng(2).standard_normal(N) - np.maximum(y - place * y[-1], 0.0)
+        (found,) = misfits([block(error - J @ np.linalg.lstsq(J, error, rcond=None)[0], J)])
+        assert CONTACT in list(found.explained)[:2]
+        assert next(iter(found.explained)) != CONTACT
+        assert found.explained[CONTACT] > 0.7
+        assert found.significance > 10.0
+
+
+def test_a_force_that_grows_less_from_a_place_on_is_no_contact_and_an_angle_has_none() -> None:
+    hinge, J = np.maximum(D - 0.7, 0.0), (D + 0.3 * D**2)[:, None]
+    for channel, sign in (("tension", 1.0), ("pitch", -1.0), ("pitch", 1.0)):
+        (found,) = misfits([Block("pull", channel, D - sign * hinge, sign * hinge, np.full(N, 0.01), J)])
+        assert CONTACT not in list(found.explained)[:2]
+        assert LAW in list(found.explained)[:2]
+        assert found.explained.get(CONTACT, 0.0) < (0.05 if channel == "tension" else 1e-9)
+
+
 def test_friction_needs_both_branches_and_a_jacobian_is_needed() -> None:
     def explained(*of: Block) -> list[str]:
         return [cause for one in misfits(of) for cause in one.explained]
@@ -119,7 +140,8 @@ def test_of_right_models_few_are_called_misfits() -> None:
                 J = np.column_stack([d, d**2])
                 errors = lfilter([1.0], [1.0, -correlation], white)
                 left = [one - J @ np.linalg.lstsq(J, one, rcond=None)[0] for one in errors]
-                blocks = [Block("pull", str(i), d - one, one, 1.0, J) for i, one in enumerate(left)]
+                pairs = zip(("tension", "pitch"), left, strict=True)
+                blocks = [Block("pull", channel, d - one, one, 1.0, J) for channel, one in pairs]
                 alarms += any(one.significance > SHOWN for one in misfits(blocks)) or any(
                     len(outliers(one)) for one in left
                 )

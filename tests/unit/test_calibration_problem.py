@@ -77,6 +77,20 @@ def test_the_further_from_the_measurements_the_less_closely_a_curve_is_interpola
     assert asked == [t if t != 0.02 else pytest.approx(0.02 * misfit) for t in tolerances], misfit
 
 
+def test_a_prediction_of_zeros_is_far_from_the_measurements(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of a cable that stays slack."""
+
+    def slack(*args: Any, curve_tolerance: float | None = None, shared: bool, **options: Any) -> Response:
+        response = fake_simulate(*args, **options)
+        return replace(response, channels={name: 0.0 * values for name, values in response.channels.items()})
+
+    monkeypatch.setattr("softcal.calibration.problem._real_simulate", lambda: slack)
+    problem = make_problem(fake_robot(), [fake_experiment("a")], (MODULUS, RATIO, SLACK))
+    found = problem.evaluate({E: TRUE[E], NU: TRUE[NU], "front.slack[a]": 0.0}, jacobian=True)
+    assert all(np.all(block.residual == -block.measured) for block in found.blocks)
+    assert np.isfinite(found.loss)
+
+
 def test_long_tests_of_several_cables_are_trajectories_of_their_own_and_short_ones_share() -> None:
     def driven(name: str, n: int, cables: str) -> Member:
         experiment = fake_experiment(name, n_samples=n)

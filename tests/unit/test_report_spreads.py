@@ -166,10 +166,12 @@ def test_alike_residuals_are_told_and_independent_ones_are_not() -> None:
     assert text.startswith("Neighbouring residuals are alike")
     assert "pull1, tension: 41 samples are worth about 10" in text
     assert not misfits
-    causes = {"a slack": 0.4, "a law that stiffens or softens": 0.82, "a drift": 0.3}
+    causes = {"a slack": 0.4, "another material law or friction in bends": 0.82, "a drift": 0.3}
     text, misfits = said(correlation=0.95, size=0.013, largest=0.95, explained=causes)
     assert text.startswith(f"{MISFIT}: tension of pull1 by 0.013 N (RMS), most at the end (")
-    assert "(a law that stiffens or softens alone would explain 82 %, a slack alone would explain 40 %)" in text
+    assert (
+        "(another material law or friction in bends alone would explain 82 %, a slack alone would explain 40 %)" in text
+    )
     assert "drift" not in text
     assert misfits
     text, _ = said(correlation=0.95, size=0.013, largest=0.4, explained={"a drift": 0.1})
@@ -177,7 +179,7 @@ def test_alike_residuals_are_told_and_independent_ones_are_not() -> None:
     assert "explain" not in text
     text, misfits = said(significance=7.3, size=0.013, explained=causes)
     by = "a slack is 7.3 standard errors from zero, and alone would explain 40 % of the squares relative to the noise"
-    more = "a law that stiffens or softens alone 82 %"
+    more = "another material law or friction in bends alone 82 %"
     assert text.startswith(f"{MORE_THAN_NOISE}: in tension of pull1 (0.013 N RMS) {by}, {more};")
     assert misfits
     text, misfits = said(outliers=(3, 17, 40))

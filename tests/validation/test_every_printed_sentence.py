@@ -47,7 +47,7 @@ P = (
 LABEL = r"(?:E|ν|\w+ \([^)]*\))"  # of a parameter
 LIST = rf"(?P<list>{V} \(\w+\)(?:(?:, | and ){V} \(\w+\))*)"  # of values and their tests
 ITEM = rf"(?P<channel>\w+) of (?P<of>\w+) by (?P<size>{V}) (?P<unit>\w+) \(RMS\), "
-CAUSE = rf"(an? [\w ]+?|friction that reverses) alone (?:would explain )?{V} %"
+CAUSE = rf"((?:an?|another) [\w ]+?|friction that reverses|surfaces that meet) alone (?:would explain )?{V} %"
 UNITS = {"MPa": 1e6, "kPa": 1e3, "mm": 1e-3, "deg": math.pi / 180, "g": 1e-3, "N": 1.0, "%": 0.01, "": 1.0}
 
 Told = re.Match[str]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,8 +22,10 @@ from softcal.checks import Floats
 
 OFFSET, DRIFT, GAIN = "an offset", "a drift", "a gain"
 SLACK, FRICTION = "a slack", "friction that reverses"
-LAW = "a law that stiffens or softens"
+LAW = "another material law or friction in bends"  # of one shape along a record without reversal
+CONTACT = "surfaces that meet"
 _ABSORBED = 1e-3  # of its size: with less left, the parameters can do what a cause would
+_BEGINS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)  # of the range of a force: where contact may begin
 _BRANCH = 0.1  # of the samples: a branch of a cycle
 _FEWEST = 8  # values more than parameters and shapes together
 _ROUNDING = 1e-9  # of what is measured: smaller residuals are those of an exact fit
@@ -56,18 +58,21 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
         start = rows.stop
         square = max(float(residual[rows] @ residual[rows]), 1e-300)
         worth: dict[str, tuple[float, float]] = {}
-        for cause, shape in one.shapes.items():
+        for cause, shape in one.shapes:
             whole = np.zeros(len(residual))
             whole[rows] = shape
             left = _without(basis, whole)
-            size = float(left @ left)
-            if size > _ABSORBED**2 * float(shape @ shape):
-                along = float(left @ residual) / size
-                after = residual[rows] - along * left[rows]
-                worth[cause] = abs(along) * math.sqrt(size), max(1.0 - float(after @ after) / square, 0.0)
-        ordered = sorted(worth.items(), key=lambda pair: -pair[1][0])
-        shares = {cause: share for cause, (_, share) in ordered}
-        found.append(Misfit(shares, max((t for t, _ in worth.values()), default=0.0)))
+            size, along = float(left @ left), float(left @ residual)
+            # Predicted less measured: contact is missing from the prediction where that is too small.
+            if size <= _ABSORBED**2 * float(shape @ shape) or (cause == CONTACT and along > 0.0):
+                continue
+            after = residual[rows] - along / size * left[rows]
+            pair = abs(along) / math.sqrt(size), max(1.0 - float(after @ after) / square, 0.0)
+            worth[cause] = max(worth.get(cause, pair), pair)
+        clearest = max((t for cause, (t, _) in worth.items() if cause != CONTACT), default=0.0)
+        # Contact may begin anywhere, and so follow noise: it is no clearer than the clearest shape without a choice.
+        ordered = sorted(worth.items(), key=lambda pair: (-min(pair[1][0], clearest), pair[0] == CONTACT))
+        found.append(Misfit({cause: share for cause, (_, share) in ordered}, clearest))
     return found
 
 
@@ -77,42 +82,58 @@ class _Whitened:
 
     residual: Floats
     answer: Floats
-    shapes: Mapping[str, Floats]
+    shapes: Sequence[tuple[str, Floats]]
 
 
 def _whitened(block: Block, jacobian: Floats) -> _Whitened:
     n, rms = len(block.residual), float(np.sqrt(np.mean(block.residual**2)))
-    plain = _Whitened(block.residual / max(rms, 1e-300), jacobian / max(rms, 1e-300), {})
+    plain = _Whitened(block.residual / max(rms, 1e-300), jacobian / max(rms, 1e-300), ())
     if n < FEWEST_OF_CURVE or rms <= _ROUNDING * float(np.abs(block.measured).max()):
         return plain
     shapes = _shapes(block)
-    columns = np.column_stack([jacobian, *(shape / np.linalg.norm(shape) for shape in shapes.values())])
+    columns = np.column_stack([jacobian, *(shape / np.linalg.norm(shape) for _, shape in shapes)])
     averaged = record(block.residual, columns, columns)
-    X = span(averaged.answer)
+    # Contact from several places on would leave no noise.
+    beside = [True] * jacobian.shape[1] + [cause != CONTACT for cause, _ in shapes]
+    noise = replace(averaged, answer=averaged.answer[:, beside])
+    X = span(noise.answer)
     left = _without(X, averaged.residual)
     m, k = X.shape
     if m - k < _FEWEST:
         return plain
-    correlated = process([averaged])
+    correlated = process([noise])
     white = max(float(left @ left) / (m - k), (_ROUNDING * rms) ** 2)
     lower = np.linalg.cholesky(white * np.eye(m) if correlated is None else correlated.covariance(m))
     columns = np.column_stack([averaged.residual, averaged.answer])
     divided = np.asarray(np.linalg.solve(lower, columns), dtype=np.float64)
     ends = divided[:, 1 + jacobian.shape[1] :].T
-    return _Whitened(divided[:, 0], divided[:, 1 : 1 + jacobian.shape[1]], dict(zip(shapes, ends, strict=True)))
+    return _Whitened(
+        divided[:, 0],
+        divided[:, 1 : 1 + jacobian.shape[1]],
+        [(cause, end) for (cause, _), end in zip(shapes, ends, strict=True)],
+    )
 
 
-def _shapes(block: Block) -> Mapping[str, Floats]:
-    """The shapes (n,) of causes in a channel, by its predictions."""
+def _shapes(block: Block) -> list[tuple[str, Floats]]:
+    """The shapes (n,) of causes in a channel, by its predictions; contact has one for each place where it may begin."""
     y = block.residual + block.measured
     n = len(y)
     time = np.linspace(0.0, 1.0, n) if block.drift is None else block.drift
     slope, largest = np.gradient(y), max(float(np.abs(y).max()), 1e-300)
-    shapes = {OFFSET: np.ones(n), DRIFT: time - time[0], GAIN: y, SLACK: slope, LAW: y * (y / largest) ** 2}
+    shapes = [
+        (OFFSET, np.ones(n)),
+        (DRIFT, time - time[0]),
+        (GAIN, y),
+        (SLACK, slope),
+        (LAW, y * (y / largest) ** 2),
+    ]
     rises = float(np.mean(slope > 0.0))
     if _BRANCH < rises < 1.0 - _BRANCH:
-        shapes[FRICTION] = np.sign(slope) * y
-    return {cause: shape for cause, shape in shapes.items() if np.any(shape != 0.0)}
+        shapes.append((FRICTION, np.sign(slope) * y))
+    if block.grows_with_moduli:
+        low, high = float(y.min()), float(y.max())
+        shapes += [(CONTACT, np.maximum(y - low - share * (high - low), 0.0)) for share in _BEGINS]
+    return [(cause, shape) for cause, shape in shapes if np.any(shape != 0.0)]
 
 
 def _without(basis: Floats, x: Floats) -> Floats:

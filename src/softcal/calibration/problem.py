@@ -216,9 +216,9 @@ class Problem:
 
     def _misfit(self, one: Contribution) -> float:
         """The residuals' root mean square over the largest predicted value, of the channel where that is least."""
+        blocks = self._blocks(one.observations)
         return min(
-            (rms(b.residual) / float(np.abs(b.residual + b.measured).max()) for b in self._blocks(one.observations)),
-            default=0.0,
+            (rms(b.residual) / max(float(np.abs(b.residual + b.measured).max()), 1e-300) for b in blocks), default=0.0
         )
 
     def _contribution(

@@ -49,7 +49,7 @@ class Budget:
         rows = [_ROUNDING * np.eye(self.size)]
         for source, responses in zip(self.sources, self.responses, strict=True):
             rows += source.rows(responses)
-        return np.linalg.qr(np.concatenate(rows))[1]
+        return np.linalg.qr(np.concatenate(rows), mode="r")
 
     @cached_property
     def variances(self) -> Mapping[str, Floats]:

@@ -82,11 +82,6 @@ class Sums:
         """answer^T pull, the matrix of the normal equations."""
         return self.products[1]
 
-    def padded(self, width: int) -> tuple[Ints, Floats]:
-        """Columns and products of so many columns, those that it lacks being the first parameter's, with zeros."""
-        lacking = (0, width - len(self.columns))
-        return np.pad(self.columns, lacking), np.pad(self.products, ((0, 0), lacking, lacking))
-
 
 @dataclass(frozen=True, eq=False)
 class ScaledBlock:
@@ -286,11 +281,13 @@ def white_noise(
         by_priors[np.ix_(one.columns, one.columns)] += one.products[2]
     groups, held = list(of), [Sums.over(each) for each in of.values()]
     counts, squares = (np.array([getattr(one, name) for one in held], dtype=float) for name in ("count", "square"))
-    padded = [one.padded(max(len(one.columns) for one in held)) for one in held]
-    columns, (answers, normals, pulls) = (
-        np.array([c for c, _ in padded]),
-        np.array([p for _, p in padded]).swapaxes(0, 1),
-    )
+    # Columns that a group has less than another are the first parameter's, with zeros.
+    widest = max(len(one.columns) for one in held)
+    columns = np.zeros((len(held), widest), dtype=int)
+    answers, normals, pulls = products = np.zeros((3, len(held), widest, widest))
+    for k, one in enumerate(held):
+        width = len(one.columns)
+        columns[k, :width], products[:, k, :width, :width] = one.columns, one.products
     # The inverse between the parameters of two groups, (groups, groups, k, k).
     across = inverse[columns[:, None, :, None], columns[None, :, None, :]]
     every = np.arange(len(groups))

@@ -281,6 +281,11 @@ def span(columns: Floats) -> Floats:
     return left[:, sizes > _NULL * float(sizes.max(initial=1e-300))]
 
 
+def triangle(rows: Floats) -> Floats:
+    """Rows with the same products of columns (n, k), k of them or fewer."""
+    return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
+
+
 def _covariance(phi: Floats, n: int) -> Floats:
     share = _share(phi[1])
     return np.exp(phi[0]) * (share * _correlation(n, float(np.exp(phi[2]))) + (1 - share) * np.eye(n))

@@ -29,7 +29,7 @@ import numpy as np
 
 from softcal.calibration.between_experiments import Apart, Between, between_experiments, white_noise_within
 from softcal.calibration.budget import Budget
-from softcal.calibration.correlation import ErrorRecord
+from softcal.calibration.correlation import ErrorRecord, triangle
 from softcal.calibration.intervals import beyond_bounds, contradiction
 from softcal.calibration.loss import Block, Loss
 from softcal.calibration.noise import (
@@ -273,9 +273,9 @@ class _LinearBlock:
     def rows(self) -> Floats:
         """Rows with the squares of the weighted derivatives, no more than parameters that have an effect."""
         columns = self.part.sums.columns
-        triangle = np.linalg.qr(np.sqrt(self.seen.weights)[:, None] * self.jacobian[:, columns], mode="r")
-        rows = np.zeros((len(triangle), self.jacobian.shape[1]))
-        rows[:, columns] = triangle
+        own = triangle(np.sqrt(self.seen.weights)[:, None] * self.jacobian[:, columns])
+        rows = np.zeros((len(own), self.jacobian.shape[1]))
+        rows[:, columns] = own
         return rows
 
 

@@ -28,6 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from softcal.calibration.correlation import triangle
 from softcal.calibration.loss import Block, Loss, rms
 from softcal.calibration.parameters import SearchSpace
 from softcal.checks import Floats, Ints
@@ -195,12 +196,12 @@ class LocalModel:
         found, turn = self._residuals(x)
         for block, one, (residual, jacobian) in zip(self._here.blocks, self._derived, found, strict=True):
             root = np.sqrt(self._loss.square_weights(block, residual))
-            own = np.linalg.qr(root[:, None] * np.column_stack([jacobian(), -residual]), mode="r")
+            own = triangle(root[:, None] * np.column_stack([jacobian(), -residual]))
             whole = np.column_stack([np.outer(own[:, -2], turn), own[:, -1]])
             whole[:, one.columns] += own[:, :-2]
             rows.append(whole)
-        triangle = np.linalg.qr(np.concatenate(rows), mode="r")[: self._space.size]
-        return triangle[:, :-1], triangle[:, -1]
+        every = triangle(np.concatenate(rows))[: self._space.size]
+        return every[:, :-1], every[:, -1]
 
 
 @dataclass(frozen=True)

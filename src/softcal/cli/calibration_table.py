@@ -33,22 +33,25 @@ def print_results(
     if not results:
         return
     from softcal.calibration.sensitivity import INCLUDED
+    from softcal.project.names import JOINT
     from softcal.report.agreement import agreement_sentences, residual_sentences, spread_sentences
     from softcal.report.closeness import closeness_by_experiment, misses_of
     from softcal.report.cycles import cycle_sentences
     from softcal.report.first_screen import FirstScreen, three_sentences
-    from softcal.report.format import MANY, few
+    from softcal.report.format import few, worst
     from softcal.report.judged import first_label, judged
 
-    for label, result in results.items():
-        if result.converged is False:
-            typer.echo(f"Warning: {label}: {result.status} No intervals are given.", err=True)
-    print_table(_result_table(results))
-    for label, result in results.items():
-        for text, tone in closeness_by_experiment(misses_of(data or {}, result)):
-            if tone == "warning":
-                of = "" if text.startswith(f"{label}: ") else f"{label}, "
-                typer.echo(f"Warning: {of}{text}", err=True)
+    _warn(f"{label}: {r.status} No intervals are given." for label, r in results.items() if r.converged is False)
+    first, others = worst(results.items(), lambda pair: math.inf if pair[0] == JOINT else pair[1].loss)
+    print_table(_result_table(dict(first)))
+    if others:
+        typer.echo(f"{len(others)} more calibrations, of smaller losses, are in the report.")
+    _warn(
+        text if text.startswith(f"{label}: ") else f"{label}, {text}"
+        for label, result in results.items()
+        for text, tone in closeness_by_experiment(misses_of(data or {}, result))
+        if tone == "warning"
+    )
     for text, _ in agreement_sentences(results):
         typer.echo(text)
     first = first_label(results)
@@ -66,10 +69,7 @@ def print_results(
             if note.level == "warning" or label in shown:
                 notes.setdefault(note, []).append(label)
     warnings = {note: labels for note, labels in notes.items() if note.level == "warning"}
-    for note, labels in list(warnings.items())[:MANY]:
-        typer.echo(f"Warning: {', '.join(few(labels))}: {note}", err=True)
-    if len(warnings) > MANY:
-        typer.echo(f"Warning: {len(warnings) - MANY} more warnings are in the report.", err=True)
+    _warn(f"{', '.join(few(labels))}: {note}" for note, labels in warnings.items())
     for label, response in (solved or {}).items():
         for text in response.warnings:
             typer.echo(f"Warning: {label}: {text}", err=True)
@@ -87,6 +87,17 @@ def print_results(
     lead = f"the solved shapes are in doubt ({doubts}); " if doubts else ""
     for text in three_sentences(FirstScreen(results, first, data or {}, records or {}, lead=lead)):
         typer.echo(text)
+
+
+def _warn(texts: Iterable[str]) -> None:
+    """Warnings of one kind, of many the first."""
+    from softcal.report.format import MANY
+
+    every = list(texts)
+    for text in every[:MANY]:
+        typer.echo(f"Warning: {text}", err=True)
+    if len(every) > MANY:
+        typer.echo(f"Warning: {len(every) - MANY} more such warnings are in the report.", err=True)
 
 
 def _includes_mesh(result: CalibrationResult) -> bool:
@@ -115,18 +126,15 @@ def result_line(label: str, result: CalibrationResult) -> str:
 
 
 def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
-    """Table with a column per calibration, and a line per parameter and error of an experiment. Of many, those of the
-    largest losses and errors, and what the others are.
+    """Table with a column per calibration, and a line per parameter and error of an experiment, of many for the
+    largest, and one for all others.
     """
     from rich.table import Table
 
-    from softcal.project.names import JOINT
     from softcal.report.format import worst
 
-    first, others = worst(results.items(), lambda pair: math.inf if pair[0] == JOINT else pair[1].loss)
-    caption = f"{len(others)} more calibrations, of smaller losses, are in the report." if others else None
-    table = Table("", *dict(first), caption=caption)
-    found = [result.parameters for _, result in first]
+    table = Table("", *results)
+    found = [result.parameters for result in results.values()]
     own: dict[str, list[str]] = {}
     for name in dict.fromkeys(name for parameters in found for name in parameters):
         own.setdefault(name.partition("[")[0], []).append(name)
@@ -137,11 +145,12 @@ def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
         if others:
             cells = (_range_text([one[name] for name in others if name in one]) for one in found)
             table.add_row(f"{base}, {len(others)} more", *cells)
-    _add_errors(table, "", [result.experiments for _, result in first])
-    _add_errors(table, "held out: ", [{name: held.fit for name, held in r.held_out.items()} for _, r in first])
+    _add_errors(table, "", [result.experiments for result in results.values()])
+    held_out = [{name: held.fit for name, held in result.held_out.items()} for result in results.values()]
+    _add_errors(table, "held out: ", held_out)
     table.add_section()
-    table.add_row("loss", *(f"{result.loss:.4g}" for _, result in first))
-    table.add_row("trials", *(_count(result) for _, result in first))
+    table.add_row("loss", *(f"{result.loss:.4g}" for result in results.values()))
+    table.add_row("trials", *(_count(result) for result in results.values()))
     return table
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate
 from interval_cases import SIGMA as SIGMA_OF
 from interval_cases import linear_problem
 
+from softcal.calibration import between_experiments, correlation
 from softcal.calibration.estimator import estimator
 from softcal.calibration.left_out import LeftOut, left_out
 from softcal.calibration.loss import Block, Loss
@@ -176,3 +179,32 @@ def test_a_held_out_test_with_an_offset_of_its_own_has_the_band_that_its_fit_lea
             ratio = np.sqrt(np.mean(width**2)) / every.left_out[name].half_width[channel]
             assert 0.7 < ratio < 2.0
             assert np.mean(np.abs(held.fit.simulated[channel] - measured) <= width) > 0.8
+
+
+def pieces_of(n: int, monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
+    """How often `left_out` of n tests computes what is of one test by itself."""
+    counts = {"tests": 0, "bases": 0}
+
+    def counted(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any) -> Any:
+            counts[name] += 1
+            return function(*arguments)
+
+        return call
+
+    chance = np.random.default_rng(4)
+    blocks = [Block(f"t{i}", "tension", np.full(N, 5.0), chance.standard_normal(N), SIGMA, SHARED) for i in range(n)]
+    serves = {f"t{i}": np.array([True, True]) for i in range(n)}
+    found = estimator(LOSS, Z[:2], ONES[:2], blocks, serves)
+    with monkeypatch.context() as patch:
+        patch.setattr(between_experiments, "refitted", counted("tests", between_experiments.refitted))
+        patch.setattr(correlation, "span", counted("bases", correlation.span))
+        assert len(left_out(LOSS, Z[:2], ONES[:2], blocks, serves, found)) == n
+    return counts
+
+
+def test_what_is_of_one_test_is_computed_once_whichever_others_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    for n in (5, 10):
+        counts = pieces_of(n, monkeypatch)
+        assert counts["tests"] == n
+        assert counts["bases"] <= 2 * n

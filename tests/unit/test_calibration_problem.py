@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
+from project_case import bar_robot, bench_values
 
 from softcal.calibration.evaluator import Evaluator
+from softcal.calibration.experiment import Experiment
 from softcal.calibration.fingerprint import fingerprint, fingerprints
 from softcal.calibration.loss import rms
 from softcal.calibration.losses.papers import PapersLoss
@@ -19,6 +21,7 @@ from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.trajectory import Member, shared_out
 from softcal.errors import InputError, ParameterError, SimulationError
+from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
@@ -247,3 +250,35 @@ def test_the_fingerprint_sees_every_number_and_no_order() -> None:
 def test_the_truth_has_no_residual() -> None:
     problem = make_problem(fake_robot(), [fake_experiment()], (MODULUS, RATIO), None, fake_simulate)
     assert problem.evaluate(TRUE).loss == 0.0
+
+
+def bar_problem() -> Problem:
+    """The twin of a bar of 100 mm, pulled by 20 mm, with a slack from -150 to 50 mm."""
+    _, shortening, tension, pitch = (np.array(values) for values in bench_values())
+    channels = {
+        "shortening": Channel(1e-3 * shortening, "m"),
+        "tension": Channel(tension, "N"),
+        "pitch": Channel(np.deg2rad(pitch), "rad"),
+    }
+    slack = FreeParameter("front.slack", "m", -0.15, 0.05, per_experiment=True)
+    pull = Experiment("pull", Dataset("pull", channels), "front", "plate")
+    return make_problem(bar_robot(), [pull], (slack,), PapersLoss())
+
+
+def test_a_slack_that_takes_up_the_whole_pull_is_a_trial_like_others() -> None:
+    """All predictions are zero: no error is a share of them."""
+    slack_only = bar_problem().evaluate({"front.slack[pull]": 0.04}, jacobian=True)
+    assert slack_only.failure == ""
+    assert slack_only.loss is not None
+    assert all(np.all(block.residual == -block.measured) for block in slack_only.blocks)
+
+
+def test_a_slack_by_which_a_cable_is_pulled_in_beyond_its_length_is_a_failed_trial() -> None:
+    problem = bar_problem()
+    beyond = problem.evaluate({"front.slack[pull]": -0.1}, jacobian=True)
+    assert beyond.loss is None
+    assert "pulled in by more than its length; got 120 mm" in beyond.failure
+    fixed = replace(problem.experiments[0], rig=replace(problem.experiments[0].rig, slack=-0.1))
+    stiff = FreeParameter("bar.youngs_modulus", "Pa", 0.1e6, 40e6, "log")
+    with pytest.raises(ParameterError, match="more than its length"):  # at any value
+        make_problem(problem.robot, [fixed], (stiff,)).evaluate({"bar.youngs_modulus": 1e6})

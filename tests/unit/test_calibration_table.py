@@ -72,3 +72,27 @@ def test_numbers_of_the_table_are_as_people_write_them(capsys):
     assert "28.6 deg" in line
     assert "rad" not in line
     assert "Warning: 20mm: the twin reproduces" in told.err  # its experiment has the calibration's name
+
+
+def test_of_many_tests_the_ten_worst_have_a_line_and_the_others_are_counted(capsys):
+    experiments = [bench_experiment("20mm", 0.02, 1.2e6)]
+    one = tpe_result(experiments, 1.2e6, 0.45, n_trials=20)
+    fit = one.experiments["20mm"]
+    fits = {f"t{i}": replace(fit, rmse={"tension": 0.001 * i, "pitch": 0.001}) for i in range(200)}
+    offset = Estimate(0.1, "N", False, -1.0, 1.0, 0.01)
+    own = {f"front.tension_offset[t{i}]": replace(offset, value=0.001 * i, at_bound=i == 7) for i in range(200)}
+    note = bound_note(E_NAME, Estimate(1e5, "Pa", True, 1e5, 4e7))
+    notes = [replace(note, text=f"{note.text} {i}") for i in range(60)]
+    many = replace(one, experiments=fits, parameters={**one.parameters, **own}, notes=tuple(notes))
+    print_results({"joint": many})
+    told = capsys.readouterr()
+    lines = told.out.splitlines()
+    assert len(lines) < 60
+    assert len([line for line in lines if "RMSE of tension, t" in line]) == 10
+    assert any("RMSE of tension, t199" in line for line in lines)
+    assert any("RMSE of tension, 190 more" in line and "at most 0.189 N" in line for line in lines)
+    assert any("front.tension_offset[t7]" in line for line in lines)
+    assert any("front.tension_offset, 190 more" in line and "0.199 N" in line for line in lines)
+    assert "Warning: 50 more such warnings are in the report." in told.err
+    print_results({f"t{i}": replace(one, loss=float(i)) for i in range(30)})
+    assert "20 more calibrations, of smaller losses" in capsys.readouterr().out

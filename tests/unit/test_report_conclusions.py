@@ -16,6 +16,7 @@ from softcal.cli.calibration_table import print_results
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.materials.infill import PrintInfill
 from softcal.report.agreement import agreement_sentences
+from softcal.report.closeness import Miss, closeness_by_experiment
 from softcal.report.conclusions import conclusions, verdict
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figures.force_displacement import steps_between
@@ -386,3 +387,14 @@ def test_only_steps_that_change_samples_are_said_to_lie_between() -> None:
 
     assert steps("read_table", "set_noise", "set_noise", "estimate_noise") == []
     assert steps("read_table", "window", "set_noise", "average", "average") == ["window", "average"]
+
+
+def test_of_many_tests_the_report_rates_the_ten_worst_and_all_others_together():
+    misses = [Miss(f"t{i}", "force", 0.01 * i, "N", 0.001 * i, None) for i in range(200)]
+    told = list(closeness_by_experiment(misses))
+    assert [text.partition(":")[0] for text, _ in told] == [*(f"t{i}" for i in range(190, 200)), "190 more"]
+    assert told[-1][0].startswith(
+        "190 more: the twin reproduces the force within 19 % of its range (RMS; most in t189)"
+    )
+    assert told[-1][1] == "warning"
+    assert len(list(closeness_by_experiment(misses[:10]))) == 10

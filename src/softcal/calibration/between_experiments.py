@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from softcal.calibration.noise import (
     Noise,
     ScaledBlock,
     Source,
+    Sums,
+    by_experiment,
     refitted,
     sources,
     systematic_sources,
@@ -30,7 +33,7 @@ from softcal.calibration.noise import (
 )
 from softcal.calibration.random_effects import Kind, RandomEffects, random_effects
 from softcal.calibration.uncertain import UncertainParameter
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
 
 _NULL = 1e-9  # singular value over the largest below which an experiment alone does not identify a direction
 _BLURRED = 1e3  # an experiment whose step is so many times as uncertain as the clearest one's is left out
@@ -63,11 +66,12 @@ class Between:
     responses: Mapping[str, Floats]
     kind: Kind = "experiments"
 
-    @property
+    @cached_property
     def weights(self) -> Mapping[str, float]:
         """Experiment -> weight of its step in the mean, sum 1."""
         weights = {name: 1 / (variance + self.effects.spread**2) for name, variance in self.variances.items()}
-        return {name: weight / sum(weights.values()) for name, weight in weights.items()}
+        total = sum(weights.values())
+        return {name: weight / total for name, weight in weights.items()}
 
     @property
     def has_interval(self) -> bool:
@@ -75,7 +79,7 @@ class Between:
         return len(self.steps) > 2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Alone:
     """One experiment: its residuals, which parameters have an effect on it, and the sources of error in it."""
 
@@ -98,12 +102,21 @@ class OwnStep:
     response: Floats
 
 
+class Apart:
+    """Experiments by themselves: what is computed of one is kept, for it is the same beside any others."""
+
+    def __init__(self) -> None:
+        self.alone = cache(_alone)
+        self.own_step = cache(_own_step)
+
+
 def between_experiments(
     parts: Sequence[ScaledBlock],
     serves: Mapping[str, np.ndarray],
     z: Floats,
     uncertain: Sequence[UncertainParameter] = (),
     members: Mapping[str, Sequence[str]] | None = None,
+    apart: Apart | None = None,
 ) -> tuple[Between, ...]:
     """The shared parameters that can be compared between two experiments or more, those that differ first.
 
@@ -121,17 +134,23 @@ def between_experiments(
         Those of the parts' `systematic`: an error that an experiment has alone can be why it differs.
     members
         Set-up -> its experiments, where it is set-ups that are compared, and that the other arguments name.
+    apart
+        What is kept of the same parts from other comparisons.
     """
+    apart = apart or Apart()
     left = [int(j) for j in np.flatnonzero(np.sum(list(serves.values()), axis=0) > 1)]
     own = np.sum(list(serves.values()), axis=0) == 1
     held = members or {name: (name,) for name in serves}
-    errs = {name: _own_errors(name, uncertain, held) for name in serves}
-    by_experiment = [
-        one for name, on in serves.items() if (one := _alone(name, parts_alone(name, parts, on & own), on, errs[name]))
+    errs = _own_errors(uncertain, held)
+    of = _parts_of(parts, serves, own)
+    every = [
+        one
+        for name, on in serves.items()
+        if (one := apart.alone(name, tuple(of[name]), _columns(on), tuple(errs.get(name, {}).items())))
     ]
     found: list[Between] = []
     while True:
-        compared = [one for j in left if (one := _compared(by_experiment, own, j)) is not None]
+        compared = [one for j in left if (one := _compared(every, own, j, apart)) is not None]
         compared = [one for one in compared if all(0.0 <= z[one.column] + step <= 1.0 for step in one.steps.values())]
         compared = [replace(one, effects=one.effects.among(len(compared))) for one in compared]
         clearest = min(compared, key=lambda one: one.effects.chance, default=None)
@@ -149,15 +168,37 @@ def white_noise_within(
     """The white noise of every group, and the groups whose noise cannot be estimated, where every experiment has its
     own value of the parameters in which they differ.
     """
-    apart = [(name, between.column) for between in differing for name in between.steps]
-    wide: list[ScaledBlock] = []
-    for part in parts:
-        own = np.array([name == part.experiment for name, _ in apart], dtype=float)
-        columns = [column for _, column in apart]
-        answer, pull = (np.hstack([held, held[:, columns] * own]) for held in (part.answer, part.pull))
-        wide.append(replace(part, answer=answer, pull=pull))
-    inverse = _least_inverse(wide, range(wide[0].pull.shape[1]))
-    return white_noise(refitted(wide, inverse), inverse)
+    size = parts[0].pull.shape[1]
+    columns = np.array([between.column for between in differing for _ in between.steps], dtype=int)
+    of: dict[str, list[int]] = {}
+    for place, name in enumerate(name for between in differing for name in between.steps):
+        of.setdefault(name, []).append(place)
+    places = [np.array(of.get(part.experiment, []), dtype=int) for part in parts]
+    wide = [_widened(part.sums, size + own, columns[own]) for part, own in zip(parts, places, strict=True)]
+    inverse = _least_inverse(wide, np.arange(size + len(columns)), size + len(columns))
+    pulled = np.zeros(len(inverse))
+    for part, own in zip(parts, places, strict=True):
+        pulled[:size] += part.pulled
+        pulled[size + own] += part.pulled[columns[own]]
+    step = -inverse @ pulled
+    left: list[Sums] = []
+    for part, own, one in zip(parts, places, wide, strict=True):
+        moved = step[:size].copy()
+        moved[columns[own]] += step[size + own]
+        residual = part.residual + part.answer @ moved
+        left.append(replace(one, square=float(residual @ residual)))
+    return white_noise(parts, inverse, left)
+
+
+def _widened(sums: Sums, places: Ints, columns: Ints) -> Sums:
+    """The sums with some of the columns a second time, in other places."""
+    again = np.flatnonzero(np.isin(columns, sums.columns))
+    at = np.concatenate([np.arange(len(sums.columns)), np.searchsorted(sums.columns, columns[again])])
+    return replace(
+        sums,
+        columns=np.concatenate([sums.columns, places[again]]),
+        products=sums.products[:, at[:, None], at],
+    )
 
 
 def parts_alone(name: str, parts: Sequence[ScaledBlock], own: np.ndarray) -> list[ScaledBlock]:
@@ -165,26 +206,51 @@ def parts_alone(name: str, parts: Sequence[ScaledBlock], own: np.ndarray) -> lis
     return [p for p in parts if p.experiment == name or (p.group == PRIOR and np.all(own[np.any(p.answer, axis=0)]))]
 
 
+def _parts_of(
+    parts: Sequence[ScaledBlock], serves: Mapping[str, np.ndarray], own: np.ndarray
+) -> dict[str, list[ScaledBlock]]:
+    """Experiment -> its `parts_alone`."""
+    found = by_experiment(parts)
+    names = list(serves)
+    owners = np.argmax(np.array(list(serves.values())), axis=0)
+    for prior in found.pop(PRIOR, []):
+        columns = prior.sums.columns
+        if np.all(own[columns]) and len(owner := set(owners[columns])) == 1:
+            found.setdefault(names[owner.pop()], []).append(prior)
+    return {name: found.get(name, []) for name in names}
+
+
 def _own_errors(
-    name: str, uncertain: Sequence[UncertainParameter], members: Mapping[str, Sequence[str]]
-) -> dict[int, tuple[str, str]]:
-    """The uncertain parameters of one experiment, or set-up, alone."""
-    alone = {k: p for k, p in enumerate(uncertain) if [own for own, es in members.items() if p.serves(*es)] == [name]}
-    return {k: (p.source, p.label) for k, p in alone.items()}
+    uncertain: Sequence[UncertainParameter], members: Mapping[str, Sequence[str]]
+) -> dict[str, dict[int, tuple[str, str]]]:
+    """Experiment, or set-up -> the uncertain parameters that are of it alone."""
+    found: dict[str, dict[int, tuple[str, str]]] = {}
+    for k, p in enumerate(uncertain):
+        serving = [own for own, experiments in members.items() if p.serves(*experiments)]
+        if len(serving) == 1:
+            found.setdefault(serving[0], {})[k] = p.source, p.label
+    return found
+
+
+def _columns(on: np.ndarray) -> tuple[int, ...]:
+    return tuple(int(k) for k in np.flatnonzero(on))
 
 
 def _alone(
-    name: str, parts: Sequence[ScaledBlock], serves: np.ndarray, errs: Mapping[int, tuple[str, str]]
+    name: str, parts: tuple[ScaledBlock, ...], serves: tuple[int, ...], errs: tuple[tuple[int, tuple[str, str]], ...]
 ) -> Alone | None:
     """An experiment with the errors in it; None where its noise cannot be told from what it determines."""
-    inverse = _least_inverse(parts, [int(k) for k in np.flatnonzero(serves)])
+    size = parts[0].pull.shape[1]
+    inverse = _least_inverse([part.sums for part in parts], np.array(serves), size)
     noise, spent = white_noise(refitted(parts, inverse), inverse)
-    found = (*sources(parts, noise), *systematic_sources(parts, errs))
-    return None if spent else Alone(name, parts, serves, found)
+    found = (*sources(parts, noise), *systematic_sources(parts, dict(errs)))
+    on = np.zeros(size, dtype=bool)
+    on[list(serves)] = True
+    return None if spent else Alone(name, parts, on, found)
 
 
-def _compared(by_experiment: Sequence[Alone], own: np.ndarray, j: int) -> Between | None:
-    steps = {one.name: step for one in by_experiment if one.serves[j] and (step := own_step(one, own, j)) is not None}
+def _compared(every: Sequence[Alone], own: np.ndarray, j: int, apart: Apart) -> Between | None:
+    steps = {one.name: step for one in every if one.serves[j] and (step := own_step(one, own, j, apart)) is not None}
     clearest = min((step.variance for step in steps.values()), default=0.0)
     steps = {name: step for name, step in steps.items() if step.variance < _BLURRED**2 * clearest}
     if len(steps) < 2:
@@ -199,9 +265,14 @@ def _compared(by_experiment: Sequence[Alone], own: np.ndarray, j: int) -> Betwee
     )
 
 
-def own_step(alone: Alone, own: np.ndarray, j: int) -> OwnStep | None:
+def own_step(alone: Alone, own: np.ndarray, j: int, apart: Apart | None = None) -> OwnStep | None:
     """An experiment's own step in parameter j; None where it does not determine it."""
-    inverse = _inverse(alone.parts, [j, *(int(k) for k in np.flatnonzero(alone.serves & own) if k != j)])
+    return (apart or Apart()).own_step(alone, j, _columns(alone.serves & own))
+
+
+def _own_step(alone: Alone, j: int, own: tuple[int, ...]) -> OwnStep | None:
+    size = len(alone.serves)
+    inverse = _inverse([part.sums for part in alone.parts], np.array([j, *(k for k in own if k != j)]), size)
     if inverse is None:
         return None
     response = inverse[:, j]
@@ -210,29 +281,32 @@ def own_step(alone: Alone, own: np.ndarray, j: int) -> OwnStep | None:
         answers = [(one.pull if one.alone is None else one.alone) @ response[:, None] for one in source.records]
         variance += float(source.variances(answers)[0])
         scatter += float(source.scatter(answers)[0])
-    value = -float(response @ sum(part.pull.T @ part.residual for part in alone.parts))
+    value = -float(response @ sum(part.pulled for part in alone.parts))
     return (
         OwnStep(value, variance, 2 * variance**2 / scatter if scatter > 0 else np.inf, response) if variance else None
     )
 
 
-def _inverse(parts: Sequence[ScaledBlock], columns: Sequence[int]) -> Floats | None:
-    """The inverse (size, size) of the normal equations in some columns, zero in the others; None where singular."""
-    scaled, _ = _normal_equations(parts, columns)
-    return None if np.linalg.eigvalsh(scaled)[0] < _NULL else _least_inverse(parts, columns)
+def _inverse(sums: Sequence[Sums], columns: Ints, size: int) -> Floats | None:
+    """The inverse (size, size) of the normal equations in some columns, zero in the others; None where it has none."""
+    scaled, _ = _normal_equations(sums, columns, size)
+    return None if np.linalg.eigvalsh(scaled)[0] < _NULL else _least_inverse(sums, columns, size)
 
 
-def _least_inverse(parts: Sequence[ScaledBlock], columns: Sequence[int]) -> Floats:
+def _least_inverse(sums: Sequence[Sums], columns: Ints, size: int) -> Floats:
     """As `_inverse`, with the pseudoinverse where the normal equations are singular."""
-    scaled, scale = _normal_equations(parts, columns)
-    out = np.zeros((parts[0].pull.shape[1],) * 2)
+    scaled, scale = _normal_equations(sums, columns, size)
+    out = np.zeros((size, size))
     out[np.ix_(columns, columns)] = np.linalg.pinv(scaled, rcond=_NULL, hermitian=True) / np.outer(scale, scale)
     return out
 
 
-def _normal_equations(parts: Sequence[ScaledBlock], columns: Sequence[int]) -> tuple[Floats, Floats]:
+def _normal_equations(sums: Sequence[Sums], columns: Ints, size: int) -> tuple[Floats, Floats]:
     """Their matrix in some columns with a diagonal of ones, and the scale of each column."""
-    matrix = np.sum([part.answer[:, columns].T @ part.pull[:, columns] for part in parts], axis=0)
+    every = np.zeros((size, size))
+    for one in sums:
+        every[np.ix_(one.columns, one.columns)] += one.normal
+    matrix = every[np.ix_(columns, columns)]
     scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     scale[scale == 0.0] = np.inf
     return matrix / np.outer(scale, scale), scale

@@ -18,6 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
+from softcal.calibration.correlation import triangle
 from softcal.calibration.noise import Source
 from softcal.checks import Floats
 
@@ -49,7 +50,7 @@ class Budget:
         rows = [_ROUNDING * np.eye(self.size)]
         for source, responses in zip(self.sources, self.responses, strict=True):
             rows += source.rows(responses)
-        return np.linalg.qr(np.concatenate(rows))[1]
+        return triangle(np.concatenate(rows))
 
     @cached_property
     def variances(self) -> Mapping[str, Floats]:

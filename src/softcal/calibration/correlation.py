@@ -12,14 +12,14 @@ White noise alone is kept unless the likelihood ratio asks for more.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
 
 BINS = 100
 """A longer record is averaged to so many values: a correlation within one of them is part of its own noise."""
@@ -33,9 +33,11 @@ _STEP = 0.05  # of the logarithms by which the likelihood's curvature is taken
 _NULL = 1e-9  # singular value over the largest below which a column of X counts as dependent
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ErrorRecord:
     """One channel of one experiment, averaged to at most `BINS` values.
+
+    What REML needs of it is the same among any others, and is kept with it.
 
     Attributes
     ----------
@@ -56,6 +58,34 @@ class ErrorRecord:
     pull: Floats
     experiment: str = ""
     alone: Floats | None = None
+
+    @cached_property
+    def columns(self) -> Ints:
+        """The parameters that it pulls on."""
+        return np.flatnonzero(np.any(self.pull, axis=0))
+
+    @cached_property
+    def basis(self) -> Floats:
+        """Of what any theta explains, (m, r)."""
+        return span(self.answer)
+
+    @cached_property
+    def process(self) -> Process | None:
+        """Its process, where no other record has the same."""
+        return _process([self])
+
+    def on_grid(self, longest: int) -> Floats:
+        """What it adds to r' P r and to the determinants at the lengths and shares of the grid, (2, lengths, shares);
+        longest: values of the longest record beside it.
+        """
+        if longest not in self._on_grids:
+            stack = _Stack([self])
+            self._on_grids[longest] = np.array([stack.rotated(length)(_SHARES) for length in _lengths(longest)])
+        return self._on_grids[longest]
+
+    @cached_property
+    def _on_grids(self) -> dict[int, Floats]:
+        return {}
 
 
 @dataclass(frozen=True)
@@ -119,15 +149,18 @@ def process(records: Sequence[ErrorRecord]) -> Process | None:
     """The process in a group of records of one kind; None where white noise explains them as well, or too few values
     are left.
     """
+    return records[0].process if len(records) == 1 else _process(records)
+
+
+def _process(records: Sequence[ErrorRecord]) -> Process | None:
     long = [one for one in records if len(one.residual) >= FEWEST]
     if not long:
         return None
     likelihood = _Restricted(long)
     if likelihood.free < FEWEST or likelihood.is_exact:
         return None
-    white = float(likelihood.profiled(np.zeros(1), _SHORTEST)[0])
     best, share, length = likelihood.best()
-    if white - best <= _RATIO:
+    if likelihood.white - best <= _RATIO:
         return None
     variance = likelihood.variance(share, length)
     if not variance > 0.0:  # residuals of a fit that is exact but for rounding
@@ -141,9 +174,11 @@ class _Restricted:
 
     def __init__(self, records: Sequence[ErrorRecord]) -> None:
         # Each record by itself is free of what any theta explains: how experiments differ is not noise within one.
-        self._records = [(one.residual, span(one.answer)) for one in records]
+        self._records = records
+        shapes = dict.fromkeys(one.basis.shape for one in records)
+        self._stacks = [_Stack([one for one in records if one.basis.shape == shape]) for shape in shapes]
         self._count = sum(len(one.residual) for one in records)
-        self.free = self._count - sum(columns.shape[1] for _, columns in self._records)
+        self.free = self._count - sum(one.basis.shape[1] for one in records)
         self._longest = max(len(one.residual) for one in records)
 
     @property
@@ -153,77 +188,102 @@ class _Restricted:
 
     def variance(self, share: float, length: float) -> float:
         """s^2 at a share and a length."""
-        return float(self._parts(np.array([share]), length)[0][0]) / self.free
+        return float(self._at(length)(np.array([share]))[0, 0]) / self.free
 
-    def profiled(self, shares: Floats, length: float) -> Floats:
-        """Minus twice the log-likelihood with the best s^2, at each share."""
-        squares, determinants = self._parts(shares, length)
-        return self.free * np.log(np.maximum(squares, 1e-300) / self.free) + determinants
+    def profiled(self, parts: Floats) -> Floats:
+        """Minus twice the log-likelihood with the best s^2; parts: as of `_Stack.rotated`."""
+        return self.free * np.log(np.maximum(parts[0], 1e-300) / self.free) + parts[1]
 
-    def at(self, phi: Floats) -> float:
-        """Minus twice the log-likelihood at (ln s^2, logit a, ln l)."""
-        squares, determinants = self._parts(np.array([_share(phi[1])]), float(np.exp(phi[2])))
-        return float(self.free * phi[0] + squares[0] / np.exp(phi[0]) + determinants[0])
+    @property
+    def white(self) -> float:
+        """The same without a process."""
+        return float(self.profiled(self._at(_SHORTEST)(np.zeros(1)))[0])
 
     def best(self) -> tuple[float, float, float]:
         """The least value with its share and length, off a grid and then between its points."""
         from scipy.optimize import minimize_scalar
 
-        lengths = np.geomspace(_SHORTEST, self._longest / 2, _LENGTHS)
-        grid = np.array([self.profiled(_SHARES, float(length)) for length in lengths])
+        grid = self.profiled(np.sum([one.on_grid(self._longest) for one in self._records], axis=0).swapaxes(0, 1))
         i, k = divmod(int(np.argmin(grid)), len(_SHARES))
-        length = float(lengths[i])
+        length = float(_lengths(self._longest)[i])
         ends = _logit(_SHARES[[max(k - 1, 0), min(k + 1, len(_SHARES) - 1)]])
+        at = self._at(length)
         found: Any = minimize_scalar(
-            lambda x: float(self.profiled(np.array([_share(x)]), length)[0]), bounds=tuple(ends), method="bounded"
+            lambda x: float(self.profiled(at(np.array([_share(x)])))[0]), bounds=tuple(ends), method="bounded"
         )
-        return float(found.fun), _share(found.x), length
+        return float(found.fun), float(_share(found.x)), length
 
     def scatter(self, phi: Floats) -> Floats:
-        """Covariance (3, 3) of the estimates, by the likelihood's curvature."""
-        steps = _STEP * np.eye(3)
-        half = np.array(
-            [
-                [
-                    self.at(phi + p + q) - self.at(phi + p - q) - self.at(phi - p + q) + self.at(phi - p - q)
-                    for q in steps
-                ]
-                for p in steps
-            ]
-        ) / (8 * _STEP**2)
+        """Covariance (3, 3) of the estimates (ln s^2, logit a, ln l), by the likelihood's curvature."""
+        places = _STEP * np.arange(-2, 3)
+        parts = np.array([self._at(float(np.exp(one)))(_share(phi[1] + places)) for one in phi[2] + places])
+        squares, determinants = parts[:, 0].T, parts[:, 1].T
+        scales = (phi[0] + places)[:, None, None]
+        values = self.free * scales + squares / np.exp(scales) + determinants  # at all places, (5, 5, 5)
+
+        def at(place: Floats) -> float:
+            return float(values[tuple(2 + place)])
+
+        steps = np.eye(3, dtype=int)
+        half = np.array([[at(p + q) - at(p - q) - at(q - p) + at(-p - q) for q in steps] for p in steps])
         # Where the correlation length exceeds the record, only the ratio of s^2 and l is identified: the curvature in
         # the other direction is near zero, and is limited from below.
-        sizes, axes = np.linalg.eigh(half)
+        sizes, axes = np.linalg.eigh(half / (8 * _STEP**2))
         return (axes / np.maximum(sizes, 0.5 / self._count)) @ axes.T
 
-    def _parts(self, shares: Floats, length: float) -> tuple[Floats, Floats]:
-        """At each share: r' P r in units of s^2, and log |S| + log |X' S^-1 X|."""
-        squares, determinants = np.zeros(len(shares)), np.zeros(len(shares))
-        for residual, columns in self._records:
-            values, axes = _spectrum(len(residual), length)
+    def _at(self, length: float) -> Callable[[Floats], Floats]:
+        """At a length, by the shares: r' P r in units of s^2, and log |S| + log |X' S^-1 X|, (2, shares)."""
+        of_stacks = [stack.rotated(length) for stack in self._stacks]
+        return lambda shares: np.sum([one(shares) for one in of_stacks], axis=0)
+
+
+class _Stack:
+    """Records (k, m) of one length, whose bases (k, m, r) have one rank."""
+
+    def __init__(self, records: Sequence[ErrorRecord]) -> None:
+        self._residuals = np.array([one.residual for one in records])
+        self._bases = np.array([one.basis for one in records])
+
+    def rotated(self, length: float) -> Callable[[Floats], Floats]:
+        """At a length, by the shares: r' P r in units of s^2, and log |S| + log |X' S^-1 X|, (2, shares)."""
+        k, m, r = self._bases.shape
+        values, axes = _spectrum(m, length)
+        residuals, X = self._residuals @ axes, axes.T @ self._bases
+        squares, pulls = np.sum(residuals**2, axis=0), X * residuals[:, :, None]
+        products = (X[:, :, :, None] * X[:, :, None, :]).reshape(k, m, r * r)
+
+        def parts(shares: Floats) -> Floats:
             inverse = 1.0 / (shares[:, None] * values + (1.0 - shares[:, None]))
-            rotated, X = axes.T @ residual, axes.T @ columns
-            k = X.shape[1]
-            information = (inverse @ (X[:, :, None] * X[:, None, :]).reshape(len(X), k * k)).reshape(len(shares), k, k)
-            pulled = inverse @ (X * rotated[:, None])
-            squares += inverse @ rotated**2
-            squares -= np.sum(pulled * np.linalg.solve(information, pulled[..., None])[..., 0], axis=1)
-            determinants += np.linalg.slogdet(information)[1] - np.log(inverse).sum(axis=1)
-        return squares, determinants
+            information, pulled = (inverse @ products).reshape(k, len(shares), r, r), inverse @ pulls
+            explained = np.sum(pulled * np.linalg.solve(information, pulled[..., None])[..., 0], axis=(0, 2))
+            determinants = np.sum(np.linalg.slogdet(information)[1], axis=0) - k * np.log(inverse).sum(axis=1)
+            return np.array([inverse @ squares - explained, determinants])
+
+        return parts
+
+
+def _lengths(longest: int) -> Floats:
+    """The correlation lengths of the grid, for records of up to so many values."""
+    return np.geomspace(_SHORTEST, longest / 2, _LENGTHS)
 
 
 def _logit(share: Floats) -> Floats:
     return np.log(share / (1.0 - share))
 
 
-def _share(logit: float) -> float:
-    return float(1.0 / (1.0 + np.exp(-logit)))
+def _share(logit: Floats) -> Floats:
+    return 1.0 / (1.0 + np.exp(-logit))
 
 
 def span(columns: Floats) -> Floats:
     """An orthonormal basis (n, r) of the span of columns (n, k)."""
     left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
     return left[:, sizes > _NULL * float(sizes.max(initial=1e-300))]
+
+
+def triangle(rows: Floats) -> Floats:
+    """Rows with the same products of columns (n, k), k of them or fewer."""
+    return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
 
 
 def _covariance(phi: Floats, n: int) -> Floats:

@@ -21,14 +21,15 @@ These drifts make no standard error longer than by half.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 
 import numpy as np
 
-from softcal.calibration.between_experiments import Between, between_experiments, white_noise_within
+from softcal.calibration.between_experiments import Apart, Between, between_experiments, white_noise_within
 from softcal.calibration.budget import Budget
-from softcal.calibration.correlation import ErrorRecord
+from softcal.calibration.correlation import ErrorRecord, triangle
 from softcal.calibration.intervals import beyond_bounds, contradiction
 from softcal.calibration.loss import Block, Loss
 from softcal.calibration.noise import (
@@ -37,12 +38,13 @@ from softcal.calibration.noise import (
     Noise,
     ScaledBlock,
     Source,
+    by_experiment,
     drift_sources,
     sources,
     systematic_sources,
     white_noise,
 )
-from softcal.calibration.set_ups import members, parts_by_set_up, serves_by_set_up, set_ups_of
+from softcal.calibration.set_ups import members, serves_by_set_up, set_ups_of
 from softcal.calibration.uncertain import UncertainParameter
 from softcal.checks import Floats
 
@@ -136,49 +138,103 @@ def estimator(
     serves: experiment -> whether each parameter (size,) has an effect on it; None where experiments are not compared.
     uncertain: those of the blocks' `systematic`.
     """
-    seen = [weighed(loss, one) for one in blocks]
-    parts, inverse, unseen = linearised(loss, seen, slopes, len(uncertain))
-    noise, spent = white_noise(parts, inverse)
-    compared: tuple[Between, ...] = ()
-    set_ups: dict[str, str] = {}
-    if serves and len(serves) > 1 and not spent:
-        compared = between_experiments(parts, serves, z, uncertain)
-        if of := set_ups_of(blocks):
-            joined = parts_by_set_up(parts, of)
-            by_set_up = between_experiments(joined, serves_by_set_up(serves, of), z, uncertain, members(of))
-            if any(one.effects.differs for one in by_set_up):
-                parts, compared, set_ups = joined, by_set_up, of
-    differing = [one for one in compared if one.effects.differs]
-    if differing:
-        noise, spent = white_noise_within(parts, differing)
-    linear = Linear(parts, inverse, [one for one in differing if one.has_interval])
-    minimum = z + linear.step(-inverse @ sum(part.pull.T @ part.residual for part in parts))
-    held = tuple(sources(parts, noise))
-    errs = {k: (p.source, p.label) for k, p in enumerate(uncertain)}
-    budget = linear.budget([*held, *systematic_sources(parts, errs)], differing, drift_sources(parts, held))
-    held = (*held, *(one for one in budget.sources if one.kind == DRIFT))
-    by_noise = budget.part("noise", "prior").within_bounds
-    known = ~unseen_parameters(unseen)
-    beyond = np.zeros(len(z))
-    if not spent:
-        beyond[known] = beyond_bounds(minimum[known], budget.root[:, known])
-    if contradiction(beyond) > 1.0:
-        budget = budget.times(contradiction(beyond))
-    return Estimator(
-        budget.root,
-        minimum,
-        unseen,
-        beyond,
-        budget.dof,
-        noise,
-        spent,
-        compared,
-        budget.variances,
-        held,
-        budget.within_bounds,
-        by_noise,
-        set_ups,
-    )
+    return Estimators(loss, z, slopes, blocks, uncertain).of(range(len(blocks)), serves).estimator
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """What an `Estimator` is made of: fields that it has too, and the budget of errors without the factor of the
+    bounds' contradiction.
+    """
+
+    minimum: Floats
+    unseen: Floats
+    beyond: Floats
+    noise: Mapping[str, Noise]
+    spent: tuple[str, ...]
+    between: tuple[Between, ...]
+    sources: tuple[Source, ...]
+    set_ups: Mapping[str, str]
+    without_contradiction: Budget
+
+    @cached_property
+    def budget(self) -> Budget:
+        """With all errors multiplied by the `contradiction`."""
+        factor = contradiction(self.beyond)
+        return self.without_contradiction.times(factor) if factor > 1.0 else self.without_contradiction
+
+    @property
+    def estimator(self) -> Estimator:
+        return Estimator(
+            self.budget.root,
+            self.minimum,
+            self.unseen,
+            self.beyond,
+            self.budget.dof,
+            self.noise,
+            self.spent,
+            self.between,
+            self.budget.variances,
+            self.sources,
+            self.budget.within_bounds,
+            self.without_contradiction.part("noise", "prior").within_bounds,
+            self.set_ups,
+        )
+
+
+class Estimators:
+    """The estimators of some of the blocks near one minimum. What is of a block or of an experiment by itself is
+    computed once, not again beside each choice of others.
+    """
+
+    def __init__(
+        self,
+        loss: Loss,
+        z: Floats,
+        slopes: Floats,
+        blocks: Sequence[Block],
+        uncertain: Sequence[UncertainParameter] = (),
+    ) -> None:
+        self._loss, self._z, self._uncertain = loss, z, uncertain
+        self._blocks = [_linear(loss, weighed(loss, one), slopes, len(uncertain)) for one in blocks]
+        self._apart = Apart()
+        self._named = cache(_named)
+
+    def of(self, chosen: Iterable[int], serves: Mapping[str, np.ndarray] | None = None) -> Minimum:
+        """chosen: places of the blocks; the other arguments, and what is made of them, as for `estimator`."""
+        blocks = [self._blocks[k] for k in chosen]
+        parts = [one.part for one in blocks]
+        inverse, unseen = _inverse_hessian(self._loss, blocks)
+        noise, spent = white_noise(parts, inverse)
+        compared: tuple[Between, ...] = ()
+        set_ups: dict[str, str] = {}
+        if serves and len(serves) > 1 and not spent:
+            compared = between_experiments(parts, serves, self._z, self._uncertain, apart=self._apart)
+            if of := set_ups_of(one.seen.block for one in blocks):
+                joined = [self._named(part, of.get(part.experiment, part.experiment)) for part in parts]
+                by_set_up = between_experiments(
+                    joined, serves_by_set_up(serves, of), self._z, self._uncertain, members(of), self._apart
+                )
+                if any(one.effects.differs for one in by_set_up):
+                    parts, compared, set_ups = joined, by_set_up, of
+        differing = [one for one in compared if one.effects.differs]
+        if differing:
+            noise, spent = white_noise_within(parts, differing)
+        linear = Linear(parts, inverse, [one for one in differing if one.has_interval])
+        minimum = self._z + linear.step(-inverse @ sum(part.pulled for part in parts))
+        held = tuple(sources(parts, noise))
+        errs = {k: (p.source, p.label) for k, p in enumerate(self._uncertain)}
+        budget = linear.budget([*held, *systematic_sources(parts, errs)], differing, drift_sources(parts, held))
+        held = (*held, *(one for one in budget.sources if one.kind == DRIFT))
+        known = ~unseen_parameters(unseen)
+        beyond = np.zeros(len(self._z))
+        if not spent:
+            beyond[known] = beyond_bounds(minimum[known], budget.root[:, known])
+        return Minimum(minimum, unseen, beyond, noise, spent, compared, held, set_ups, budget)
+
+
+def _named(part: ScaledBlock, experiment: str) -> ScaledBlock:
+    return replace(part, experiment=experiment)
 
 
 def unseen_parameters(unseen: Floats) -> np.ndarray:
@@ -201,20 +257,43 @@ def linearised(
     """The parts of blocks with jacobians, the inverse of half the loss's Hessian in the unit box where it has one, and
     its unidentifiable directions as rows. n_uncertain: the number of uncertain parameters of the blocks.
     """
-    jacobians = [_jacobian(one.block) * slopes for one in seen]
-    parts: list[ScaledBlock] = []
-    for one, J in zip(seen, jacobians, strict=True):
-        block, w = one.block, one.weights
-        unit = np.ones(len(w)) if one.stated is None else one.stated
-        group = loss.noise_group(block) if block.experiment else PRIOR
-        over = block.residual / unit
-        moved = np.zeros((len(w), n_uncertain)) if block.systematic is None else block.systematic
-        changes, curved = (changed / unit[:, None] for changed in (moved, curving(loss, block, w, moved)))
-        answer, pull = J / unit[:, None], (w * unit)[:, None] * J
-        drift = None if block.drift is None else block.drift / unit
-        known = one.stated is not None
-        parts.append(ScaledBlock(block.experiment, group, known, answer, pull, over, changes, curved, drift))
-    return parts, *_inverse_hessian(loss, seen, jacobians)
+    blocks = [_linear(loss, one, slopes, n_uncertain) for one in seen]
+    return [one.part for one in blocks], *_inverse_hessian(loss, blocks)
+
+
+@dataclass(frozen=True, eq=False)
+class _LinearBlock:
+    """A block, its derivative by the point of the unit box (n, size), and the block in units of its noise."""
+
+    seen: Weighed
+    jacobian: Floats
+    part: ScaledBlock
+
+    @cached_property
+    def rows(self) -> Floats:
+        """Rows with the squares of the weighted derivatives, no more than parameters that have an effect."""
+        columns = self.part.sums.columns
+        own = triangle(np.sqrt(self.seen.weights)[:, None] * self.jacobian[:, columns])
+        rows = np.zeros((len(own), self.jacobian.shape[1]))
+        rows[:, columns] = own
+        return rows
+
+
+def _linear(loss: Loss, seen: Weighed, slopes: Floats, n_uncertain: int) -> _LinearBlock:
+    block, w = seen.block, seen.weights
+    if block.jacobian is None:
+        raise ValueError(f"the block '{block.channel}' has no jacobian")
+    J = block.jacobian * slopes
+    unit = np.ones(len(w)) if seen.stated is None else seen.stated
+    group = loss.noise_group(block) if block.experiment else PRIOR
+    over = block.residual / unit
+    moved = np.zeros((len(w), n_uncertain)) if block.systematic is None else block.systematic
+    changes, curved = (changed / unit[:, None] for changed in (moved, curving(loss, block, w, moved)))
+    answer, pull = J / unit[:, None], (w * unit)[:, None] * J
+    drift = None if block.drift is None else block.drift / unit
+    known = seen.stated is not None
+    part = ScaledBlock(block.experiment, group, known, answer, pull, over, changes, curved, drift)
+    return _LinearBlock(seen, J, part)
 
 
 @dataclass(frozen=True)
@@ -247,9 +326,8 @@ class Linear:
 
     def responses(self, source: Source) -> list[Floats]:
         """The responses (m, size) to the records of a source of error."""
-        found = [one.pull @ self.inverse for one in source.records]
-        for between in self.averaged:
-            by_others = self._by_others(between)
+        found = [one.pull[:, one.columns] @ self.inverse[one.columns] for one in source.records]
+        for between, by_others in zip(self.averaged, self._by_others, strict=True):
             for record, response in zip(source.records, found, strict=True):
                 direct = 0.0
                 if record.experiment in between.weights:
@@ -262,26 +340,43 @@ class Linear:
     def step(self, joint: Floats) -> Floats:
         """The step to the minimum of the quadratic model, where `joint` is that of the loss alone."""
         step = joint.copy()
-        for between in self.averaged:
-            step[between.column] = between.effects.mean + self._by_others(between) @ joint
+        for between, by_others in zip(self.averaged, self._by_others, strict=True):
+            step[between.column] = between.effects.mean + by_others @ joint
         return step
 
     def differences(self, between: Between) -> Source:
         """The differences between experiments in a parameter as a source of error: each has its own value of it."""
-        records: list[ErrorRecord] = []
-        for name in between.steps:
-            own = [p for p in self.parts if p.experiment == name]
-            pull = np.sum([p.answer[:, between.column] @ p.pull for p in own], axis=0)
-            records.append(ErrorRecord(np.zeros(1), np.zeros((1, len(pull))), pull[None, :], name))
+        moved = np.zeros(len(self.inverse))
+        moved[between.column] = 1.0
+        records = [
+            ErrorRecord(np.zeros(1), np.zeros((1, len(moved))), self._pulled(name, moved)[None, :], name)
+            for name in between.steps
+        ]
         return Source(between.kind, str(between.column), tuple(records), between.effects.spread, between.effects.dof)
 
-    def _by_others(self, between: Between) -> Floats:
-        """Derivative (size,) of a mean over the experiments by the joint values of the other shared parameters."""
-        out = np.zeros(len(self.inverse))
-        for name, own in between.responses.items():
-            moved = sum((own @ p.pull.T) @ p.answer for p in self.parts if p.experiment == name)
-            out -= between.weights[name] * np.where(own == 0.0, moved, 0.0)
-        return out
+    @cached_property
+    def _by_others(self) -> list[Floats]:
+        """Of each averaged parameter: derivative (size,) of the mean over the experiments by the joint values of the
+        other shared parameters.
+        """
+        found: list[Floats] = []
+        for between in self.averaged:
+            out = np.zeros(len(self.inverse))
+            for name, own in between.responses.items():
+                out -= between.weights[name] * np.where(own == 0.0, self._pulled(name, own), 0.0)
+            found.append(out)
+        return found
+
+    def _pulled(self, name: str, moved: Floats) -> Floats:
+        """How the residuals of an experiment pull (size,) where the parameters move (size,)."""
+        pull = np.zeros(len(moved))
+        for part in self._of.get(name, []):
+            pull[part.sums.columns] += part.sums.normal @ moved[part.sums.columns]
+        return pull
+
+    @cached_property
+    def _of(self) -> dict[str, list[ScaledBlock]]:
+        return by_experiment(self.parts)
 
 
 def curving(loss: Loss, block: Block, weights: Floats, changes: Floats) -> Floats:
@@ -295,31 +390,23 @@ def curving(loss: Loss, block: Block, weights: Floats, changes: Floats) -> Float
     return changes - np.outer(along / root, along @ (root[:, None] * changes))
 
 
-def _inverse_hessian(loss: Loss, seen: Sequence[Weighed], jacobians: Sequence[Floats]) -> tuple[Floats, Floats]:
+def _inverse_hessian(loss: Loss, blocks: Sequence[_LinearBlock]) -> tuple[Floats, Floats]:
     """The inverse of half the loss's Hessian in the identifiable directions, and the unidentifiable ones."""
-    rows = [np.sqrt(one.weights)[:, None] * J for one, J in zip(seen, jacobians, strict=True)]
-    gradient = np.sum(
-        [J.T @ (one.weights * one.block.residual) for one, J in zip(seen, jacobians, strict=True)], axis=0
+    size = blocks[0].jacobian.shape[1]
+    _, sizes, directions = np.linalg.svd(
+        np.concatenate([*(one.rows for one in blocks), np.zeros((size, size))]), full_matrices=False
     )
-    size = len(gradient)
-    left, sizes, directions = np.linalg.svd(np.concatenate([*rows, np.zeros((size, size))]), full_matrices=False)
     identified = sizes > _BLIND * max(float(sizes[0]), 1e-300)
     root = directions[identified] / sizes[identified, None]
     # The curvature of the roots is that at the minimum: of the residuals only the part that no step removes is left.
-    step = root.T @ (root @ gradient)
+    step = root.T @ (root @ sum(one.part.pulled for one in blocks))
     hessian = np.eye(int(identified.sum()))
-    places = np.split(left[:, identified], np.cumsum([len(own) for own in rows]))
-    for one, J, place in zip(seen, jacobians, places, strict=False):
-        along = loss.straight_along(one.block, one.block.residual - J @ step)
+    for one in blocks:
+        block = one.seen.block
+        along = loss.straight_along(block, block.residual - one.jacobian @ step)
         if along is not None:
-            flat = place.T @ along
+            flat = root @ ((np.sqrt(one.seen.weights) * along) @ one.jacobian)
             hessian -= np.outer(flat, flat)
     curvatures, axes = np.linalg.eigh(hessian)
     root = (axes / np.sqrt(np.maximum(curvatures, _BLIND))).T @ root
     return root.T @ root, directions[~identified]
-
-
-def _jacobian(block: Block) -> Floats:
-    if block.jacobian is None:
-        raise ValueError(f"the block '{block.channel}' has no jacobian")
-    return block.jacobian

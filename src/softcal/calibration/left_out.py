@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.calibration.band import half_width
-from softcal.calibration.estimator import Estimator, estimator, unseen_parameters
+from softcal.calibration.estimator import Estimator, Estimators, Minimum, unseen_parameters
 from softcal.calibration.intervals import nearest_within
 from softcal.calibration.loss import Block, Loss, rms
 from softcal.calibration.set_ups import others
@@ -62,12 +62,15 @@ def left_out(
     if len(serves) < FEWEST or found.spent:
         return {}
     predicted: dict[str, LeftOut] = {}
+    estimators = Estimators(loss, z, slopes, blocks)
     for name, on in serves.items():
         left = {other: serves[other] for other in others(name, serves, found.set_ups)}
         known = np.any(list(left.values()), axis=0)
         own = on & ~known
-        rest = [b for b in blocks if (b.experiment in left or not b.experiment) and not _only_of(b, ~known)]
-        without = estimator(loss, z, slopes, rest, left)
+        rest = (
+            k for k, b in enumerate(blocks) if (b.experiment in left or not b.experiment) and not _only_of(b, ~known)
+        )
+        without = estimators.of(rest, left)
         if without.spent or np.any(unseen_parameters(without.unseen)[on & known]):
             continue
         held = [b for b in blocks if b.experiment == name or (own.any() and _only_of(b, own))]
@@ -100,10 +103,10 @@ class _Prediction:
         """The parameters that have an effect on the experiment, and that others determine."""
         return self.serves & self.known
 
-    def by(self, others: Estimator, z: Floats, found: Estimator) -> LeftOut:
+    def by(self, others: Minimum, z: Floats, found: Estimator) -> LeftOut:
         jacobians = [block.jacobian * self.slopes for block in self.blocks if block.jacobian is not None]
         step = np.zeros(len(z))
-        step[self.known] = nearest_within(others.minimum[self.known], others.root[:, self.known]) - z[self.known]
+        step[self.known] = nearest_within(others.minimum[self.known], others.budget.root[:, self.known]) - z[self.known]
         step[~self.shared] = 0.0
         moved = [b.residual + J @ step for b, J in zip(self.blocks, jacobians, strict=True)]
         fitted = self._without_own(jacobians, [np.column_stack([r, J]) for r, J in zip(moved, jacobians, strict=True)])
@@ -114,7 +117,7 @@ class _Prediction:
             if not block.experiment:
                 continue
             residual, slopes = both[:, 0], np.where(self.shared, both[:, 1:], 0.0)
-            band = half_width(self.loss, block, slopes, others.within_bounds, found)
+            band = half_width(self.loss, block, slopes, others.budget.within_bounds, found)
             rmse[block.channel], widths[block.channel] = rms(residual), rms(band)
             within[block.channel] = float(np.mean(np.abs(residual) <= band))
         return LeftOut(rmse, within, widths)

@@ -23,14 +23,15 @@ search's own variables.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from softcal.calibration.correlation import triangle
 from softcal.calibration.loss import Block, Loss, rms
 from softcal.calibration.parameters import SearchSpace
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
 from softcal.twin.parameters import MODULUS
 
 _LOADS = ("N", "kg", "kg/m^3")  # units of loads
@@ -60,13 +61,13 @@ class LocalModel:
         self._share = loss.share(here.blocks)
         modulus = np.array([p.unit == MODULUS and not plain for p in space.parameters])
         load = np.array([p.unit in _LOADS and not plain for p in space.parameters])
-        self._moduli, self._loads = np.flatnonzero(modulus), np.flatnonzero(load)
-        self._others = np.flatnonzero(~modulus & ~load)
+        self._moduli = np.flatnonzero(modulus)
         below = np.array([reciprocal and math.isfinite(p.ceiling) and not plain for p in space.parameters])
         self._below = np.flatnonzero(below)
         self._w, slopes = self._coordinates(here.z)
-        self._derivatives = [jacobian_of(block) * (space.jacobian(here.z) / slopes) for block in here.blocks]
-        self._along, self._bends = np.zeros(space.size), [np.zeros(1)] * len(here.blocks)
+        factors = space.jacobian(here.z) / slopes
+        self._derived = [_Derived.of(block, factors, modulus, load) for block in here.blocks]
+        self._along, self._bends = np.zeros(space.size), [np.zeros(len(block.residual)) for block in here.blocks]
 
     def bend(self, to: Point) -> None:
         """Add a curvature along the line to another simulated point, so that the model reproduces its values too.
@@ -77,31 +78,31 @@ class LocalModel:
         w, _ = self._coordinates(to.z)
         way = w - self._w
         felt = np.zeros(self._space.size)
-        for block, derivatives in zip(self._here.blocks, self._derivatives, strict=True):
-            felt += (derivatives**2).sum(axis=0) / max(float(block.measured @ block.measured), 1e-300)
+        for block, one in zip(self._here.blocks, self._derived, strict=True):
+            squares = (one.derivatives**2).sum(axis=0)
+            felt[one.columns] += squares / max(float(block.measured @ block.measured), 1e-300)
         felt[self._moduli] = 0.0
         length = float(way @ (felt * way))
-        missed = [b.residual - r for b, (r, _) in zip(to.blocks, self._residuals(to.z), strict=True)]
+        missed = [b.residual - r for b, (r, _) in zip(to.blocks, self._residuals(to.z)[0], strict=True)]
         size = sum(
             float(m @ m) / max(float(b.measured @ b.measured), 1e-300) for m, b in zip(missed, to.blocks, strict=True)
         )
         # An error above half of the predicted change is not a curvature.
         if 0.0 < size <= 0.25 * length:
             self._along = felt * way / length
-            scales = [self._scale(b, d, way)[0] for b, d in zip(to.blocks, self._derivatives, strict=True)]
-            forces = [block.grows_with_moduli for block in to.blocks]
-            self._bends = [m / s if f else m for m, s, f in zip(missed, scales, forces, strict=True)]
+            scales = [one.scale(way[one.columns]) if one.is_force else 1.0 for one in self._derived]
+            self._bends = [m / s for m, s in zip(missed, scales, strict=True)]
 
     def loss(self, x: Floats) -> float:
         """The modelled loss."""
-        blocks = zip(self._here.blocks, self._residuals(x), strict=True)
+        blocks = zip(self._here.blocks, self._residuals(x)[0], strict=True)
         summed = self._share * sum(self._loss.block_value(block, residual) for block, (residual, _) in blocks)
         return math.sqrt(summed) if self._loss.rooted else summed
 
     def missed(self, at: Point) -> float:
         """The share of the residuals' change to another simulated point that the model does not predict, at most 1."""
         error, change = 0.0, 1e-300
-        for here, there, (residual, _) in zip(self._here.blocks, at.blocks, self._residuals(at.z), strict=True):
+        for here, there, (residual, _) in zip(self._here.blocks, at.blocks, self._residuals(at.z)[0], strict=True):
             weights = self._loss.square_weights(here, here.residual)
             error += float(weights @ (there.residual - residual) ** 2)
             change += float(weights @ (there.residual - here.residual) ** 2)
@@ -110,12 +111,14 @@ class LocalModel:
     def reproduces(self) -> bool:
         """Whether it has the value and the first derivative of the twin at its own point, to nine digits."""
         slopes = self._space.jacobian(self._here.z)
-        for block, (residual, jacobian) in zip(self._here.blocks, self._residuals(self._here.z), strict=True):
-            exact = jacobian_of(block) * slopes
+        found, _ = self._residuals(self._here.z)
+        for block, one, (residual, jacobian) in zip(self._here.blocks, self._derived, found, strict=True):
+            exact = (jacobian_of(block) * slopes)[:, one.columns]
             size = max(rms(block.measured), rms(block.residual))
             if not float(np.abs(residual - block.residual).max()) <= _REPRODUCED * size:
                 return False
-            if not float(np.abs(jacobian - exact).max()) <= _REPRODUCED * float(np.abs(exact).max()):
+            off = np.abs(jacobian()[:, :-1] - exact)
+            if not float(off.max(initial=0.0)) <= _REPRODUCED * float(np.abs(exact).max(initial=0.0)):
                 return False
         return True
 
@@ -173,50 +176,86 @@ class LocalModel:
             w[j], slopes[j] = 1.0 / distance, slopes[j] / distance**2
         return w, slopes
 
-    def _residuals(self, x: Floats) -> list[tuple[Floats, Floats]]:
-        """Residual (n,) and jacobian by x (n, size) of every block."""
+    def _residuals(self, x: Floats) -> tuple[list[tuple[Floats, Callable[[], Floats]]], Floats]:
+        """Of every block: its residual (n,), and what computes the jacobian by x in the columns of its own, and by its
+        bend as the last (n, k + 1). Then the turn (size,) by x of all bends.
+        """
         w, slopes = self._coordinates(x)
         moved = w - self._w
         t = float(self._along @ moved)
         near = min(max(t, -_BEND_REACH), _BEND_REACH)
         square, turn = near * (2 * t - near), 2 * near * self._along
-        found: list[tuple[Floats, Floats]] = []
-        for block, derivatives, bend in zip(self._here.blocks, self._derivatives, self._bends, strict=True):
-            is_force = block.grows_with_moduli
-            sign, scaled = (1.0, self._others) if is_force else (-1.0, self._loads)
-            as_they_are = self._loads if is_force else self._others
-            scale, shares = self._scale(block, derivatives, moved)
-            scales = np.exp(np.clip(sign * moved[self._moduli], -_LARGEST_LOG, _LARGEST_LOG))
-            bent = bend * scale if is_force else bend
-            g = derivatives[:, self._moduli]
-            changed = scale * (derivatives[:, scaled] @ moved[scaled]) + (bent * square if is_force else 0.0)
-            rest = derivatives[:, as_they_are] @ moved[as_they_are] + (0.0 if is_force else bent * square)
-            by_w = derivatives + np.outer(bent, turn)
-            by_w[:, scaled] += (scale - 1.0) * derivatives[:, scaled]
-            by_w[:, self._moduli] = g * scales + sign * np.outer(changed, shares)
-            found.append((block.residual + sign * g @ (scales - 1.0) + changed + rest, by_w * slopes))
-        return found
-
-    def _scale(self, block: Block, derivatives: Floats, moved: Floats) -> tuple[float, Floats]:
-        """Factor by which the moduli multiply what is proportional to them or to one over them, and their
-        shares in it.
-        """
-        size = (derivatives[:, self._moduli] ** 2).sum(axis=0)
-        shares = size / size.sum() if size.sum() > 0 else np.zeros(len(self._moduli))
-        sign = 1.0 if block.grows_with_moduli else -1.0
-        power = sign * float(shares @ moved[self._moduli])
-        return math.exp(min(max(power, -_LARGEST_LOG), _LARGEST_LOG)), shares
+        blocks = zip(self._derived, self._bends, strict=True)
+        return [one.at(moved[one.columns], slopes[one.columns], bend, square) for one, bend in blocks], turn * slopes
 
     def _squares(self, x: Floats) -> tuple[Floats, Floats]:
-        """The touching least squares at x, compressed by QR to as many rows as there are parameters."""
+        """The touching least squares at x, compressed by QR to as many rows as there are parameters; each block first,
+        in the columns of its own.
+        """
         rows: list[Floats] = []
-        right: list[Floats] = []
-        for block, (residual, jacobian) in zip(self._here.blocks, self._residuals(x), strict=True):
+        found, turn = self._residuals(x)
+        for block, one, (residual, jacobian) in zip(self._here.blocks, self._derived, found, strict=True):
             root = np.sqrt(self._loss.square_weights(block, residual))
-            rows.append(root[:, None] * jacobian)
-            right.append(-root * residual)
-        q, r = np.linalg.qr(np.concatenate(rows))
-        return r, q.T @ np.concatenate(right)
+            own = triangle(root[:, None] * np.column_stack([jacobian(), -residual]))
+            whole = np.column_stack([np.outer(own[:, -2], turn), own[:, -1]])
+            whole[:, one.columns] += own[:, :-2]
+            rows.append(whole)
+        every = triangle(np.concatenate(rows))[: self._space.size]
+        return every[:, :-1], every[:, -1]
+
+
+@dataclass(frozen=True)
+class _Derived:
+    """A block with its derivatives (n, k) by w in the columns (k,) of the parameters that have an effect on it.
+
+    moduli, scaled, fixed: which of them are moduli, which multiply what moduli scale, and which do not (k,). shares: of
+    the moduli in the factor of what is proportional to them.
+    """
+
+    residual: Floats
+    is_force: bool
+    columns: Ints
+    derivatives: Floats
+    moduli: np.ndarray
+    scaled: np.ndarray
+    fixed: np.ndarray
+    shares: Floats
+
+    @classmethod
+    def of(cls, block: Block, factors: Floats, modulus: np.ndarray, load: np.ndarray) -> _Derived:
+        """factors: d theta / d w (size,); modulus, load: which parameters are such (size,)."""
+        jacobian, is_force = jacobian_of(block), block.grows_with_moduli
+        columns = np.flatnonzero(np.any(jacobian, axis=0))
+        derivatives = jacobian[:, columns] * factors[columns]
+        moduli, loads = modulus[columns], load[columns]
+        others = ~moduli & ~loads
+        size = (derivatives[:, moduli] ** 2).sum(axis=0)
+        shares = size / size.sum() if size.sum() > 0 else np.zeros(len(size))
+        scaled, fixed = (others, loads) if is_force else (loads, others)
+        return cls(block.residual, is_force, columns, derivatives, moduli, scaled, fixed, shares)
+
+    def scale(self, moved: Floats) -> float:
+        """Factor by which the moduli multiply what is proportional to them or to one over them."""
+        power = (1.0 if self.is_force else -1.0) * float(self.shares @ moved[self.moduli])
+        return math.exp(min(max(power, -_LARGEST_LOG), _LARGEST_LOG))
+
+    def at(self, moved: Floats, slopes: Floats, bend: Floats, square: float) -> tuple[Floats, Callable[[], Floats]]:
+        """The residual after a step of w (k,), with a bend that counts by `square`, and its jacobian by x and the bend;
+        slopes: d w / d x (k,).
+        """
+        sign = 1.0 if self.is_force else -1.0
+        scale, g = self.scale(moved), self.derivatives[:, self.moduli]
+        scales = np.exp(np.clip(sign * moved[self.moduli], -_LARGEST_LOG, _LARGEST_LOG))
+        bent = bend * scale if self.is_force else bend
+        changed = scale * (self.derivatives @ (moved * self.scaled)) + (bent * square if self.is_force else 0.0)
+        rest = self.derivatives @ (moved * self.fixed) + (0.0 if self.is_force else bent * square)
+
+        def jacobian() -> Floats:
+            by_w = self.derivatives * np.where(self.scaled, scale, 1.0)
+            by_w[:, self.moduli] = g * scales + sign * np.outer(changed, self.shares)
+            return np.column_stack([by_w * slopes, bent])
+
+        return self.residual + sign * g @ (scales - 1.0) + changed + rest, jacobian
 
 
 def jacobian_of(block: Block) -> Floats:

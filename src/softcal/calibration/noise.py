@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from operator import attrgetter
 
 import numpy as np
 
 from softcal.calibration.correlation import FEWEST, ErrorRecord, Process, process, record
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
 
 PRIOR = ""
 """The group of the priors."""
@@ -50,8 +51,41 @@ class Noise:
 
 
 @dataclass(frozen=True)
+class Sums:
+    """What a block has in the sums over its group, in the columns (k,) of the parameters that have an effect on it.
+
+    Attributes
+    ----------
+    count, square
+        Number of its samples, and the sum of their squared residuals.
+    products
+        answer^T answer, answer^T pull and pull^T pull, shape (3, k, k).
+    """
+
+    count: int
+    square: float
+    columns: Ints
+    products: Floats
+
+    @classmethod
+    def over(cls, each: Sequence[Sums]) -> Sums:
+        """The sums of several blocks, in all their columns."""
+        columns = np.unique(np.concatenate([one.columns for one in each]))
+        products = np.zeros((3, len(columns), len(columns)))
+        for one in each:
+            at = np.searchsorted(columns, one.columns)
+            products[:, at[:, None], at] += one.products
+        return cls(sum(one.count for one in each), sum(one.square for one in each), columns, products)
+
+    @property
+    def normal(self) -> Floats:
+        """answer^T pull, the matrix of the normal equations."""
+        return self.products[1]
+
+
+@dataclass(frozen=True, eq=False)
 class ScaledBlock:
-    """A block of n samples in units of its noise v.
+    """A block of n samples in units of its noise v. What it adds to sums is kept with it.
 
     Attributes
     ----------
@@ -84,6 +118,29 @@ class ScaledBlock:
     systematic: Floats
     curving: Floats
     drift: Floats | None = None
+
+    @cached_property
+    def record(self) -> ErrorRecord:
+        """Averaged where it is long."""
+        return record(self.residual, self.answer, self.pull, self.experiment)
+
+    @cached_property
+    def every(self) -> ErrorRecord:
+        """The record of every sample."""
+        return ErrorRecord(self.residual, self.answer, self.pull, self.experiment)
+
+    @cached_property
+    def pulled(self) -> Floats:
+        """pull^T residual (size,)."""
+        return self.pull.T @ self.residual
+
+    @cached_property
+    def sums(self) -> Sums:
+        columns = np.flatnonzero(np.any(self.answer, axis=0) | np.any(self.pull, axis=0))
+        answer, pull = self.answer[:, columns], self.pull[:, columns]
+        square = float(self.residual @ self.residual)
+        products = np.array([answer.T @ answer, answer.T @ pull, pull.T @ pull])
+        return Sums(len(self.residual), square, columns, products)
 
 
 @dataclass(frozen=True)
@@ -126,7 +183,8 @@ class Source:
             return [self.size * np.sum(responses, axis=0)]
         if self.process is None:
             return [self.size * one for one in responses]
-        return [np.linalg.cholesky(self.process.covariance(len(one))).T @ one for one in responses]
+        roots = {n: np.linalg.cholesky(self.process.covariance(n)).T for n in {len(one) for one in responses}}
+        return [roots[len(one)] @ one for one in responses]
 
     def variances(self, responses: Sequence[Floats]) -> Floats:
         """Variances (k,) of what answers to the records by responses (m, k) each."""
@@ -142,32 +200,48 @@ class Source:
 
 def refitted(parts: Sequence[ScaledBlock], inverse: Floats) -> list[ScaledBlock]:
     """The parts with the residuals that are left at the minimum of the linear model with this inverse Hessian."""
-    step = -inverse @ sum(part.pull.T @ part.residual for part in parts)
+    step = -inverse @ sum(part.pulled for part in parts)
     return [replace(part, residual=part.residual + part.answer @ step) for part in parts]
 
 
 def sources(parts: Sequence[ScaledBlock], noise: Mapping[str, Noise]) -> list[Source]:
     """The sources of error in parts of one experiment or more: by group, correlated along the records or white."""
     found: list[Source] = []
+    of = by_group(parts)
     for group, held in noise.items():
-        own = [part for part in parts if part.group == group]
-        averaged = [record(part.residual, part.answer, part.pull, part.experiment) for part in own]
-        correlated = None if group == PRIOR else process(averaged)
-        if correlated is None:
-            averaged = [ErrorRecord(part.residual, part.answer, part.pull, part.experiment) for part in own]
+        own = of[group]
+        correlated = None if group == PRIOR else process([part.record for part in own])
+        records = tuple(part.every if correlated is None else part.record for part in own)
         kind = "prior" if group == PRIOR else "noise"
-        found.append(Source(kind, group, tuple(averaged), held.size, held.dof, correlated))
+        found.append(Source(kind, group, records, held.size, held.dof, correlated))
+    return found
+
+
+def by_group(parts: Sequence[ScaledBlock]) -> dict[str, list[ScaledBlock]]:
+    """Group of channels -> its parts."""
+    found: dict[str, list[ScaledBlock]] = {}
+    for part in parts:
+        found.setdefault(part.group, []).append(part)
+    return found
+
+
+def by_experiment(parts: Sequence[ScaledBlock]) -> dict[str, list[ScaledBlock]]:
+    """Experiment -> its parts; "" -> the priors."""
+    found: dict[str, list[ScaledBlock]] = {}
+    for part in parts:
+        found.setdefault(part.experiment, []).append(part)
     return found
 
 
 def drift_sources(parts: Sequence[ScaledBlock], noise: Sequence[Source]) -> list[Source]:
     """Drifts of the instruments, in proportion to time, that the noise of their records conceals."""
     found: list[Source] = []
+    sources = {(source.name, one.experiment): source for source in reversed(noise) for one in source.records}
     for part in parts:
         drift = part.drift
         if drift is None or len(drift) < FEWEST or np.ptp(drift) == 0.0:
             continue
-        of = next(s for s in noise if s.name == part.group and part.experiment in {one.experiment for one in s.records})
+        of = sources[part.group, part.experiment]
         values = drift if of.process is None else record(drift, part.answer, part.pull).residual
         along = values - values.mean()
         error = np.sqrt(of.variances([along[:, None]])[0]) / (along @ along)
@@ -182,8 +256,7 @@ def systematic_sources(parts: Sequence[ScaledBlock], uncertain: Mapping[int, tup
     found: list[Source] = []
     for k, (source, label) in uncertain.items():
         records: list[ErrorRecord] = []
-        for name in dict.fromkeys(part.experiment for part in parts):
-            own = [part for part in parts if part.experiment == name]
+        for name, own in by_experiment(parts).items():
             pull, alone = (
                 np.sum([changes(part)[:, k : k + 1].T @ part.pull for part in own], axis=0)
                 for changes in (attrgetter("curving"), attrgetter("systematic"))
@@ -193,22 +266,40 @@ def systematic_sources(parts: Sequence[ScaledBlock], uncertain: Mapping[int, tup
     return found
 
 
-def white_noise(parts: Sequence[ScaledBlock], inverse: Floats) -> tuple[dict[str, Noise], tuple[str, ...]]:
-    """The noise of every group, and the groups whose noise cannot be estimated."""
-    groups = list(dict.fromkeys(part.group for part in parts if part.group != PRIOR))
-    held = {group: [part for part in parts if part.group == group] for group in groups}
-    answers = {g: sum(part.answer.T @ part.answer for part in held[g]) for g in groups}
-    pulls = {g: sum(part.pull.T @ part.pull for part in held[g]) for g in groups}
-    counts = np.array([sum(len(part.residual) for part in held[g]) for g in groups], dtype=float)
-    used = np.array([np.trace(inverse @ sum(part.pull.T @ part.answer for part in held[g])) for g in groups])
-    squares = np.array([sum(float(part.residual @ part.residual) for part in held[g]) for g in groups])
-    mixing = np.array([[np.trace(inverse @ pulls[h] @ inverse @ answers[g]) for h in groups] for g in groups])
+def white_noise(
+    parts: Sequence[ScaledBlock], inverse: Floats, sums: Sequence[Sums] | None = None
+) -> tuple[dict[str, Noise], tuple[str, ...]]:
+    """The noise of every group, and the groups whose noise cannot be estimated.
+
+    sums: of the parts in the columns of `inverse`, where these are other columns than the parts'.
+    """
+    of: dict[str, list[Sums]] = {}
+    for part, one in zip(parts, [part.sums for part in parts] if sums is None else sums, strict=True):
+        of.setdefault(part.group, []).append(one)
+    by_priors = np.zeros_like(inverse)
+    for one in of.pop(PRIOR, []):
+        by_priors[np.ix_(one.columns, one.columns)] += one.products[2]
+    groups, held = list(of), [Sums.over(each) for each in of.values()]
+    counts, squares = (np.array([getattr(one, name) for one in held], dtype=float) for name in ("count", "square"))
+    # Columns that a group has less than another are the first parameter's, with zeros.
+    widest = max(len(one.columns) for one in held)
+    columns = np.zeros((len(held), widest), dtype=int)
+    answers, normals, pulls = products = np.zeros((3, len(held), widest, widest))
+    for k, one in enumerate(held):
+        width = len(one.columns)
+        columns[k, :width], products[:, k, :width, :width] = one.columns, one.products
+    # The inverse between the parameters of two groups, (groups, groups, k, k).
+    across = inverse[columns[:, None, :, None], columns[None, :, None, :]]
+    every = np.arange(len(groups))
+    used = np.sum(across[every, every] * normals, axis=(1, 2))
+    mixing = np.einsum("ghab,ghba->gh", across @ pulls, across.swapaxes(0, 1) @ answers[:, None])
     mixing += np.diag(counts - 2 * used)
-    by_priors = sum((part.pull.T @ part.pull for part in parts if part.group == PRIOR), np.zeros_like(inverse))
-    priors = np.array([np.trace(inverse @ by_priors @ inverse @ answers[g]) for g in groups])
+    spread = (inverse @ by_priors @ inverse)[columns[:, :, None], columns[:, None, :]]
+    priors = np.einsum("gab,gba->g", spread, answers)
+    stated_of = {part.group: part.stated for part in reversed(parts)}
+    stated = np.array([stated_of[g] for g in groups], dtype=bool)
     dof = counts - used
     free = dof > _SPENT
-    stated = np.array([held[g][0].stated for g in groups], dtype=bool)
     sizes = np.where(free, squares / np.where(free, dof, 1.0), stated.astype(float))
     for _ in range(_ITERATIONS):
         expected = mixing @ sizes + priors

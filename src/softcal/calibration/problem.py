@@ -19,7 +19,7 @@ import numpy as np
 from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.calibration.loss import Block, Loss, by_experiment, errors_by_point, gradient, require, rms, total
 from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.observation import Observation, commands, observe
+from softcal.calibration.observation import Observation, commands, control_parameters, observe
 from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
 from softcal.calibration.problem_faults import problem_faults
 from softcal.calibration.scope import ScopedParameter
@@ -28,9 +28,9 @@ from softcal.calibration.uncertain import UncertainParameter, uncertain_paramete
 from softcal.checks import Floats
 from softcal.declare import checked_arguments
 from softcal.display import displayed
-from softcal.errors import InputError, MeshError, SimulationError
+from softcal.errors import InputError, MeshError, ParameterError, SimulationError
 from softcal.twin.parameters import MODULUS, ParameterInfo, robot_parameters
-from softcal.twin.protocol import Protocol
+from softcal.twin.protocol import Protocol, command_faults
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 
@@ -344,10 +344,18 @@ class Problem:
     def _simulate(self, group: Trajectory, jacobian: bool, options: Mapping[str, Any]) -> Response:
         simulate = self.simulate or _real_simulate()
         names = self._derived_by(group) if jacobian else []
+        protocol, failure = group.protocol(), ""
         try:
-            return simulate(self.robot, group.protocol(), group.theta, sensitivities=names, **options)
+            return simulate(self.robot, protocol, group.theta, sensitivities=names, **options)
         except (SimulationError, MeshError) as error:  # of a shape that the mesh of a body cannot have
-            return Response({}, {}, str(error), succeeded=False, n_factorisations=0)
+            failure = str(error)
+        except ParameterError as error:
+            # Where a free slack is what pulls a cable in too far, there are values of it that do not.
+            moved = any(control_parameters(experiment) & set(self.derived) for experiment, _ in group.members)
+            if not (moved and command_faults(self.robot, protocol)):
+                raise
+            failure = str(error)
+        return Response({}, {}, failure, succeeded=False, n_factorisations=0)
 
     def _blocks(self, observations: Mapping[str, Observation]) -> list[Block]:
         blocks: list[Block] = []

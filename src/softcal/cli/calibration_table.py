@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import typer
@@ -32,21 +33,25 @@ def print_results(
     if not results:
         return
     from softcal.calibration.sensitivity import INCLUDED
+    from softcal.project.names import JOINT
     from softcal.report.agreement import agreement_sentences, residual_sentences, spread_sentences
     from softcal.report.closeness import closeness_by_experiment, misses_of
     from softcal.report.cycles import cycle_sentences
     from softcal.report.first_screen import FirstScreen, three_sentences
+    from softcal.report.format import few, worst
     from softcal.report.judged import first_label, judged
 
-    for label, result in results.items():
-        if result.converged is False:
-            typer.echo(f"Warning: {label}: {result.status} No intervals are given.", err=True)
-    print_table(_result_table(results))
-    for label, result in results.items():
-        for text, tone in closeness_by_experiment(misses_of(data or {}, result)):
-            if tone == "warning":
-                of = "" if text.startswith(f"{label}: ") else f"{label}, "
-                typer.echo(f"Warning: {of}{text}", err=True)
+    _warn(f"{label}: {r.status} No intervals are given." for label, r in results.items() if r.converged is False)
+    first, others = worst(results.items(), lambda pair: math.inf if pair[0] == JOINT else pair[1].loss)
+    print_table(_result_table(dict(first)))
+    if others:
+        typer.echo(f"{len(others)} more calibrations, of smaller losses, are in the report.")
+    _warn(
+        text if text.startswith(f"{label}: ") else f"{label}, {text}"
+        for label, result in results.items()
+        for text, tone in closeness_by_experiment(misses_of(data or {}, result))
+        if tone == "warning"
+    )
     for text, _ in agreement_sentences(results):
         typer.echo(text)
     first = first_label(results)
@@ -64,8 +69,7 @@ def print_results(
             if note.level == "warning" or label in shown:
                 notes.setdefault(note, []).append(label)
     warnings = {note: labels for note, labels in notes.items() if note.level == "warning"}
-    for note, labels in warnings.items():
-        typer.echo(f"Warning: {', '.join(labels)}: {note}", err=True)
+    _warn(f"{', '.join(few(labels))}: {note}" for note, labels in warnings.items())
     for label, response in (solved or {}).items():
         for text in response.warnings:
             typer.echo(f"Warning: {label}: {text}", err=True)
@@ -77,12 +81,23 @@ def print_results(
             continue
         more = ""
         if note.text.startswith(INCLUDED) and coarse and any(_includes_mesh(results[label]) for label in labels):
-            more = f" Those of {', '.join(coarse)} do not include the error of the mesh."
-        typer.echo(f"Note ({', '.join(labels)}): {note}{more}")
+            more = f" Those of {', '.join(few(coarse))} do not include the error of the mesh."
+        typer.echo(f"Note ({', '.join(few(labels))}): {note}{more}")
     doubts = solved[first].doubts if solved and first in solved else ""
     lead = f"the solved shapes are in doubt ({doubts}); " if doubts else ""
     for text in three_sentences(FirstScreen(results, first, data or {}, records or {}, lead=lead)):
         typer.echo(text)
+
+
+def _warn(texts: Iterable[str]) -> None:
+    """Warnings of one kind, of many the first."""
+    from softcal.report.format import MANY
+
+    every = list(texts)
+    for text in every[:MANY]:
+        typer.echo(f"Warning: {text}", err=True)
+    if len(every) > MANY:
+        typer.echo(f"Warning: {len(every) - MANY} more such warnings are in the report.", err=True)
 
 
 def _includes_mesh(result: CalibrationResult) -> bool:
@@ -97,45 +112,100 @@ def _statuses(results: Mapping[str, CalibrationResult]) -> list[str]:
         n = [len(result.trials) for result in results.values()]
         span = f"{min(n)} to {max(n)}" if min(n) < max(n) else str(n[0])
         return [f"All {len(results)} searches converged, each in {span} trials."]
-    return [f"{label}: {result.status}" for label, result in results.items()]
+    from softcal.report.format import few
+
+    return few(f"{label}: {result.status}" for label, result in results.items())
 
 
 def result_line(label: str, result: CalibrationResult) -> str:
     """The values of one calibration in a line, for while others are still to come."""
-    values = [f"{name} {value_text(estimate)}" for name, estimate in result.parameters.items()]
+    from softcal.report.format import few
+
+    values = few(f"{name} {value_text(estimate)}" for name, estimate in result.parameters.items())
     return f"{label}: {', '.join(values)}; loss {result.loss:.4g}"
 
 
 def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
-    """Table with a column per calibration, and a line per parameter and error of an experiment."""
+    """Table with a column per calibration, and a line per parameter and error of an experiment, of many for the
+    largest, and one for all others.
+    """
     from rich.table import Table
 
-    from softcal.calibration.digits import interval_text
+    from softcal.report.format import worst
 
     table = Table("", *results)
-    parameters = dict.fromkeys(name for result in results.values() for name in result.parameters)
-    for name in parameters:
-        found = [result.parameters.get(name) for result in results.values()]
-        table.add_row(name, *("" if estimate is None else value_text(estimate) for estimate in found))
-        if "[" not in name and any(estimate is not None and estimate.interval for estimate in found):
-            table.add_row(
-                "  95 % interval", *("" if estimate is None else interval_text(estimate) for estimate in found)
-            )
-    table.add_section()
-    for name, channel in _error_lines(fit for r in results.values() for fit in r.experiments.items()):
-        cells = (_error(result.experiments.get(name), channel) for result in results.values())
-        table.add_row(_error_title(name, channel), *cells)
-    predicted = _error_lines((name, held.fit) for r in results.values() for name, held in r.held_out.items())
-    if predicted:
-        table.add_section()
-    for name, channel in predicted:
-        held = (result.held_out.get(name) for result in results.values())
-        cells = (_error(None if one is None else one.fit, channel) for one in held)
-        table.add_row(f"held out: {_error_title(name, channel)}", *cells)
+    found = [result.parameters for result in results.values()]
+    own: dict[str, list[str]] = {}
+    for name in dict.fromkeys(name for parameters in found for name in parameters):
+        own.setdefault(name.partition("[")[0], []).append(name)
+    for base, names in own.items():
+        vague, others = worst(names, lambda name: max(_vagueness(one.get(name)) for one in found))
+        for name in vague:
+            _add_parameter(table, name, [one.get(name) for one in found])
+        if others:
+            cells = (_range_text([one[name] for name in others if name in one]) for one in found)
+            table.add_row(f"{base}, {len(others)} more", *cells)
+    _add_errors(table, "", [result.experiments for result in results.values()])
+    held_out = [{name: held.fit for name, held in result.held_out.items()} for result in results.values()]
+    _add_errors(table, "held out: ", held_out)
     table.add_section()
     table.add_row("loss", *(f"{result.loss:.4g}" for result in results.values()))
     table.add_row("trials", *(_count(result) for result in results.values()))
     return table
+
+
+def _add_parameter(table: Table, name: str, found: Sequence[Estimate | None]) -> None:
+    from softcal.calibration.digits import interval_text
+
+    table.add_row(name, *("" if estimate is None else value_text(estimate) for estimate in found))
+    if "[" not in name and any(estimate is not None and estimate.interval for estimate in found):
+        table.add_row("  95 % interval", *("" if estimate is None else interval_text(estimate) for estimate in found))
+
+
+def _vagueness(estimate: Estimate | None) -> float:
+    """A bound, or a large standard error, is what brings a parameter of a test to the front."""
+    if estimate is None:
+        return 0.0
+    return math.inf if estimate.at_bound else estimate.standard_error or 0.0
+
+
+def _range_text(estimates: Sequence[Estimate]) -> str:
+    """The least and the largest of values."""
+    from softcal.units import format_quantity
+
+    ordered = sorted(one.value for one in estimates)
+    return " to ".join(format_quantity(end, estimates[0].unit, digits=3) for end in (ordered[0], ordered[-1]))
+
+
+def _add_errors(table: Table, lead: str, fits: Sequence[Mapping[str, ExperimentFit]]) -> None:
+    """A section of errors: a line for each experiment and channel, of many for the largest, and one for all others."""
+    from softcal.report.format import worst
+
+    def size(line: tuple[str, str]) -> float:
+        return max(_size(one.get(line[0]), line[1]) for one in fits)
+
+    lines = _error_lines(pair for one in fits for pair in one.items())
+    ranked = {c: worst((line for line in lines if line[1] == c), size) for c in dict.fromkeys(c for _, c in lines)}
+    shown = {line for first, _ in ranked.values() for line in first}
+    table.add_section()
+    for name, channel in (line for line in lines if line in shown):
+        table.add_row(lead + _error_title(name, channel), *(_error(one.get(name), channel) for one in fits))
+    for channel, (_, others) in ranked.items():
+        if others:
+            title = lead + _error_title(f"{len(others)} more", channel)
+            table.add_row(title, *(_largest([one.get(name) for name, _ in others], channel) for one in fits))
+
+
+def _largest(fits: Sequence[ExperimentFit | None], channel: str) -> str:
+    text = _error(max(fits, key=lambda fit: _size(fit, channel)), channel)
+    return f"at most {text}" if text else ""
+
+
+def _size(fit: ExperimentFit | None, channel: str) -> float:
+    """The error of a line [SI]."""
+    if fit is None:
+        return 0.0
+    return fit.rmse.get(channel, 0.0) if channel else fit.distance.mean if fit.distance else 0.0
 
 
 def _error_lines(fits: Iterable[tuple[str, ExperimentFit]]) -> list[tuple[str, str]]:

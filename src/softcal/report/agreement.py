@@ -5,17 +5,17 @@ line.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from softcal.analysis.agreement import Agreement, agreements
 from softcal.analysis.trend import ENOUGH, Trend, trends
 from softcal.calibration.digits import display_unit, half_width, shown, value_text, with_unit
-from softcal.calibration.random_effects import WORDS
+from softcal.calibration.random_effects import WORDS, Spread
 from softcal.calibration.residuals import SHOWN, ResidualRecord
 from softcal.calibration.result import Estimate, ExperimentFit, SearchResult
 from softcal.experiments.dataset import Dataset
-from softcal.report.format import estimate_scale, joined, number, parameter_label, result_label
+from softcal.report.format import estimate_scale, few, joined, number, parameter_label, result_label, worst
 from softcal.report.statement import WHOLE, interval_share
 from softcal.units import format_quantity, rounded
 
@@ -23,6 +23,7 @@ MISFIT = "The residuals are a curve that the model misses, not noise"
 MORE_THAN_NOISE = "The residuals are more than noise"
 OUTLIERS = "Single samples are far off their neighbours"
 STEPS = "Instruments are read in steps larger than the residuals"
+ALIKE = "Neighbouring residuals are alike"
 _OFF = 0.25  # of an interval's half-length: a value so far from the mean whose interval it is shown with is explained
 _CAUSE = 0.2  # share of a curve's squares from which a cause is named
 _NAMED = 20  # outliers of a channel at most
@@ -67,8 +68,8 @@ def _at_one_value(
         return ""
     estimate, spread = joint.parameters[one.name], joint.spreads[one.name]
     at = joined(f"{parameter_label(n, names)} = {value_text(joint.parameters[n])}" for n in bound)
-    values = [f"{shown(estimate, value)} ({test})" for test, value in spread.values.items()]
-    return f" With {at} in all, it is {with_unit(estimate, joined(values))}, by the derivatives at the joint fit."
+    values, others = _own_values(spread, estimate.value, lambda value: shown(estimate, value))
+    return f" With {at} in all, it is {with_unit(estimate, values)}{others}, by the derivatives at the joint fit."
 
 
 def agreement_text(one: Agreement, name: str) -> str:
@@ -85,7 +86,7 @@ def agreement_text(one: Agreement, name: str) -> str:
     text = f"{name} differs between the separate fits by {size_text(one)}, from {lowest} to {highest}"
     freedom = f"{one.dof} degree{'s' * (one.dof > 1)} of freedom"
     test = f"(Cochran's Q = {number(one.q)}, {freedom}, {chance_text(one)})"
-    left = f" Excluded, having no standard error: {joined(map(result_label, one.uncounted))}."
+    left = f" Excluded, having no standard error: {joined(few(map(result_label, one.uncounted)))}."
     left = left if one.uncounted else ""
     if one.differs:
         return f"{text}: more than their noise explains {test}. One value does not describe all tests.{left}"
@@ -168,12 +169,11 @@ def _spread_text(result: SearchResult, name: str, label: str) -> str:
     one, estimate = result.spreads[name], result.parameters[name]
     fixed = ", with the other shared parameters at their joint values" if len(result.spreads) > 1 else ""
     chance, scale, who = f"{_chance_text(one.chance)}{_holm(result)}", estimate_scale(estimate), WORDS[one.kind]
-    values = [
-        f"{rounded(value / scale.factor, one.spread / scale.factor)} ({test})" for test, value in one.values.items()
-    ]
+    values, others = _own_values(one, estimate.value, lambda v: rounded(v / scale.factor, one.spread / scale.factor))
     text = (
         f"{label} differs between the {who} by more than their noise explains ({chance}): "
-        + f"{joined(values)} {scale.unit}".rstrip()
+        + f"{values} {scale.unit}".rstrip()
+        + others
         + ", by the derivatives at the joint fit"
         + fixed
     )
@@ -193,35 +193,51 @@ def _spread_text(result: SearchResult, name: str, label: str) -> str:
     )
 
 
+def _own_values(one: Spread, mean: float, text: Callable[[float], str]) -> tuple[str, str]:
+    """The tests' own values, of many those furthest from a mean, and how many others there are."""
+    far, others = worst(one.values.items(), lambda pair: abs(pair[1] - mean))
+    values = joined(f"{text(value)} ({test})" for test, value in far)
+    return values, f" ({len(others)} others lie nearer to the mean)" if others else ""
+
+
 def residual_sentences(result: SearchResult) -> list[tuple[str, bool]]:
     """Where residuals are a curve and no noise, where a usual cause is in them beyond chance, single samples that are
     far off, steps of readings, and where neighbouring ones are alike, so that samples tell less than their number;
-    each with whether it is a misfit.
+    each with whether it is a misfit. Of many records, the worst are named.
     """
     each = [(e, c, one) for e, held in result.residuals.items() for c, one in held.items()]
-    found: list[tuple[str, bool]] = []
-    if curves := [_curve_text(result.experiments[e], e, c, one) for e, c, one in each if one.is_curve]:
-        found.append((f"{MISFIT}: {'; '.join(curves)}.", True))
-    if causes := [
-        _cause_text(result.experiments[e], e, c, one)
-        for e, c, one in each
-        if one.significance > SHOWN and not one.is_curve
-    ]:
-        found.append((f"{MORE_THAN_NOISE}: {'; '.join(causes)}.", True))
-    if far := [_outliers_text(e, c, one) for e, c, one in each if one.outliers]:
-        found.append((f"{OUTLIERS}: {'; '.join(far)}.", True))
-    steps = [
-        (e, c, format_quantity(one.step, result.experiments[e].units[c], digits=2)) for e, c, one in each if one.step
-    ]
-    if steps:
-        found.append((f"{STEPS}: {'; '.join(f'{c} of {e}, by {step}' for e, c, step in steps)}.", True))
-    if alike := [
-        f"{e}, {c}: {one.n} samples are worth about {number(max(one.effective, 1.0), 2)}"
-        for e, c, one in each
-        if one.are_alike and not one.is_curve
-    ]:
-        found.append((f"Neighbouring residuals are alike: {'; '.join(alike)}.", False))
-    return found
+
+    def named(
+        which: Callable[[ResidualRecord], object],
+        size: Callable[[ResidualRecord], float],
+        text: Callable[[str, str, ResidualRecord], str],
+    ) -> str:
+        """The records of one kind, the worst of many."""
+        first, others = worst((pair for pair in each if which(pair[2])), lambda pair: size(pair[2]))
+        return "; ".join([*(text(*pair) for pair in first), *([f"{len(others)} more"] if others else [])])
+
+    def step_text(e: str, c: str, one: ResidualRecord) -> str:
+        return f"{c} of {e}, by {format_quantity(one.step, result.experiments[e].units[c], digits=2)}"
+
+    curves = named(
+        lambda one: one.is_curve,
+        lambda one: one.significance,
+        lambda e, c, o: _curve_text(result.experiments[e], e, c, o),
+    )
+    causes = named(
+        lambda one: one.significance > SHOWN and not one.is_curve,
+        lambda one: one.significance,
+        lambda e, c, o: _cause_text(result.experiments[e], e, c, o),
+    )
+    far = named(lambda one: one.outliers, lambda one: len(one.outliers), _outliers_text)
+    steps = named(lambda one: one.step, lambda one: one.step / one.size, step_text)
+    alike = named(
+        lambda one: one.are_alike and not one.is_curve,
+        lambda one: -one.effective / one.n,
+        lambda e, c, o: f"{e}, {c}: {o.n} samples are worth about {number(max(o.effective, 1.0), 2)}",
+    )
+    sentences = {MISFIT: curves, MORE_THAN_NOISE: causes, OUTLIERS: far, STEPS: steps, ALIKE: alike}
+    return [(f"{lead}: {text}.", lead != ALIKE) for lead, text in sentences.items() if text]
 
 
 def _curve_text(fit: ExperimentFit, experiment: str, channel: str, one: ResidualRecord) -> str:

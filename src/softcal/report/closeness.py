@@ -16,6 +16,7 @@ import numpy as np
 from softcal.calibration.result import SearchResult
 from softcal.experiments.dataset import Dataset
 from softcal.report.format import joined, number, scale_of
+from softcal.report.format import worst as worst_ones
 from softcal.report.tables import share_of_range
 from softcal.sensing.channel import ChannelName, channel_name
 
@@ -92,13 +93,22 @@ def _noise(data: Dataset, channel: str) -> float | None:
 
 
 def closeness_by_experiment(misses: Iterable[Miss]) -> Iterable[tuple[str, Tone]]:
-    """One sentence per experiment: the errors of its channels, and their rating."""
+    """One sentence per experiment, of many for the worst: the errors of its channels, and their rating. Then one for
+    all others.
+    """
     own: dict[str, list[Miss]] = {}
     for miss in misses:
         own.setdefault(miss.experiment, []).append(miss)
-    for name, missed in own.items():
+    first, others = worst_ones(
+        own.items(), lambda pair: max(m.share if m.share is not None else np.inf for m in pair[1])
+    )
+    for name, missed in first:
         word, tone = closeness(missed)
         yield f"{name}: the twin reproduces {joined(map(miss_text, missed))}; {word}.", tone
+    if left := [miss for _, missed in others for miss in missed]:
+        word, tone = closeness(left)
+        texts = filter(None, (worst_of(left, word) for word in dict.fromkeys(miss.word for miss in left)))
+        yield f"{len(others)} more: the twin reproduces {joined(texts)}; {word}.", tone
 
 
 def worst(misses: Iterable[Miss], word: str) -> Miss | None:

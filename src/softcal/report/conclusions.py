@@ -22,6 +22,8 @@ from softcal.report.content import ReportContent
 from softcal.report.cycles import cycle_sentences
 from softcal.report.first_screen import FirstScreen, is_poor, three_sentences
 from softcal.report.format import (
+    MANY,
+    few,
     find_parameter,
     joined,
     number,
@@ -77,7 +79,12 @@ class Verdict:
 def verdict(content: ReportContent) -> Verdict:
     """Summary of the report: the most serious warnings, then the three sentences of the first screen."""
     results, of = content.judged, first_screen(content)
-    grave = [*_unconverged(results), *_saturated(results), *_bounds(results, held=True), *_differences(content)]
+    grave = [
+        *_unconverged(results),
+        *_saturated(results),
+        *_few(_bounds(results, held=True), "contradict a bound"),
+        *_differences(content),
+    ]
     others = [s for s in (*_bounds(results), *_identified(results)) if s.tone == "warning"]
     told = any(not one.is_determined for one in of.material)  # the second sentence says so
     doubts = [*(grave or ([] if told else others[:1])), *_stability(content)]
@@ -104,8 +111,8 @@ def conclusions(content: ReportContent) -> list[Sentence]:
         *(Sentence(_of(label, results, text), "note") for label, r in results.items() for text in cycle_sentences(r)),
         *_positions(results),
         *_gain(content),
-        *_bounds(results),
-        *_identified(results),
+        *_few(_bounds(results), "parameters are at a bound"),
+        *_few(_identified(results), "parameters are in the table"),
         *_plausible(content),
         *_stability(content),
         *_failures(content),
@@ -118,6 +125,17 @@ def conclusions(content: ReportContent) -> list[Sentence]:
         ),
     ]
     return sorted(found, key=lambda sentence: ("warning", "good", "note").index(sentence.tone))
+
+
+def _few(sentences: Iterable[Sentence], what: str) -> Iterable[Sentence]:
+    """The sentences of one tone after another, of many the first and one that says how many more there are."""
+    by_tone: dict[Tone, list[Sentence]] = {}
+    for one in sentences:
+        by_tone.setdefault(one.tone, []).append(one)
+    for tone, held in by_tone.items():
+        yield from held[:MANY]
+        if len(held) > MANY:
+            yield Sentence(f"{len(held) - MANY} more {what}.", tone)
 
 
 def _of(label: str, results: Mapping[str, SearchResult], text: str) -> str:
@@ -324,7 +342,7 @@ def _notes(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
             if note.level == "note":  # each warning is a sentence of its own
                 found.setdefault(note.text, []).append(result_label(label))
     for note, labels in found.items():
-        of = "" if len(labels) == len(results) else f"{joined(labels)}: "
+        of = "" if len(labels) == len(results) else f"{joined(few(labels))}: "
         yield Sentence(f"{of}{_sentence(note)}", "note")
 
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.result import Estimate, SearchResult
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.twin.parameter_name import parameter_name
 from softcal.units import readable_unit, unit_factor
+
+T = TypeVar("T")
 
 _SYMBOLS = {"friction_coefficient": "μ", "density": "ρ"}
 
@@ -116,6 +119,23 @@ def duration(seconds: float) -> str:
     if seconds < 5400:
         return f"{seconds / 60:.1f} min"
     return f"{seconds / 3600:.1f} h"
+
+
+MANY = 10
+"""Tests, or parameters of tests, of which each has a line or a clause of its own; of more, the worst have."""
+
+
+def few(parts: Iterable[str]) -> list[str]:
+    """The first parts, and how many more there are."""
+    items = list(parts)
+    return items if len(items) <= MANY else [*items[:MANY], f"{len(items) - MANY} more"]
+
+
+def worst(items: Iterable[T], size: Callable[[T], float]) -> tuple[list[T], list[T]]:
+    """The items of largest size, as many as have a line of their own, and the others; each in their order."""
+    every = list(items)
+    first = sorted(range(len(every)), key=lambda k: -size(every[k]))[:MANY]
+    return [every[k] for k in sorted(first)], [one for k, one in enumerate(every) if k not in set(first)]
 
 
 def joined(parts: Iterable[str]) -> str:

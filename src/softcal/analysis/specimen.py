@@ -9,7 +9,7 @@ from typing import Literal
 
 from softcal.calibration.between_markers import MARKERS
 from softcal.calibration.budget import BOUNDS
-from softcal.calibration.noise import DRIFT
+from softcal.calibration.noise import DRIFT, MISFIT
 from softcal.calibration.result import Estimate
 from softcal.calibration.uncertain import EACH
 from softcal.display import displayed
@@ -18,7 +18,7 @@ State = Literal["DONE", "FAILED"]
 Factor = str | float | None
 """The value of a factor: text, a number [SI], or None where the table has none."""
 
-_OWN = ("noise", DRIFT, "prior", "experiments", "set-ups", MARKERS, BOUNDS)
+_OWN = ("noise", DRIFT, MISFIT, "prior", "experiments", "set-ups", MARKERS, BOUNDS)
 """Sources of error that are drawn anew for every specimen."""
 
 

@@ -20,9 +20,17 @@ import numpy as np
 
 from softcal.calibration.between_experiments import Alone, Between, own_step, parts_alone
 from softcal.calibration.correlation import BINS, ErrorRecord, Process, record
-from softcal.calibration.estimator import Estimator, Linear, Weighed, linearised, weighed
+from softcal.calibration.estimator import Estimator, Linear, Weighed, linearised, missed, weighed
 from softcal.calibration.loss import Block, Loss, rms
-from softcal.calibration.noise import DRIFT, PRIOR, ScaledBlock, Source, drift_sources, systematic_sources
+from softcal.calibration.noise import (
+    DRIFT,
+    PRIOR,
+    ScaledBlock,
+    Source,
+    drift_sources,
+    misfit_sources,
+    systematic_sources,
+)
 from softcal.calibration.set_ups import parts_by_set_up, serves_by_set_up
 from softcal.calibration.uncertain import UncertainParameter
 from softcal.checks import Floats
@@ -177,7 +185,7 @@ def with_added_test(
             jacobian = np.zeros((1, wide))
             jacobian[0, start : start + q] = row
             seen.append(Weighed(Block("", "prior", np.zeros(1), np.zeros(1), 1.0, jacobian), np.ones(1), np.ones(1)))
-    parts, inverse, unseen = linearised(loss, seen, np.ones(wide), len(errs))
+    parts, inverse, unseen = linearised(loss, seen, np.ones(wide), len(errs), missed(blocks))
     parts, serves = parts_by_set_up(parts, found.set_ups), serves_by_set_up(serves, found.set_ups)
     sources = _base_sources(parts, found, places)
     new = [part for part in parts if part.experiment in places]
@@ -188,6 +196,7 @@ def with_added_test(
     linear = Linear(parts, inverse, [one for one in averaged if one.has_interval])
     drifts = drift_sources(parts, [one for one in sources if one.kind == "noise"])
     budget = linear.budget([*sources, *systematic_sources(parts, labelled)], averaged, drifts)
+    budget = budget.joined(linear.of(misfit_sources(parts)))
     left = sum(part.pull.T @ part.residual for part in parts if part.experiment not in places)
     step = linear.step(-inverse @ left)
     return ExpectedEstimates(np.linalg.qr(budget.root[:, :size])[1], step[:size], budget.dof[:size], unseen[:, :size])

@@ -39,6 +39,10 @@ class Budget:
         """The budget of errors that are so many times as large."""
         return replace(self, sources=[source.times(factor) for source in self.sources])
 
+    def joined(self, other: Budget) -> Budget:
+        """The budget of the errors of both."""
+        return replace(self, sources=[*self.sources, *other.sources], responses=[*self.responses, *other.responses])
+
     def part(self, *kinds: str) -> Budget:
         """The budget of the sources of some kinds."""
         held = [pair for pair in zip(self.sources, self.responses, strict=True) if pair[0].kind in kinds]

@@ -17,10 +17,14 @@ weights.
 An instrument may drift by what its own noise conceals (`noise.drift_sources`), unless something is stated on it: a free
 or uncertain parameter, or a setting. The residuals do not show such a drift, since the parameters follow most of it.
 These drifts make no standard error longer than by half.
+
+What the model misses is an error too: of each channel whose residuals are more than noise the clearest usual cause
+(`misfit.py`), as large as it is in the residuals or less, moves the minimum by what the parameters follow of it.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -32,6 +36,7 @@ from softcal.calibration.budget import Budget
 from softcal.calibration.correlation import ErrorRecord, triangle
 from softcal.calibration.intervals import beyond_bounds, contradiction
 from softcal.calibration.loss import Block, Loss
+from softcal.calibration.misfit import misfits
 from softcal.calibration.noise import (
     DRIFT,
     PRIOR,
@@ -40,10 +45,12 @@ from softcal.calibration.noise import (
     Source,
     by_experiment,
     drift_sources,
+    misfit_sources,
     sources,
     systematic_sources,
     white_noise,
 )
+from softcal.calibration.residuals import SHOWN, residual_record
 from softcal.calibration.set_ups import members, serves_by_set_up, set_ups_of
 from softcal.calibration.uncertain import UncertainParameter
 from softcal.checks import Floats
@@ -77,8 +84,8 @@ class Estimator:
     between
         How the experiments differ in the parameters that they share.
     variances
-        Kind of source ("noise", "drift", "prior", "experiments", "set-ups", an uncertain parameter, "bounds") -> its
-        part of each variance, shape (size,); see `Budget`.
+        Kind of source ("noise", "drift", "misfit", "prior", "experiments", "set-ups", an uncertain parameter, "bounds")
+        -> its part of each variance, shape (size,); see `Budget`.
     sources
         The errors of the measurements and priors, with drifts that nothing is stated on.
     within_bounds
@@ -143,8 +150,8 @@ def estimator(
 
 @dataclass(frozen=True)
 class Minimum:
-    """What an `Estimator` is made of: fields that it has too, and the budget of errors without the factor of the
-    bounds' contradiction.
+    """What an `Estimator` is made of: fields that it has too, the budget of errors without the factor of the bounds'
+    contradiction, and that of what the model misses, which this factor does not multiply.
     """
 
     minimum: Floats
@@ -156,12 +163,14 @@ class Minimum:
     sources: tuple[Source, ...]
     set_ups: Mapping[str, str]
     without_contradiction: Budget
+    misfits: Budget
 
     @cached_property
     def budget(self) -> Budget:
-        """With all errors multiplied by the `contradiction`."""
+        """With all errors but the misfits multiplied by the `contradiction`."""
         factor = contradiction(self.beyond)
-        return self.without_contradiction.times(factor) if factor > 1.0 else self.without_contradiction
+        own = self.without_contradiction.times(factor) if factor > 1.0 else self.without_contradiction
+        return own.joined(self.misfits)
 
     @property
     def estimator(self) -> Estimator:
@@ -196,7 +205,10 @@ class Estimators:
         uncertain: Sequence[UncertainParameter] = (),
     ) -> None:
         self._loss, self._z, self._uncertain = loss, z, uncertain
-        self._blocks = [_linear(loss, weighed(loss, one), slopes, len(uncertain)) for one in blocks]
+        self._blocks = [
+            _linear(loss, weighed(loss, one), slopes, len(uncertain), change)
+            for one, change in zip(blocks, missed(blocks), strict=True)
+        ]
         self._apart = Apart()
         self._named = cache(_named)
 
@@ -230,7 +242,9 @@ class Estimators:
         beyond = np.zeros(len(self._z))
         if not spent:
             beyond[known] = beyond_bounds(minimum[known], budget.root[:, known])
-        return Minimum(minimum, unseen, beyond, noise, spent, compared, held, set_ups, budget)
+        return Minimum(
+            minimum, unseen, beyond, noise, spent, compared, held, set_ups, budget, linear.of(misfit_sources(parts))
+        )
 
 
 def _named(part: ScaledBlock, experiment: str) -> ScaledBlock:
@@ -252,12 +266,14 @@ def spent_groups(loss: Loss, slopes: Floats, blocks: Sequence[Block]) -> tuple[s
 
 
 def linearised(
-    loss: Loss, seen: Sequence[Weighed], slopes: Floats, n_uncertain: int = 0
+    loss: Loss, seen: Sequence[Weighed], slopes: Floats, n_uncertain: int = 0, changes: Sequence[Floats | None] = ()
 ) -> tuple[list[ScaledBlock], Floats, Floats]:
     """The parts of blocks with jacobians, the inverse of half the loss's Hessian in the unit box where it has one, and
-    its unidentifiable directions as rows. n_uncertain: the number of uncertain parameters of the blocks.
+    its unidentifiable directions as rows. n_uncertain: the number of uncertain parameters of the blocks. changes:
+    those of the first blocks by what the model misses, as of `missed`.
     """
-    blocks = [_linear(loss, one, slopes, n_uncertain) for one in seen]
+    every = itertools.chain(changes, itertools.repeat(None))
+    blocks = [_linear(loss, one, slopes, n_uncertain, change) for one, change in zip(seen, every, strict=False)]
     return [one.part for one in blocks], *_inverse_hessian(loss, blocks)
 
 
@@ -279,7 +295,21 @@ class _LinearBlock:
         return rows
 
 
-def _linear(loss: Loss, seen: Weighed, slopes: Floats, n_uncertain: int) -> _LinearBlock:
+def missed(blocks: Sequence[Block]) -> list[Floats | None]:
+    """The change (n,) of each block's residual by what the model misses: by the clearest usual cause, where that or the
+    residuals' curve is beyond chance (`softcal.calibration.misfit`); None where it misses nothing.
+    """
+    found: dict[int, Floats | None] = {}
+    for name in dict.fromkeys(block.experiment for block in blocks if block.experiment):
+        own = [k for k, block in enumerate(blocks) if block.experiment == name]
+        for k, misfit in zip(own, misfits([blocks[k] for k in own]), strict=True):
+            record = residual_record(blocks[k].residual)
+            is_shown = misfit.significance > SHOWN or (record is not None and record.is_curve)
+            found[k] = misfit.change if is_shown else None
+    return [found.get(k) for k in range(len(blocks))]
+
+
+def _linear(loss: Loss, seen: Weighed, slopes: Floats, n_uncertain: int, change: Floats | None = None) -> _LinearBlock:
     block, w = seen.block, seen.weights
     if block.jacobian is None:
         raise ValueError(f"the block '{block.channel}' has no jacobian")
@@ -292,7 +322,8 @@ def _linear(loss: Loss, seen: Weighed, slopes: Floats, n_uncertain: int) -> _Lin
     answer, pull = J / unit[:, None], (w * unit)[:, None] * J
     drift = None if block.drift is None else block.drift / unit
     known = seen.stated is not None
-    part = ScaledBlock(block.experiment, group, known, answer, pull, over, changes, curved, drift)
+    misfit = None if change is None else (change / unit, curving(loss, block, w, change[:, None])[:, 0] / unit)
+    part = ScaledBlock(block.experiment, group, known, answer, pull, over, changes, curved, drift, misfit)
     return _LinearBlock(seen, J, part)
 
 
@@ -313,15 +344,15 @@ class Linear:
 
         drifts: without a statement on them, as large as they are or smaller.
         """
-        known = self._budget([*sources, *(self.differences(one) for one in differing)])
-        drifting = self._budget(drifts)
+        known = self.of([*sources, *(self.differences(one) for one in differing)])
+        drifting = self.of(drifts)
         added, before = (np.sum(one.root**2, axis=0) for one in (drifting, known))
         least = np.max(added / before, initial=0.0) / (_LONGER**2 - 1.0)
         limited = drifting.times(1.0 / np.sqrt(max(least, 1.0)))
-        responses = [*known.responses, *limited.responses]
-        return Budget([*known.sources, *limited.sources], responses, len(self.inverse))
+        return known.joined(limited)
 
-    def _budget(self, sources: Sequence[Source]) -> Budget:
+    def of(self, sources: Sequence[Source]) -> Budget:
+        """The budget of some sources."""
         return Budget(sources, [self.responses(source) for source in sources], len(self.inverse))
 
     def responses(self, source: Source) -> list[Floats]:

@@ -33,12 +33,13 @@ _ROUNDING = 1e-9  # of what is measured: smaller residuals are those of an exact
 
 @dataclass(frozen=True)
 class Misfit:
-    """Of a channel: cause -> the share [-] of its squared residuals that it explains, the clearest first, and how many
-    standard errors that one is worth.
+    """Of a channel: cause -> the share [-] of its squared residuals that it explains, the clearest first, how many
+    standard errors that one is worth, and the change (n,) of the residual by it; None without a cause.
     """
 
     explained: Mapping[str, float]
     significance: float
+    change: Floats | None = None
 
 
 def misfits(blocks: Sequence[Block]) -> list[Misfit]:
@@ -58,7 +59,8 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
         start = rows.stop
         square = max(float(residual[rows] @ residual[rows]), 1e-300)
         worth: dict[str, tuple[float, float]] = {}
-        for cause, shape in one.shapes:
+        changes: dict[str, Floats] = {}
+        for cause, shape, plain in one.shapes:
             whole = np.zeros(len(residual))
             whole[rows] = shape
             left = _without(basis, whole)
@@ -69,20 +71,24 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
             after = residual[rows] - along / size * left[rows]
             pair = abs(along) / math.sqrt(size), max(1.0 - float(after @ after) / square, 0.0)
             worth[cause] = max(worth.get(cause, pair), pair)
-        clearest = max((t for cause, (t, _) in worth.items() if cause != CONTACT), default=0.0)
+            changes[cause] = along / size * plain
         # Contact may begin anywhere, and so follow noise: it is no clearer than the clearest shape without a choice.
+        first = max((cause for cause in worth if cause != CONTACT), key=lambda cause: worth[cause][0], default="")
+        clearest = worth[first][0] if first else 0.0
         ordered = sorted(worth.items(), key=lambda pair: (-min(pair[1][0], clearest), pair[0] == CONTACT))
-        found.append(Misfit({cause: share for cause, (_, share) in ordered}, clearest))
+        found.append(Misfit({cause: share for cause, (_, share) in ordered}, clearest, changes.get(first)))
     return found
 
 
 @dataclass(frozen=True)
 class _Whitened:
-    """A channel's residuals (m,), their derivatives (m, size) and shapes (m,), divided by the noise."""
+    """A channel's residuals (m,), their derivatives (m, size) and the shapes (m,) of causes, divided by the noise, with
+    the shapes (n,) along the record.
+    """
 
     residual: Floats
     answer: Floats
-    shapes: Sequence[tuple[str, Floats]]
+    shapes: Sequence[tuple[str, Floats, Floats]]
 
 
 def _whitened(block: Block, jacobian: Floats) -> _Whitened:
@@ -90,8 +96,8 @@ def _whitened(block: Block, jacobian: Floats) -> _Whitened:
     plain = _Whitened(block.residual / max(rms, 1e-300), jacobian / max(rms, 1e-300), ())
     if n < FEWEST_OF_CURVE or rms <= _ROUNDING * float(np.abs(block.measured).max()):
         return plain
-    shapes = _shapes(block)
-    columns = np.column_stack([jacobian, *(shape / np.linalg.norm(shape) for _, shape in shapes)])
+    shapes = [(cause, shape / np.linalg.norm(shape)) for cause, shape in _shapes(block)]
+    columns = np.column_stack([jacobian, *(shape for _, shape in shapes)])
     averaged = record(block.residual, columns, columns)
     # Contact from several places on would leave no noise.
     beside = [True] * jacobian.shape[1] + [cause != CONTACT for cause, _ in shapes]
@@ -110,7 +116,7 @@ def _whitened(block: Block, jacobian: Floats) -> _Whitened:
     return _Whitened(
         divided[:, 0],
         divided[:, 1 : 1 + jacobian.shape[1]],
-        [(cause, end) for (cause, _), end in zip(shapes, ends, strict=True)],
+        [(cause, end, shape) for (cause, shape), end in zip(shapes, ends, strict=True)],
     )
 
 

@@ -22,8 +22,10 @@ from softcal.checks import Floats, Ints
 
 PRIOR = ""
 """The group of the priors."""
-DRIFT = "drift"
-_CONCEALED = 2.0 / np.sqrt(3.0)
+DRIFT, MISFIT = "drift", "misfit"
+_ANY_LESS = 1.0 / np.sqrt(3.0)
+"""Standard deviation of what is at most one, of either sign, where all sizes are as likely."""
+_CONCEALED = 2.0 * _ANY_LESS
 """Standard deviation of a drift in standard errors of its own estimate from a record, where up to two of them are as
 likely as none."""
 _ITERATIONS = 200
@@ -107,6 +109,9 @@ class ScaledBlock:
         As systematic, without the direction in which the loss is straight: what pulls on the joint minimum.
     drift
         How far a drift of the instrument has come (n,), over v; None where it has none, or something is stated on it.
+    misfit
+        Change of the residual (n,) over v by what the model misses, and the same as of `curving`; None where it misses
+        nothing beyond chance.
     """
 
     experiment: str
@@ -118,6 +123,7 @@ class ScaledBlock:
     systematic: Floats
     curving: Floats
     drift: Floats | None = None
+    misfit: tuple[Floats, Floats] | None = None
 
     @cached_property
     def record(self) -> ErrorRecord:
@@ -150,8 +156,8 @@ class Source:
     Attributes
     ----------
     kind
-        "noise", "drift", "prior", "experiments" or "set-ups" (differences between them), or the uncertain parameter
-        that errs.
+        "noise", "drift", "misfit", "prior", "experiments" or "set-ups" (differences between them), or the uncertain
+        parameter that errs.
     name
         The group of channels, or the parameter.
     records
@@ -248,6 +254,17 @@ def drift_sources(parts: Sequence[ScaledBlock], noise: Sequence[Source]) -> list
         pull = _CONCEALED * error * (drift @ part.pull)[None, :]
         held = ErrorRecord(np.zeros(1), np.zeros_like(pull), pull, part.experiment)
         found.append(Source(DRIFT, part.group, (held,), 1.0, np.inf))
+    return found
+
+
+def misfit_sources(parts: Sequence[ScaledBlock]) -> list[Source]:
+    """What the model misses, by the clearest usual cause of each channel: as much as that explains, or less."""
+    found: list[Source] = []
+    for part in parts:
+        if part.misfit is not None:
+            alone, pull = (_ANY_LESS * (change @ part.pull)[None, :] for change in part.misfit)
+            held = ErrorRecord(np.zeros(1), np.zeros_like(pull), pull, part.experiment, alone)
+            found.append(Source(MISFIT, part.group, (held,), 1.0, np.inf))
     return found
 
 

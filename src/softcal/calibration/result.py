@@ -12,7 +12,7 @@ import numpy as np
 
 from softcal.calibration.budget import BOUNDS
 from softcal.calibration.left_out import LeftOut
-from softcal.calibration.noise import DRIFT
+from softcal.calibration.noise import DRIFT, MISFIT
 from softcal.calibration.parameters import Scale
 from softcal.calibration.random_effects import Spread
 from softcal.calibration.residuals import ResidualRecord
@@ -115,9 +115,8 @@ class Estimate:
         Scale on which the parameter was searched, such as "linear" or "log".
     shares
         Source of error -> its share of the estimate's variance [-], sum 1: "noise" of the measurements, "drift" of
-        their instruments, "prior",
-        "experiments", "set-ups" or "markers" (differences between them), "mesh", and uncertain parameters by their
-        names; empty where the variance is not known.
+        their instruments, "misfit" of the model, "prior", "experiments", "set-ups" or "markers" (differences between
+        them), "mesh", and uncertain parameters by their names; empty where the variance is not known.
     dof
         Degrees of freedom of the variance [-]; None where there is none, or the noise is known.
     profile
@@ -151,7 +150,7 @@ class Estimate:
         """
         if self.standard_error is None:
             return None
-        own = ("noise", DRIFT, "prior", BOUNDS)
+        own = ("noise", DRIFT, MISFIT, "prior", BOUNDS)
         other = sum(one for source, one in self.shares.items() if source not in own and not source.endswith(EACH))
         return self.standard_error * math.sqrt(max(1.0 - other, 0.0))
 

@@ -21,7 +21,7 @@ from softcal.twin.parameters import ParameterInfo
 TWICE = "the parameter is uncertain twice"
 EACH = " of each experiment"
 """End of the name of a source of error that each experiment, or set-up, has by itself."""
-RESERVED = ("noise", "drift", "prior", "experiments", "set-ups", "markers", "mesh", "bounds")
+RESERVED = ("noise", "drift", "misfit", "prior", "experiments", "set-ups", "markers", "mesh", "bounds")
 """Sources of error that an uncertain parameter of a user must not be named after."""
 
 

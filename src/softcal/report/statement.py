@@ -15,7 +15,7 @@ from softcal.analysis.mesh_study import MeshStudy
 from softcal.calibration.between_markers import MARKERS
 from softcal.calibration.budget import BOUNDS
 from softcal.calibration.digits import NORMAL_95, estimate_text, half_width, interval_text, value_text
-from softcal.calibration.noise import DRIFT
+from softcal.calibration.noise import DRIFT, MISFIT
 from softcal.calibration.result import Estimate
 from softcal.calibration.uncertain import EACH
 from softcal.report.format import parameter_label
@@ -49,6 +49,12 @@ SOURCES = (
         "drifts of the instruments, too small to be seen in their noise",
         "drift",
         "a closer limit on them, such as the data sheet's under `uncertain:`, will reduce it",
+    ),
+    ErrorSource(
+        MISFIT,
+        "what the model misses in the residuals",
+        "misfit",
+        "a model with the cause of the misfit, which the notes name, will reduce it",
     ),
     ErrorSource(
         "experiments",

@@ -273,6 +273,16 @@ def test_a_slack_that_takes_up_the_whole_pull_is_a_trial_like_others() -> None:
     assert all(np.all(block.residual == -block.measured) for block in slack_only.blocks)
 
 
+def test_a_robot_that_its_own_weight_crushes_is_a_failed_trial_with_derivatives_too() -> None:
+    """Its response has channels, and no derivatives of them."""
+    problem = bar_problem()
+    body = replace(problem.robot.bodies[0], density=2e4)
+    heavy = replace(problem, robot=replace(problem.robot, bodies=(body,), gravity=np.array([0.0, 0.0, -1e3])))
+    crushed = heavy.evaluate({"front.slack[pull]": 0.0}, jacobian=True)
+    assert crushed.loss is None
+    assert "Under the dead loads" in crushed.failure
+
+
 def test_a_slack_by_which_a_cable_is_pulled_in_beyond_its_length_is_a_failed_trial() -> None:
     problem = bar_problem()
     beyond = problem.evaluate({"front.slack[pull]": -0.1}, jacobian=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -221,10 +222,11 @@ def errors_by_point(blocks: Sequence[Block]) -> dict[str, dict[str, float]]:
 
     A position of which not all three coordinates are compared is reported by coordinate.
     """
+    counts = Counter((block.experiment, block.point) for block in blocks)
     found: dict[str, dict[str, list[Floats]]] = {}
     for block in blocks:
         if block.experiment:
-            alone = sum(b.experiment == block.experiment and b.point == block.point for b in blocks) < 3
+            alone = counts[block.experiment, block.point] < 3
             name = block.channel if alone or not block.point else block.point
             found.setdefault(block.experiment, {}).setdefault(name, []).append(block.residual)
     return {

@@ -231,7 +231,8 @@ class Problem:
         if response.channels:
             whole = response.over(group.protocol().n_samples)
             for experiment, samples in group.samples():
-                names = self.derived if jacobian else ()
+                # A robot that has no equilibrium at rest has no derivatives.
+                names = self.derived if jacobian and (response.slopes or not failure) else ()
                 rig = self._rig(experiment, theta)
                 observations[experiment.name] = observe(experiment, rig, whole, samples, names)
         return Contribution(observations, failure, response.n_factorisations)

@@ -59,8 +59,10 @@ def any_terminal() -> Generator[None]:
 
 def _ascii(name: str) -> codecs.CodecInfo | None:
     """ASCII by another name: Typer writes UTF-8 to a stream whose encoding is ASCII, as if that were a mistake."""
+    if name != _ASCII:
+        return None
     own = codecs.lookup("ascii")
-    return codecs.CodecInfo(*own[:2], incrementalencoder=own.incrementalencoder, name=_ASCII) if name == _ASCII else None
+    return codecs.CodecInfo(own.encode, own.decode, incrementalencoder=own.incrementalencoder, name=_ASCII)
 
 
 def _plain(error: UnicodeError) -> tuple[str, int]:

@@ -128,6 +128,10 @@ DOORS: Mapping[str, tuple[Callable[[Path], object], str, tuple[str, ...]]] = {
     "fleet": (fleet, "fleet.csv", ("fleet", "fleet.csv", "--template", "project.yaml", "--out", "out")),
     "specimen of a fleet": (fleet, "p2.csv", ("fleet", "fleet.csv", "--template", "project.yaml", "--out", "out")),
     "predictions": (predictions, "own.csv", ("bench", "score", "neck", "own.csv")),
+    **{
+        f"samples for {case}": (predictions, "own.csv", ("bench", "score", case, "own.csv", "--data", "own.csv"))
+        for case in ("tentacle", "sorosim-tpu")
+    },
 }  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from softcal.materials.arruda_boyce import ARRUDA_BOYCE
 from softcal.materials.expression import FUNCTIONS, Measure, measured
 from softcal.materials.gent import GENT
 from softcal.materials.histories import history_constants
-from softcal.materials.law import ALONG, STRETCHES, Law
+from softcal.materials.law import AT_REST, STRETCHES, Law
 from softcal.materials.layered import NEO_HOOKE_LAYERED
 from softcal.materials.mooney_rivlin import MOONEY_RIVLIN, MOONEY_RIVLIN_3, MOONEY_RIVLIN_5
 from softcal.materials.neo_hooke import NEO_HOOKE, NEO_HOOKE_ISOCHORIC
@@ -43,8 +43,6 @@ TAKEN = (
     "shape",
 )
 
-# What a law's texts are written in, and their values at rest.
-AT_REST = {"I1": 3.0, "I2": 3.0, "J": 1.0, ALONG: 1.0, **dict.fromkeys(STRETCHES, 1.0)}
 # What else has a meaning in the texts, or in the functions that are made of them.
 RESERVED = (*AT_REST, *FUNCTIONS, "pi", "e", *(f"ln_{name}" for name in STRETCHES))
 

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.materials.expression import limited, to_sympy
@@ -39,7 +40,7 @@ COMPLEX_STEP = 1e-20  # of a constant: no difference is taken, so nothing is los
 
 @displayed
 @dataclass(frozen=True)
-class Law:
+class Law(Checked):
     """An energy with named constants.
 
     Attributes

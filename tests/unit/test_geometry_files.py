@@ -5,6 +5,7 @@ import lzma
 import subprocess
 import sys
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quality import require_sound
 from softcal.geometry.read import read_mesh
 from softcal.geometry.write import write_mesh
+from softcal.limits import LIMITS
 
 meshio = pytest.importorskip("meshio")
 
@@ -187,6 +189,16 @@ def test_bad_files_are_told_in_one_sentence(tmp_path, capfd, name, content, told
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
     assert capfd.readouterr() == ("", "")
+
+
+def test_more_tets_than_a_robot_may_have_are_refused(tmp_path, monkeypatch):
+    path = write_mesh(box_mesh((1, 1, 1), (2, 2, 1)), tmp_path / "box.vtu")
+    monkeypatch.setitem(LIMITS, "tets", replace(LIMITS["tets"], most=23))
+    with pytest.raises(MeshError, match=r"box\.vtu: there are too many tets; got 24; allowed: 1 to 23 tets"):
+        read_mesh(path)
+    monkeypatch.setitem(LIMITS, "bytes of a mesh file", replace(LIMITS["bytes of a mesh file"], most=100))
+    with pytest.raises(MeshError, match=r"box\.vtu: there are too many bytes of a mesh file"):
+        read_mesh(path)
 
 
 def test_a_missing_file_is_told(tmp_path):

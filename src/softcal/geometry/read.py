@@ -121,6 +121,8 @@ def _read(path: Path, factor: float) -> TetMesh:
             )
         )
     numbered, tets = _numbered_tets(blocks)
+    if fault := LIMITS["tets"].fault(len(tets), str(path)):
+        raise MeshError(fault)
     mesh = _checked(path, factor * np.asarray(raw.points, dtype=np.float64), tets)
     node_sets: dict[str, Ints] = {name: np.unique(nodes) for name, nodes in raw.point_sets.items()}
     node_sets |= {

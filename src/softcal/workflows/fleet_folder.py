@@ -184,6 +184,7 @@ def _changed_files(table: FleetTable, folder: Path) -> list[Fault]:
     """A fault for each file that was changed after specimens were calibrated with it, with all their names."""
     of: dict[str, list[str]] = {}
     now: dict[str, str] = {}
+    units: dict[str, str] = {}
     for row in table.rows:
         one = read_specimen(folder, row.name)
         if one is None or one.state != "DONE":
@@ -192,6 +193,9 @@ def _changed_files(table: FleetTable, folder: Path) -> list[Fault]:
             raise _of_another(folder, row.name, f"its files are {', '.join(one.hashes)}")
         if dict(one.factors) != dict(row.factors):
             raise _of_another(folder, row.name, _listed(one.factors), _listed(row.factors))
+        for label, estimate in one.parameters.items():
+            if (unit := units.setdefault(label, estimate.unit)) != estimate.unit:
+                raise _of_another(folder, row.name, f"{label} in {estimate.unit}", unit)
         for written, digest in one.hashes.items():
             if written not in now:
                 path = table.template.parent / Path(written).expanduser()

@@ -146,6 +146,11 @@ class Catalogue(Mapping[str, T], Generic[T]):
 
         name: the function's; summary: the first sentence of its docstring; require: raises an InputError for what is
         wrong with a member that takes too long to look for in every package's.
+
+        Raises
+        ------
+        ParameterError
+            By what is returned: as `add`, and with what `require` finds.
         """
 
         def register(member: M) -> M:

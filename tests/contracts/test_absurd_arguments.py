@@ -285,3 +285,19 @@ LOOKED_AT = "ChannelKind ExportRequest Limit NamedSensor Quantity"
 def test_every_part_that_a_user_makes_checks_its_fields(name: str) -> None:
     part = getattr(softcal, name)
     assert issubclass(part, Checked) or name in (*MADE.split(), *LOOKED_AT.split())
+
+
+@pytest.mark.parametrize(
+    ("channel", "unit", "own"), [("tension", "kN", "N"), ("tension", "m", "N"), ("a.x", "mm", "m")]
+)
+def test_a_channel_of_a_dataset_is_in_its_own_unit(channel: str, unit: str, own: str) -> None:
+    """Its numbers would be taken for SI."""
+    with pytest.raises(
+        InputError, match=f"pull, {channel}: the channel is in another unit; got '{unit}'; allowed: {own}"
+    ):
+        softcal.Dataset("pull", {channel: softcal.Channel([1.0, 2.0], unit)})
+
+
+def test_no_coupons_are_refused() -> None:
+    with pytest.raises(InputError, match="coupons: there are none; allowed: one test or more"):
+        softcal.compare_laws([])

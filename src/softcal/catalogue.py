@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from importlib.metadata import entry_points
 from typing import Any, Generic, TypeVar, cast
 
-from softcal.errors import Fault, ParameterError, unknown
+from softcal.errors import Fault, InputError, ParameterError, unknown
 
 T = TypeVar("T")
 M = TypeVar("M")
@@ -139,14 +139,28 @@ class Catalogue(Mapping[str, T], Generic[T]):
         if is_own:
             self._own.add(name)
 
-    def registrar(self, name: str, summary: str) -> Callable[[M], M]:
+    def registrar(
+        self, name: str, summary: str, require: Callable[[T], object] = lambda member: None
+    ) -> Callable[[M], M]:
         """The public function that adds a member and returns it, so that it decorates a class or encloses a call.
 
-        name: the function's; summary: the first sentence of its docstring.
+        name: the function's; summary: the first sentence of its docstring; require: raises an InputError for what is
+        wrong with a member that takes too long to look for in every package's.
+
+        Raises
+        ------
+        ParameterError
+            By what is returned: as `add`, and with what `require` finds.
         """
 
         def register(member: M) -> M:
-            self.add(cast("T", member))
+            one = cast("T", member)
+            self.add(one)
+            try:
+                require(one)
+            except InputError as error:
+                self.remove(_name(one))
+                raise ParameterError(error.faults) from error
             return member
 
         register.__name__ = register.__qualname__ = name

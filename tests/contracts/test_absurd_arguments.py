@@ -271,3 +271,33 @@ def test_every_public_part_with_arrays_checks_them_or_locks_them(name: str) -> N
     arrays = re.compile(r"\b(Floats|Ints|Series|Measured|Numbers|Triangles|Position|Traction|\w+Vector|Gravity)\b")
     if name != "Project" and any(arrays.search(str(one.type)) for one in fields(part)):  # whose arrays are its meshes'
         assert issubclass(part, (Checked, ReadOnly))
+
+
+# What softcal makes itself, and what the catalogue looks at as it is registered.
+MADE = (
+    "CalibrationResult Calibrations Drawing DrawnShape Fault Fleet Jacobian LawComparison LiveState PrimitiveShape "
+    "Project Proposal RecordFit ReportContent Response SweepResult Swept"
+)
+LOOKED_AT = "ChannelKind ExportRequest Limit NamedSensor Quantity"
+
+
+@pytest.mark.parametrize("name", [name for name in softcal.__all__ if is_dataclass(getattr(softcal, name))])
+def test_every_part_that_a_user_makes_checks_its_fields(name: str) -> None:
+    part = getattr(softcal, name)
+    assert issubclass(part, Checked) or name in (*MADE.split(), *LOOKED_AT.split())
+
+
+@pytest.mark.parametrize(
+    ("channel", "unit", "own"), [("tension", "kN", "N"), ("tension", "m", "N"), ("a.x", "mm", "m")]
+)
+def test_a_channel_of_a_dataset_is_in_its_own_unit(channel: str, unit: str, own: str) -> None:
+    """Its numbers would be taken for SI."""
+    with pytest.raises(
+        InputError, match=f"pull, {channel}: the channel is in another unit; got '{unit}'; allowed: {own}"
+    ):
+        softcal.Dataset("pull", {channel: softcal.Channel([1.0, 2.0], unit)})
+
+
+def test_no_coupons_are_refused() -> None:
+    with pytest.raises(InputError, match="coupons: there are none; allowed: one test or more"):
+        softcal.compare_laws([])

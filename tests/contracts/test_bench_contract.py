@@ -140,6 +140,9 @@ FAULTS = {
     "decimal commas": ({r"^(m1_u005,[^,]*)[.]": r"\1,"}, "1 row(s) have more or fewer cells; got m1_u005"),
     "a cell too few": ({r"^(m1_u005,.*),.*$": r"\1"}, "1 row(s) have more or fewer cells; got m1_u005"),
     "unknown sample": ({r"^m1_u005,": "m1_u006,"}, "the case has no such sample (1); got m1_u006"),
+    "many rows": ({r"^(m1_u005,.*\n)": r"\1" * 200}, "mine.csv: the table has too many rows; got 129; allowed: 128"),
+    "many comments": ({r"\A": "# a: 1\n" * 200}, "mine.csv: the table has too many comments; got 129; allowed: 128"),
+    "a wide row": ({r"^(m1_u005,.*\n)": rf"\1{',' * 200}\n"}, "mine.csv: the table has too many columns; got 201"),
     "twice": ({r"^(m1_u005,.*\n)": r"\1\1"}, "1 sample(s) are there more than once"),
 }
 
@@ -281,6 +284,9 @@ def test_all_faults_of_a_file_of_shapes_are_told_at_once_and_blank_lines_are_non
         case.record(path)
     for part in ("line 4", "'nan'", "shape s002 has not its 6 lines", "17 cells"):
         assert part in str(told.value)
+    path.write_text("\n".join([*lines[:2], *(lines[2 + 6 * shape + line] for line in range(6) for shape in range(3))]))
+    with pytest.raises(DatasetError, match="the lines of the shapes are not in order; got EulX of s001, EulX of s002"):
+        case.record(path)
 
 
 def test_a_score_names_the_file_of_further_samples(tmp_path: Path) -> None:
@@ -302,8 +308,8 @@ def test_a_score_names_the_file_of_further_samples(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (["run", "tentacl"], "there is no such case; got 'tentacl'"),
-        (["score", "tentacle", "absent.csv"], "this cannot be read as text"),
-        (["run", "sorosim-tpu", "--data", "absent.csv"], "this cannot be read as text"),
+        (["score", "tentacle", "absent.csv"], "absent.csv: the data file cannot be read; got No such file"),
+        (["run", "sorosim-tpu", "--data", "absent.csv"], "absent.csv: the data file cannot be read; got No such file"),
         (["run", "beam", "--data", "absent.csv"], "the case takes no further samples"),
         (["page", "absent"], "there is no score.json below the folder"),
     ],

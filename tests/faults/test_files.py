@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gzip
+import importlib
 import os
+import re
 import shutil
 import zipfile
 from collections.abc import Callable, Mapping
@@ -126,6 +128,10 @@ DOORS: Mapping[str, tuple[Callable[[Path], object], str, tuple[str, ...]]] = {
     "fleet": (fleet, "fleet.csv", ("fleet", "fleet.csv", "--template", "project.yaml", "--out", "out")),
     "specimen of a fleet": (fleet, "p2.csv", ("fleet", "fleet.csv", "--template", "project.yaml", "--out", "out")),
     "predictions": (predictions, "own.csv", ("bench", "score", "neck", "own.csv")),
+    **{
+        f"samples for {case}": (predictions, "own.csv", ("bench", "score", case, "own.csv", "--data", "own.csv"))
+        for case in ("tentacle", "sorosim-tpu")
+    },
 }  # fmt: skip
 
 
@@ -148,6 +154,50 @@ CASES = [
 
 @pytest.mark.parametrize("case", parts(CASES))
 def test_what_is_no_such_file_is_refused(case: Case, tmp_path: Path) -> None:
+    assert_proper(case, tmp_path)
+
+
+# Small meshes that say that they are large, or that take long to read.
+VTK = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET "
+VTK_POINT = VTK + "UNSTRUCTURED_GRID\nPOINTS 1 double\n0 0 0\nCELLS 1 5\n4 0 0 0 0\nCELL_TYPES 1\n10\n"
+INP = "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n3, 0, 1, 0\n4, 0, 0, 1\n*ELEMENT, TYPE=C3D4, ELSET=solid\n1, 1, 2, 3, 4\n"
+MSH, MANY = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n", 2_000_000_000
+MSH_TET = (
+    MSH + "$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n{0} 0 0 1\n$EndNodes\n"
+    "$Elements\n1\n1 4 2 1 1 1 2 3 {0}\n$EndElements\n"
+)
+MESH_BOMBS = {
+    "points of a grid.vtk": VTK + "STRUCTURED_POINTS\nDIMENSIONS 2000 2000 2000\nORIGIN 0 0 0\nSPACING 1 1 1\n",
+    "cells of a grid.vtk": VTK + "STRUCTURED_GRID\nDIMENSIONS 2000 2000 200\nPOINTS 1 float\n0 0 0\n",
+    "many points.vtk": VTK + f"UNSTRUCTURED_GRID\nPOINTS {MANY} double\n0 0 0\n",
+    "many colours.vtk": VTK_POINT + f"POINT_DATA 1\nLOOKUP_TABLE a {MANY}\n",
+    "a node set.inp": INP + f"*NSET, NSET=a, GENERATE\n1, {MANY}, 1\n",
+    "an element set.inp": INP + f"*ELSET, ELSET=a, GENERATE\n1, {MANY}, 1\n",
+    "an endless device.inp": INP + "*INCLUDE, INPUT=/dev/zero\n",
+    "itself.inp": INP + "*INCLUDE, INPUT=itself.inp\n",
+    "a large number of a node.msh": MSH_TET.format(MANY),
+    "many names of data.msh": MSH_TET.format(4) + f"$NodeData\n{MANY}\n",
+    "many times of data.msh": MSH_TET.format(4) + f'$NodeData\n1\n"a"\n{MANY}\n',
+    "many nodes.msh": MSH + f"$Nodes\n{MANY}\n1 0 0 0\n",
+    "blocks of elements.msh": MSH.replace("2.2", "4.1")
+    + '$PhysicalNames\n1\n3 1 "a"\n$EndPhysicalNames\n$Nodes\n1 1 1 1\n0 1 0 1\n1\n0 0 0\n$EndNodes\n'
+    + f"$Elements\n{MANY} 1 1 1\n",
+    "nodes of Ansys.msh": "(2 3)\n(10 (0 1 5f5e1000 0))\n(10 (1 1 5f5e1000 1 3)(\n0 0 0\n))\n",
+}
+
+
+def bomb(name: str, text: str) -> Case:
+    def run() -> object:
+        import softcal
+
+        return softcal.read_mesh(name)
+
+    return Case("a large mesh", name, run, files=lambda folder: (folder / name).write_text(text), says=re.escape(name))
+
+
+@pytest.mark.parametrize("case", parts([bomb(*one) for one in MESH_BOMBS.items()], every=4))
+def test_a_small_mesh_that_takes_much_is_refused(case: Case, tmp_path: Path) -> None:
+    importlib.import_module("meshio")
     assert_proper(case, tmp_path)
 
 

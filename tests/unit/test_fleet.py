@@ -385,3 +385,20 @@ def test_the_record_of_another_specimen_is_not_believed(folder: Path, found: Fle
     (out / "specimens" / "s 2.json").write_text(json.dumps({**record, "specimen": name}))
     with pytest.raises(StorageError, match=r"s 2.json: .*another specimen"):
         fleet(folder, out=out, resume=True)
+
+
+def test_factors_of_a_record_are_those_of_the_table(folder: Path, found: Fleet, tmp_path: Path) -> None:
+    out = Path(shutil.copytree(found.folder, tmp_path / "out"))
+    record = json.loads((out / "specimens" / "s 2.json").read_text())
+    assert record["factors"] == {"filament": "A"}
+    (out / "specimens" / "s 2.json").write_text(json.dumps({**record, "factors": {"filament": "B"}}))
+    with pytest.raises(StorageError, match=r"s 2.json: .*another specimen; got filament B; allowed: filament A"):
+        fleet(folder, out=out, resume=True)
+
+
+def test_a_record_in_another_unit_than_the_others_is_refused(folder: Path, found: Fleet, tmp_path: Path) -> None:
+    out = Path(shutil.copytree(found.folder, tmp_path / "out"))
+    path = out / "specimens" / "s 2.json"
+    path.write_text(path.read_text().replace('"unit": "Pa"', '"unit": "MPa"'))
+    with pytest.raises(StorageError, match=r"s 2.json: .*another specimen; got .*youngs_modulus in MPa; allowed: Pa"):
+        fleet(folder, out=out, resume=True)

@@ -5,6 +5,7 @@ import lzma
 import subprocess
 import sys
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quality import require_sound
 from softcal.geometry.read import read_mesh
 from softcal.geometry.write import write_mesh
+from softcal.limits import LIMITS
 
 meshio = pytest.importorskip("meshio")
 
@@ -170,6 +172,7 @@ def two_orders(path):
             "got Element type not available: C9; allowed: a valid .inp file. Try: ",
         ),
         ("cell.inp", INP.replace("held\n1", "held, GENERATE\n1, 9, 1"), "got the number or name of something that"),
+        ("other.inp", INP + "*INCLUDE, INPUT=/dev/zero\n", r"got \*INCLUDE of /dev/zero: a mesh is one file"),
         ("set.inp", INP.replace("upper\n2", "upper\nx"), "got Unknown cell set 'x'"),
     ],
 )
@@ -186,6 +189,16 @@ def test_bad_files_are_told_in_one_sentence(tmp_path, capfd, name, content, told
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
     assert capfd.readouterr() == ("", "")
+
+
+def test_more_tets_than_a_robot_may_have_are_refused(tmp_path, monkeypatch):
+    path = write_mesh(box_mesh((1, 1, 1), (2, 2, 1)), tmp_path / "box.vtu")
+    monkeypatch.setitem(LIMITS, "tets", replace(LIMITS["tets"], most=23))
+    with pytest.raises(MeshError, match=r"box\.vtu: there are too many tets; got 24; allowed: 1 to 23 tets"):
+        read_mesh(path)
+    monkeypatch.setitem(LIMITS, "bytes of a mesh file", replace(LIMITS["bytes of a mesh file"], most=100))
+    with pytest.raises(MeshError, match=r"box\.vtu: there are too many bytes of a mesh file"):
+        read_mesh(path)
 
 
 def test_a_missing_file_is_told(tmp_path):
@@ -233,5 +246,5 @@ header_type="UInt64" compressor="{compressor}"><UnstructuredGrid><Piece NumberOf
         [sys.executable, "-c", code, str(tmp_path / "bomb.vtu")], capture_output=True, text=True, check=True
     )
     told, kilobytes = done.stdout.splitlines()
-    assert "the mesh file cannot be read; got arrays that unpack to more than 268435456 bytes" in told
+    assert "reading this takes more than a mesh in a file of this size does; got more than 5" in told
     assert int(kilobytes) < 1_000_000

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,12 +50,9 @@ def test_it_is_used_as_any_other(tmp_path: Path) -> None:
     assert {one.name for one in project.space.parameters} >= {"bar.mu", "bar.b"}
     pull = Protocol({"front": Command("shortening", np.array([0.0, 0.01]))})
     own = simulate(project.robot, pull).channels["front.tension"]
-    neo = write_project(
-        tmp_path / "neo",
-        (CONSTANTS, "      law: yeoh\n      C10: 0.35 MPa\n      bulk_modulus: 4 MPa\n"),
-        (FREE, "  bar.C10: {bounds: [0.1 MPa, 4 MPa], scale: log}\n"),
-    )
-    soft = simulate(load(neo).robot, pull).channels["front.tension"]
+    (body,) = project.robot.bodies
+    neo = replace(body, law="yeoh", parameters={"C10": 0.35e6, "C20": 0.0, "C30": 0.0, "bulk_modulus": 4e6})
+    soft = simulate(replace(project.robot, bodies=(neo,)), pull).channels["front.tension"]
     assert own[1] == pytest.approx(soft[1], rel=0.02)
     assert own[1] > soft[1] * (1.0 + 1e-4)
 
@@ -138,7 +136,16 @@ DOUBLING = ", ".join(f"a{k}: exp(a{k - 1})+log(a{k - 1})+J" for k in range(1, 25
         ({"constants": "{clamp: modulus, mu: modulus, kappa: modulus}"}, r"a body has something else of this name"),
         # What has no derivatives, or is no law of an isotropic body.
         ({"energy": f"{NEO} + mu*sqrt((J - 1)**2)"}, r"energy: this, its inverse or a derivative is not a finite"),
-        ({"energy": "mu*sqrt(I1_bar - 3)"}, r"energy: this, its inverse or a derivative is not a finite real"),
+        (
+            {"energy": "mu*sqrt(I1_bar - 3)"},
+            r"energy: this power has infinite derivatives at rest, where its base is 0",
+        ),
+        (
+            {"energy": "mu/2*(I1_bar - 3)**n", "constants": "{mu: modulus, n: positive ratio, kappa: modulus}"},
+            r"energy: this power has infinite derivatives at rest, where its base is 0, or may have"
+            r"; got \(I1.* - 3\)\*\*n; allowed: a number as its exponent: 1, or 2 and more. Try: .*yeoh",
+        ),
+        ({"energy": f"{NEO} + mu*(I1_bar - 3)**1.5"}, r"energy: this power has infinite .* got .*\*\*1.5; allowed"),
         ({"energy": "mu*(lambda1 - 1)**2"}, r"energy: the energy changes where the stretches change places"),
         ({"energy": "mu*(I1 - 3) + lambda1"}, r"energy: the law has no such symbol; got 'I1'"),
         ({"energy": "mu**mu**mu*(I1_bar - 3)"}, r"energy: the shear modulus at rest is not above zero"),
@@ -162,6 +169,13 @@ def test_the_formula_of_a_long_law_has_an_end() -> None:
     constants = {"mu": "modulus", "kappa": "modulus", **{f"a{k}": "ratio" for k in range(6)}}
     law = OwnLawSection(energy="mu*(a0 + a1 + a2 + a3 + a4 + a5)**90*(I1_bar - 3)", constants=constants)
     assert law.law("stiffening").shear_formula == "2 mu (a0 + a1 + a2 + a3 + a4 + a5)^90"
+
+
+@pytest.mark.parametrize("power", ["1", "1.0", "2", "2.5"])
+def test_powers_with_finite_derivatives_at_rest_are_laws(power: str) -> None:
+    law = OwnLawSection(energy=f"mu/2*((I1_bar - 3) + (I1_bar - 3)**{power})", constants={"mu": "modulus"}, bulk="mu")
+    shear = law.law("stiffening").shear_modulus({"mu": 7e5})
+    assert shear == pytest.approx(7e5 * (2.0 if float(power) == 1.0 else 1.0), rel=1e-12)
 
 
 def test_a_constant_may_be_called_s() -> None:

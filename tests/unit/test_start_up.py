@@ -85,6 +85,7 @@ main(["told"])
 @pytest.mark.parametrize(
     ("encoding", "echoed", "printed"),
     [
+        ("ascii", "nu 0.4 +/- 1 deg, 3 cm3, lambda1 ... - ?", "Psi a >= ?"),
         ("latin-1", "nu 0.4 ± 1 °, 3 cm³, lambda1 ... - ?", "Psi ä >= ?"),
         ("cp1252", "nu 0.4 ± 1 °, 3 cm³, lambda1 … – ?", "Psi ä >= ?"),
         ("utf-8", "ν 0.4 ± 1 °, 3 cm³, λ₁ … – 中", "Ψ ä ≥ ?"),
@@ -96,6 +97,16 @@ def test_what_a_terminal_cannot_write_is_written_in_other_characters(encoding: s
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.decode(encoding).splitlines() == [echoed, printed]
+
+
+@pytest.mark.parametrize("words", [["calibrate", "--help"], ["nö"], ["check", "--nö"], ["check", "nö.yaml"]])
+def test_help_and_errors_of_usage_are_in_ascii_where_the_terminal_is(words: list[str]):
+    done = subprocess.run(
+        [sys.executable, "-m", "softcal", *words],
+        capture_output=True, check=False, env={**os.environ, "PYTHONIOENCODING": "ascii"},
+    )  # fmt: skip
+    text = (done.stdout + done.stderr).decode("ascii")
+    assert ("mysql://..." if "--help" in words else words[-1].replace("ö", "o")) in text
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="writes to /dev/full")

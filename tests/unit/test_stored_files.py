@@ -318,6 +318,14 @@ TABLES: dict[str, tuple[str, Callable[[str], str]]] = {
     "a simulated value that is another": ("response-pull.csv", in_cell(-1, -5, "0.5")),
     "a measured value that is another": ("response-pull.csv", in_cell(-1, -8, "77")),
     "a band that is no number": ("response-pull.csv", in_cell(-1, -1, "nan")),
+    "a simulated channel in another unit": (
+        "response-pull.csv",
+        lambda text: text.replace("simulated.tension [N]", "simulated.tension [kN]"),
+    ),
+    "a channel in another unit": ("response-pull.csv", lambda text: text.replace("tension [N]", "tension [kN]")),
+    "a channel without its unit": ("response-pull.csv", lambda text: text.replace("[rad]", "[]")),
+    "a parameter in another unit": ("trials.csv", lambda text: text.replace("modulus [Pa]", "modulus [MPa]")),
+    "a trial twice": ("trials.csv", lambda text: text + text.splitlines()[-1] + "\n"),
     "a trial less": ("trials.csv", without_line),
     "a sample less": ("response-pull.csv", without_line),
     "no samples": ("response-pull.csv", lambda text: text.splitlines()[0] + "\n"),
@@ -355,6 +363,12 @@ VALUES: dict[str, tuple[tuple[str | int, ...], object]] = {
     "a value that no trial has": (("parameters", "bar.youngs_modulus", "value"), 1.4e6),
     "bounds reversed": (("parameters", "bar.youngs_modulus", "lower"), 1e9),
     "a standard error below zero": (("parameters", "bar.youngs_modulus", "standard_error"), -1.0),
+    "a value in another unit": (("parameters", "bar.youngs_modulus", "unit"), "MPa"),
+    "a value without its unit": (("parameters", "bar.youngs_modulus", "unit"), ""),
+    "a logarithm of a bound below zero": (("parameters", "bar.youngs_modulus", "lower"), -5.0),
+    "degrees of freedom below zero": (("parameters", "bar.youngs_modulus", "dof"), -3.0),
+    "shares of more than the whole": (("parameters", "bar.youngs_modulus", "shares"), {"noise": -8.0, "mesh": 9.0}),
+    "a loss of a place that is none": (("parameters", "bar.youngs_modulus", "profile"), [[-3.0, 1.0], [2e6, 1.0]]),
     "an interval reversed": (("parameters", "bar.youngs_modulus", "interval"), [2e6, 1e6]),
     "a loss that no trial has": (("loss",), 0.5),
     "an error that its table does not give": (("experiments", "pull", "tension_rmse"), 0.5),
@@ -389,6 +403,18 @@ def test_a_run_names_no_place_outside_its_folder(key: str, place: str, run: Path
     record[key] = {"bar.msh": place} if key == "copies" else [place]
     (run / "run.json").write_text(json.dumps(record))
     with pytest.raises(StorageError, match="a place in the run's folder"):
+        load_run(run)
+
+
+@pytest.mark.parametrize("unit", ["m", "MPa", "<b>"])
+def test_units_of_a_result_are_those_of_its_project(unit: str, run: Path) -> None:
+    """In both of its files, as somebody who means it changes them."""
+    for name in ("result.json", "trials.csv"):
+        text = (run / STORE / name).read_text()
+        (run / STORE / name).write_text(text.replace('"unit": "Pa"', f'"unit": "{unit}"').replace("[Pa]", f"[{unit}]"))
+    with pytest.raises(
+        StorageError, match=r"bar\.youngs_modulus has another unit than in the project; got '.*'; all.*: Pa"
+    ):
         load_run(run)
 
 

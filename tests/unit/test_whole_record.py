@@ -14,6 +14,7 @@ from softcal.analysis import record as record_module
 from softcal.analysis.record import RecordFit, record_fit
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.rig import Pulleys, Rig
+from softcal.errors import ParameterError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.experiments.steps.cycles import find_cycles
 from softcal.project.project import load
@@ -193,6 +194,8 @@ def test_a_calibration_of_a_branch_is_compared_with_the_record(tmp_path: Path) -
     project = load(write_project(tmp_path, with_steps("find_cycles", "take_branch: loading"), data=table()))
     result = calibrate(project, out=None).headline
     assert result.parameters["bar.youngs_modulus"].value == pytest.approx((1 + LOOP) * MODULUS, rel=2e-3)
+    with pytest.raises(ParameterError, match="the result is of another project; got push; allowed: pull"):
+        compare_records(project, replace(result, experiments={"push": result.experiments["pull"]}))
     found = compare_records(project, result)["pull"]
     assert found.fit is not None
     # The twin has the loading branch: it is off by twice the loop while the cable is let go, half of the time.

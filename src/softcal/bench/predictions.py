@@ -14,7 +14,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,13 +25,13 @@ from softcal.bench.frames import frame_faults
 from softcal.bench.record import PREDICT, SPLITS, CaseRecord, Split
 from softcal.checks import Floats
 from softcal.csv_text import csv_text, plain
-from softcal.errors import DatasetError, Fault, SoftcalError, StorageError, nearest
-from softcal.regular_file import not_a_file
+from softcal.errors import DatasetError, Fault, SoftcalError, nearest
+from softcal.experiments.text_file import open_text
 from softcal.units import parse_quantity
 
 SAMPLE, BAND = "sample", "band."
 SHOWN = 4  # names of many in a message
-MOST_BYTES, MOST_STRANGE = 1 << 25, 100  # of a table; columns that the case does not have
+MOST_STRANGE = 100  # columns, or rows, that the case does not have
 SHORT, LONGEST_NAME, MOST_DIGITS = 40, 255, 15  # characters of a name in a message, and of a method's; of a count
 LARGEST = 1e15  # [SI], of a value
 
@@ -101,29 +101,13 @@ def read_predictions(path: Path, record: CaseRecord, method: str = "", *, aligne
         With everything that is wrong with it: missing, unknown or repeated samples or columns, units, values that are
         no numbers, positions in another unit or frame.
     """
-    if what := not_a_file(path):
-        raise StorageError(Fault("this cannot be read as text", str(path), what, "a CSV file in UTF-8"))
-    try:
-        if (size := path.stat().st_size) > MOST_BYTES:
-            raise StorageError(Fault("this table is too large", str(path), f"{size} bytes", f"{MOST_BYTES}"))
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise StorageError(
-            Fault("this cannot be read as text", str(path), str(error), "a CSV file in UTF-8")
-        ) from error
+    comments: list[str] = []
+    rows = _rows(path, record, comments)
+    text = "\n".join(comments)
     told = dict(re.findall(r"^#\s*(\w+)\s*:\s*(.*?)\s*$", text, flags=re.MULTILINE))
     parameters = dict(re.findall(r"^#\s*([\w.\[\]]+)\s*=\s*(.*?)\s*$", text, flags=re.MULTILINE))
-    lines = csv.reader(line for line in text.splitlines() if not line.startswith("#"))
-    try:
-        rows = [[plain(cell) for cell in row] for row in lines if any(row)]
-    except csv.Error as error:
-        raise DatasetError(
-            Fault("the table cannot be cut into cells", str(path), str(error), _layout(record))
-        ) from None
     if not rows:
         raise DatasetError(Fault("the table is empty", str(path), allowed=_layout(record)))
-    if (n := len(rows[0])) > (most := MOST_STRANGE + 2 * len(record.channels)):
-        raise DatasetError(Fault("the table has too many columns", str(path), f"{n}", f"{most}; {_layout(record)}"))
     faults: list[Fault] = []
     columns = _columns([cell.strip() for cell in rows[0]], record, str(path), faults)
     samples = [row[0].strip() for row in rows[1:]]
@@ -155,6 +139,36 @@ def read_predictions(path: Path, record: CaseRecord, method: str = "", *, aligne
         if not faults:
             return found
     raise DatasetError(faults)
+
+
+def _rows(path: Path, record: CaseRecord, comments: list[str]) -> list[list[str]]:
+    """The rows that are not empty, no more and no longer than there can be; comments: to which those are added."""
+
+    def lines() -> Iterator[str]:
+        for _, block in open_text(path).blocks():
+            for line in block:
+                if line.startswith("#"):
+                    comments.append(line)
+                    require("comments", len(comments), MOST_STRANGE + 2 * len(record.samples))
+                elif line:
+                    yield line
+
+    def require(what: str, n: int, most: int) -> None:
+        if n > most:
+            raise DatasetError(Fault(f"the table has too many {what}", str(path), f"{n}", f"{most}; {_layout(record)}"))
+
+    rows: list[list[str]] = []
+    try:
+        for row in csv.reader(lines()):
+            require("columns", len(row), MOST_STRANGE + 2 * len(record.channels))
+            if any(row):
+                rows.append([plain(cell) for cell in row])
+                require("rows", len(rows), MOST_STRANGE + 2 * len(record.samples))
+    except csv.Error as error:
+        raise DatasetError(
+            Fault("the table cannot be cut into cells", str(path), str(error), _layout(record))
+        ) from None
+    return rows
 
 
 def require_matching(record: CaseRecord, found: Predictions, where: str, *, aligned: bool = False) -> list[Fault]:

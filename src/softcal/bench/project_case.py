@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
-from collections.abc import Generator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from time import perf_counter
 from typing import ClassVar
@@ -22,12 +19,13 @@ from softcal.checks import Floats
 from softcal.errors import CalibrationError, Fault, InputError, StorageError
 from softcal.executors.executor import Executor
 from softcal.project.bench_names import experiments_named
+from softcal.project.document import Entry
 from softcal.project.project import Project, load
 from softcal.twin.robot import Robot
 from softcal.units import format_quantity
 from softcal.workflows.calibration import calibrate
 
-PREDICTED = "predict.csv"
+PREDICTED, _PLACE = "predict.csv", "experiments.predict.files[0].path"
 _PACKAGE = Path(softcal.__file__).parent
 # Beside the package in the source tree; a wheel has those of the cases inside.
 EXAMPLES = next(
@@ -78,14 +76,12 @@ class ProjectCase(BenchmarkCase):
         return EXAMPLES / self.example
 
     def record(self, data: Path | None = None) -> CaseRecord:
-        with self._project(data) as project:
-            held = self._held(project)
-            parts = [
-                (PREDICT if name in held else FIT, _measured(project.experiments[name])) for name in project.experiments
-            ]
-            return joined(
-                [*(part for part in parts if part[0] == FIT), *(part for part in parts if part[0] == PREDICT)]
-            )
+        project = self._project(data)
+        held = self._held(project)
+        parts = [
+            (PREDICT if name in held else FIT, _measured(project.experiments[name])) for name in project.experiments
+        ]
+        return joined([*(part for part in parts if part[0] == FIT), *(part for part in parts if part[0] == PREDICT)])
 
     def run(
         self,
@@ -97,26 +93,26 @@ class ProjectCase(BenchmarkCase):
         progress: Progress,
     ) -> Predictions:
         began = perf_counter()
-        with self._project(data) as project:
-            held = self._held(project)
-            done = calibrate(
-                project,
-                fit="joint",
-                hold_out=[*self.left_out, *held],
-                out=store,
-                resume=resume and store is not None and (store / "run.json").is_file(),
-                workers=workers,
-                progress=lambda label, state: progress(f"{self.name}: {state.done} trials {state.stage}"),
-            )
-            if done.stopped_by is not None:
-                raise done.stopped_by
-            found = done.headline
-            require_predicted(found, (*self.left_out, *held))
-            fits = {**found.experiments, **{name: one.fit for name, one in found.held_out.items()}}
-            tables = [
-                _simulated(project.experiments[name], fits[name], with_bands=name in held)
-                for name in self._order(project, held)
-            ]
+        project = self._project(data)
+        held = self._held(project)
+        done = calibrate(
+            project,
+            fit="joint",
+            hold_out=[*self.left_out, *held],
+            out=store,
+            resume=resume and store is not None and (store / "run.json").is_file(),
+            workers=workers,
+            progress=lambda label, state: progress(f"{self.name}: {state.done} trials {state.stage}"),
+        )
+        if done.stopped_by is not None:
+            raise done.stopped_by
+        found = done.headline
+        require_predicted(found, (*self.left_out, *held))
+        fits = {**found.experiments, **{name: one.fit for name, one in found.held_out.items()}}
+        tables = [
+            _simulated(project.experiments[name], fits[name], with_bands=name in held)
+            for name in self._order(project, held)
+        ]
         samples = tuple(sample for names, _, _ in tables for sample in names)
         names = dict.fromkeys(name for _, table, _ in tables for name in table)
         channels = {name: stacked([table for _, table, _ in tables], name) for name in names}
@@ -133,8 +129,7 @@ class ProjectCase(BenchmarkCase):
         )
 
     def robot(self) -> Robot:
-        with self._project(None) as project:
-            return project.robot
+        return self._project(None).robot
 
     def _held(self, project: Project) -> tuple[str, ...]:
         return tuple(experiments_named(self.held_out or project.calibration.hold_out, project.experiments))
@@ -142,23 +137,15 @@ class ProjectCase(BenchmarkCase):
     def _order(self, project: Project, held: tuple[str, ...]) -> list[str]:
         return [*(name for name in project.experiments if name not in held), *held]
 
-    @contextmanager
-    def _project(self, data: Path | None) -> Generator[Project]:
+    def _project(self, data: Path | None) -> Project:
         """The project, with further samples in the place of those that it predicts."""
+        path = self.project_folder / "project.yaml"
         if data is None:
-            yield load(self.project_folder / "project.yaml")
-            return
+            return load(path)
         if not (self.project_folder / PREDICTED).is_file():
             allowed = f"a case whose samples to predict are in {PREDICTED}"
             raise InputError(Fault("the case takes no further samples", "--data", str(data), allowed))
-        with tempfile.TemporaryDirectory(prefix="softcal-bench-") as place:
-            folder = Path(place) / self.name
-            shutil.copytree(self.project_folder, folder)
-            try:
-                shutil.copyfile(data, folder / PREDICTED)
-            except OSError as error:
-                raise InputError(Fault("this cannot be read", str(data), error.strerror or str(error))) from error
-            yield load(folder / "project.yaml")
+        return load(path, changes={_PLACE: Entry(str(data.absolute()), "--data")})
 
 
 def require_predicted(found: CalibrationResult, held: tuple[str, ...]) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import Fault
 from softcal.limits import Limit
@@ -17,7 +18,7 @@ TAKEN = ("axes", "batch", "fit", "hold_out", "importance_kind", "loss", "method"
 
 @displayed
 @dataclass(frozen=True)
-class Option:
+class Option(Checked):
     """A number that project files can give a loss or an optimiser under `calibration`, such as alpha or starts.
 
     Attributes

@@ -32,6 +32,7 @@ from softcal.calibration.store import RESULT
 from softcal.calibration.stored import Amount, Count, Record, contradiction, damaged, read_record, read_rows
 from softcal.checks import Floats
 from softcal.errors import Fault, StorageError
+from softcal.sensing.channel import channel_name
 
 _WHAT = "the result"
 _SAME = 1e-6  # relative; of an error that is computed again from its table
@@ -141,6 +142,9 @@ def load_result(folder: Path) -> CalibrationResult | SweepResult:
         result = SweepResult(**shared, axes={name: tuple(values) for name, values in held.extra.axes.items()})
         _check_cells(path, result)
     _check(path, result)
+    header, _ = read_rows(folder / TRIALS, _WHAT)
+    if others := {f"{name} [{one.unit}]" for name, one in result.parameters.items()} - {*header}:
+        raise contradiction(path, _WHAT, f"{TRIALS} has no {min(others)}")
     return result
 
 
@@ -159,11 +163,20 @@ def _check(path: Path, result: SearchResult) -> None:
     for name, one in result.parameters.items():
         if not (one.lower <= one.value <= one.upper):
             raise contradiction(path, _WHAT, f"{name} is {one.value:g}, outside its bounds")
+        if one.scale == "log" and not one.lower > 0:
+            raise contradiction(path, _WHAT, f"{name} has no logarithm at its bound {one.lower:g}")
+        if (one.dof is not None and not one.dof > 0) or not all(-_SAME <= s <= 1 + _SAME for s in one.shares.values()):
+            raise contradiction(path, _WHAT, f"{name} has a variance that no parameter has")
+        slack = _SAME * (one.lower if one.scale == "log" else one.upper - one.lower)
+        if any(not one.lower - slack <= place <= one.upper + slack for place, _ in one.profile):
+            raise contradiction(path, _WHAT, f"{name} has a profile outside its bounds")
         if (one.standard_error or 0) < 0 or (one.interval is not None and one.interval[0] > one.interval[1]):
             raise contradiction(path, _WHAT, f"{name} has an interval that no parameter has")
     values = {name: one.value for name, one in result.parameters.items()}
     if not any(trial.loss == result.loss and dict(trial.theta) == values for trial in result.trials):
         raise contradiction(path, _WHAT, f"no trial in {TRIALS} has its values and its loss")
+    if len({trial.number for trial in result.trials}) < len(result.trials):
+        raise contradiction(path, _WHAT, f"{TRIALS} has a trial twice")
     if sum(trial.state == "FAILED" for trial in result.trials) != result.n_failed_trials:
         raise contradiction(path, _WHAT, f"{TRIALS} has another number of failed trials")
 
@@ -227,6 +240,8 @@ def _response(path: Path) -> tuple[dict[str, dict[str, Floats]], dict[str, str]]
             ]
         )
         units[key] = unit
+        if unit != (own := channel_name(key).kind.unit) and own:
+            raise contradiction(path, _WHAT, f"its column '{title}' is not in {own}")
     return parts, units
 
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 LOG_WIDTH = 160  # a log does not wrap
 NO_OUTPUT = 1  # the exit code where the output cannot be written
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_ASCII = "softcal_ascii"
 # What stands for the signs of messages where the terminal cannot write them.
 _SIGNS = {
     "±": "+/-", "–": "-", "—": "-", "−": "-", "×": "x", "·": "*", "⋅": "*", "→": "->", "≥": ">=", "≤": "<=", "≈": "~",
@@ -39,9 +40,11 @@ def any_terminal() -> Generator[None]:
     there is no room for it the program ends with a sentence.
     """
     codecs.register_error("softcal", _plain)
+    codecs.register(_ascii)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="softcal")
+            is_ascii = codecs.lookup(stream.encoding).name == "ascii"
+            stream.reconfigure(encoding=_ASCII if is_ascii else None, errors="softcal")
     try:
         yield
     except OSError as error:
@@ -52,6 +55,14 @@ def any_terminal() -> Generator[None]:
         # What is left of it would be an error again at the end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         raise SystemExit(NO_OUTPUT) from None
+
+
+def _ascii(name: str) -> codecs.CodecInfo | None:
+    """ASCII by another name: Typer writes UTF-8 to a stream whose encoding is ASCII, as if that were a mistake."""
+    if name != _ASCII:
+        return None
+    own = codecs.lookup("ascii")
+    return codecs.CodecInfo(own.encode, own.decode, incrementalencoder=own.incrementalencoder, name=_ASCII)
 
 
 def _plain(error: UnicodeError) -> tuple[str, int]:

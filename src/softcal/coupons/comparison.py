@@ -162,6 +162,8 @@ def compare_laws(
     CalibrationError
         Where no law can be fitted.
     """
+    if not coupons:
+        raise ParameterError(Fault("there are none", "coupons", allowed="one test or more"))
     reach = REACH * max(coupon.largest_stretch for coupon in coupons) if reach is None else reach
     constants, left_out = _fittable(laws, poissons_ratio, history)
     coupons = [one if history or one.time is not None else one.along_strain() for one in coupons]

@@ -14,6 +14,7 @@ from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import DatasetError, Fault, unknown
 from softcal.quantities import QUANTITIES
+from softcal.sensing.channel import channel_name
 
 SIGMA = replace(QUANTITIES["noise"], lower=0.0)
 
@@ -87,6 +88,15 @@ class Dataset(Checked):
             raise DatasetError(
                 Fault("a dataset needs channels of one length, above zero", where=self.name, got=str(lengths))
             )
+        faults = [
+            Fault(
+                "the channel is in another unit", f"{self.name}, {name}", f"'{channel.unit}'", own, "its values in SI"
+            )
+            for name, channel in self.channels.items()
+            if channel.unit != (own := channel_name(name).kind.unit) and own
+        ]
+        if faults:
+            raise DatasetError(faults)
 
     @property
     def n_samples(self) -> int:

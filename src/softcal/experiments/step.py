@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
 from softcal.catalogue import Catalogue, FunctionMember
+from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import Fault
 from softcal.experiments.dataset import Dataset
@@ -20,7 +21,7 @@ LeavesOut = Literal["", "samples", "cycles"]
 
 @displayed
 @dataclass(frozen=True)
-class Setting:
+class Setting(Checked):
     """A setting of a step.
 
     Attributes

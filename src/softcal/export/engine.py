@@ -9,6 +9,7 @@ from typing import Any
 from softcal.calibration.problem import SOFTCAL, Simulate
 from softcal.catalogue import Catalogue
 from softcal.checks import Floats
+from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import Fault, SimulationError
 from softcal.export.sofa_settings import SofaSettings
@@ -54,7 +55,7 @@ class Running:
 
 @displayed
 @dataclass(frozen=True)
-class Engine:
+class Engine(Checked):
     """Another program that solves a robot's statics.
 
     Attributes

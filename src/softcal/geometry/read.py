@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import io
-import lzma
 import re
 import shlex
 import threading
-import zlib
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from softcal.bounded_work import TimeUp, memory_limit, time_limit
 from softcal.checks import Floats, Ints
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import matching_faces
+from softcal.limits import LIMITS
 from softcal.units import unit_factor
 
 SUFFIXES = (".msh", ".vtk", ".vtu", ".inp")
@@ -44,15 +44,15 @@ FOUND: tuple[tuple[type[BaseException], str], ...] = (
     (UnicodeDecodeError, "bytes that are no text"),
     (LookupError, "the number or name of something that the file does not have, or a line that is too short"),
     (OverflowError, "a number that is too large"),
-    (MemoryError, "more cells or nodes than the memory can store"),
     (ValueError, "a word in the place of a number, or another number of values than the file states"),
     (Exception, NO_FORMAT),
 )
 # Lines of its own that are no words: numbers, lists, code, warnings; and how the last ones begin, which name readers.
 NO_WORDS = re.compile(r"[^A-Za-z]*|\[.*|.*(\w\(|[!=]=).*|Warning: .*")
 SUMMARY = "Error: Couldn't read file"
-MOST_INFLATED = 2**28  # bytes
-_inflating = threading.Lock()
+# Time [s] and memory [B] to read a file, and more for each of its bytes: a mesh of a million tets takes half as much.
+MOST_SECONDS, MOST_BYTES, SECONDS_EACH, BYTES_EACH = 5.0, 5e8, 1e-6, 20.0
+_reading = threading.Lock()
 # Added by meshio to the sets of a .msh file.
 NOT_A_GROUP = "gmsh:bounding_entities"
 
@@ -86,6 +86,20 @@ def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
     """
     path = Path(path)
     factor = unit_factor(unit, "m", where=str(path))
+    size = _readable_size(path)
+    seconds, memory = MOST_SECONDS + SECONDS_EACH * size, MOST_BYTES + BYTES_EACH * size
+    try:
+        with time_limit(seconds), memory_limit(memory):
+            return _read(path, factor)
+    except TimeUp:
+        got = f"more than {seconds:.0f} s"
+    except MemoryError:
+        got = f"more than {memory / 1e6:.0f} MB"
+    what = "reading this takes more than a mesh in a file of this size does"
+    raise MeshError(Fault(what, str(path), got, attempt="write it again, as .msh or .vtu"))
+
+
+def _read(path: Path, factor: float) -> TetMesh:
     raw = _read_raw(path)
     # Rows of other kinds, such as polyhedra, may differ in length.
     blocks = [
@@ -107,6 +121,8 @@ def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
             )
         )
     numbered, tets = _numbered_tets(blocks)
+    if fault := LIMITS["tets"].fault(len(tets), str(path)):
+        raise MeshError(fault)
     mesh = _checked(path, factor * np.asarray(raw.points, dtype=np.float64), tets)
     node_sets: dict[str, Ints] = {name: np.unique(nodes) for name, nodes in raw.point_sets.items()}
     node_sets |= {
@@ -130,7 +146,8 @@ def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
     return TetMesh(mesh.points, mesh.tets, node_sets=node_sets, face_sets=face_sets, element_sets=element_sets)
 
 
-def _read_raw(path: Path) -> Any:
+def _readable_size(path: Path) -> int:
+    """The size [B] of a file that may be a mesh."""
     if path.suffix.lower() not in SUFFIXES:
         raise MeshError(
             Fault(
@@ -143,14 +160,22 @@ def _read_raw(path: Path) -> Any:
         )
     if not path.is_file():
         raise MeshError(Fault("the file does not exist", where=str(path)))
-    if path.stat().st_size == 0:
+    if (size := path.stat().st_size) == 0:
         raise MeshError(Fault("the file is empty", where=str(path)))
+    if fault := LIMITS["bytes of a mesh file"].fault(size, str(path)):
+        raise MeshError(fault)
+    return size
+
+
+def _read_raw(path: Path) -> Any:
     meshio: Any = import_module("meshio")
     said = io.StringIO()
     try:
         # meshio prints an error and exits.
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), _inflation_limited():
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), _alone():
             return meshio.read(path)
+    except MemoryError:
+        raise
     except (Exception, SystemExit) as error:  # its readers raise arbitrary exceptions for a damaged file
         raise MeshError(
             Fault(
@@ -163,43 +188,29 @@ def _read_raw(path: Path) -> Any:
         ) from error
 
 
-class InflatedError(Exception):
-    """Arrays of a file that unpack to more than any mesh needs."""
-
-
-class _Inflation:
-    """zlib or lzma in meshio's eyes, of one file."""
-
-    def __init__(self, module: Any, new: Callable[[], Any]) -> None:
-        self._module, self._new, self._left = module, new, MOST_INFLATED
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._module, name)
-
-    def decompress(self, data: bytes) -> bytes:
-        found: bytes = self._new().decompress(data, self._left + 1)
-        self._left -= len(found)
-        if self._left < 0:
-            raise InflatedError(f"arrays that unpack to more than {MOST_INFLATED} bytes")
-        return found
+class IncludeError(Exception):
+    """A file that names another one to be read."""
 
 
 @contextlib.contextmanager
-def _inflation_limited() -> Generator[None]:
-    """A limit to what the arrays of .vtu files unpack to: meshio has none, and small files can hold gigabytes."""
-    vtu: Any = import_module("meshio.vtu._vtu")
-    with _inflating:
-        before = vtu.zlib, vtu.lzma
-        vtu.zlib, vtu.lzma = _Inflation(zlib, zlib.decompressobj), _Inflation(lzma, lzma.LZMADecompressor)
+def _alone() -> Generator[None]:
+    """Reading of one file alone: an .inp file can name others, which may be anywhere and are not kept with a run."""
+    abaqus: Any = import_module("meshio.abaqus._abaqus")
+
+    def refuse(path: object) -> None:
+        raise IncludeError(f"*INCLUDE of {str(path)[:60]}: a mesh is one file")
+
+    with _reading:
+        before, abaqus.read = abaqus.read, refuse
         try:
             yield
         finally:
-            vtu.zlib, vtu.lzma = before
+            abaqus.read = before
 
 
 def _reason(error: BaseException, said: str) -> str:
     """What a reader of meshio found, in words: its own, the last one's that it prints before it exits, or `FOUND`."""
-    if isinstance(error, InflatedError):
+    if isinstance(error, IncludeError):
         return str(error)
     if isinstance(error, OSError) and error.strerror:
         return error.strerror

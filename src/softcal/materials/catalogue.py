@@ -15,7 +15,7 @@ from softcal.materials.arruda_boyce import ARRUDA_BOYCE
 from softcal.materials.expression import FUNCTIONS, Measure, measured
 from softcal.materials.gent import GENT
 from softcal.materials.histories import history_constants
-from softcal.materials.law import ALONG, STRETCHES, Law
+from softcal.materials.law import AT_REST, STRETCHES, Law
 from softcal.materials.layered import NEO_HOOKE_LAYERED
 from softcal.materials.mooney_rivlin import MOONEY_RIVLIN, MOONEY_RIVLIN_3, MOONEY_RIVLIN_5
 from softcal.materials.neo_hooke import NEO_HOOKE, NEO_HOOKE_ISOCHORIC
@@ -43,8 +43,6 @@ TAKEN = (
     "shape",
 )
 
-# What a law's texts are written in, and their values at rest.
-AT_REST = {"I1": 3.0, "I2": 3.0, "J": 1.0, ALONG: 1.0, **dict.fromkeys(STRETCHES, 1.0)}
 # What else has a meaning in the texts, or in the functions that are made of them.
 RESERVED = (*AT_REST, *FUNCTIONS, "pi", "e", *(f"ln_{name}" for name in STRETCHES))
 
@@ -69,13 +67,19 @@ def _faults(law: Law, known: Mapping[str, Law]) -> list[Fault]:
     """What is wrong with a law's names, beside those of the others."""
     if not isinstance(law, Law):
         return [Fault("this is not a law", where="law", got=repr(law)[:60], allowed="a softcal.Law")]
+    if law.name != law.name.strip() or not law.name.isprintable() or not law.name:
+        return [Fault("this cannot be a name", "law", repr(law.name)[:60], "letters, digits, - and _")]
     letters = [parameter.symbol for parameter in law.parameters]
     names = [*law.names, *letters, *law.symbols]
     faults = [
         Fault("this cannot be a name", where=f"law {law.name}", got=repr(name), allowed="letters, digits and _")
         for name in names
-        if not name.isidentifier() or keyword.iskeyword(name) or unicodedata.normalize("NFKC", name) != name
+        if not (isinstance(name, str) and name.isidentifier())
+        or keyword.iskeyword(name)
+        or unicodedata.normalize("NFKC", name) != name
     ]
+    if faults:
+        return faults
     faults += [
         Fault(
             "this stands for an invariant, a function or a number",
@@ -151,6 +155,13 @@ LAWS = Catalogue("law", "softcal.laws", _faults, own=_OWN)
 # The name of a law, as a project file gives it.
 LawName = Annotated[str, member_of(LAWS)]
 
+
+def _require_rest(law: Law) -> None:
+    from softcal.materials.at_rest import require_rest
+
+    require_rest(law)
+
+
 register_law = LAWS.registrar(
-    "register_law", "Add a law: project files, parameters, charts and checks then accept its name."
+    "register_law", "Add a law: project files, parameters, charts and checks then accept its name.", _require_rest
 )

@@ -7,16 +7,14 @@ measured in floats before SymPy sees it, with all its symbols filled in, and sym
 from __future__ import annotations
 
 import ast
-import ctypes
 import math
 import operator
-import threading
-import time
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
+from softcal.bounded_work import TimeUp, time_limit
 from softcal.declare import shown
 from softcal.errors import Fault, InputError, unknown
 
@@ -208,10 +206,6 @@ def to_sympy(text: str, scope: Mapping[str, Any]) -> Any:
     return read(ast.parse(text.strip(), mode="eval").body)
 
 
-class _TimeUp(BaseException):
-    """Not an Exception, of which SymPy catches some."""
-
-
 @contextmanager
 def limited(where: str) -> Generator[None]:
     """Symbolic work that has an end.
@@ -221,25 +215,10 @@ def limited(where: str) -> Generator[None]:
     InputError
         Where it takes longer than MOST_SECONDS or is nested too deeply; where: of what.
     """
-    thread, done = threading.get_ident(), threading.Event()
-
-    def watch() -> None:
-        clocks = (time.monotonic, time.process_time)  # at full load a process gets less than the clock says
-        start = [clock() for clock in clocks]
-        while not done.wait(0.1):
-            if min(clock() - begin for clock, begin in zip(clocks, start, strict=True)) > MOST_SECONDS:
-                ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(_TimeUp))
-                return
-
-    watcher = threading.Thread(target=watch, daemon=True)
-    watcher.start()
     try:
-        try:
+        with time_limit(MOST_SECONDS):
             yield
-        finally:
-            done.set()
-            watcher.join()
-    except _TimeUp:
+    except TimeUp:
         what = "the derivatives of this law take too long to work out"
         allowed, attempt = f"{MOST_SECONDS:g} s", "a shorter energy"
         raise InputError(Fault(what, where, allowed=allowed, attempt=attempt)) from None

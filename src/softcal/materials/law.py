@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.materials.expression import limited, to_sympy
@@ -31,6 +32,7 @@ from softcal.materials.parameter import Parameter
 INVARIANTS = ("I1", "I2", "J")
 ALONG = "I4"  # squared stretch along the direction of a law that has one
 STRETCHES = ("lambda1", "lambda2", "lambda3")
+AT_REST = {"I1": 3.0, "I2": 3.0, "J": 1.0, ALONG: 1.0, **dict.fromkeys(STRETCHES, 1.0)}
 SOME_INVARIANTS, SOME_STRETCHES = (3.2, 3.3, 1.05, 1.1), (0.1, -0.06, 0.03)  # of a deformation like any other
 PLAIN = 100  # largest denominator of a number in a formula
 COMPLEX_STEP = 1e-20  # of a constant: no difference is taken, so nothing is lost
@@ -38,7 +40,7 @@ COMPLEX_STEP = 1e-20  # of a constant: no difference is taken, so nothing is los
 
 @displayed
 @dataclass(frozen=True)
-class Law:
+class Law(Checked):
     """An energy with named constants.
 
     Attributes
@@ -234,8 +236,7 @@ def _compiled(law: Law) -> CompiledLaw:
     def finite(what: str, expression: Any) -> Any:
         for one in map(sympy.sympify, sympy.flatten([expression])):
             if one.has(*nowhere) or not all(isinstance(part, smooth) for part in one.atoms(sympy.Function)):
-                fault = "this, its inverse or a derivative is not a finite real function"
-                raise InputError(Fault(fault, f"law {law.name}, {what}", got=getattr(law, what)))
+                raise InputError(replace(_not_finite(law, what, psi_d), where=f"law {law.name}, {what}"))
         return expression
 
     def function(what: str, args: list[Any], expression: Any) -> Callable[..., Any]:
@@ -260,6 +261,23 @@ def _compiled(law: Law) -> CompiledLaw:
         rows=of_energy([*of, *theta], first + second),
         first_by_parameter=of_energy([*of, *theta], [[slope.diff(t) for slope in first] for t in theta]),
         shifted=function("shifted", theta, [shifted, [shifted.diff(t) for t in theta]]),
+    )
+
+
+def _not_finite(law: Law, what: str, psi_d: Any) -> Fault:
+    """Why an expression of a law, or a derivative of it, is not finite."""
+    import sympy
+
+    rest = {symbol: sympy.Rational(AT_REST[symbol.name]) for symbol in psi_d.free_symbols if symbol.name in AT_REST}
+    powers = [one for one in psi_d.atoms(sympy.Pow) if sympy.simplify(one.base.subs(rest)) == 0]
+    powers = [one for one in powers if not (one.exp.is_number and (one.exp == 1 or one.exp >= 2))]
+    if what != "distortional" or not powers:
+        return Fault("this, its inverse or a derivative is not a finite real function", got=getattr(law, what))
+    return Fault(
+        "this power has infinite derivatives at rest, where its base is 0, or may have",
+        got=str(powers[0]),
+        allowed="a number as its exponent: 1, or 2 and more",
+        attempt="a sum of such powers with free factors, as yeoh has, or a constant that is no exponent, as gent has",
     )
 
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from softcal.declare import Checked
 from softcal.display import displayed
-from softcal.errors import Fault, ParameterError, unknown
+from softcal.errors import Fault, InputError, ParameterError, unknown
 from softcal.quantities import Quantity
 
 
 @displayed
 @dataclass(frozen=True)
-class Parameter:
+class Parameter(Checked):
     """A constant of a law, or of a rod.
 
     Attributes
@@ -37,6 +38,20 @@ class Parameter:
     quantity: Quantity
     typical: float
     default: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse values of another kind or out of range.
+
+        Raises
+        ------
+        InputError
+            With all of them.
+        """
+        super().__post_init__()
+        values = {"typical": self.typical, "default": self.default}
+        faults = (self.quantity.fault(one, f"{self.name}, {what}") for what, one in values.items() if one is not None)
+        if found := [fault for fault in faults if fault]:
+            raise InputError(found)
 
 
 def complete(given: Mapping[str, float], constants: Sequence[Parameter], *, owner: str) -> dict[str, float]:

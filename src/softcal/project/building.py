@@ -47,9 +47,9 @@ def build_project(
     experiments, parameters = sections.experiments, sections.parameters
     built = build_robot(sections.robot, mesh_maker(files), findings)
     for body in built.robot.bodies if built else ():
-        require_at_rest(body.law, body.parameters, body.direction, sections.laws, findings)
+        require_at_rest(body.law, body.parameters, body.direction, findings)
     for rod in sections.robot.rods.values():
-        require_at_rest(rod.law or "", rod.constants, NO_DIRECTION, sections.laws, findings)
+        require_at_rest(rod.law or "", rod.constants, NO_DIRECTION, findings)
     given = untied(values, parameters)
     rig = _with_held_friction(sections.rig, given)
     benches = {

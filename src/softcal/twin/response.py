@@ -123,18 +123,23 @@ class Response(ReadOnly):
         """What must be known of the solved shapes, a sentence each: snap-through, crossings, cables drawn out, laws
         beyond their stability.
         """
-        return tuple(told for told in (self.instabilities, self.crossings, self.drawn_out, self.remarks) if told)
+        return tuple(self._doubtful.values())
 
     @property
     def doubts(self) -> str:
         """What makes the solved shapes doubtful, in a few words; "" where nothing does."""
+        return ", ".join(self._doubtful)
+
+    @property
+    def _doubtful(self) -> dict[str, str]:
+        """What is doubtful in a few words -> the sentence on it."""
         kinds = {
-            "bodies intersect": self.crossings,
             "the robot buckles or snaps": self.instabilities,
+            "bodies intersect": self.crossings,
             "a cable slides opposite to the modelled direction": self.drawn_out,
             "a part of the model is left out or beyond its range": self.remarks,
         }
-        return ", ".join(words for words, sentence in kinds.items() if sentence)
+        return {words: sentence for words, sentence in kinds.items() if sentence}
 
     def _repr_html_(self) -> str:
         from softcal.twin.response_html import response_html

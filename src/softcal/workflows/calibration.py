@@ -315,7 +315,15 @@ def project_at(
 
     tied: label -> names of the parameters that have its value, where the label is none itself; experiments: those that
     get values; held: experiment that was held out -> its own values [SI by label].
+
+    Raises
+    ------
+    ParameterError
+        For experiments that the project does not have.
     """
+    if strangers := [name for name in experiments if name not in project.experiments]:
+        got, allowed = ", ".join(strangers), ", ".join(project.experiments)
+        raise ParameterError(Fault("the result is of another project", project.name, got, allowed))
     of_robot = robot_parameters(project.robot)
     shared: dict[str, float] = {}
     own: dict[str, dict[str, float]] = {}

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from softcal.catalogue import Catalogue, FunctionMember
-from softcal.declare import checked_arguments
+from softcal.declare import Checked, checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault
 
@@ -32,7 +32,7 @@ def _silent(_: str) -> None:
 
 @displayed
 @dataclass(frozen=True)
-class ExportOption:
+class ExportOption(Checked):
     """An option of an export on the command line.
 
     Attributes

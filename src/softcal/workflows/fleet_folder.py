@@ -34,7 +34,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from softcal.analysis.fleet_statement import FleetStatement
-from softcal.analysis.specimen import Specimen, State
+from softcal.analysis.specimen import Factor, Specimen, State
 from softcal.calibration.file_lock import hold_in
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result import Estimate
@@ -76,10 +76,10 @@ def _specimen_file(folder: Path, name: str) -> Path:
     return folder / SPECIMENS / f"{name}.json"
 
 
-def _of_another(folder: Path, name: str, got: str) -> StorageError:
+def _of_another(folder: Path, name: str, got: str, allowed: str = "") -> StorageError:
     attempt = "remove the record, and the specimen is calibrated again"
     where = str(_specimen_file(folder, name))
-    return StorageError(Fault("this is the record of another specimen", where, got, f"'{name}'", attempt))
+    return StorageError(Fault("this is the record of another specimen", where, got, allowed or f"'{name}'", attempt))
 
 
 def specimen_folder(folder: Path, name: str) -> Path:
@@ -184,12 +184,18 @@ def _changed_files(table: FleetTable, folder: Path) -> list[Fault]:
     """A fault for each file that was changed after specimens were calibrated with it, with all their names."""
     of: dict[str, list[str]] = {}
     now: dict[str, str] = {}
+    units: dict[str, str] = {}
     for row in table.rows:
         one = read_specimen(folder, row.name)
         if one is None or one.state != "DONE":
             continue
         if not one.hashes.keys() >= set(row.measured):
             raise _of_another(folder, row.name, f"its files are {', '.join(one.hashes)}")
+        if dict(one.factors) != dict(row.factors):
+            raise _of_another(folder, row.name, _listed(one.factors), _listed(row.factors))
+        for label, estimate in one.parameters.items():
+            if (unit := units.setdefault(label, estimate.unit)) != estimate.unit:
+                raise _of_another(folder, row.name, f"{label} in {estimate.unit}", unit)
         for written, digest in one.hashes.items():
             if written not in now:
                 path = table.template.parent / Path(written).expanduser()
@@ -210,6 +216,10 @@ def _changed_files(table: FleetTable, folder: Path) -> list[Fault]:
         )
         for written, names in of.items()
     ]
+
+
+def _listed(factors: Mapping[str, Factor]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in factors.items()) or "no factors"
 
 
 def set_aside(name: str, folder: Path, why: Literal["failed", "changed"]) -> None:

@@ -31,6 +31,7 @@ from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.files import sha256, stored_mesh
 from softcal.project.project import Project, load
 from softcal.regular_file import is_inside, not_a_file
+from softcal.twin.parameters import robot_parameters
 from softcal.workflows.output import new_folder, require_writable, unwritable
 from softcal.workflows.run import SWEEP, CalibrationRun, SweepRun, headline_of
 
@@ -230,6 +231,7 @@ def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
             raise StorageError(
                 Fault("the result is of an experiment that the run does not have", where, ", ".join(strangers))
             )
+    _require_units(folder, project, results)
     about = (folder, project, settings, record.versions, record.hashes, record.created)
     calibrations = {label: result for label, result in results.items() if isinstance(result, CalibrationResult)}
     match list(results.values()):
@@ -239,6 +241,22 @@ def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
             return CalibrationRun(*about, calibrations)
         case _:
             raise contradiction(folder / CALIBRATIONS, "the run", "there is a sweep among its calibrations")
+
+
+def _require_units(folder: Path, project: Project, results: Mapping[str, SearchResult]) -> None:
+    """Check that parameters have the units of the project, in which everything is shown."""
+    units = {name: one.unit for name, one in robot_parameters(project.robot).items()}
+    units |= {one.name: one.unit for one in (project.space.parameters if project.space else ())}
+    faults = [
+        Fault(
+            f"{name} has another unit than in the project", str(calibration_folder(folder, label)), f"'{one.unit}'", own
+        )
+        for label, result in results.items()
+        for name, one in result.parameters.items()
+        if (own := units.get(name.partition("[")[0], one.unit)) != one.unit
+    ]
+    if faults:
+        raise StorageError(faults)
 
 
 def project_of_run(folder: str | Path) -> tuple[Project, CalibrationSection]:

@@ -16,12 +16,14 @@ from softcal.bench.case import BenchmarkCase, Progress, Published, register_case
 from softcal.bench.predictions import Predictions
 from softcal.bench.record import CaseRecord
 from softcal.checks import Floats
-from softcal.errors import DatasetError, Fault, SimulationError, StorageError
+from softcal.errors import DatasetError, Fault, SimulationError
 from softcal.executors.chosen import executor_of
 from softcal.executors.each import results
 from softcal.executors.executor import Executor
+from softcal.experiments.text_file import open_text
 from softcal.geometry.centreline import spaced, straight
 from softcal.geometry.section import RoundBar
+from softcal.limits import LIMITS
 from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Marker, Moment, PointLoad, Robot, Rod
 from softcal.twin.simulate import simulate
@@ -103,9 +105,10 @@ class SoroSimRod(BenchmarkCase):
         """
         path = data or self.folder / f"{self.name.removeprefix('sorosim-')}.csv"
         try:
-            lines = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
-        except (OSError, UnicodeDecodeError) as error:
-            raise StorageError(Fault("this cannot be read as text", str(path), str(error))) from error
+            lines = list(csv.reader(line for _, block in open_text(path).blocks() for line in block))
+        except csv.Error as error:
+            raise DatasetError(Fault("the line cannot be cut into cells", str(path), str(error))) from error
+        LIMITS["samples"].check(len(lines), where=str(path))
         rows = [(number, row) for number, row in enumerate(lines, start=1) if any(cell.strip() for cell in row)][2:]
         table = _table(rows, str(path))
         kept = [k for k in range(3, COLUMNS) if k not in (3, 3 + len(HALF) + 1)]
@@ -163,6 +166,10 @@ def _table(rows: Sequence[tuple[int, list[str]]], where: str) -> Floats:
         own = [kind for kind, _, one in labels if one == shape]
         if own != list(KINDS):
             faults.append(Fault(f"shape {shape} has not its {LINES} lines", where, ", ".join(own), ", ".join(KINDS)))
+    ordered = [(kind, shape) for shape in shapes for kind in KINDS]
+    if not faults and (astray := [i for i, (kind, _, shape) in enumerate(labels) if (kind, shape) != ordered[i]]):
+        got = ", ".join(f"{kind} of {shape}" for kind, _, shape in labels[astray[0] - 1 : astray[0] + 1])
+        faults.append(Fault("the lines of the shapes are not in order", where, got, f"{', '.join(KINDS)} of each"))
     if not rows:
         faults.append(Fault("the file has no shape", where, allowed=f"two header lines, then {LINES} for each shape"))
     if faults:

@@ -1,0 +1,434 @@
+"""What is of the right kind and hostile: laws by their energy, images and camera files, shared studies."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from faults.case import Case, End, assert_proper, parts
+from faults.hostile import HOSTILE, attacked, holding, in_place
+from project_case import write_project
+from test_bad_camera_files import BASE, BASES, CAMERA, CAMERAS
+
+CHECK = ("check", "project.yaml", "--no-solve", "--no-pictures")
+SOLVED = "solved"  # in the place of a message, where nothing is wrong
+
+# Laws of a project file
+NEO, MODULI = "mu/2*(I1_bar - 3)", "{mu: modulus, kappa: modulus}"
+
+
+def with_law(keys: Mapping[str, str], name: str = "own") -> Callable[[Path], object]:
+    """Writes the small project with a law of its own; keys: text by key, in the place of those of a good one."""
+    law = {"energy": f'"{NEO}"', "constants": MODULI, **keys}
+    text = f"laws:\n  {name}:\n" + "".join(f"    {key}: {value}\n" for key, value in law.items() if value)
+    return lambda folder: write_project(
+        folder,
+        ("robot:\n", f"{text}robot:\n"),
+        (
+            "      youngs_modulus: 2 MPa\n      poissons_ratio: 0.42\n",
+            f"      law: {name}\n      mu: 0.7 MPa\n      kappa: 4 MPa\n",
+        ),
+        ("  bar.youngs_modulus: {bounds: [0.1 MPa, 40 MPa], scale: log}\n", ""),
+    )
+
+
+def doubling(step: str, count: int, first: str = "I1_bar - 3") -> str:
+    """Symbols each of which has the last one several times."""
+    symbols = ", ".join(f'a{k}: "{step.replace("X", f"a{k - 1}")}"' for k in range(1, count))
+    return f'{{a0: "{first}", {symbols}}}'
+
+
+# Energy -> what is said of it.
+ENERGIES: Mapping[str, tuple[str, str]] = {
+    "a tower of powers": (f"{NEO} + 0*9**9**9**9**9", "too large"),
+    "a tower of a symbol": (f"{NEO} + 0*mu**mu**mu**mu**mu**mu**mu**mu", SOLVED),
+    "a power in brackets": (f"{NEO}*((2**64)**64)**64/((2**64)**64)**64", "too"),
+    "a power of sums": ("mu*(1+J+I1+I2)**999*(I1_bar - 3)", ""),
+    "a power of a fraction": (f"{NEO} + 0*(1/3)**99999999", "too"),
+    "a negative power": (f"{NEO} + 0*2**(-99999999999)", "too"),
+    "a power of a decimal": (f"{NEO} + 0*1.0000001**(10**15)", ""),
+    "a product of long numbers": (f"{NEO} + 0*" + "*".join(["9" * 400] * 40), ""),
+    "a number of many digits": (f"{NEO} + 0*" + "9" * 20_000, ""),
+    "a number too large": (f"{NEO}*1e999", "too large"),
+    "a number too small": (f"{NEO}*1e-999", ""),
+    "a factorial": ("mu/2*(I1_bar - 3) + 0*factorial(99999999)", "no such"),
+    "a binomial": (f"{NEO} + 0*binomial(10**9, 10**8)", "no such"),
+    "a sum without end": (f"{NEO} + Sum(1/J**k, (k, 1, oo))", ""),
+    "an integral": ("Integral(mu, J)", ""),
+    "many brackets": ("(" * 5000 + NEO + ")" * 5000, ""),
+    "brackets that do not end": ("(" * 3000, ""),
+    "many signs": ("-" * 5000 + NEO, ""),
+    "many functions": ("exp(" * 80 + "J" + ")" * 80, ""),
+    "functions of functions": ("mu*(log(" + "cosh(" * 12 + "J" + ")" * 12 + ") - 1)", ""),
+    "many terms": ("+".join(f"mu/{k}*(I1_bar - 3)**{k}" for k in range(2, 400)), ""),
+    "a text of a megabyte": (f"{NEO}" + " + 0*J" * 140_000, ""),
+    "nothing": ("", "energy"),
+    "blanks": ("   ", "energy"),
+    "a comma": (f"{NEO},", "energy"),
+    "a tuple": (f"({NEO}, {NEO})", "energy"),
+    "a list": (f"[{NEO}]", "energy"),
+    "a comparison": ("mu > J", "energy"),
+    "an equation": (f"W = {NEO}", "energy"),
+    "a walrus": (f"(W := {NEO})", "energy"),
+    "a condition": (f"{NEO} if J > 1 else 0", "energy"),
+    "a comprehension": ("sum(mu for k in range(9**9))", "energy"),
+    "a lambda": ("(lambda: mu)()", "energy"),
+    "an attribute": ("mu.__class__", "energy"),
+    "an attribute of a number": ("(1).__class__.__base__.__subclasses__()", "energy"),
+    "an entry": ("mu[0]", "energy"),
+    "an f-string": ("f'{mu}'", "energy"),
+    "a text": ("'mu'", "energy"),
+    "bytes": ("b'mu'", "energy"),
+    "an import": ("__import__('os').system('touch owned')", "energy"),
+    "eval": ("eval('open(chr(47))')", "energy"),
+    "open": ("open('owned', 'w')", "energy"),
+    "a decorator": ("@mu", "energy"),
+    "two statements": (f"{NEO}; import os", "energy"),
+    "await": ("await mu", "energy"),
+    "a star": ("exp(*mu)", "energy"),
+    "a keyword": ("exp(J, evaluate=False)", "energy"),
+    "too many arguments": ("mu*exp(J, J, J)", "energy"),
+    "no argument": ("mu*exp()", "energy"),
+    "a function that is none": ("mu*mu(J)", "energy"),
+    "S of a text": ("S('__import__')", "energy"),
+    "a truth": ("True", "energy"),
+    "nobody": ("None", "energy"),
+    "an ellipsis": ("...", "energy"),
+    "a complex number": ("mu*1j*(I1_bar - 3)", "energy"),
+    "the root of a negative": ("mu*sqrt(-2 - J**2)*(I1_bar - 3)", "energy"),
+    "the logarithm of a negative": ("mu*log(-1)*(I1_bar - 3)", "energy"),
+    "infinite": ("mu*oo*(I1_bar - 3)", "energy"),
+    "not a number": ("mu*nan*(I1_bar - 3)", "energy"),
+    "a pole at rest": ("mu/(I1_bar - 3)", "energy"),
+    "a division by zero": ("mu/0*(I1_bar - 3)", "energy"),
+    "zero by zero": ("mu*(0/0)*(I1_bar - 3)", "energy"),
+    "a hidden zero": ("mu/(J - J)*(I1_bar - 3)", "energy"),
+    "zero to the power of zero": (f"{NEO}*0**0", SOLVED),
+    "zero to a negative power": (f"{NEO}*0**(-1)", "energy"),
+    "a logarithm of zero": ("mu*log(J - J)*(I1_bar - 3)", "energy"),
+    "a floor division": ("mu//2*(I1_bar - 3)", "energy"),
+    "a remainder": ("mu % 2*(I1_bar - 3)", "energy"),
+    "bits": ("mu ^ 2", "energy"),
+    "a matrix product": ("mu @ J", "energy"),
+    "zero": ("0", "energy"),
+    "a constant": ("1", "energy"),
+    "an unknown symbol": ("mu*(I1_bar - 3) + q", "symbol"),
+    "a dunder": ("__builtins__", "energy"),
+    "letters of another script": ("μ/2*(I1_bar - 3)", "energy"),
+    "digits of another script": ("mu/٢*(I1_bar - 3)", "energy"),
+    "a minus of typography": ("mu/2*(I1_bar − 3)", "energy"),
+    "a blank of no width": ("mu\\u200b/2*(I1_bar - 3)", "energy"),
+    "right to left": ("\\u202emu/2*(I1_bar - 3)", "energy"),
+    "NUL": ("mu\\0/2*(I1_bar - 3)", "energy"),
+    "half a pair": ("mu\\ud800/2*(I1_bar - 3)", ""),
+    "a line break": ("mu/2\\n*(I1_bar - 3)", ""),
+    "a backslash": ("mu\\\\\\n/2*(I1_bar - 3)", SOLVED),
+    "a comment": (f"{NEO} # and more", SOLVED),
+    "an escape": ("mu\\e[2J*(I1_bar - 3)", "energy"),
+    "marks of a template": ("{{ mu }}%s{0}", "energy"),
+}
+# Keys of a law -> what is said.
+LAWS: Mapping[str, tuple[dict[str, str], str]] = {
+    "symbols that double": ({"energy": "mu/2*a24", "symbols": doubling("X+X*J", 25)}, "laws"),
+    "symbols that square": ({"energy": "mu/2*a24", "symbols": doubling("X*X", 25)}, "laws"),
+    "symbols in functions": ({"energy": "mu/2*a15", "symbols": doubling("exp(X)-log(X)", 16)}, "laws"),
+    "a thousand symbols": ({"energy": "mu/2*a999", "symbols": doubling("X", 1000)}, SOLVED),
+    "symbols in a ring": ({"symbols": '{a: "b", b: "c", c: "a"}'}, "leads back"),
+    "a symbol of a number": ({"symbols": "{a: 7}"}, ""),
+    "a symbol of nothing": ({"symbols": "{a: ''}"}, "laws"),
+    "a symbol of null": ({"symbols": "{a: null}"}, "laws"),
+    "a symbol of a list": ({"symbols": "{a: [1]}"}, "laws"),
+    "symbols of a list": ({"symbols": "[a, b]"}, "laws"),
+    "a symbol with a dunder": ({"symbols": '{__class__: "J"}'}, SOLVED),
+    "a symbol with a dot": ({"symbols": '{"a.b": "J"}'}, "laws"),
+    "a symbol of blanks": ({"symbols": '{" ": "J"}'}, "laws"),
+    "a symbol of a number's name": ({"symbols": '{7: "J"}'}, "laws"),
+    "a symbol of a keyword": ({"symbols": '{lambda: "J"}'}, "laws"),
+    "a symbol of another script": ({"symbols": '{"ſ": "J"}'}, "laws"),
+    "a symbol like a constant": ({"symbols": '{mu: "J"}'}, "laws"),
+    "a symbol like an invariant": ({"symbols": '{J: "I1"}'}, "laws"),
+    "a symbol like a function": ({"symbols": '{exp: "J"}'}, "laws"),
+    "no constants": ({"constants": "{}"}, "laws"),
+    "constants of a list": ({"constants": "[mu, kappa]"}, "laws"),
+    "constants of null": ({"constants": "null"}, "laws"),
+    "a constant of no kind": ({"constants": "{mu: '', kappa: modulus}"}, "laws"),
+    "a constant of a number": ({"constants": "{mu: 7, kappa: modulus}"}, "laws"),
+    "a constant of a section": ({"constants": "{mu: {a: b}, kappa: modulus}"}, "laws"),
+    "a constant with a dunder": ({"constants": "{mu: modulus, kappa: modulus, __init__: ratio}"}, ""),
+    "a constant called self": ({"constants": "{mu: modulus, kappa: modulus, self: ratio}"}, ""),
+    "a constant called law": ({"constants": "{mu: modulus, kappa: modulus, law: ratio}"}, "laws"),
+    "a constant of a keyword": ({"constants": "{mu: modulus, kappa: modulus, class: ratio}"}, "laws"),
+    "a constant of a sentence": ({"constants": "{mu: modulus, kappa: modulus, a b c: ratio}"}, "laws"),
+    "a constant of a long name": ({"constants": "{mu: modulus, kappa: modulus, %s: ratio}" % ("a" * 5000)}, ""),
+    "a constant like an invariant": ({"constants": "{mu: modulus, kappa: modulus, I1: ratio}"}, "laws"),
+    "a constant of another script": ({"constants": "{mu: modulus, kappa: modulus, ﬁ: ratio}"}, "laws"),
+    "two thousand constants": ({"constants": "{mu: modulus, kappa: modulus, %s}" % ", ".join(f"c{k}: ratio" for k in range(2000))}, ""),
+    "no bulk": ({"bulk": "''"}, "laws"),
+    "a bulk of a list": ({"bulk": "[kappa]"}, "laws"),
+    "a bulk below zero": ({"bulk": "-kappa"}, "laws"),
+    "a bulk that is complex": ({"bulk": "kappa*sqrt(-1)"}, "laws"),
+    "a bulk of code": ({"bulk": "__import__('os').getcwd()"}, "laws"),
+    "a bulk of towers": ({"bulk": "kappa**9**9**9**9"}, ""),
+    "a bulk of another constant": ({"bulk": "lame"}, "laws"),
+    "a bulk that is infinite": ({"bulk": "kappa/(mu - mu)"}, "laws"),
+    "a volume strain of code": ({"volumetric_strain": "J.__class__"}, "laws"),
+    "a volume strain with a pole": ({"volumetric_strain": "1/(J - 1)"}, "laws"),
+    "a volume strain of one": ({"volumetric_strain": "'1'"}, "laws"),
+    "a volume strain of towers": ({"volumetric_strain": "J**9**9**9 - 1"}, "laws"),
+    "a volume strain of logarithms": ({"volumetric_strain": "log(log(log(J)))"}, "laws"),
+    "a reference of a list": ({"reference": "[a]"}, "laws"),
+    "a reference with an escape": ({"reference": '"\\e[2J<script>"'}, SOLVED),
+    "an energy that is a list": ({"energy": "[mu]"}, "laws"),
+    "an energy of a section": ({"energy": "{mu: 1}"}, "laws"),
+    "an energy of null": ({"energy": "null"}, "laws"),
+    "an energy of a number": ({"energy": "7"}, "laws"),
+    "no energy": ({"energy": ""}, "laws"),
+}  # fmt: skip
+NAMES: Mapping[str, tuple[str, str]] = {
+    "a dunder": ("__class__", SOLVED),
+    "a keyword": ("class", SOLVED),
+    "a number": ("7", ""),
+    "null": ("null", ""),
+    "a sentence": ("'a b c'", SOLVED),
+    "a path": ("'../../x'", SOLVED),
+    "blanks": ("'  '", "laws"),
+    "nothing": ("''", ""),
+    "another script": ("'ﬁbre'", SOLVED),
+    "an escape": ('"\\e[2J"', ""),
+    "a name of the catalogue": ("ogden-4", "another law of this name"),
+    "a long name": ("a" * 5000, ""),
+}
+
+
+def ended(says: str) -> tuple[End, ...]:
+    return ("solved",) if says == SOLVED else ("refused",)
+
+
+LAW_CASES = [
+    Case("law", what, CHECK, ended(says), files, rf"project\.yaml.*{says}")
+    for what, files, says in (
+        *((f"an energy of {what}", with_law({"energy": f'"{text}"'}), says) for what, (text, says) in ENERGIES.items()),
+        *((what, with_law(keys), says) for what, (keys, says) in LAWS.items()),
+        *((f"called {what}", with_law({}, name), says) for what, (name, says) in NAMES.items()),
+    )
+]
+
+
+@pytest.mark.parametrize("case", parts(LAW_CASES))
+def test_a_hostile_law(case: Case, tmp_path: Path) -> None:
+    assert_proper(case, tmp_path)
+
+
+# Images, and the files that measurements from them need
+def encoded(suffix: str, shape: tuple[int, ...] = (480, 640), kind: type = np.uint8, fill: int = 255) -> bytes:
+    return cv2.imencode(suffix, np.full(shape, fill, kind))[1].tobytes()
+
+
+def picture() -> bytes:
+    """Markers 0 and 1 on white, 640 x 480 px."""
+    sheet = np.full((480, 640), 255, np.uint8)
+    markers = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    for number, left in ((0, 100), (1, 400)):
+        sheet[180:300, left : left + 120] = cv2.aruco.generateImageMarker(markers, number, 120)
+    return cv2.imencode(".png", sheet)[1].tobytes()
+
+
+def png(*chunks: tuple[bytes, bytes]) -> bytes:
+    """A PNG file of chunks, each with its sum."""
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(held)) + name + held + struct.pack(">I", zlib.crc32(name + held)) for name, held in chunks
+    )
+
+
+def header(width: int, height: int, depth: int = 8, colour: int = 0, interlace: int = 0) -> tuple[bytes, bytes]:
+    return b"IHDR", struct.pack(">IIBBBBB", width, height, depth, colour, 0, 0, interlace)
+
+
+END = (b"IEND", b"")
+
+
+def blanks(width: int, height: int, depth: int = 8, colour: int = 0, interlace: int = 0) -> bytes:
+    """A PNG of black, whose data are as many as its size wants."""
+    channels = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}[colour]
+    packed, row = zlib.compressobj(9), bytes(1 + width * channels * depth // 8)
+    data = b"".join(packed.compress(row) for _ in range(height)) + packed.flush()
+    palette = [(b"PLTE", bytes(3))] if colour == 3 else []
+    return png(header(width, height, depth, colour, interlace), *palette, (b"IDAT", data), END)
+
+
+def webp(width: int, height: int) -> bytes:
+    """A WebP file of one colour, whose pixels take no bits."""
+    bits = f"{width - 1:014b}"[::-1] + f"{height - 1:014b}"[::-1] + "0" + "000" + "000" + "1000" * 5
+    body = b"\x2f" + int(bits[::-1], 2).to_bytes(-(-len(bits) // 8) + 8, "little")
+    chunk = b"VP8L" + struct.pack("<I", len(body)) + body + b"\0" * (len(body) % 2)
+    return b"RIFF" + struct.pack("<I", 4 + len(chunk)) + b"WEBP" + chunk
+
+
+def tiff(width: int, height: int, bits: int = 8, more: Mapping[int, int] = {}) -> bytes:  # noqa: B006
+    """A TIFF file of one strip, without its data."""
+    tags = {256: width, 257: height, 258: bits, 259: 1, 262: 1, 273: 8, 277: 1, 278: height, 279: 64, **more}
+    held = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in sorted(tags.items()))
+    return b"II*\0" + struct.pack("<I", 80) + bytes(72) + struct.pack("<H", len(tags)) + held + bytes(4)
+
+
+WHOLE = picture()
+IMAGES: Mapping[str, tuple[str, bytes]] = {
+    "no markers": (".png", encoded(".png")),
+    "another size": (".png", encoded(".png", (48, 64))),
+    "one pixel": (".png", encoded(".png", (1, 1))),
+    "no pixels": (".png", png(header(0, 0), (b"IDAT", zlib.compress(b"")), END)),
+    "no rows": (".png", png(header(640, 0), (b"IDAT", zlib.compress(b"")), END)),
+    "a row of a million": (".png", blanks(1_000_000, 1)),
+    "a column of a million": (".png", blanks(1, 1_000_000)),
+    "2e8 pixels of 200 kB": (".png", blanks(15_000, 14_000)),
+    "6e7 pixels of 16 bits": (".png", blanks(8000, 8000, 16)),
+    "6e7 pixels in colour": (".png", blanks(8000, 8000, 8, 6)),
+    "6e7 pixels, interlaced": (".png", blanks(8000, 8000, 8, 0, 1)),
+    "a size of 4e9": (".png", png(header(60_000, 60_000), (b"IDAT", zlib.compress(bytes(1000))), END)),
+    "a size of 2e18": (".png", png(header(2**31 - 1, 2**31 - 1), (b"IDAT", zlib.compress(bytes(1000))), END)),
+    "a size beyond all": (".png", png(header(2**32 - 1, 2**32 - 1), (b"IDAT", b""), END)),
+    "16 bits": (".png", encoded(".png", kind=np.uint16)),
+    "transparency": (".png", encoded(".png", (480, 640, 4))),
+    "a palette": (".png", blanks(640, 480, 8, 3)),
+    "a palette that is missing": (".png", png(header(640, 480, 8, 3), (b"IDAT", zlib.compress(bytes(641 * 480))), END)),
+    "a depth of 7 bits": (".png", png(header(640, 480, 7), (b"IDAT", zlib.compress(bytes(641 * 480))), END)),
+    "data of a gigabyte": (".png", png(header(640, 480), (b"IDAT", zlib.compress(bytes(200_000_000), 9)), END)),
+    "text of a gigabyte": (
+        ".png",
+        png(
+            header(640, 480),
+            (b"zTXt", b"a\0\0" + zlib.compress(bytes(200_000_000), 9)),
+            (b"IDAT", zlib.compress(bytes(641 * 480))),
+            END,
+        ),
+    ),
+    "a chunk of 4 GB": (".png", png(header(640, 480)) + b"\xff\xff\xff\xffIDAT"),
+    "a filter that is none": (".png", png(header(640, 480), (b"IDAT", zlib.compress(b"\x09" * 641 * 480)), END)),
+    "no data": (".png", png(header(640, 480), END)),
+    "a header alone": (".png", png(header(640, 480))),
+    "a signature alone": (".png", png()),
+    "frames of an animation": (
+        ".png",
+        png(header(640, 480), (b"acTL", struct.pack(">II", 2**31 - 1, 0)), (b"IDAT", zlib.compress(bytes(641 * 480))), END),
+    ),
+    "half of it": (".png", WHOLE[: len(WHOLE) // 2]),
+    "all but its last bytes": (".png", WHOLE[:-20]),
+    "a wrong sum": (".png", WHOLE[:60] + bytes([WHOLE[60] ^ 255]) + WHOLE[61:]),
+    "a WebP of 3e8 pixels": (".webp", webp(16_383, 16_383)),
+    "a WebP of 6e7 pixels": (".webp", webp(8000, 8000)),
+    "half a WebP": (".webp", encoded(".webp")[:30]),
+    "half a JPEG": (".jpg", encoded(".jpg")[:300]),
+    "a JPEG of 4e9 pixels": (".jpg", encoded(".jpg").replace(struct.pack(">HH", 480, 640), b"\xff\xf0\xff\xf0") + b"\xff\xd9"),
+    "a TIFF of 4e18 pixels": (".tif", tiff(2**31 - 1, 2**31 - 1)),
+    "a TIFF of 1e9 pixels": (".tif", tiff(32_000, 32_000)),
+    "a TIFF of 64 bits": (".tif", tiff(8000, 8000, 64)),
+    "a TIFF that leads to itself": (".tif", b"II*\0\x08\0\0\0" + struct.pack("<H", 0) + struct.pack("<I", 8)),
+    "a TIFF of many strips": (".tif", tiff(640, 480, more={278: 0})),
+    "a PGM of 1e10 pixels": (".pgm", b"P5\n99999 99999\n255\n" + bytes(1000)),
+    "a PGM of no sense": (".pgm", b"P5\n" + b"9" * 5000 + b"\n"),
+    "a PGM in letters": (".pgm", b"P2\n640 480\n255\n" + b"7 " * 5000),
+    "a bitmap of 4e18 pixels": (".bmp", encoded(".bmp")[:18] + b"\xff\xff\xff\x7f" * 2 + encoded(".bmp")[26:]),
+    "a bitmap upside down": (".bmp", encoded(".bmp")[:22] + struct.pack("<i", -(2**31)) + encoded(".bmp")[26:]),
+    "a picture of rays": (".png", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 30000 +X 30000\n" + bytes(1000)),
+    "a picture of a phone": (".png", b"\0\0\0\x1cftypavif" + bytes(400)),
+    "a GIF": (".png", b"GIF89a\xff\xff\xff\xff\xf0\0\0" + bytes(400)),
+    "JPEG 2000": (".png", b"\0\0\0\x0cjP  \r\n\x87\n" + bytes(400)),
+    "SVG": (".png", b'<svg xmlns="http://www.w3.org/2000/svg"><image href="file:///etc/passwd"/></svg>'),
+}  # fmt: skip
+MARKERS = ("--camera", "camera.yaml", "--base", "0", "--size", "20 mm", "--out", "markers.csv")
+
+
+def bench(image: str = "b_02.png") -> Callable[[Path], None]:
+    """Writes two images of a bench, the second of a name, the camera's file and one of the base."""
+
+    def files(folder: Path) -> None:
+        for name in ("a_01.png", image):
+            (folder / name).write_bytes(WHOLE)
+        (folder / "camera.yaml").write_text(CAMERA)
+        (folder / "base.yaml").write_text(BASE)
+
+    return files
+
+
+def replaced(name: str, text: str, old: str, new: str) -> Callable[[Path], None]:
+    assert old in text
+    return attacked(bench(), name, holding(text.replace(old, new).encode("utf-8", "surrogatepass")))
+
+
+IMAGE_COMMANDS = {
+    "markers": ("markers", "a_01.png", "b_02{}", *MARKERS),
+    "board": ("camera", "a_01.png", "b_02{}", "--out", "own.yaml"),
+}
+IMAGE_CASES = [
+    *(
+        Case(f"image of {door}", what, tuple(w.format(suffix) for w in words), ("refused",), attacked(bench(f"b_02{suffix}"), f"b_02{suffix}", place), rf"b_02\{suffix}")
+        for door, words in IMAGE_COMMANDS.items()
+        for what, (suffix, place) in {
+            **{what: (".png", place) for what, place in HOSTILE.items()},
+            **{what: (suffix, holding(raw)) for what, (suffix, raw) in IMAGES.items()},
+            "a folder of images": (".png", in_place(lambda path: [path.mkdir(), (path / "c.png").symlink_to("/dev/zero")])),
+            "a link to nothing": (".png", in_place(lambda path: path.symlink_to("nothing"))),
+        }.items()
+    ),
+]  # fmt: skip
+# Key of a file -> what stands there; those that are not refused above all.
+CAMERA_VALUES: Mapping[str, tuple[str, str]] = {
+    "a resolution of many pixels": ("640 px, 480 px", "1e9 px, 1e9 px"),
+    "a resolution of three": ("640 px, 480 px", "640 px, 480 px, 3 px"),
+    "a resolution that is not finite": ("640 px", ".nan px"),
+    "a focal length of an atom": ("fx: 600 px", "fx: 1e-9 px"),
+    "a focal length of many digits": ("fx: 600 px", f"fx: {'9' * 5000} px"),
+    "focal lengths that differ a lot": ("fx: 600 px", "fx: 1e9 px"),
+    "a distortion without end": ("k1: 0.1", "k1: .inf"),
+    "distortions that cancel": ("k1: 0.1, k2: -0.05", "k1: 1e12, k2: -1e12"),
+    "a distortion of text": ("k1: 0.1", "k1: much"),
+    "a distortion of a list": ("{k1: 0.1, k2: -0.05, p1: 0.001, p2: 0, k3: 0}", "[0.1, -0.05]"),
+    "no distortion but a null": ("{k1: 0.1, k2: -0.05, p1: 0.001, p2: 0, k3: 0}", "null"),
+    "a matrix of null": ("{fx: 600 px, fy: 601 px, cx: 321 px, cy: 239 px}", "null"),
+    "an error that is not finite": ("0.2 px", ".inf px"),
+    "a calibration of a list": ("camera: 1", "camera: 1\ncalibration: [1]"),
+    "a key twice": ("camera: 1", "camera: 1\ncamera: 1"),
+    "an object of Python": ("camera: 1", "camera: !!python/name:os.system"),
+    "a key of no text": ("camera: 1", "camera: 1\n? [a]\n: 1"),
+    "a link in the text": ("camera: 1", "camera: &a [*a]"),
+    "a tab": ("camera: 1", "\tcamera: 1"),
+    "half a pair": ("camera: 1", "camera: 1\nx: \ud800"),
+}
+BASE_VALUES: Mapping[str, tuple[str, str]] = {
+    "a marker that no dictionary has": ("  5:", f"  {'9' * 400}:"),
+    "a marker twice": ("  5:", "  0:"),
+    "a marker of another script": ("  5:", "  ٥:"),
+    "a marker with a sign": ("  5:", "  +5:"),
+    "a marker of blanks": ("  5:", "  ' 5':"),
+    "a size of an atom": ("size: 30 mm", "size: 1e-30 m"),
+    "a size beyond all": ("size: 30 mm", "size: 1e30 m"),
+    "a turn beyond all": ("90 deg", "1e300 deg"),
+    "a list of markers": (BASE.partition("markers:")[2], " [0, 5]\n"),
+    "null": (BASE.partition("markers:")[2], " null\n"),
+    "an anchor in itself": ("base: 1", "base: &a [*a]"),
+}
+FILE_CASES = [
+    Case("camera file" if name == "camera.yaml" else "base file", what, ("markers", "a_01.png", *MARKERS, *options), ("refused",), files, name.partition(".")[0])
+    for name, options, text, values in (
+        ("camera.yaml", (), CAMERA, {**{k: v[:2] for k, v in CAMERAS.items()}, **CAMERA_VALUES}),
+        ("base.yaml", ("--base", "base.yaml"), BASE, {**{k: v[:2] for k, v in BASES.items()}, **BASE_VALUES}),
+    )
+    for what, files in {
+        **{what: attacked(bench(), name, place) for what, place in HOSTILE.items()},
+        **{what: replaced(name, text, old, new) for what, (old, new) in values.items()},
+    }.items()
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("case", parts([*IMAGE_CASES, *FILE_CASES]))
+def test_a_hostile_image_or_camera_file(case: Case, tmp_path: Path) -> None:
+    assert_proper(case, tmp_path)
+
+
+def test_the_images_that_are_attacked_can_be_measured(tmp_path: Path) -> None:
+    assert_proper(Case("image", "whole", ("markers", "a_01.png", *MARKERS), ("solved",), bench()), tmp_path)

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
+import os
+import shutil
+import socket
 import struct
+import threading
 import zlib
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from faults.case import Case, End, assert_proper, parts
-from faults.hostile import HOSTILE, attacked, holding, in_place
+from faults.hostile import HOSTILE, Place, attacked, holding, in_place
 from project_case import write_project
 from test_bad_camera_files import BASE, BASES, CAMERA, CAMERAS
 
@@ -432,3 +440,249 @@ def test_a_hostile_image_or_camera_file(case: Case, tmp_path: Path) -> None:
 
 def test_the_images_that_are_attacked_can_be_measured(tmp_path: Path) -> None:
     assert_proper(Case("image", "whole", ("markers", "a_01.png", *MARKERS), ("solved",), bench()), tmp_path)
+
+
+# Studies that processes share
+TPE = ("calibration: {method: least-squares, starts: 1}", "calibration: {method: tpe, trials: 3}")
+STUDY = "study.journal"
+SHARED = ("calibrate", "project.yaml", "--storage", f"journal:{STUDY}", "--no-report", "--out")
+Lines = list[dict[str, Any]]
+Edit = Callable[[Lines], object]
+ABOUT, NEW, VALUE, OUTCOME, STATE = 1, 2, 3, 5, 6  # lines of a journal: the study's record, and those of its first trial
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run whose study is shared."""
+    folder = tmp_path_factory.mktemp("shared")
+    assert_proper(Case("shared study", "whole", (*SHARED, "run"), ("solved",), lambda f: write_project(f, TPE)), folder)
+    return folder / "case"
+
+
+def lined(edit: Edit) -> Place:
+    """Changes the lines of a journal."""
+
+    def place(path: Path) -> None:
+        lines = [json.loads(line) for line in path.read_text().splitlines()]
+        edit(lines)
+        path.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
+
+    return place
+
+
+def line(number: int, **values: object) -> Place:
+    """Sets entries of a line."""
+    return lined(lambda lines: lines[number].update(values))
+
+
+def outcome_with(**values: object) -> Place:
+    """Sets entries of what the first trial gave."""
+    return lined(lambda lines: lines[OUTCOME]["user_attr"]["softcal"].update(values))
+
+
+def about_with(**values: object) -> Place:
+    """Sets entries of what the study is."""
+    return lined(lambda lines: lines[ABOUT]["user_attr"]["softcal"].update(values))
+
+
+def raw(change: Callable[[bytes], bytes]) -> Place:
+    """Changes the bytes of a journal."""
+    return lambda path: [path.write_bytes(change(path.read_bytes()))][0] and None
+
+
+def others(path: Path) -> None:
+    """The study of another program's."""
+    path.write_text(
+        '{"op_code":0,"worker_id":"a","study_name":"softcal/a square bar/pull","directions":[1]}\n'
+        '{"op_code":4,"worker_id":"a","study_id":0,"datetime_start":"2026-01-01T00:00:00"}\n'
+    )
+
+
+REFUSED: tuple[End, ...] = ("refused",)
+# What is wrong with a journal -> the change of a whole one, and the ends that are proper.
+JOURNALS: Mapping[str, tuple[Place, tuple[End, ...]]] = {
+    "another program's study": (others, REFUSED),
+    "a study of two aims": (line(0, directions=[1, 2]), REFUSED),
+    "a study to be maximised": (line(0, directions=[2]), REFUSED),
+    "a study of no aim": (line(0, directions=[]), REFUSED),
+    "an aim of text": (line(0, directions="down"), REFUSED),
+    "a name of a number": (line(0, study_name=7), ("refused", "solved")),
+    "a study twice": (lined(lambda lines: lines.insert(1, lines[0])), ("refused", "solved")),
+    "an unknown code": (line(NEW, op_code=77), REFUSED),
+    "a code of text": (line(NEW, op_code="x"), REFUSED),
+    "a code of null": (line(NEW, op_code=None), REFUSED),
+    "a code below zero": (line(NEW, op_code=-1), REFUSED),
+    "no code": (lined(lambda lines: lines[NEW].pop("op_code")), REFUSED),
+    "no worker": (lined(lambda lines: lines[NEW].pop("worker_id")), REFUSED),
+    "a worker of a list": (line(NEW, worker_id=[1]), ("refused", "solved")),
+    "a beginning of text": (line(NEW, datetime_start="yesterday"), REFUSED),
+    "a trial that is not there": (line(VALUE, trial_id=99), REFUSED),
+    "a value of text": (line(VALUE, param_value_internal="much"), REFUSED),
+    "a value that is not a number": (line(VALUE, param_value_internal=float("nan")), REFUSED),
+    "a value that is infinite": (line(VALUE, param_value_internal=float("inf")), REFUSED),
+    "a value out of its bounds": (line(VALUE, param_value_internal=1e300), REFUSED),
+    "a value of null": (line(VALUE, param_value_internal=None), REFUSED),
+    "a parameter of another name": (line(VALUE, param_name="nobody"), REFUSED),
+    "a parameter of a number": (line(VALUE, param_name=7), REFUSED),
+    "a distribution of text": (line(VALUE, distribution="wide"), REFUSED),
+    "a distribution of nothing": (line(VALUE, distribution="{}"), REFUSED),
+    "a distribution of another kind": (
+        line(VALUE, distribution='{"name": "CategoricalDistribution", "attributes": {"choices": [1]}}'),
+        REFUSED,
+    ),
+    "a distribution that is upside down": (
+        line(VALUE, distribution='{"name": "FloatDistribution", "attributes": {"step": null, "low": 9, "high": 1, "log": true}}'),
+        REFUSED,
+    ),
+    "no outcome": (lined(lambda lines: lines.pop(OUTCOME)), REFUSED),
+    "an outcome of null": (line(OUTCOME, user_attr={"softcal": None}), REFUSED),
+    "an outcome of a list": (line(OUTCOME, user_attr={"softcal": [1]}), REFUSED),
+    "an outcome of nothing": (line(OUTCOME, user_attr={"softcal": {}}), REFUSED),
+    "an outcome in pieces that are missing": (line(OUTCOME, user_attr={"softcal": {"pieces": 10**9}}), REFUSED),
+    "an outcome in pieces of text": (line(OUTCOME, user_attr={"softcal": {"pieces": "x"}}), REFUSED),
+    "attributes of a list": (line(OUTCOME, user_attr=[1]), REFUSED),
+    "seconds of text": (outcome_with(seconds="long"), REFUSED),
+    "seconds that are not a number": (outcome_with(seconds=float("nan")), REFUSED),
+    "seconds below zero": (outcome_with(seconds=-1), REFUSED),
+    "solves of a fraction": (outcome_with(n_solves=0.5), REFUSED),
+    "solves beyond all": (outcome_with(n_solves=10**400), REFUSED),
+    "a reason of a list": (outcome_with(reason=[1]), REFUSED),
+    "a reason of escapes": (outcome_with(reason="\x1b[2J<script>"), ("refused", "solved")),
+    "losses of a list": (outcome_with(experiment_losses=[1]), REFUSED),
+    "losses that are not numbers": (outcome_with(experiment_losses={"pull": float("nan")}), REFUSED),
+    "losses of another experiment": (outcome_with(experiment_losses={"nobody": 1.0}), ("refused", "solved")),
+    "errors of text": (outcome_with(errors="none"), REFUSED),
+    "an outcome with more": (outcome_with(more=1), ("refused", "solved")),
+    "a loss that is not a number": (line(STATE, values=[float("nan")]), REFUSED),
+    "a loss that is infinite": (line(STATE, values=[float("-inf")]), REFUSED),
+    "a loss below zero": (line(STATE, values=[-1e300]), ("refused", "solved")),
+    "two losses": (line(STATE, values=[1.0, 2.0]), REFUSED),
+    "a loss of text": (line(STATE, values=["low"]), REFUSED),
+    "no loss": (line(STATE, values=None), REFUSED),
+    "a state that is none": (line(STATE, state=77), REFUSED),
+    "a state of text": (line(STATE, state="done"), REFUSED),
+    "an end twice": (lined(lambda lines: lines.insert(STATE, lines[STATE])), ("refused", "solved")),
+    "a format of the future": (about_with(format=2), REFUSED),
+    "a format of text": (about_with(format="1"), REFUSED),
+    "an identity of a list": (about_with(identity=[1]), REFUSED),
+    "another robot": (about_with(identity={"robot": "0"}), REFUSED),
+    "no identity": (about_with(identity={}), REFUSED),
+    "settings of null": (about_with(settings=None), REFUSED),
+    "other settings": (about_with(settings={"seed": 9}), REFUSED),
+    "settings that are not numbers": (about_with(settings={"seed": float("nan")}), REFUSED),
+    "a record of text": (line(ABOUT, user_attr={"softcal": "mine"}), REFUSED),
+    "a record in endless pieces": (line(ABOUT, user_attr={"softcal": {"pieces": 10**12}}), REFUSED),
+    "lines of a number": (raw(lambda text: text + b"7\n"), REFUSED),
+    "lines of null": (raw(lambda text: text + b"null\n"), REFUSED),
+    "lines of a list": (raw(lambda text: text + b"[1]\n"), REFUSED),
+    "lines that are empty": (raw(lambda text: text + b"\n\n"), REFUSED),
+    "an empty line between": (raw(lambda text: text.replace(b"\n", b"\n\n", 1)), REFUSED),
+    "ends of lines of Windows": (raw(lambda text: text.replace(b"\n", b"\r\n")), ("refused", "solved")),
+    "NUL between": (raw(lambda text: text.replace(b"\n", b"\n" + bytes(4000), 1)), REFUSED),
+    "NUL at the end": (raw(lambda text: text + bytes(4000) + b"\n"), REFUSED),
+    "noise at the end": (raw(lambda text: text + np.random.default_rng(1).bytes(4000) + b"\n"), REFUSED),
+    "noise between": (raw(lambda text: text.replace(b"\n", b"\n\xff\xfe\n", 1)), REFUSED),
+    "half a line between": (raw(lambda text: text.replace(b"\n", b'\n{"op_code"\n', 1)), REFUSED),
+    "brackets without end": (raw(lambda text: text + b"[" * 100_000 + b"\n"), REFUSED),
+    "braces without end between": (raw(lambda text: text.replace(b"\n", b"\n" + b'{"a":' * 100_000 + b"\n", 1)), REFUSED),
+    "a number of many digits": (raw(lambda text: text + b'{"op_code":' + b"9" * 10_000 + b"}\n"), REFUSED),
+    "a line of forty megabytes": (raw(lambda text: text + b'{"op_code":4,"a":"' + b"x" * 40_000_000 + b'"}\n'), REFUSED),
+    "UTF-16": (raw(lambda text: text.decode().encode("utf-16")), REFUSED),
+    "a mark of the order of bytes": (raw(lambda text: b"\xef\xbb\xbf" + text), REFUSED),
+    "half a pair": (raw(lambda text: text.replace(b"softcal/a", b"softcal/a\\ud800")), ("refused", "solved")),
+    "two gigabytes after its lines": (lambda path: os.truncate(path, 2 << 30), REFUSED),
+}  # fmt: skip
+STUDY_CASES = [
+    Case("shared study", f"{what}, {how}", (*SHARED, *words), ends, says="journal")
+    for how, words in (("joined", ("again",)), ("resumed", ("run", "--resume")))
+    for what, ends in {
+        **{what: ("refused", "solved") if what in ("nothing", "NUL", "no file") else REFUSED for what in HOSTILE},
+        **{what: ends for what, (_, ends) in JOURNALS.items()},
+    }.items()
+]
+
+
+@pytest.mark.parametrize("case", parts(STUDY_CASES))
+def test_a_journal_of_a_stranger(case: Case, shared: Path, tmp_path: Path) -> None:
+    what = case.name.rpartition(", ")[0]
+    place = JOURNALS[what][0] if what in JOURNALS else HOSTILE[what]
+
+    def files(folder: Path) -> None:
+        shutil.copytree(shared, folder, dirs_exist_ok=True)
+        place(folder / STUDY)
+
+    assert_proper(Case(case.door, case.name, case.run, case.ends, files, case.says), tmp_path)
+
+
+SECRET = "hunter2"
+URLS = (
+    "", ":", "journal", "journal:", "journal: ", "journal:/", "journal:/dev/zero", "journal:/proc/self/mem",
+    "journal:nobody/study", f"journal:{'x' * 5000}", "journal:\0", "journal:project.yaml", "journal:data",
+    f"sqlite:///{SECRET}.db", f"redis://me:{SECRET}@127.0.0.1", f"file:///etc/passwd?{SECRET}", f"http://me:{SECRET}@127.0.0.1/x",
+    f"postgresql://me:{SECRET}", f"postgresql:me:{SECRET}@h/d", f"postgresql+nobody://me:{SECRET}@h/d",
+    f"postgresql+pg8000://me:{SECRET}@127.0.0.1:1/d", f"postgresql+pg8000://me:{SECRET}@127.0.0.1:99999/d",
+    f"postgresql+pg8000://me:{SECRET}@127.0.0.1:-1/d", f"postgresql+pg8000://me:{SECRET}@127.0.0.1:port/d",
+    f"postgresql+pg8000://me:{SECRET}@{'h' * 300}/d", f"postgresql+pg8000://me:{SECRET}@nobody.invalid/d",
+    f"postgresql+pg8000://me:{SECRET}@[::1]:1/d", f"postgresql+pg8000://me:{SECRET}@[::/d", f"postgresql+pg8000://me:{SECRET}@/d",
+    f"postgresql+pg8000://me:{SECRET}@192.0.2.1/d", f"postgresql+pg8000://me:{SECRET}/@@127.0.0.1/d",
+    f"postgresql+pg8000://{SECRET}%00@127.0.0.1:1/d", f"postgresql+pg8000://me:%zz{SECRET}@127.0.0.1:1/d",
+    f"postgresql+pg8000://me@127.0.0.1:1/d?password={SECRET}", f"postgresql+pg8000://me@127.0.0.1:1/d?nobody={SECRET}",
+    f"postgresql+pg8000://me:{SECRET}@127.0.0.1:1/{{d}}", f"postgresql+pg8000://me:{SECRET}\udcff@127.0.0.1:1/d",
+    f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d", f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d?charset=nobody",
+    f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d?read_timeout=x", f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d?local_infile=1",
+    f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d?init_command={SECRET}", f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d?ssl_ca=/dev/zero",
+    f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d?read_default_file=/dev/zero", f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d?unix_socket=/dev/zero",
+)  # fmt: skip
+# What answers at the address of a database: bytes sent again and again, or None for silence.
+SERVERS: Mapping[str, bytes | None] = {
+    "silence": None,
+    "an end at once": b"",
+    "a page": b"HTTP/1.1 400 Bad Request\r\n\r\n",
+    "NUL": bytes(1 << 16),
+    "noise": np.random.default_rng(1).bytes(1 << 16),
+    "letters": b"A" * (1 << 16),
+    "a packet of two gigabytes": b"R\x7f\xff\xff\xff" + bytes(1 << 16),
+    "a packet of 16 MB": b"\xff\xff\xff\x00\x0a" + b"5" * (1 << 16),
+}
+DRIVERS = ("postgresql+pg8000", "mysql+pymysql")
+
+
+def asked_of(answer: bytes | None, driver: str) -> Callable[[], object]:
+    """Calibrates with a database at whose address something else answers."""
+
+    def talk(listening: socket.socket) -> None:
+        while True:
+            peer, _ = listening.accept()
+            with peer, contextlib.suppress(OSError):
+                while answer:
+                    peer.sendall(answer)
+
+    def run() -> None:
+        from softcal.cli import main
+
+        listening = socket.create_server(("127.0.0.1", 0))
+        if answer is not None:
+            threading.Thread(target=talk, args=(listening,), daemon=True).start()
+        url = f"{driver}://me:{SECRET}@127.0.0.1:{listening.getsockname()[1]}/d"
+        main(["calibrate", "project.yaml", "--storage", url, "--out", "run"])
+
+    return run
+
+
+URL_CASES = [
+    *(
+        Case("storage", f"{i}, {url[:60]!r}", ("calibrate", "project.yaml", "--storage", url, "--out", "run"), REFUSED)
+        for i, url in enumerate(URLS)
+    ),
+    *(
+        Case("storage", f"{what} for {driver}", asked_of(answer, driver), REFUSED)
+        for driver in DRIVERS
+        for what, answer in SERVERS.items()
+    ),
+]
+
+
+@pytest.mark.parametrize("case", parts(URL_CASES))
+def test_a_storage_that_is_none_or_does_not_answer(case: Case, tmp_path: Path) -> None:
+    unsaid = rf"\A(?!.*{SECRET}).*(--storage|cannot be reached|no journal|file)"
+    assert_proper(replace(case, files=lambda folder: write_project(folder, TPE), says=unsaid), tmp_path)

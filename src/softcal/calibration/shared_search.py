@@ -303,5 +303,7 @@ def _require_of(told: Mapping[int, StoredTrial], kept: Mapping[int, StoredTrial]
     """
     for number, one in kept.items():
         if (held := told.get(number)) is None or (held is not one and held.trial != one.trial):
-            why = f"they are of another study: trial {number} is {'not' if held is None else 'another one'} in the study"
+            why = (
+                f"they are of another study: trial {number} is {'not' if held is None else 'another one'} in the study"
+            )
             raise contradiction(folder / JOURNAL, "the trials of the run", why)

@@ -70,9 +70,7 @@ class StudyIdentity:
     settings: Mapping[str, Any]
 
 
-def joinable_trials(
-    place: StorageUrl, about: StudyIdentity, space: SearchSpace
-) -> Mapping[int, StoredTrial] | None:
+def joinable_trials(place: StorageUrl, about: StudyIdentity, space: SearchSpace) -> Mapping[int, StoredTrial] | None:
     """Every trial with its outcome so far of a study that a storage has already; None where it can be made. Nothing of
     it is made or changed.
 

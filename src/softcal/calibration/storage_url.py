@@ -211,10 +211,10 @@ def storage_url(text: str) -> StorageUrl:
         if "@" in _UP_TO_HOST.sub("", rest, count=1):
             raise ValueError("the rest of a password would be taken for the host, the database or an option")
         url = sqlalchemy.make_url(text).set(drivername=f"{database}+{driver or installed[0]}")
+        return StorageUrl(shown, url=url.render_as_string(hide_password=False))
     except (ValueError, sqlalchemy.exc.ArgumentError):
         attempt = "%-codes for special characters in the password, such as %40 for @"
         raise StorageError(Fault("the URL of the database cannot be read", where, shown, _ALLOWED, attempt)) from None
-    return StorageUrl(shown, url=url.render_as_string(hide_password=False))
 
 
 def _shown(scheme: str, rest: str) -> str:

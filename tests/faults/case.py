@@ -55,6 +55,8 @@ class Case:
         Writes the files into an empty folder.
     says
         A regular expression that the message matches where the case is not solved.
+    keeps
+        A folder that is there, or changed, even where it has failed, such as a run's: its trials are kept.
     """
 
     door: str
@@ -63,6 +65,7 @@ class Case:
     ends: tuple[End, ...] = ("refused",)
     files: Callable[[Path], object] = lambda folder: None
     says: str = ""
+    keeps: str = ""
 
     def __str__(self) -> str:
         return f"{self.door}: {self.name}"
@@ -113,8 +116,9 @@ def faults_of(case: Case, seen: Outcome) -> list[str]:
         return faults
     if not re.search(case.says, seen.text, re.DOTALL):
         faults.append(f"the message does not say /{case.says}/")
-    if seen.changed:
-        faults.append(f"it changed {', '.join(seen.changed[:3])}")
+    kept = case.keeps if end == "failed" else ""
+    if changed := [name for name in seen.changed if not kept or name.partition("/")[0] != kept]:
+        faults.append(f"it changed {', '.join(changed[:3])}")
     if seen.memory > BYTES:
         faults.append(f"it took {seen.memory / 1e6:.0f} MB")
     if seen.seconds > SECONDS:

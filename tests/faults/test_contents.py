@@ -175,7 +175,7 @@ LAWS: Mapping[str, tuple[dict[str, str], str]] = {
     "a constant of a long name": ({"constants": "{mu: modulus, kappa: modulus, %s: ratio}" % ("a" * 5000)}, ""),
     "a constant like an invariant": ({"constants": "{mu: modulus, kappa: modulus, I1: ratio}"}, "laws"),
     "a constant of another script": ({"constants": "{mu: modulus, kappa: modulus, ﬁ: ratio}"}, "laws"),
-    "two thousand constants": ({"constants": "{mu: modulus, kappa: modulus, %s}" % ", ".join(f"c{k}: ratio" for k in range(2000))}, ""),
+    "two thousand constants": ({"constants": f"{{mu: modulus, {', '.join(f'c{k}: ratio' for k in range(2000))}}}"}, ""),
     "no bulk": ({"bulk": "''"}, "laws"),
     "a bulk of a list": ({"bulk": "[kappa]"}, "laws"),
     "a bulk below zero": ({"bulk": "-kappa"}, "laws"),
@@ -277,9 +277,19 @@ def webp(width: int, height: int) -> bytes:
     return b"RIFF" + struct.pack("<I", 4 + len(chunk)) + b"WEBP" + chunk
 
 
-def tiff(width: int, height: int, bits: int = 8, more: Mapping[int, int] = {}) -> bytes:  # noqa: B006
+def tiff(width: int, height: int, bits: int = 8, rows: int | None = None) -> bytes:
     """A TIFF file of one strip, without its data."""
-    tags = {256: width, 257: height, 258: bits, 259: 1, 262: 1, 273: 8, 277: 1, 278: height, 279: 64, **more}
+    tags = {
+        256: width,
+        257: height,
+        258: bits,
+        259: 1,
+        262: 1,
+        273: 8,
+        277: 1,
+        278: height if rows is None else rows,
+        279: 64,
+    }
     held = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in sorted(tags.items()))
     return b"II*\0" + struct.pack("<I", 80) + bytes(72) + struct.pack("<H", len(tags)) + held + bytes(4)
 
@@ -322,7 +332,12 @@ IMAGES: Mapping[str, tuple[str, bytes]] = {
     "a signature alone": (".png", png()),
     "frames of an animation": (
         ".png",
-        png(header(640, 480), (b"acTL", struct.pack(">II", 2**31 - 1, 0)), (b"IDAT", zlib.compress(bytes(641 * 480))), END),
+        png(
+            header(640, 480),
+            (b"acTL", struct.pack(">II", 2**31 - 1, 0)),
+            (b"IDAT", zlib.compress(bytes(641 * 480))),
+            END,
+        ),
     ),
     "half of it": (".png", WHOLE[: len(WHOLE) // 2]),
     "all but its last bytes": (".png", WHOLE[:-20]),
@@ -331,12 +346,12 @@ IMAGES: Mapping[str, tuple[str, bytes]] = {
     "a WebP of 6e7 pixels": (".webp", webp(8000, 8000)),
     "half a WebP": (".webp", encoded(".webp")[:30]),
     "half a JPEG": (".jpg", encoded(".jpg")[:300]),
-    "a JPEG of 4e9 pixels": (".jpg", encoded(".jpg").replace(struct.pack(">HH", 480, 640), b"\xff\xf0\xff\xf0") + b"\xff\xd9"),
+    "a JPEG of 4e9 pixels": (".jpg", encoded(".jpg").replace(struct.pack(">HH", 480, 640), b"\xff\xf0\xff\xf0")),
     "a TIFF of 4e18 pixels": (".tif", tiff(2**31 - 1, 2**31 - 1)),
     "a TIFF of 1e9 pixels": (".tif", tiff(32_000, 32_000)),
     "a TIFF of 64 bits": (".tif", tiff(8000, 8000, 64)),
     "a TIFF that leads to itself": (".tif", b"II*\0\x08\0\0\0" + struct.pack("<H", 0) + struct.pack("<I", 8)),
-    "a TIFF of many strips": (".tif", tiff(640, 480, more={278: 0})),
+    "a TIFF of many strips": (".tif", tiff(640, 480, rows=0)),
     "a PGM of 1e10 pixels": (".pgm", b"P5\n99999 99999\n255\n" + bytes(1000)),
     "a PGM of no sense": (".pgm", b"P5\n" + b"9" * 5000 + b"\n"),
     "a PGM in letters": (".pgm", b"P2\n640 480\n255\n" + b"7 " * 5000),
@@ -374,12 +389,17 @@ IMAGE_COMMANDS = {
 }
 IMAGE_CASES = [
     *(
-        Case(f"image of {door}", what, tuple(w.format(suffix) for w in words), ("refused",), attacked(bench(f"b_02{suffix}"), f"b_02{suffix}", place), rf"b_02\{suffix}")
+        Case(
+            f"image of {door}", what, tuple(word.format(suffix) for word in words), ("refused",),
+            attacked(bench(f"b_02{suffix}"), f"b_02{suffix}", place), rf"b_02\{suffix}",
+        )
         for door, words in IMAGE_COMMANDS.items()
         for what, (suffix, place) in {
             **{what: (".png", place) for what, place in HOSTILE.items()},
             **{what: (suffix, holding(raw)) for what, (suffix, raw) in IMAGES.items()},
-            "a folder of images": (".png", in_place(lambda path: [path.mkdir(), (path / "c.png").symlink_to("/dev/zero")])),
+            "a folder of devices": (
+                ".png", in_place(lambda path: [path.mkdir(), (path / "c.png").symlink_to("/dev/zero")]),
+            ),
             "a link to nothing": (".png", in_place(lambda path: path.symlink_to("nothing"))),
         }.items()
     ),
@@ -421,7 +441,10 @@ BASE_VALUES: Mapping[str, tuple[str, str]] = {
     "an anchor in itself": ("base: 1", "base: &a [*a]"),
 }
 FILE_CASES = [
-    Case("camera file" if name == "camera.yaml" else "base file", what, ("markers", "a_01.png", *MARKERS, *options), ("refused",), files, name.partition(".")[0])
+    Case(
+        f"{name.partition('.')[0]} file", what, ("markers", "a_01.png", *MARKERS, *options), ("refused",), files,
+        name.partition(".")[0],
+    )
     for name, options, text, values in (
         ("camera.yaml", (), CAMERA, {**{k: v[:2] for k, v in CAMERAS.items()}, **CAMERA_VALUES}),
         ("base.yaml", ("--base", "base.yaml"), BASE, {**{k: v[:2] for k, v in BASES.items()}, **BASE_VALUES}),
@@ -537,7 +560,10 @@ JOURNALS: Mapping[str, tuple[Place, tuple[End, ...]]] = {
         REFUSED,
     ),
     "a distribution that is upside down": (
-        line(VALUE, distribution='{"name": "FloatDistribution", "attributes": {"step": null, "low": 9, "high": 1, "log": true}}'),
+        line(
+            VALUE,
+            distribution='{"name": "FloatDistribution", "attributes": {"step": null, "low": 9, "high": 1, "log": 1}}',
+        ),
         REFUSED,
     ),
     "no outcome": (lined(lambda lines: lines.pop(OUTCOME)), REFUSED),
@@ -590,9 +616,13 @@ JOURNALS: Mapping[str, tuple[Place, tuple[End, ...]]] = {
     "noise between": (raw(lambda text: text.replace(b"\n", b"\n\xff\xfe\n", 1)), REFUSED),
     "half a line between": (raw(lambda text: text.replace(b"\n", b'\n{"op_code"\n', 1)), REFUSED),
     "brackets without end": (raw(lambda text: text + b"[" * 100_000 + b"\n"), REFUSED),
-    "braces without end between": (raw(lambda text: text.replace(b"\n", b"\n" + b'{"a":' * 100_000 + b"\n", 1)), REFUSED),
+    "braces without end between": (
+        raw(lambda text: text.replace(b"\n", b"\n" + b'{"a":' * 100_000 + b"\n", 1)), REFUSED,
+    ),
     "a number of many digits": (raw(lambda text: text + b'{"op_code":' + b"9" * 10_000 + b"}\n"), REFUSED),
-    "a line of forty megabytes": (raw(lambda text: text + b'{"op_code":4,"a":"' + b"x" * 40_000_000 + b'"}\n'), REFUSED),
+    "a line of forty megabytes": (
+        raw(lambda text: text + b'{"op_code":4,"a":"' + b"x" * 40_000_000 + b'"}\n'), REFUSED,
+    ),
     "UTF-16": (raw(lambda text: text.decode().encode("utf-16")), REFUSED),
     "a mark of the order of bytes": (raw(lambda text: b"\xef\xbb\xbf" + text), REFUSED),
     "half a pair": (raw(lambda text: text.replace(b"softcal/a", b"softcal/a\\ud800")), ("refused", "solved")),
@@ -621,23 +651,25 @@ def test_a_journal_of_a_stranger(case: Case, shared: Path, tmp_path: Path) -> No
 
 
 SECRET = "hunter2"
+POSTGRES, MYSQL = f"postgresql+pg8000://me:{SECRET}", f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d"
 URLS = (
     "", ":", "journal", "journal:", "journal: ", "journal:/", "journal:/dev/zero", "journal:/proc/self/mem",
     "journal:nobody/study", f"journal:{'x' * 5000}", "journal:\0", "journal:project.yaml", "journal:data",
-    f"sqlite:///{SECRET}.db", f"redis://me:{SECRET}@127.0.0.1", f"file:///etc/passwd?{SECRET}", f"http://me:{SECRET}@127.0.0.1/x",
+    f"sqlite:///{SECRET}.db", f"redis://me:{SECRET}@127.0.0.1", f"file:///etc/passwd?{SECRET}",
+    f"http://me:{SECRET}@127.0.0.1/x",
     f"postgresql://me:{SECRET}", f"postgresql:me:{SECRET}@h/d", f"postgresql+nobody://me:{SECRET}@h/d",
-    f"postgresql+pg8000://me:{SECRET}@127.0.0.1:1/d", f"postgresql+pg8000://me:{SECRET}@127.0.0.1:99999/d",
-    f"postgresql+pg8000://me:{SECRET}@127.0.0.1:-1/d", f"postgresql+pg8000://me:{SECRET}@127.0.0.1:port/d",
-    f"postgresql+pg8000://me:{SECRET}@{'h' * 300}/d", f"postgresql+pg8000://me:{SECRET}@nobody.invalid/d",
-    f"postgresql+pg8000://me:{SECRET}@[::1]:1/d", f"postgresql+pg8000://me:{SECRET}@[::/d", f"postgresql+pg8000://me:{SECRET}@/d",
-    f"postgresql+pg8000://me:{SECRET}@192.0.2.1/d", f"postgresql+pg8000://me:{SECRET}/@@127.0.0.1/d",
+    f"{POSTGRES}@127.0.0.1:1/d", f"{POSTGRES}@127.0.0.1:99999/d",
+    f"{POSTGRES}@127.0.0.1:-1/d", f"{POSTGRES}@127.0.0.1:port/d",
+    f"{POSTGRES}@{'h' * 300}/d", f"{POSTGRES}@nobody.invalid/d",
+    f"{POSTGRES}@[::1]:1/d", f"{POSTGRES}@[::/d", f"{POSTGRES}@/d",
+    f"{POSTGRES}@192.0.2.1/d", f"{POSTGRES}/@@127.0.0.1/d",
     f"postgresql+pg8000://{SECRET}%00@127.0.0.1:1/d", f"postgresql+pg8000://me:%zz{SECRET}@127.0.0.1:1/d",
     f"postgresql+pg8000://me@127.0.0.1:1/d?password={SECRET}", f"postgresql+pg8000://me@127.0.0.1:1/d?nobody={SECRET}",
-    f"postgresql+pg8000://me:{SECRET}@127.0.0.1:1/{{d}}", f"postgresql+pg8000://me:{SECRET}\udcff@127.0.0.1:1/d",
-    f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d", f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d?charset=nobody",
-    f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d?read_timeout=x", f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d?local_infile=1",
-    f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d?init_command={SECRET}", f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d?ssl_ca=/dev/zero",
-    f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d?read_default_file=/etc/passwd", f"mysql+pymysql://me:{SECRET}@127.0.0.1:1/d?unix_socket=/dev/zero",
+    f"{POSTGRES}@127.0.0.1:1/{{d}}", f"{POSTGRES}\udcff@127.0.0.1:1/d",
+    MYSQL, f"{MYSQL}?charset=nobody",
+    f"{MYSQL}?read_timeout=x", f"{MYSQL}?local_infile=1",
+    f"{MYSQL}?init_command={SECRET}", f"{MYSQL}?ssl_ca=/dev/zero",
+    f"{MYSQL}?read_default_file=/etc/passwd", f"{MYSQL}?unix_socket=/dev/zero",
 )  # fmt: skip
 # What answers at the address of a database: bytes sent again and again, or None for silence. (Packets that are said to
 # be longer are taken in by the drivers, for the ten seconds that they have.)

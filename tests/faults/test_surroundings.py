@@ -109,6 +109,7 @@ CALIBRATE = ("calibrate", "project.yaml", "--out", "run", "--trials", "2", "--no
 NOT_KEPT: Mapping[str, tuple[End, ...]] = {"calibrate": ("refused", "failed")}
 UNSAID: Mapping[str, tuple[End, ...]] = {"check": ("failed",), "calibrate": ("failed",)}
 ANY: Mapping[str, tuple[End, ...]] = dict.fromkeys(("check", "calibrate"), ("solved", "refused", "failed"))
+REFUSED: Mapping[str, tuple[End, ...]] = {"check": ("refused",), "calibrate": ("refused",)}
 SURROUNDINGS: Mapping[str, Around] = {
     **variable("HOME", None, "", "/etc/passwd", "/proc/nobody", "relative", "/dev/null/x", "\udcff"),
     **variable("TMPDIR", "/nowhere", "", "/etc/passwd", "relative"),
@@ -144,25 +145,29 @@ SURROUNDINGS: Mapping[str, Around] = {
         f"{name} beside the project": Around(files={name: OWNED})
         for name in (
             "numpy.py", "yaml.py", "softcal.py", "sitecustomize.py", "usercustomize.py", "matplotlib.py", "json.py",
-            "ruamel.py", "pint.py", "numba/__init__.py", "softcal/__init__.py", "softcal/cli.py", "typer.py", "pyvista.py",
+            "ruamel.py", "pint.py", "numba/__init__.py", "softcal/__init__.py", "softcal/cli.py", "typer.py",
+            "pyvista.py",
             "vtkmodules/__init__.py", "optuna/__init__.py", "scipy/__init__.py", "encodings/__init__.py", "site.py",
         )
     },
     "settings of pytest beside": Around(files={"conftest.py": OWNED, "pyproject.toml": "[[["}),
-    "settings of Matplotlib beside": Around(files={"matplotlibrc": "backend: nobody\ntext.usetex: True\nfont.size: -3\n"}),
+    "settings of Matplotlib beside": Around(files={"matplotlibrc": "backend: nobody\ntext.usetex: True\n"}),
     "settings of Matplotlib of noise": Around(files={"matplotlibrc": "\x00\x01: \x02\n" * 50}),
-    "settings of Numba beside": Around(files={".numba_config.yaml": "disable_jit: [1\nnum_threads: x\n"}),
+    **{
+        f"settings of Numba beside, {text[:20]!r}": Around(files={".numba_config.yaml": text}, ends=REFUSED)
+        for text in ("disable_jit: [1\nnum_threads: x\n", "cache_dir: ./kernels\n")  # which are pickles
+    },
     "settings of Dask beside": Around(files={"dask.yaml": "[[["}),
     "settings of Python beside": Around(files={"pyvenv.cfg": "home = /nowhere\n", "python._pth": "x\n"}),
     "a folder that is read only": Around(before=read_only, ends=NOT_KEPT),
     "a mask of all rights": Around(before=masked, ends={"calibrate": ("solved", "refused", "failed")}),
-    "a folder that is gone": Around(before=gone, ends={"check": ("refused",), "calibrate": ("refused",)}),
+    "a folder that is gone": Around(before=gone, ends=REFUSED),
     **{
         f"{count} open files": Around(before=limited(resource.RLIMIT_NOFILE, count), ends=ANY)
         for count in (8, 12, 16, 24, 40)
     },
     **{
-        f"files of {size} bytes": Around(before=limited(resource.RLIMIT_FSIZE, size), ends=NOT_KEPT)
+        f"files of {size} bytes": Around(before=limited(resource.RLIMIT_FSIZE, size), ends=ANY)  # the output is one
         for size in (0, 100, 5000)
     },
     "no core and no stack": Around(before=limited(resource.RLIMIT_STACK, 1 << 20)),
@@ -181,7 +186,8 @@ SURROUNDINGS: Mapping[str, Around] = {
 
 # Surroundings that what is simulated, drawn and written might notice, and not only what is read.
 MATTERS = re.compile(
-    "HOME|TMPDIR '/etc|MPL|MATPLOTLIB|OMP|NUMBA|OPTIMIZE|Matplotlib|vtk|read only|mask|gone|bytes|output|errors|16 open|40 open"
+    "HOME|TMPDIR '/etc|MPL|MATPLOTLIB|OMP|NUMBA|OPTIMIZE|Matplotlib|vtk"
+    "|read only|mask|gone|bytes|output|errors|[14][60] open"
 )
 
 
@@ -198,7 +204,14 @@ def beside(files: Mapping[str, str]) -> Callable[[Path], object]:
 
 
 CASES = [
-    Case("environment", f"{what}, {words[0]}", begun(words, around), around.ends.get(words[0], ("solved",)), beside(around.files))
+    Case(
+        "environment",
+        f"{what}, {words[0]}",
+        begun(words, around),
+        around.ends.get(words[0], ("solved",)),
+        beside(around.files),
+        keeps="run",
+    )
     for what, around in SURROUNDINGS.items()
     for words in ((CHECK, CALIBRATE) if MATTERS.search(what) else (CHECK,))
 ]  # fmt: skip

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
@@ -20,10 +21,17 @@ def whole_folder(folder: Path) -> Generator[Path]:
     """
     part = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:
+        part.chmod(0o700)  # whatever the mask: else its files could neither be written nor removed
         yield part
         part.chmod(0o755)
         if folder.is_dir():
             folder.rmdir()
         part.rename(folder)
     finally:
-        shutil.rmtree(part, ignore_errors=True)
+        shutil.rmtree(part, onerror=_remove_closed)
+
+
+def _remove_closed(_: object, path: str, error: object) -> None:
+    """Remove a folder that the mask of rights has closed: nothing could be written into it."""
+    with suppress(OSError):
+        os.rmdir(path)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from softcal.watch.gate import ELSEWHERE, REFUSED, Gate, is_loopback, new_token
+from softcal.watch.gate import ELSEWHERE, LARGE, REFUSED, Gate, is_loopback, new_token
 
 TOKEN = new_token()
 COOKIE = f"softcal-8085={TOKEN}"
@@ -110,6 +110,20 @@ def test_the_page_can_only_be_read():
     for method in ("POST", "PUT", "DELETE", "PATCH", "OPTIONS"):
         assert ask("", "/", method=method)[0] == 403
     assert ask("", "/_nicegui_ws/socket.io/", method="POST")[0] == 200
+
+
+def test_a_body_that_is_longer_than_the_page_s_own_is_refused():
+    path = "/_nicegui_ws/socket.io/"
+    for name, value in (("content-length", "1000001"), ("content-length", "-1"), ("transfer-encoding", "chunked")):
+        for method in ("GET", "POST"):
+            assert ask("", path, method=method, **{name: value})[:2] == (403, LARGE), (method, name, value)
+    assert ask("", path, method="POST", **{"content-length": "1000000"})[0] == 200
+
+
+def test_half_a_request_for_a_websocket_is_refused():
+    """Engine.IO would take it for a whole one."""
+    assert ask("", "/_nicegui_ws/socket.io/", upgrade="WebSocket")[0] == 403
+    assert ask("", "/", upgrade="h2c")[0] == 200
 
 
 def test_the_page_may_load_nothing_from_elsewhere():

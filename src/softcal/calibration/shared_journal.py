@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softcal.calibration.file_lock import hold, lock
-from softcal.calibration.trial_journal import BEGIN, cut_to_whole_lines
+from softcal.calibration.trial_journal import BEGIN, LONGEST_LINE, cut_to_whole_lines
 from softcal.errors import Fault, StorageError
 from softcal.regular_file import not_a_file
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     import optuna
     from optuna.storages.journal import JournalFileOpenLock
 
+MOST_BYTES = 2**30  # of a journal; that of a hundred thousand trials has less than half of it
 NO_JOURNAL, ANOTHER = "this file is no journal of a study", "journal:FILE of a new file, or of a study's"
 
 
@@ -79,10 +81,12 @@ def _require_journal(path: Path) -> None:
     """
     first = last = b""
     with path.open("rb") as file:
-        for line in file:
+        is_large = os.fstat(file.fileno()).st_size > MOST_BYTES
+        while not is_large and (line := file.readline(LONGEST_LINE)):
             first = first or line
+            is_large = len(line) == LONGEST_LINE
             last = line if line.endswith(b"\n") else last  # one without an end may be written at this moment
-    if first and not (first.startswith(BEGIN) and first.endswith(b"\n")):
+    if is_large or (first and not (first.startswith(BEGIN) and first.endswith(b"\n"))):
         raise StorageError(Fault(NO_JOURNAL, str(path), attempt=ANOTHER))
     if last:
         json.loads(last)

@@ -33,7 +33,7 @@ from softcal.calibration.search import (
     open_run,
     trial_of,
 )
-from softcal.calibration.shared_study import SharedStudy, StudyIdentity, is_joinable
+from softcal.calibration.shared_study import SharedStudy, StudyIdentity, joinable_trials
 from softcal.calibration.storage_url import UnansweredError, storage_url
 from softcal.calibration.store import RunStore
 from softcal.calibration.stored import contradiction
@@ -79,9 +79,9 @@ def require_shareable(search: Search, sharing: Sharing, folder: Path | None = No
     if search.optimiser is not TpeOptimiser:
         what, got = "only the method tpe can be shared by several processes", f"method {search.optimiser.name}"
         raise ParameterError(Fault(what, "--storage", got, TpeOptimiser.name, "--method tpe"))
-    is_there = is_joinable(storage_url(sharing.storage), _about(search, sharing))
-    if folder is not None and not is_there and (kept := stored_trials(folder)):
-        raise _other_study(folder, next(iter(kept)))
+    there = joinable_trials(storage_url(sharing.storage), _about(search, sharing), search.problem.space)
+    if folder is not None:
+        _require_of(there or {}, stored_trials(folder), folder)
 
 
 @contextlib.contextmanager
@@ -178,17 +178,11 @@ class _SharedTally:
         return len(told) > n_before
 
     def _keep(self, run: RunStore, told: Mapping[int, StoredTrial]) -> None:
-        if missing := [number for number in self._kept if number not in told]:
-            raise _other_study(run.folder, missing[0])
+        _require_of(told, self._kept, run.folder)
         for number, one in told.items():
-            held = self._kept.get(number)
-            if held is None:
+            if number not in self._kept:
                 run.append(one.trial, n_solves=one.n_solves, elapsed=self.elapsed())
-                self._kept[number] = one
-            elif held is not one and held.trial != one.trial:
-                raise _other_study(run.folder, number, "another one")
-            else:
-                self._kept[number] = one
+            self._kept[number] = one
 
     def progress(self, stage: str = "") -> Progress:
         best = None if self.best is None else self.told[self.best].trial
@@ -299,6 +293,17 @@ def _evaluated(problem: Problem, trial: Trial) -> tuple[Evaluation, str]:
     return replace(again, loss=trial.loss), other
 
 
-def _other_study(folder: Path, number: int, is_what: str = "not") -> StorageError:
-    why = f"they are of another study: trial {number} is {is_what} in the study"
-    return contradiction(folder / JOURNAL, "the trials of the run", why)
+def _require_of(told: Mapping[int, StoredTrial], kept: Mapping[int, StoredTrial], folder: Path) -> None:
+    """Raise unless a study has the trials that a run's folder keeps of it.
+
+    Raises
+    ------
+    StorageError
+        With the first trial that is not there, or another one.
+    """
+    for number, one in kept.items():
+        if (held := told.get(number)) is None or (held is not one and held.trial != one.trial):
+            why = (
+                f"they are of another study: trial {number} is {'not' if held is None else 'another one'} in the study"
+            )
+            raise contradiction(folder / JOURNAL, "the trials of the run", why)

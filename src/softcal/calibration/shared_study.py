@@ -70,28 +70,33 @@ class StudyIdentity:
     settings: Mapping[str, Any]
 
 
-def is_joinable(place: StorageUrl, about: StudyIdentity) -> bool:
-    """Whether a storage has the study already, which can be joined; False where it can be made. Nothing of it is made.
+def joinable_trials(place: StorageUrl, about: StudyIdentity, space: SearchSpace) -> Mapping[int, StoredTrial] | None:
+    """Every trial with its outcome so far of a study that a storage has already; None where it can be made. Nothing of
+    it is made or changed.
 
     Raises
     ------
     StorageError
-        Where the storage cannot be reached or made, or has a study of that name that is of something else.
+        Where the storage cannot be reached or made, or has a study of that name that is of something else, or whose
+        trials cannot be read.
     """
     import optuna
 
     if place.is_new():
-        return False
+        return None
     with place.opened() as storage, place.answering():
         try:
             study = optuna.load_study(storage=storage, study_name=about.name)
         except KeyError:
-            return False
+            return None
+        trials = study.get_trials(deepcopy=False)
         if (held := attribute(study.user_attrs, OUTCOME)) is not None:
             _require_same(place, about, held)
-        elif study.get_trials(deepcopy=False) and attribute(study.user_attrs, OUTCOME) is None:
+        elif trials and attribute(study.user_attrs, OUTCOME) is None:
             raise _not_softcals(place, about)  # softcal says what a study is before its first trial
-        return True
+        if study.directions != [optuna.study.StudyDirection.MINIMIZE]:
+            raise StorageError(Fault("the shared study has another aim than the lowest loss", place.shown, about.name))
+        return {one.number: _outcome(one, place, about, space) for one in trials if _is_outcome(one)}
 
 
 class SharedStudy:
@@ -256,19 +261,8 @@ class SharedStudy:
     def _read(self, trials: Collection[optuna.trial.FrozenTrial]) -> Mapping[int, StoredTrial]:
         for frozen in trials:
             if frozen.number not in self._outcomes and _is_outcome(frozen):
-                held = attribute(frozen.user_attrs, OUTCOME)
-                if not isinstance(held, dict):
-                    raise self._other_trial(frozen.number, "it has no outcome of softcal's")
-                try:
-                    told = as_stored(frozen, {**held, "number": frozen.number}, Path())
-                except ValidationError as error:
-                    raise self._other_trial(frozen.number, f"{error.error_count()} faults") from error
-                self._outcomes[frozen.number] = told
+                self._outcomes[frozen.number] = _outcome(frozen, self._place, self._about, self._space)
         return dict(sorted(self._outcomes.items()))
-
-    def _other_trial(self, number: int, why: str) -> StorageError:
-        what = f"trial {number} of the study {self._about.name} cannot be read: {why}"
-        return StorageError(Fault(what, self._place.shown, attempt="another storage"))
 
     def _give_up_stale(self) -> None:
         """Give up every trial of another process that has shown no sign of life for a minute."""
@@ -312,6 +306,38 @@ class SharedStudy:
 
     def _answering(self) -> contextlib.AbstractContextManager[None]:
         return self._place.answering()
+
+
+def _outcome(
+    frozen: optuna.trial.FrozenTrial, place: StorageUrl, about: StudyIdentity, space: SearchSpace
+) -> StoredTrial:
+    """What a trial gave.
+
+    Raises
+    ------
+    StorageError
+        Where it is none of softcal's.
+    """
+    held = attribute(frozen.user_attrs, OUTCOME)
+    why = "" if isinstance(held, dict) else "it has no outcome of softcal's"
+    if not why and not _is_in(space, frozen.params):
+        why = "its parameters are not those of the search, or out of their bounds"
+    if not why:
+        try:
+            return as_stored(frozen, {**held, "number": frozen.number}, Path())
+        except ValidationError as error:
+            why = f"{error.error_count()} faults"
+    what = f"trial {frozen.number} of the study {about.name} cannot be read: {why}"
+    raise StorageError(Fault(what, place.shown, attempt="another storage"))
+
+
+def _is_in(space: SearchSpace, theta: Mapping[str, Any]) -> bool:
+    """Whether these are values of the parameters of a search; others than numbers are refused later."""
+    bounds = {p.label: (p.lower, p.upper) for p in space.parameters}
+    numbers = {name: value for name, value in theta.items() if isinstance(value, int | float)}
+    return theta.keys() == bounds.keys() and all(
+        bounds[name][0] <= value <= bounds[name][1] for name, value in numbers.items()
+    )
 
 
 def _require_same(place: StorageUrl, wanted: StudyIdentity, held: Any) -> None:

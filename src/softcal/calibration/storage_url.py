@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from softcal.calibration.shared_journal import ANOTHER, NO_JOURNAL, is_new_journal, open_journal
 from softcal.calibration.trial_journal import BROKEN
-from softcal.errors import Fault, StorageError
+from softcal.errors import Fault, SoftcalError, StorageError
 from softcal.regular_file import NOTHING, not_a_file
 
 if TYPE_CHECKING:
@@ -149,13 +149,16 @@ class StorageUrl:
 
         try:
             yield
-        except (OSError, sqlalchemy.exc.SQLAlchemyError, optuna.exceptions.OptunaError, *BROKEN) as error:
-            if isinstance(error, BROKEN) and _raised_here(error):
+        except SoftcalError:
+            raise
+        except Exception as error:  # whatever a driver raises
+            known = isinstance(error, (OSError, sqlalchemy.exc.SQLAlchemyError, optuna.exceptions.OptunaError))
+            if (isinstance(error, BROKEN) or not known) and _raised_here(error):
                 raise
             if isinstance(error, BROKEN) and self.file is not None:
                 raise StorageError(Fault(f"{NO_JOURNAL}, or it is damaged", str(self.file), attempt=ANOTHER)) from None
             got = (self._without_secret(_reason(error)).splitlines() or [""])[0].rstrip(".") or type(error).__name__
-            kind = UnansweredError if self.url and not isinstance(error, BROKEN) else StorageError
+            kind = UnansweredError if self.url and known and not isinstance(error, BROKEN) else StorageError
             raise kind(Fault("the shared study cannot be reached", self.shown, got)) from None
 
     def _silent(self, got: str) -> StorageError:
@@ -211,10 +214,10 @@ def storage_url(text: str) -> StorageUrl:
         if "@" in _UP_TO_HOST.sub("", rest, count=1):
             raise ValueError("the rest of a password would be taken for the host, the database or an option")
         url = sqlalchemy.make_url(text).set(drivername=f"{database}+{driver or installed[0]}")
+        return StorageUrl(shown, url=url.render_as_string(hide_password=False))
     except (ValueError, sqlalchemy.exc.ArgumentError):
         attempt = "%-codes for special characters in the password, such as %40 for @"
         raise StorageError(Fault("the URL of the database cannot be read", where, shown, _ALLOWED, attempt)) from None
-    return StorageUrl(shown, url=url.render_as_string(hide_password=False))
 
 
 def _shown(scheme: str, rest: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import os
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
@@ -57,6 +58,7 @@ def exit_on_error(command: Callable[P, None]) -> Callable[P, None]:
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         verbose = bool(kwargs.pop(VERBOSE, False))
         try:
+            _require_no_settings_of_numba()
             _require_paths(kwargs.values())
             command(*args, **kwargs)
         except InputError as error:
@@ -77,6 +79,21 @@ def exit_on_error(command: Callable[P, None]) -> Callable[P, None]:
     run.__dict__["__signature__"] = signature.replace(parameters=[*signature.parameters.values(), option])
     run.__annotations__ = {one.name: one.annotation for one in (*signature.parameters.values(), option)}
     return run
+
+
+def _require_no_settings_of_numba() -> None:
+    """Raise where Numba would take settings from the present folder, which may be a stranger's project: among them are
+    those of where compiled code is taken from.
+
+    Raises
+    ------
+    InputError
+        Where the file is there.
+    """
+    name = ".numba_config.yaml"
+    if os.path.lexists(name):
+        what = "Numba would take its settings from this file, and run the compiled code that it names"
+        raise InputError(Fault(what, name, attempt="another present folder, or remove the file"))
 
 
 def _require_paths(options: Iterable[object]) -> None:

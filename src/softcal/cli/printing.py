@@ -27,6 +27,7 @@ LOG_WIDTH = 160  # a log does not wrap
 NO_OUTPUT = 1  # the exit code where the output cannot be written
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _ASCII = "softcal_ascii"
+_NOTHING_LEFT = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)  # such as open files, processes, memory
 # What stands for the signs of messages where the terminal cannot write them.
 _SIGNS = {
     "±": "+/-", "–": "-", "—": "-", "−": "-", "×": "x", "·": "*", "⋅": "*", "→": "->", "≥": ">=", "≤": "<=", "≈": "~",
@@ -36,9 +37,12 @@ _SIGNS = {
 
 @contextmanager
 def any_terminal() -> Generator[None]:
-    """Output to a terminal or file of any encoding: what it cannot write is written in other characters, and where
-    there is no room for it the program ends with a sentence.
+    """Output to a terminal or file of any encoding, or none: what it cannot write is written in other characters, and
+    where there is no room for it the program ends with a sentence.
     """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:  # closed before Python began; its number would be that of the next file
+            setattr(sys, name, open(os.devnull, mode))
     codecs.register_error("softcal", _plain)
     codecs.register(_ascii)
     for stream in (sys.stdout, sys.stderr):
@@ -48,12 +52,16 @@ def any_terminal() -> Generator[None]:
     try:
         yield
     except OSError as error:
-        if error.filename is not None or error.errno not in _NO_ROOM:
+        if error.errno in _NOTHING_LEFT:
+            what = "the system has nothing left for this"
+        elif error.filename is None and error.errno in _NO_ROOM:
+            what = "the output cannot be written"
+        else:
             raise
         with suppress(OSError):
-            typer.echo(f"Error: the output cannot be written: {error.strerror}.", err=True)
-        # What is left of it would be an error again at the end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            typer.echo(f"Error: {what}: {error.strerror}.", err=True)
+        with suppress(OSError):  # what is left of the output would be an error again at the end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         raise SystemExit(NO_OUTPUT) from None
 
 

@@ -153,7 +153,12 @@ class _Reader:
                 merged = {**self.merged(value_node, path), **merged}
                 continue
             key = str(key_node.value)
-            if not isinstance(key_node, ScalarNode) or not key or len(key) > _LONGEST_KEY or not key.isprintable():
+            if (
+                not isinstance(key_node, ScalarNode)
+                or not key.strip()
+                or len(key) > _LONGEST_KEY
+                or not key.isprintable()
+            ):
                 allowed = f"text of 1 to {_LONGEST_KEY} characters that can be seen"
                 self.add(path, key_node, "this cannot be a key", repr(key)[:40], allowed)
                 continue

@@ -62,10 +62,12 @@ _STYLE: Any = {
 
 @contextmanager
 def house_style() -> Generator[None]:
-    """Context manager: softcal's matplotlib settings."""
+    """Context manager: softcal's matplotlib settings, whatever a file of settings in the present folder says."""
     import matplotlib as mpl
 
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_STYLE)
         yield
 
 

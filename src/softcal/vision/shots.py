@@ -8,8 +8,10 @@ By image, each shows its own.
 from __future__ import annotations
 
 import glob
+import io
 import os
 import re
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +28,8 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm")
 
 _LARGEST = 2**29  # bytes of a file
 _TAIL = 2**16  # bytes at the end of a JPEG file that are searched for its end marker
-_MOST_PIXELS = 2**28  # of an image: four times those of the largest camera
+_MOST_PIXELS = 2**26  # of an image, of which some decoders take eight bytes each
+_FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP", "PPM")  # Pillow's names of those of SUFFIXES
 
 _NUMBERED = re.compile(r"(?P<group>.*[^\W_].*?)[-_ ]+(?P<number>\d+)")
 
@@ -80,15 +83,15 @@ def read_image(path: Path) -> Image:
     StorageError
         If the file cannot be read or contains no image.
     """
-    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(_MOST_PIXELS))  # read when it is loaded
     import cv2
 
     try:
         with path.open("rb") as file:
-            raw = file.read(_LARGEST + 1)
+            is_large = os.fstat(file.fileno()).st_size > _LARGEST
+            raw = b"" if is_large else file.read(_LARGEST)
     except OSError as error:
         raise StorageError(Fault("the image cannot be read", str(path), error.strerror or str(error))) from error
-    if len(raw) > _LARGEST:
+    if is_large:
         raise StorageError(Fault("the image is too large", str(path), allowed=f"{_LARGEST} bytes"))
     # OpenCV fills the missing part of a truncated JPEG file with grey.
     if raw.startswith(b"\xff\xd8") and b"\xff\xd9" not in raw[-_TAIL:]:
@@ -99,7 +102,7 @@ def read_image(path: Path) -> Image:
     # Suppress OpenCV's own messages; the fault is reported below.
     level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        image = cv2.imdecode(data, flags) if data.size else None
+        image = cv2.imdecode(data, flags) if _is_decodable(raw) else None
     except (cv2.error, MemoryError):
         image = None
     finally:
@@ -108,6 +111,19 @@ def read_image(path: Path) -> Image:
         allowed = f"a whole image of at most {_MOST_PIXELS} pixels"
         raise StorageError(Fault("the file holds no image that can be read", str(path), f"{data.size} bytes", allowed))
     return np.asarray(image, dtype=np.uint8)
+
+
+def _is_decodable(raw: bytes) -> bool:
+    """Whether a file says that it is an image of a size that can be decoded; OpenCV takes the memory that any names."""
+    from PIL import Image
+
+    with warnings.catch_warnings(action="ignore"):  # Pillow's own limit is another
+        try:
+            with Image.open(io.BytesIO(raw), formats=_FORMATS) as image:
+                image.verify()  # that the parts of a PNG are whole
+                return image.width * image.height <= _MOST_PIXELS
+        except Exception:  # noqa: BLE001 (whatever the reader of a format raises)
+            return False
 
 
 def _images(path: Path) -> list[Path]:

@@ -19,6 +19,8 @@ SOCKET = "/_nicegui_ws/"
 _HOST = re.compile(r"(\[[\w:.%]+\]|[\w.-]+)(:\d+)?")
 REFUSED = b"This page needs the address with its token, as softcal watch printed it.\n"
 ELSEWHERE = b"This page is for this machine alone.\n"
+LARGE = b"This is more than the page asks for.\n"
+_MOST_BYTES = 1_000_000  # of a message to the page
 _POLICY = (
     "default-src 'none'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self' data: blob:; worker-src 'self' blob:; "
@@ -87,6 +89,10 @@ class Gate:
         if scope["type"] == "http" and scope["method"] not in ("GET", "HEAD"):
             if scope["method"] != "POST" or not scope["path"].startswith(SOCKET):
                 return b"This page can only be read.\n"
+        if _is_large(headers):
+            return LARGE
+        if scope["type"] == "http" and headers.get("upgrade", "").casefold() == "websocket":
+            return b"This is no whole request for a websocket.\n"
         host = headers.get("host", "")
         origin = headers.get("origin")
         if origin is not None and origin.partition("://")[2] != host:
@@ -104,6 +110,14 @@ class Gate:
         except CookieError:
             return ""
         return "" if held is None else held.value
+
+
+def _is_large(headers: dict[str, str]) -> bool:
+    """Whether a body is longer than any of the page's own, or does not say how long it is."""
+    length = headers.get("content-length", "0")
+    return "transfer-encoding" in headers or not (
+        length.isascii() and length.isdigit() and int(length[:20]) <= _MOST_BYTES
+    )
 
 
 def _asked(scope: Scope) -> str:

@@ -158,7 +158,12 @@ def _tolerant(answer: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _server(gate: Gate, ready: Callable[[], None]) -> Any:
+    import h11
     import uvicorn
+
+    def is_ours(record: logging.LogRecord) -> bool:
+        """Whether a record is no answer that could not be given to a request that broke off in disorder."""
+        return not (record.exc_info and isinstance(record.exc_info[1], h11.ProtocolError))
 
     class WatchServer(uvicorn.Server):
         """A server that says when it answers, and ends by every signal that stops softcal."""
@@ -180,5 +185,7 @@ def _server(gate: Gate, ready: Callable[[], None]) -> Any:
                     if callable(before):
                         signal.signal(signal.SIGHUP, before)
 
-    config = uvicorn.Config(gate, log_level="error", timeout_graceful_shutdown=1, server_header=False)
+    # h11 limits the length of what comes before a body, which the faster httptools takes without end.
+    config = uvicorn.Config(gate, http="h11", log_level="error", timeout_graceful_shutdown=1, server_header=False)
+    logging.getLogger("uvicorn.error").addFilter(is_ours)  # after the configuration, which sets it anew
     return WatchServer(config)

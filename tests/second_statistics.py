@@ -354,7 +354,9 @@ class Estimator:
         covariance = np.sum([row.T @ row for answer in self.answers for row in answer], axis=0)
         self.beyond = beyond_bounds(self.minimum, covariance)
         self.factor = max(1.0, float(self.beyond.max()))
-        self.covariance = self.factor**2 * covariance
+        self.answers = [[self.factor * row for row in answer] for answer in self.answers]
+        self._add_misfits()
+        self.covariance = np.sum([row.T @ row for answer in self.answers for row in answer], axis=0)
 
     def _noise(self, differing: dict[int, Between]) -> dict[str, tuple[float, float]]:
         """White noise, every test with its own value of what they differ in."""
@@ -405,6 +407,19 @@ class Estimator:
             self.sources += [one for one, _ in found]
             self.answers += [[limit * row for row in answer] for _, answer in found]
 
+    def _add_misfits(self) -> None:
+        """The clearest cause in a channel with more than noise, from its size in the residuals down to none."""
+        for e in self.fit.experiments:
+            worths = causes(self.fit, e)
+            for b in (b for b in self.fit.blocks if b.experiment == e):
+                clear, worth, changes = worths[b.channel]
+                if clear > 5 or effective(b.r) < min(len(b.r) / 5, 10):
+                    change = changes[max(changes, key=lambda cause: worth[cause][0])] / math.sqrt(3)
+                    row, alone = b.bent(change[:, None]).T @ b.pull, change[None, :] @ b.pull
+                    one = Source("misfit", [row], [e], [alone])
+                    self.sources.append(one)
+                    self.answers.append(self._answer(one))
+
     @cached_property
     def variances(self) -> dict[str, np.ndarray]:
         """Source -> its part of every variance, the other parameters within their bounds as by a uniform prior."""
@@ -414,7 +429,7 @@ class Estimator:
             [np.linalg.solve(np.eye(k) + weights[j][:, None] * self.covariance, np.eye(k)[j]) for j in range(k)]
         )
         for source, answer in zip(self.sources, self.answers, strict=True):
-            part = self.factor**2 * np.sum([np.sum((row @ M) ** 2, axis=0) for row in answer], axis=0)
+            part = np.sum([np.sum((row @ M) ** 2, axis=0) for row in answer], axis=0)
             parts[source.kind] = parts.get(source.kind, 0.0) + part
         left = np.where(np.eye(k) == 1, 0.0, np.eye(k) - M)
         parts["bounds"] = np.sum(left**2, axis=0) / 12.0
@@ -556,9 +571,9 @@ def profile_interval(minimum: np.ndarray, covariance: np.ndarray, j: int, t: flo
     return ends[0], ends[1]
 
 
-def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[float, float]]]]:
-    """Channel -> standard errors of the clearest cause, and cause -> (those of it, the part of the channel's own
-    squares by which they fall where the cause is fitted beside the parameters).
+def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[float, float]], dict[str, np.ndarray]]]:
+    """Channel -> standard errors of the clearest cause; cause -> (those of it, the part of the channel's own squares by
+    which they fall where the cause is fitted beside the parameters); and cause -> what it changes of the residuals.
 
     Whitened by the noise beside all shapes (generalised least squares), both channels of the experiment together.
     """
@@ -576,14 +591,15 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[
             for share in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8):
                 hinge = y - ((1 - share) * y.min() + share * y.max())
                 shapes[f"surfaces that meet{share}"] = np.where(hinge > 0, hinge, 0)
-        C = averaged(np.column_stack([shape / np.linalg.norm(shape) for shape in shapes.values()]))
+        shapes = {cause: shape / np.linalg.norm(shape) for cause, shape in shapes.items()}
+        C = averaged(np.column_stack(list(shapes.values())))
         J, r = averaged(b.J), averaged(b.r)
         X = span(np.column_stack([J / np.maximum(np.linalg.norm(J, axis=0), 1e-300), C[:, :beside]]))
         along = process([(r, X)])
         left = r - X @ (X.T @ r)
         V = left @ left / (len(r) - X.shape[1]) * np.eye(len(r)) if along is None else along.covariance(len(r))
         r, J, C = (np.linalg.solve(np.linalg.cholesky(V), one) for one in (r, J, C))
-        rows.append((b.channel, r, J, dict(zip(shapes, C.T, strict=True))))
+        rows.append((b.channel, r, J, dict(zip(shapes, zip(C.T, shapes.values(), strict=True), strict=True))))
     J = np.concatenate([J for _, _, J, _ in rows])
     basis = span(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))
     r = np.concatenate([r for _, r, _, _ in rows])
@@ -591,8 +607,8 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[
     start = 0
     for channel, own, _, shapes in rows:
         at = slice(start, start + len(own))
-        start, worth = at.stop, {}
-        for cause, shape in shapes.items():
+        start, worth, changes = at.stop, {}, {}
+        for cause, (shape, along) in shapes.items():
             whole = np.zeros(len(r))
             whole[at] = shape
             whole = whole - basis @ (basis.T @ whole)
@@ -604,10 +620,10 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[
                     if whole @ r < 0 and one > worth.get("surfaces that meet", (0.0, 0.0)):
                         worth["surfaces that meet"] = one
                 else:
-                    worth[cause] = one
+                    worth[cause], changes[cause] = one, along * (whole @ r) / (whole @ whole)
         clearest = max(t for cause, (t, _) in worth.items() if cause != "surfaces that meet")
         worth = {cause: (min(t, clearest), share) for cause, (t, share) in worth.items()}
-        found[channel] = clearest, worth
+        found[channel] = clearest, worth, changes
     return found
 
 

@@ -218,7 +218,7 @@ def loss_cell(case: Case, label: str, told: Told, text: str) -> None:
 
 # Sentences.
 
-OF_ITS_OWN = ("noise", "drift", "prior", "bounds")  # what an experiment errs in by itself
+OF_ITS_OWN = ("noise", "drift", "misfit", "prior", "bounds")  # what an experiment errs in by itself
 
 
 def values_of(text: str) -> dict[str, str]:
@@ -379,7 +379,7 @@ def named_causes(fit: Fit, block: Block, text: str, least: float) -> tuple[float
     """The clearest two causes of those that explain more than `least`, with the part of the channel's own squares that
     each explains: how clear the clearest is, and how clear each named one is, and its share, in their order.
     """
-    significance, worth = causes(fit, block.experiment)[block.channel]
+    significance, worth, _ = causes(fit, block.experiment)[block.channel]
     clearest = sorted((clear for clear, share in worth.values() if share > least), reverse=True)[:2]
     named = re.findall(CAUSE, text)
     assert len({cause for cause, *_ in named}) == len(named) == len(clearest)
@@ -501,12 +501,13 @@ def included(case: Case, labels: list[str], told: Told) -> None:
         listed = set(re.findall(r"the uncertainty of (\S+(?: of each experiment)?)", told[1].replace(",", "")))
         assert listed == {u[0] for u in case.fits[label].uncertain} <= kinds
         assert ("drifts too small to be seen in the noise" in told[1]) == ("drift" in kinds)
+        assert ("what the model misses in the residuals" in told[1]) == ("misfit" in kinds)
         assert ("the error of the mesh" in told[1]) == ("mesh" in kinds)
 
 
 @sentence(
-    r"Errors (of the mesh, )?of the material law and of the (rest of the )?model of the rig are not "
-    r"included where all tests share them"
+    r"Errors (of the mesh, )?of the material law and of the (rest of the )?model of the rig that no residual shows "
+    r"are not included where all tests share them"
 )
 def not_included(case: Case, labels: list[str], told: Told) -> None:
     for label in labels:
@@ -593,6 +594,7 @@ SOURCES = {
     "the noise of the measurements": "noise",
     "the mesh": "mesh",
     "differences between the tests": "experiments",
+    "what the model misses in the residuals": "misfit",
     "other parameters, which the data leave open within their bounds": "bounds",
 }
 

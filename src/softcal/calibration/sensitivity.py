@@ -8,7 +8,7 @@ differences between the experiments where the residuals show them. The intervals
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,7 +21,7 @@ from softcal.calibration.instrument_errors import instrument_errors
 from softcal.calibration.intervals import box_intervals
 from softcal.calibration.left_out import LeftOut, left_out
 from softcal.calibration.loss import Block, Loss, fitted_exactly, rms
-from softcal.calibration.noise import DRIFT, PRIOR
+from softcal.calibration.noise import DRIFT, MISFIT, PRIOR
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.random_effects import WORDS, Spread
 from softcal.calibration.result import Estimate, Note
@@ -37,7 +37,7 @@ _TOGETHER = 0.5
 INCLUDED = "The intervals include"
 NOT_INCLUDED = (
     INCLUDED + " the noise and its correlation along the records{}. Errors {}of the material law and of the "
-    "{}model of the rig are not included where all tests share them."
+    "{}model of the rig that no residual shows are not included where all tests share them."
 )
 MARKERS_DIFFER = (
     "The {} markers differ by more than the noise explains: the intervals are those found with one marker left out at "
@@ -182,7 +182,7 @@ def local_statistics(
     if MARKERS in found.variances:
         notes.append(Note(MARKERS_DIFFER.format(n_markers(blocks)), "warning"))
     notes += [
-        Note(not_included(uncertain, DRIFT in found.variances)),
+        Note(not_included(uncertain, found.variances)),
         *([Note(ONE_EXPERIMENT)] if len(serves) == 1 else []),
     ]
     summed = np.sum(list(found.variances.values()), axis=0)
@@ -216,12 +216,19 @@ def local_statistics(
     )
 
 
-def not_included(uncertain: Sequence[UncertainParameter], has_drifts: bool = False) -> str:
-    """What the intervals include, and what they do not; has_drifts: of instruments, with nothing stated on them."""
+def not_included(uncertain: Sequence[UncertainParameter], kinds: Container[str] = ()) -> str:
+    """What the intervals include, and what they do not; kinds: of the sources of error."""
     named = list(dict.fromkeys(p.source for p in uncertain if p != MESH_ERROR))
     has_mesh = MESH_ERROR in uncertain
-    drifts, mesh = ["drifts too small to be seen in the noise"] * has_drifts, ["the error of the mesh"] * has_mesh
-    listed = [*drifts, *mesh, *(f"the uncertainty of {name}" for name in named)]
+    further = {
+        "drifts too small to be seen in the noise": DRIFT in kinds,
+        "what the model misses in the residuals": MISFIT in kinds,
+        "the error of the mesh": has_mesh,
+    }
+    listed = [
+        *(words for words, counts in further.items() if counts),
+        *(f"the uncertainty of {name}" for name in named),
+    ]
     included = f", {', '.join(listed[:-1])}{', ' * (len(listed) > 1)}and {listed[-1]}" if listed else ""
     return NOT_INCLUDED.format(included, "" if has_mesh else "of the mesh, ", "rest of the " if named else "")
 

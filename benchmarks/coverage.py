@@ -31,7 +31,7 @@ from softcal.calibration.loss import Loss
 from softcal.calibration.losses.distance import DistanceLoss
 from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.misfit import CONTACT, DRIFT, FRICTION, LAW
+from softcal.calibration.misfit import CONTACT, DRIFT, FRICTION, LAW, OFFSET
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.residuals import ResidualRecord
@@ -84,10 +84,11 @@ class Case:
     states_drift: whether `uncertain:` states it, or `settings:` that there is none. law: of the true material, in the
     place of the neo-Hookean one that is fitted. loop: friction by which the force is larger while pulling than on the
     way back, both of which are fitted. bends: friction, by which the force is larger the more the neck bends, and which
-    is left out of the fit. touches: whether the true neck's grooves close; the fit is without contact. outliers: share
-    of samples with 20 times the noise. step: of the load cell's readings [N]. cause: the words of the misfit's true
-    cause. six: six cables and eight markers of the manipulator, and 0.2 mm of noise; off: how far each marker [m],
-    pulled: by what share each cable's force is off (standard deviations).
+    is left out of the fit. touches: whether the true neck's grooves close; the fit is without contact. relaxes: share
+    of the force that is lost in the course of the pull. turned: zero of the IMU [rad], of which nothing is said.
+    outliers: share of samples with 20 times the noise. step: of the load cell's readings [N]. cause: the words of the
+    misfit's true cause. six: six cables and eight markers of the manipulator, and 0.2 mm of noise; off: how far each
+    marker [m], pulled: by what share each cable's force is off (standard deviations).
     studies: at most, for those that take long.
     """
 
@@ -112,6 +113,8 @@ class Case:
     loop: float = 0.0
     bends: float = 0.0
     touches: bool = False
+    relaxes: float = 0.0
+    turned: float = 0.0
     outliers: float = 0.0
     step: float = 0.0
     six: bool = False
@@ -163,6 +166,8 @@ WRONG: tuple[tuple[str, str, dict[str, Any]], ...] = (
         "neck, 300 samples, friction of 0.1 where the cable bends with the neck, fitted without",
         {"bends": 0.1, "cause": LAW},
     ),
+    ("relaxes", "neck, 300 samples, a force that relaxes by 4 %", {"relaxes": 0.04, "cause": DRIFT}),
+    ("turned", "neck, 300 samples, an IMU that is turned by 0.3 deg", {"turned": np.deg2rad(0.3), "cause": OFFSET}),
     ("contact", "neck, 300 samples, grooves that close, fitted without contact", {"touches": True, "cause": CONTACT}),
     ("outliers", "neck, 300 samples, one in a hundred off by 20 σ", {"outliers": 0.01, "cause": OUTLIERS}),
     ("quantised", "neck, 300 samples, a load cell in steps of 0.1 N", {"step": 0.1, "cause": STEPS}),
@@ -322,6 +327,10 @@ def _neck_study(case: Case, chance: np.random.Generator) -> Problem:
                 values = values + seen.channels[channel] * np.expm1(case.bends * np.abs(seen.channels["plate.pitch"]))
             if case.loop and kind == "tension":
                 values = values + case.loop * seen.channels[channel] * np.repeat([1.0, -1.0], case.n // 2)
+            if case.relaxes and kind == "tension":
+                values = values + case.relaxes * seen.channels[channel] * np.expm1(-np.linspace(0.0, 3.0, case.n))
+            if case.turned and kind == "pitch":
+                values = values + case.turned
             if case.outliers:
                 far = chance.random(case.n) < case.outliers
                 values = values + 20.0 * NOISE[kind] * chance.choice([-1.0, 1.0], case.n) * far

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from fake_twin import NU, E
+from interval_cases import TRUE, linear_problem
 from scipy.signal import lfilter
 
-from softcal.calibration.loss import Block
+from softcal.calibration import estimator as estimator_module
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.loss import Block, Loss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
+from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.misfit import CONTACT, DRIFT, FRICTION, GAIN, LAW, OFFSET, misfits
 from softcal.calibration.residuals import SHOWN, outliers, residual_record, step_of_readings
+from softcal.calibration.run import calibrate
 
 N = 120
 D = np.linspace(0.0, 1.0, N)
@@ -185,3 +194,31 @@ def test_where_a_curve_is_largest(place: int, where: float) -> None:
     found = residual_record(np.exp(-(((np.arange(N) - place) / 8.0) ** 2)))
     assert found is not None
     assert found.largest == pytest.approx(where, abs=0.04)
+
+
+@pytest.mark.parametrize("loss", [LikelihoodLoss(), PapersLoss()], ids=lambda loss: loss.name)
+def test_what_the_model_misses_is_in_the_intervals(loss: Loss, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An IMU that is turned by 0.1 rad, ten times its noise; of a right model nothing is added."""
+    right, wrong = (linear_problem(loss, n=200, seed=3) for _ in range(2))
+    wrong = replace(wrong, experiments=tuple(turned(one) for one in wrong.experiments))
+    assert "misfit" not in calibrate(right).parameters[E].shares
+    found = calibrate(wrong)
+    with monkeypatch.context() as without:
+        without.setattr(estimator_module, "missed", lambda blocks: [None] * len(blocks))
+        alone = calibrate(wrong)
+    missing = 0
+    for name in (E, NU):
+        one, other = found.parameters[name].interval, alone.parameters[name].interval
+        assert one is not None
+        assert other is not None
+        assert one[0] <= other[0] < other[1] <= one[1]
+        assert one[0] <= TRUE[name] <= one[1]
+        missing += not other[0] <= TRUE[name] <= other[1]
+    assert missing
+    assert "what the model misses in the residuals" in " ".join(map(str, found.notes))
+
+
+def turned(experiment: Experiment) -> Experiment:
+    pitch = experiment.dataset.channels["pitch"]
+    channels = {**experiment.dataset.channels, "pitch": replace(pitch, values=pitch.values - 0.1)}
+    return replace(experiment, dataset=replace(experiment.dataset, channels=channels))

@@ -11,10 +11,10 @@ differences: Daletskii and Krein; Miehe and Lambrecht, Commun. Numer. Meth. Engn
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.kernel import kernel
 from softcal.materials.components import PAIRS, TWICE, doubled, full
 from softcal.materials.stress_at import NO_TANGENT
 
@@ -66,24 +66,24 @@ def _sinhc_slope(y: Floats) -> Floats:
     return np.where(small, y / 3.0 + y**3 / 30.0 + y**5 / 840.0, (at * np.cosh(at) - np.sinh(at)) / at**2)
 
 
-@numba.njit(cache=True)
+@kernel()
 def _one_sinhc(y: float) -> float:
     return 1.0 + y * y / 6.0 if abs(y) < 1e-4 else np.sinh(y) / y
 
 
-@numba.njit(cache=True)
+@kernel()
 def _one_sinhc_slope(y: float) -> float:
     return y / 3.0 + y**3 / 30.0 + y**5 / 840.0 if abs(y) < 1e-2 else (y * np.cosh(y) - np.sinh(y)) / (y * y)
 
 
-@numba.njit(cache=True)
+@kernel()
 def _difference(x: float, z: float, m: float) -> float:
     """(g(c_a) - g(c_b)) / (c_a - c_b) of g(c) = sinh(m x) / m, c = exp(2 x): stable where both are equal."""
     s, d = x + z, x - z
     return 0.5 * np.cosh(0.5 * m * s) * _one_sinhc(0.5 * m * d) / (np.exp(s) * _one_sinhc(d))
 
 
-@numba.njit(cache=True)
+@kernel()
 def _difference_by_exponent(x: float, z: float, m: float) -> float:
     s, d = x + z, x - z
     y = 0.5 * m * d
@@ -91,7 +91,7 @@ def _difference_by_exponent(x: float, z: float, m: float) -> float:
     return 0.5 * top / (np.exp(s) * _one_sinhc(d))
 
 
-@numba.njit(cache=True)
+@kernel()
 def _second_difference(x: float, y: float, z: float, m: float) -> float:
     """The second divided difference of g at three squared stretches."""
     low, high = min(x, y, z), max(x, y, z)
@@ -104,7 +104,7 @@ def _second_difference(x: float, y: float, z: float, m: float) -> float:
     return (m * np.sinh(m * at) - 2.0 * np.cosh(m * at)) / (8.0 * c * c)
 
 
-@numba.njit(cache=True)
+@kernel()
 def _changes(squares: Floats, N: Floats, barred: Floats, H: Floats, traces: Floats) -> None:
     """H (6, 3, 3): the change of the isochoric C along its axes by each component of E; traces (6,): C^-1 : dC."""
     for k in range(6):
@@ -120,7 +120,7 @@ def _changes(squares: Floats, N: Floats, barred: Floats, H: Floats, traces: Floa
             H[k, a, a] -= barred[a] * traces[k] / 3.0
 
 
-@numba.njit(cache=True)
+@kernel()
 def _slope(N: Floats, first: Floats, H: Floats, slopes: Floats) -> None:
     """The change of A by each component of E, with differences `first` (3, 3) of its eigenvalues."""
     for k in range(6):
@@ -133,7 +133,7 @@ def _slope(N: Floats, first: Floats, H: Floats, slopes: Floats) -> None:
             slopes[c, k] = total if c < 3 else 2.0 * total
 
 
-@numba.njit(cache=True)
+@kernel()
 def _derivatives(
     x: Floats, squares: Floats, axes: Floats, m: float, T: Floats, second: bool, slopes: Floats, bend: Floats
 ) -> None:
@@ -183,7 +183,7 @@ def _derivatives(
                 bend[p, k, n] = bend[p, n, k] = total
 
 
-@numba.njit(cache=True)
+@kernel()
 def _slopes_by_exponent(x: Floats, squares: Floats, axes: Floats, m: float, slopes: Floats) -> None:
     first, H, traces = np.empty((3, 3)), np.empty((6, 3, 3)), np.empty(6)
     for p in range(len(x)):

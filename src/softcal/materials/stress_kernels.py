@@ -6,10 +6,10 @@ S is the second Piola-Kirchhoff stress, D = dS/dE with the shears of E doubled; 
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.kernel import kernel
 from softcal.materials.components import PAIRS
 
 FIRST_OF = tuple(i for i, _ in PAIRS)
@@ -18,14 +18,14 @@ FAST = {"contract", "reassoc", "nsz"}
 ALIKE = 1e-5  # squared stretches nearer than this, relative to them, have the limit of their difference quotient
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+@kernel(error_model="numpy", fastmath=FAST, inline="always")
 def _green(f: Floats, C: Floats) -> None:
     for m in range(6):
         i, j = FIRST_OF[m], SECOND_OF[m]
         C[m] = f[0, i] * f[0, j] + f[1, i] * f[1, j] + f[2, i] * f[2, j]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+@kernel(error_model="numpy", fastmath=FAST, inline="always")
 def _adjugate(C: Floats, A: Floats) -> None:
     """J^2 C^-1 of symmetric C."""
     A[0] = C[1] * C[2] - C[4] * C[4]
@@ -36,7 +36,7 @@ def _adjugate(C: Floats, A: Floats) -> None:
     A[5] = C[3] * C[4] - C[5] * C[1]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+@kernel(error_model="numpy", fastmath=FAST, inline="always")
 def _add_inverse(D: Floats, A: Floats, whole: float, turned: float) -> None:
     """Add to the upper triangle whole A_m A_n + turned (A_ik A_jl + A_il A_jk) / 2."""
     M = ((A[0], A[3], A[5]), (A[3], A[1], A[4]), (A[5], A[4], A[2]))
@@ -47,14 +47,14 @@ def _add_inverse(D: Floats, A: Floats, whole: float, turned: float) -> None:
             D[m, n] += whole * A[m] * A[n] + 0.5 * turned * (M[i][r] * M[j][s] + M[i][s] * M[j][r])
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+@kernel(error_model="numpy", fastmath=FAST, inline="always")
 def _mirror(D: Floats) -> None:
     for m in range(6):
         for n in range(m):
             D[m, n] = D[n, m]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def from_invariants(
     F: Floats, I1: Floats, J: Floats, rows: Floats, direction: Floats, with_tangent: bool, S: Floats, D: Floats
 ) -> None:
@@ -112,7 +112,7 @@ def from_invariants(
         _mirror(d)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def add_volumetric(F: Floats, J: Floats, by_J: Floats, by_JJ: Floats, with_tangent: bool, S: Floats, D: Floats) -> None:
     """Add the part of an energy by J alone, with its derivatives (n,)."""
     C, A = np.empty(6), np.empty(6)
@@ -128,7 +128,7 @@ def add_volumetric(F: Floats, J: Floats, by_J: Floats, by_JJ: Floats, with_tange
             _mirror(D[p])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def principal(F: Floats, squares: Floats, axes: Floats) -> None:
     """The squares (3, n) of the principal stretches and, in columns, the axes (n, 3, 3) of C at points with F
     (n, 3, 3).
@@ -212,7 +212,7 @@ def principal(F: Floats, squares: Floats, axes: Floats) -> None:
         squares[2, p] = mean + 0.5 * (a + b) - half
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def from_stretches(squares: Floats, axes: Floats, rows: Floats, with_tangent: bool, S: Floats, D: Floats) -> None:
     """S (n, 6) and D (n, 6, 6) from `CompiledLaw.rows` by the logarithms of the principal stretches, whose squares are
     (3, n), with their axes (n, 3, 3).

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.kernel import kernel
 from softcal.mechanics.moving_boxes import boxes, depth_of, enclose, meet, pairs_beside
 
 Point = tuple[float, float, float]
@@ -49,22 +49,22 @@ class Meeting(NamedTuple):
     group: Ints
 
 
-@numba.njit(cache=True)
+@kernel()
 def _dot(a: Point, b: Point) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@numba.njit(cache=True)
+@kernel()
 def _minus(a: Point, b: Point) -> Point:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@numba.njit(cache=True)
+@kernel()
 def _at(V: Floats, i: int) -> Point:
     return V[i, 0], V[i, 1], V[i, 2]
 
 
-@numba.njit(cache=True)
+@kernel()
 def _on_segment(p: Point, a: Point, b: Point) -> float:
     """Weight of b in the point of the segment nearest to p."""
     along = _minus(b, a)
@@ -72,7 +72,7 @@ def _on_segment(p: Point, a: Point, b: Point) -> float:
     return min(1.0, max(0.0, _dot(_minus(p, a), along) / length)) if length > 0.0 else 0.0
 
 
-@numba.njit(cache=True)
+@kernel()
 def _on_triangle(p: Point, a: Point, b: Point, c: Point, w: Floats) -> None:
     """Weights of the corners in the point of the triangle nearest to p."""
     s, t, r = _minus(b, a), _minus(c, a), _minus(p, a)
@@ -96,7 +96,7 @@ def _on_triangle(p: Point, a: Point, b: Point, c: Point, w: Floats) -> None:
             w[i], w[(i + 1) % 3] = 1.0 - u, u
 
 
-@numba.njit(cache=True)
+@kernel()
 def nearest(V: Floats, point: int, corners: Ints, w: Floats, n: Floats) -> float:
     """Distance [m] of a vertex from the simplex with up to three corners (-1: none); its weights and the direction to
     the vertex are written to w (3,) and n (3,).
@@ -122,7 +122,7 @@ def nearest(V: Floats, point: int, corners: Ints, w: Floats, n: Floats) -> float
     return d
 
 
-@numba.njit(cache=True)
+@kernel()
 def near(V: Floats, to: Floats, meeting: Meeting, around: Floats) -> tuple[Ints, Ints]:
     """Points (m,) and triangles (m,) that they may touch, whose boxes may meet on the straight lines from V to `to`
     (n_vertices, 3), those of points wider by `around` (n_points,) [m] on every side.
@@ -140,7 +140,7 @@ def near(V: Floats, to: Floats, meeting: Meeting, around: Floats) -> tuple[Ints,
     return points[:count], triangles[:count]
 
 
-@numba.njit(cache=True)
+@kernel()
 def touching(V: Floats, faces: Ints, reach: Floats, points: Ints, triangles: Ints) -> tuple[Ints, Ints, Floats]:
     """Of each pressing point, those of its triangles that are nearer than its reach (n_points,) [m], once the edges of
     these, and once their vertices: the points (m,), the simplices (m, 3), -1 beyond the last corner, and shares (m,)
@@ -203,7 +203,7 @@ def touching(V: Floats, faces: Ints, reach: Floats, points: Ints, triangles: Int
     return pressed[:count], simplices[:count], shares[:count]
 
 
-@numba.njit(cache=True)
+@kernel()
 def free_part(V: Floats, to: Floats, faces: Ints, points: Ints, triangles: Ints) -> float:
     """The part of the straight lines from V to `to` (n_vertices, 3) on which none of the points (m,) passes through its
     triangle (m,): one where none does, else until its distance is some tenth of what it was.
@@ -223,7 +223,7 @@ def free_part(V: Floats, to: Floats, faces: Ints, points: Ints, triangles: Ints)
     return part
 
 
-@numba.njit(cache=True)
+@kernel()
 def _free_part(V: Floats, to: Floats, p: int, face: Ints, most: float, four: Floats, w: Floats, n: Floats) -> float:
     """See `free_part`, of one point and triangle, at most `most`; four (4, 3), w (3,), n (3,): room."""
     fastest = 0.0
@@ -249,7 +249,7 @@ def _free_part(V: Floats, to: Floats, p: int, face: Ints, most: float, four: Flo
     return most
 
 
-@numba.njit(cache=True)
+@kernel()
 def _may_touch(meeting: Meeting, point: int, face: Ints) -> bool:
     """Whether a point may touch a triangle."""
     together, separate = meeting.group[point] >= 0, True
@@ -264,7 +264,7 @@ def _may_touch(meeting: Meeting, point: int, face: Ints) -> bool:
     return not (together or separate)
 
 
-@numba.njit(cache=True)
+@kernel()
 def distances(V: Floats, points: Ints, simplices: Ints) -> Floats:
     """Distances (m,) [m] of vertices from simplices (m, 3)."""
     w, n = np.empty(3), np.empty(3)
@@ -274,7 +274,7 @@ def distances(V: Floats, points: Ints, simplices: Ints) -> Floats:
     return out
 
 
-@numba.njit(cache=True)
+@kernel()
 def law(overlap: float, depth: float, onset: float) -> tuple[float, float, float]:
     """Energy, pressure and its slope, over the stiffness, at an overlap [m]: overlap / depth, smooth over `onset`."""
     if overlap <= 0.0:
@@ -285,7 +285,7 @@ def law(overlap: float, depth: float, onset: float) -> tuple[float, float, float
     return (0.5 * past**2 + onset**2 / 24.0) / depth, past / depth, 1.0 / depth
 
 
-@numba.njit(cache=True)
+@kernel()
 def push(
     V: Floats, points: Ints, simplices: Ints, scale: Floats, reach: Floats, depth: float, onset: float, tangent: bool
 ) -> tuple[float, Floats, Ints, Floats]:
@@ -324,7 +324,7 @@ def push(
     return energy, gradient, pressed[:count], blocks
 
 
-@numba.njit(cache=True)
+@kernel()
 def make_convex(V: Floats, points: Ints, simplices: Ints, pressed: Ints, blocks: Floats) -> None:
     """Add to the tangents (k, 12, 12) of pressed simplices (k,) what makes those by each point's own motion positive
     semidefinite: on a ridge between triangles any motion across relieves a point, until it is on one of them.
@@ -354,7 +354,7 @@ def make_convex(V: Floats, points: Ints, simplices: Ints, pressed: Ints, blocks:
         begin = end
 
 
-@numba.njit(cache=True)
+@kernel()
 def _tangent(V: Floats, corners: Ints, w: Floats, n: Floats, d: float, force: float, slope: float, H: Floats) -> None:
     """slope (delta d)^2 - force delta^2 d, into H (12, 12)."""
     first, rank = -1, 0

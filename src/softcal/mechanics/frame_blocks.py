@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.kernel import kernel
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
 
@@ -64,7 +64,7 @@ def frame_blocks(layout: Layout, pattern: Pattern, frames: Ints) -> FrameBlocks:
     return FrameBlocks(unknown, place)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _add(data: Floats, place: Ints, tangent: Floats) -> None:
     k = place.shape[1]
     for n in range(len(place)):

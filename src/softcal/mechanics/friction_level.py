@@ -9,21 +9,21 @@ so with stretch the tensions remain the minimum of a convex function.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.kernel import kernel
 
 BUILT_UP = 0.1  # of the preload: the tension at which half of its friction acts
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def level(T: float, a: float) -> float:
     """L."""
     return T + a * T / (T + BUILT_UP * a) if a > 0.0 and T > 0.0 else T
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def level_slope(T: float, a: float) -> float:
     """dL / dT."""
     if a <= 0.0:
@@ -32,7 +32,7 @@ def level_slope(T: float, a: float) -> float:
     return 1.0 + a * e / (max(T, 0.0) + e) ** 2
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def tension_at(L: float, a: float) -> float:
     """The tension with a level."""
     if a <= 0.0 or L <= 0.0:
@@ -43,7 +43,7 @@ def tension_at(L: float, a: float) -> float:
     return 0.5 * (b + root) if b > 0.0 else 2.0 * e * L / (root - b)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def along(pull: Floats, preload: Floats, rho: Floats, T: Floats, by_pull: Floats, by_rho: Floats) -> None:
     """The tensions (n,) at rho = ln(L(T) / L(pull)), with their derivatives by the pull and by rho."""
     for k in range(len(rho)):

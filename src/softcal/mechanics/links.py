@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
+from softcal.kernel import kernel
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def compose(X: Floats, rider: Ints, is_free: np.ndarray, references: Floats, tie
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _turned(out: Floats, frame: Ints, arm: Floats, rotation: Floats) -> None:
     for n in range(len(frame)):
         R = rotation[frame[n]]
@@ -147,7 +147,7 @@ def _turned(out: Floats, frame: Ints, arm: Floats, rotation: Floats) -> None:
             out[n, i] = R[i, 0] * arm[n, 0] + R[i, 1] * arm[n, 1] + R[i, 2] * arm[n, 2]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _place(
     x: Floats,
     followers: Ints,

@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.kernel import kernel
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern, Triangle
 
@@ -213,7 +213,7 @@ def _half(partner: Ints, sign: Floats, parity: float, rows: Ints, columns: Ints,
     return Half(own, other, np.where(is_pair, parity * sign[own], 0.0), number, part, triangle, place, factor)
 
 
-@numba.njit(cache=True)
+@kernel()
 def _entries(number: Ints, sign: Floats, rows: Ints, columns: Ints) -> tuple[Ints, Ints, Floats]:
     """Where entries of a symmetric matrix, of its upper triangle, go in that of a half, and how many times."""
     first, last, factor = np.empty(len(rows), np.int64), np.empty(len(rows), np.int64), np.empty(len(rows))
@@ -225,7 +225,7 @@ def _entries(number: Ints, sign: Floats, rows: Ints, columns: Ints) -> tuple[Int
     return first, last, factor
 
 
-@numba.njit(cache=True)
+@kernel()
 def _mirrored(indptr: Ints, indices: Ints, partner: Ints) -> Ints:
     """The place (nnz,) of each entry's mirror image in an upper triangle; none, (0,), where one has no image."""
     out = np.empty(len(indices), dtype=np.int64)
@@ -238,7 +238,7 @@ def _mirrored(indptr: Ints, indices: Ints, partner: Ints) -> Ints:
     return out
 
 
-@numba.njit(cache=True)
+@kernel()
 def _places(indptr: Ints, indices: Ints, rows: Ints, columns: Ints) -> Ints:
     """The places of entries (k,) in an upper triangle; -1 where it has none."""
     out = np.empty(len(rows), dtype=np.int64)
@@ -247,7 +247,7 @@ def _places(indptr: Ints, indices: Ints, rows: Ints, columns: Ints) -> Ints:
     return out
 
 
-@numba.njit(cache=True)
+@kernel()
 def _place(indptr: Ints, indices: Ints, row: int, column: int) -> int:
     low, end = indptr[row], indptr[row + 1]
     high = end
@@ -260,7 +260,7 @@ def _place(indptr: Ints, indices: Ints, row: int, column: int) -> int:
     return low if low < end and indices[low] == column else -1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _split(  # noqa: PLR0913 (a kernel takes arrays)
     data: Floats,
     rows: Ints,

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.kernel import kernel
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.state import State
@@ -206,13 +206,13 @@ def _folding(layout: Layout, pattern: Pattern) -> tuple[Ints, Ints, Ints, Ints]:
     return lists[0][order], lists[1][order], lists[2][order], lists[3][order]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _fold(data: Floats, source: Ints, weight_a: Ints, weight_b: Ints, target: Ints, w: Floats) -> None:
     for k in range(len(source)):
         data[target[k]] += data[source[k]] * w[weight_a[k]] * w[weight_b[k]]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _reduce_columns(  # noqa: PLR0913 (a kernel takes arrays)
     out: Floats,
     rows: Ints,
@@ -234,7 +234,7 @@ def _reduce_columns(  # noqa: PLR0913 (a kernel takes arrays)
                 out[unknown[k], first[j] + i] += value * weights[j, i]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _reduce_blocks(
     blocks: Floats, rows: Ints, columns: Ints, ptr: Ints, unknown: Ints, weight: Ints, w: Floats
 ) -> tuple[Floats, Ints, Ints]:
@@ -262,7 +262,7 @@ def _reduce_blocks(
     return values[:count], row[:count], column[:count]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _gather(forces: Floats, followers: Ints, follower: Ints, master: Ints, weight: Floats) -> None:
     """Forces of tied points on their masters."""
     for n in range(len(follower)):
@@ -271,7 +271,7 @@ def _gather(forces: Floats, followers: Ints, follower: Ints, master: Ints, weigh
             forces[m, i] += weight[n] * forces[p, i]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _gather_frames(
     out: Floats, gradient: Floats, followers: Ints, follower: Ints, frame: Ints, weight: Floats, arms: Floats
 ) -> None:
@@ -288,7 +288,7 @@ def _gather_frames(
         out[6 * k + 5] += r0 * f1 - r1 * f0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _turn(
     data: Floats, gradient: Floats, followers: Ints, follower: Ints, frame: Ints, arms: Floats, diagonal: Ints
 ) -> None:

@@ -10,15 +10,15 @@ sorted along the longest side of their box.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.kernel import kernel
 
 LEAF = 5  # cells at most
 
 
-@numba.njit(cache=True)
+@kernel()
 def depth_of(n: int) -> int:
     """The number of levels below the root of a tree of n cells."""
     depth = 0
@@ -27,7 +27,7 @@ def depth_of(n: int) -> int:
     return depth
 
 
-@numba.njit(cache=True)
+@kernel()
 def order_of(centres: Floats) -> Ints:
     """The order of cells in their tree, by their centres (n, 3) at rest."""
     n = len(centres)
@@ -45,7 +45,7 @@ def order_of(centres: Floats) -> Ints:
     return order
 
 
-@numba.njit(cache=True)
+@kernel()
 def boxes(before: Floats, after: Floats, cells: Ints, order: Ints, around: Floats, depth: int) -> Floats:
     """Boxes (n_nodes + n, 12) [m] of the nodes of a tree, at least as deep as `depth_of`, and of its cells (n, k) in
     their order, whose vertices move from `before` (n_vertices, 3) to `after`; wider by `around` (n,) [m] on every side.
@@ -63,14 +63,14 @@ def boxes(before: Floats, after: Floats, cells: Ints, order: Ints, around: Float
     return out
 
 
-@numba.njit(cache=True)
+@kernel()
 def _cells_of(leaf: int, n: int, inner: int, depth: int) -> tuple[int, int]:
     """The range of a leaf's cells among the boxes."""
     k, first = leaf - inner, 2 * inner + 1
     return first + (n * k >> depth), first + (n * (k + 1) >> depth)
 
 
-@numba.njit(cache=True)
+@kernel()
 def enclose(box: Floats, before: Floats, after: Floats, cell: Ints, around: float) -> None:
     """Write to box (12,) [m] the low corners at the beginning and at the end of what encloses a cell, and less its high
     ones; infinity where no vertex is a number.
@@ -85,7 +85,7 @@ def enclose(box: Floats, before: Floats, after: Floats, cell: Ints, around: floa
     box -= around
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def separate(a: Floats, i: int, b: Floats, j: int) -> bool:
     """Whether box i of a (n, 12) and box j of b (m, 12) are apart along one axis at the beginning and at the end: then
     they always are.
@@ -98,7 +98,7 @@ def separate(a: Floats, i: int, b: Floats, j: int) -> bool:
     return False
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def meet(a: Floats, b: Floats) -> bool:
     """Whether two boxes (12,) have at some time a common point."""
     first, last = 0.0, 1.0
@@ -115,7 +115,7 @@ def meet(a: Floats, b: Floats) -> bool:
     return first <= last
 
 
-@numba.njit(cache=True)
+@kernel()
 def pairs_beside(a: Floats, b: Floats, a_order: Ints, b_order: Ints, depth: int) -> tuple[Ints, Ints]:
     """Cells of one tree (m,) and of another of the same depth (m,) whose boxes are not `separate`."""
     n, m, inner = len(a_order), len(b_order), (1 << depth) - 1

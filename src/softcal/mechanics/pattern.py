@@ -12,10 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.kernel import kernel
 from softcal.mechanics.layout import Layout
 
 
@@ -189,7 +189,7 @@ def _found(keys: Ints, wanted: Ints) -> Ints:
     return k
 
 
-@numba.njit(cache=True)
+@kernel()
 def _expand(red_ptr: Ints, red_col: Ints, sizes: Ints, first: Ints) -> tuple[Ints, Ints, Ints]:
     n_red = len(sizes)
     offset = np.zeros(len(red_col), dtype=np.int64)
@@ -217,7 +217,7 @@ def _expand(red_ptr: Ints, red_col: Ints, sizes: Ints, first: Ints) -> tuple[Int
     return indptr, indices, offset
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def add_products(indptr: Ints, indices: Ints, data: Floats, x: Floats, out: Floats) -> None:
     """Add to each row of out (k, n) the product of a symmetric matrix, given by its upper triangle, with that of x."""
     for k in range(len(x)):

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.kernel import kernel
 from softcal.mechanics.rotation_kernels import (
     add_spin,
     coefficients,
@@ -29,7 +29,7 @@ from softcal.mechanics.rotation_kernels import (
 )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def stiffness(by_bending: Floats, by_shear: Floats, E: float, nu: float, S: Floats) -> None:
     """S = E (by_bending + (1 + nu) by_shear)^-1 per element, by Cholesky's factors."""
     L = np.zeros((6, 6))
@@ -56,7 +56,7 @@ def stiffness(by_bending: Floats, by_shear: Floats, E: float, nu: float, S: Floa
                 S[e, j, i] = E * total
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def coordinates(
     position: Floats,
     rotation: Floats,
@@ -83,7 +83,7 @@ def coordinates(
             xi[e, 3 + i] = La[0, i] * w[4, 0] + La[1, i] * w[4, 1] + La[2, i] * w[4, 2]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def derivatives(
     position: Floats,
     rotation: Floats,
@@ -185,7 +185,7 @@ def derivatives(
         _bend(tangent[e], g_P, g_eta, e_ab, arm_b)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _spread(K: Floats, e_ab: Floats, arm_b: Floats, KT: Floats, out: Floats) -> None:
     """T^T K T with (dP, eta) = T (dc_a, omega_a, dc_b, omega_b):
     dP = dc_b - dc_a + omega_b x arm_b - omega_a x e_ab and eta = omega_b - omega_a.
@@ -214,7 +214,7 @@ def _spread(K: Floats, e_ab: Floats, arm_b: Floats, KT: Floats, out: Floats) -> 
         out[11, j] = arm_b[0] * k1 - arm_b[1] * k0 + KT[5, j]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _bend(out: Floats, g: Floats, g_eta: Floats, e_ab: Floats, arm_b: Floats) -> None:
     """Add what the second derivatives of P and eta by the increments make of g = dE/dP and dE/d eta."""
     ge = g[0] * e_ab[0] + g[1] * e_ab[1] + g[2] * e_ab[2]
@@ -245,7 +245,7 @@ def _bend(out: Floats, g: Floats, g_eta: Floats, e_ab: Floats, arm_b: Floats) ->
         out[9 + i, 3 + i] += gl
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _ends(
     position: Floats, rotation: Floats, ends: Ints, arm: Floats, triad: Floats, La: Floats, Lb: Floats, w: Floats
 ) -> None:

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import math
 
-import numba
-
 from softcal.checks import Floats
+from softcal.kernel import kernel
 
 # beta = sum of BETA[k] |theta|^(2k): the coefficients of (1 - x/2 cot x/2) / x^2.
 BETA = (
@@ -31,7 +30,7 @@ BETA = (
 )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def relative(La: Floats, Lb: Floats, Q: Floats) -> None:
     """Lambda_b Lambda_a^T."""
     for i in range(3):
@@ -39,7 +38,7 @@ def relative(La: Floats, Lb: Floats, Q: Floats) -> None:
             Q[i, j] = Lb[i, 0] * La[j, 0] + Lb[i, 1] * La[j, 1] + Lb[i, 2] * La[j, 2]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def rotation_vector(Q: Floats, out: Floats) -> None:
     """Logarithm of a rotation by the unit quaternion's largest entry, so that no angle is ill-conditioned."""
     trace = Q[0, 0] + Q[1, 1] + Q[2, 2]
@@ -68,7 +67,7 @@ def rotation_vector(Q: Floats, out: Floats) -> None:
     out[0], out[1], out[2] = factor * x, factor * y, factor * z
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def coefficients(theta: Floats) -> tuple[float, float, float]:
     """Of A: beta, b1, b2."""
     t = theta[0] * theta[0] + theta[1] * theta[1] + theta[2] * theta[2]
@@ -90,7 +89,7 @@ def coefficients(theta: Floats) -> tuple[float, float, float]:
     return beta, b1, ((2.0 * g * g * beta - p) / t - 4.0 * b1) / t
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def cross(a: Floats, b: Floats, out: Floats) -> None:
     """out = a x b."""
     out[0] = a[1] * b[2] - a[2] * b[1]
@@ -98,7 +97,7 @@ def cross(a: Floats, b: Floats, out: Floats) -> None:
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def add_spin(a0: float, a1: float, a2: float, out: Floats) -> None:
     """out += [a]."""
     out[0, 1] -= a2
@@ -109,7 +108,7 @@ def add_spin(a0: float, a1: float, a2: float, out: Floats) -> None:
     out[2, 1] += a0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def tangent_map(theta: Floats, beta: float, A: Floats) -> None:
     """Jl^-1(theta) = I - [theta]/2 + beta [theta]^2."""
     t = theta[0] * theta[0] + theta[1] * theta[1] + theta[2] * theta[2]
@@ -120,7 +119,7 @@ def tangent_map(theta: Floats, beta: float, A: Floats) -> None:
     add_spin(-0.5 * theta[0], -0.5 * theta[1], -0.5 * theta[2], A)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def turning(f: Floats, theta: Floats, beta: float, b1: float, G: Floats, w: Floats) -> None:
     """G(f) with w . G v = f . (dJl^-1(theta)[w] v). As a map of w, dJl^-1(theta)[w] v is (G(v) - [v])^T w."""
     cross(theta, f, w[14])
@@ -134,7 +133,7 @@ def turning(f: Floats, theta: Floats, beta: float, b1: float, G: Floats, w: Floa
     add_spin(0.5 * f[0], 0.5 * f[1], 0.5 * f[2], G)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def second_derivative(f: Floats, P: Floats, theta: Floats, beta: float, b1: float, b2: float, H: Floats) -> None:
     """Second derivative of f . Jl^-1(theta) P by theta."""
     t = theta[0] * theta[0] + theta[1] * theta[1] + theta[2] * theta[2]

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.kernel import kernel
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.mechanics.pattern import Pattern
 
@@ -213,7 +213,7 @@ def _of_points(gradient: Floats) -> Floats:
     return gradient[: 3 * (len(gradient) // 3)].reshape(-1, 3)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _spread(into: Floats, at: Ints, weights: Floats, vectors: Floats) -> None:
     """Add weights (n_entries,) times vectors (n_entries, 3) at rows of `into`."""
     for n in range(len(at)):
@@ -228,7 +228,7 @@ def _rates(v: Floats, met: Floats) -> tuple[Floats, Floats]:
     return (1.5 - 0.5 * square / m**2) / m, 1.0 / m**3
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _add(
     gradient: Floats,
     data: Floats,

@@ -9,11 +9,11 @@ With N = dN_a (reference gradient of a shape function), and c_a = cof(F) N_a the
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from softcal.checks import Floats, Ints
+from softcal.kernel import kernel
 
 # Places in the tangent's long array: half the memory of the default integers.
 Places = NDArray[np.int32]
@@ -22,7 +22,7 @@ Places = NDArray[np.int32]
 FAST = {"contract", "reassoc", "nsz"}
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def kinematics(x: Floats, conn: Ints, dN: Floats, F: Floats, I1: Floats, I2: Floats, J: Floats) -> None:
     n, n_q, n_a, _ = dN.shape
     for e in range(n):
@@ -57,7 +57,7 @@ def kinematics(x: Floats, conn: Ints, dN: Floats, F: Floats, I1: Floats, I2: Flo
             )
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+@kernel(error_model="numpy", fastmath=FAST, inline="always")
 def _cofactor(f: Floats, c: Floats) -> None:
     c[0, 0] = f[1, 1] * f[2, 2] - f[1, 2] * f[2, 1]
     c[0, 1] = f[1, 2] * f[2, 0] - f[1, 0] * f[2, 2]
@@ -70,7 +70,7 @@ def _cofactor(f: Floats, c: Floats) -> None:
     c[2, 2] = f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def add_gradient(gradient: Floats, conn: Ints, dN: Floats, w: Floats, F: Floats, coefficients: Floats) -> None:
     """The forces of a simple law, by the rows psi_1 and psi_J of coefficients (3, n_tets * n_q)."""
     n, n_q = w.shape
@@ -87,7 +87,7 @@ def add_gradient(gradient: Floats, conn: Ints, dN: Floats, w: Floats, F: Floats,
             _add_forces(gradient, conn, dN, w, P, e, q)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def add_stress_gradient(gradient: Floats, conn: Ints, dN: Floats, w: Floats, F: Floats, S: Floats) -> None:
     """The forces of stresses S (n_tets * n_q, 6)."""
     n, n_q = w.shape
@@ -102,7 +102,7 @@ def add_stress_gradient(gradient: Floats, conn: Ints, dN: Floats, w: Floats, F: 
             _add_forces(gradient, conn, dN, w, P, e, q)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+@kernel(error_model="numpy", fastmath=FAST, inline="always")
 def _add_forces(gradient: Floats, conn: Ints, dN: Floats, w: Floats, P: Floats, e: int, q: int) -> None:
     for a in range(dN.shape[2]):
         at = 3 * conn[e, a]
@@ -113,7 +113,7 @@ def _add_forces(gradient: Floats, conn: Ints, dN: Floats, w: Floats, P: Floats, 
             gradient[at + i] += P[i, 0] * d0 + P[i, 1] * d1 + P[i, 2] * d2
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def add_tangent(
     data: Floats, places: Places, dN: Floats, w: Floats, F: Floats, J: Floats, coefficients: Floats
 ) -> None:
@@ -179,7 +179,7 @@ def add_tangent(
                 b = a
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def add_both_linear(
     gradient: Floats,
     data: Floats,
@@ -239,7 +239,7 @@ def add_both_linear(
                 m += 1
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def add_stress_tangent(data: Floats, places: Places, dN: Floats, w: Floats, F: Floats, S: Floats, D: Floats) -> None:
     """The tangent of stresses S (n_tets * n_q, 6) with their tangents D (n_tets * n_q, 6, 6)."""
     n, n_q, n_a, _ = dN.shape
@@ -274,7 +274,7 @@ def add_stress_tangent(data: Floats, places: Places, dN: Floats, w: Floats, F: F
                 m += 1
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+@kernel(error_model="numpy", fastmath=FAST, inline="always")
 def _first_tangent(f: Floats, s: Floats, d: Floats, weight: float, FD: Floats, A: Floats) -> None:
     """weight dP/dF (3, 3, 3, 3) of a stress s (6,) and its tangent d (6, 6): F_ia D_akbl F_jb + I_ij S_kl."""
     for i in range(3):
@@ -301,7 +301,7 @@ def _first_tangent(f: Floats, s: Floats, d: Floats, weight: float, FD: Floats, A
         A[i, 2, i, 0] += weight * s[5]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def interpolate(pressure: Floats, pressure_conn: Ints, N_p: Floats) -> Floats:
     n, n_q, n_b = N_p.shape
     p = np.zeros((n, n_q))
@@ -312,7 +312,7 @@ def interpolate(pressure: Floats, pressure_conn: Ints, N_p: Floats) -> Floats:
     return p
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def add_volume_gradient(gradient: Floats, n_x: int, pressure_conn: Ints, N_p: Floats, w: Floats, value: Floats) -> None:
     n, n_q, n_b = N_p.shape
     for e in range(n):
@@ -322,7 +322,7 @@ def add_volume_gradient(gradient: Floats, n_x: int, pressure_conn: Ints, N_p: Fl
                 gradient[n_x + pressure_conn[e, b]] += v * N_p[e, q, b]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def add_coupling(
     data: Floats,
     coupling: Places,

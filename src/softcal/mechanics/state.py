@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.kernel import kernel
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.memory import Memory
 from softcal.mechanics.rotation_kernels import rotation_vector
@@ -98,7 +98,7 @@ def exponential(omega: Floats) -> Floats:
     return rotation
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _move_frames(position: Floats, rotation: Floats, step: Floats) -> None:
     """c <- c + dc, R <- exp(omega) R (Rodrigues) for the moving frames."""
     for k in range(len(step)):
@@ -126,7 +126,7 @@ def logarithm(rotation: Floats) -> Floats:
     return vectors
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _take_logarithms(rotation: Floats, out: Floats) -> None:
     for k in range(len(out)):
         rotation_vector(rotation[k], out[k])

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.kernel import kernel
 from softcal.mechanics.friction_level import level, level_slope
 
 # The turning angle has a kink at zero, rounded off below this angle [rad], which the via points of a cable share: so a
@@ -17,7 +17,7 @@ CLOSE = 1e-13  # of a logarithm of two tensions
 CLOSE_ENOUGH = 1e-10  # where rounding stops the iteration
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def turn(ptr: Ints, v: Floats, phi: Floats, by_near: Floats, by_far: Floats) -> None:
     across = np.empty(3)
     for c in range(len(ptr) - 1):
@@ -39,7 +39,7 @@ def turn(ptr: Ints, v: Floats, phi: Floats, by_near: Floats, by_far: Floats) -> 
                 by_far[k, i] = -scale * (u[i] - cos * w[i]) / lb
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def solve(
     ptr: Ints,
     pull: Floats,
@@ -130,7 +130,7 @@ def solve(
     return 0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _stiffness(stretch: float, softness: float, preload: float) -> float:
     """d rho / d stretch of a segment [1/m]."""
     if preload <= 0.0:
@@ -139,7 +139,7 @@ def _stiffness(stretch: float, softness: float, preload: float) -> float:
     return level_slope(T, preload) / level(T, preload) / softness
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _beyond(
     a: int,
     b: int,
@@ -173,7 +173,7 @@ def _beyond(
         left[k] = rho[k] - rho[k - 1] - most[k] * (sigma[k] + drag * (slip[k] - begun[k]))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def respond(ptr: Ints, by_slip: Floats, pulled: Floats, own: Floats) -> Floats:
     out = np.zeros_like(own)
     for c in range(len(ptr) - 1):
@@ -194,7 +194,7 @@ def respond(ptr: Ints, by_slip: Floats, pulled: Floats, own: Floats) -> Floats:
     return out
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def pull_back(ptr: Ints, by_slip: Floats, pulled: Floats, weights: Floats) -> tuple[Floats, Floats]:
     """Sums of the rates of rho with weights (n, k) of the segments, the transpose of `respond`: by the segments'
     lengths and by the r of their via points (n, k).
@@ -219,7 +219,7 @@ def pull_back(ptr: Ints, by_slip: Floats, pulled: Floats, weights: Floats) -> tu
     return of_lengths, of_turns
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def changing(ptr: Ints, by_slip: Floats, pulled: Floats, by_angle: Floats, moves: np.ndarray) -> np.ndarray:
     """Whether a segment can move and has a rho that changes with the shape (n,)."""
     out = np.zeros(len(moves), dtype=np.bool_)
@@ -240,7 +240,7 @@ def changing(ptr: Ints, by_slip: Floats, pulled: Floats, by_angle: Floats, moves
     return out
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def beyond(ptr: Ints, values: Floats) -> Floats:
     out = values.copy()
     for c in range(len(ptr) - 1):

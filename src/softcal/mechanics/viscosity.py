@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.kernel import kernel
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.mesh_motion import MeshMotion
 from softcal.mechanics.pattern import Pattern
@@ -75,7 +75,7 @@ class ViscousTerm(Term):
         return float(np.sum(self.w * (0.5 * self.lmbda * trace**2 + self.mu * square)))
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def _add_gradient(
     gradient: Floats, conn: Ints, dN: Floats, w: Floats, F: Floats, C_n: Floats, S: Floats, moduli: tuple[float, float]
 ) -> None:
@@ -104,7 +104,7 @@ def _add_gradient(
                     gradient[at + i] += P[i, 0] * d0 + P[i, 1] * d1 + P[i, 2] * d2
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def _add_tangent(
     data: Floats, places: Places, dN: Floats, w: Floats, F: Floats, S: Floats, lmbda: float, mu: float
 ) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.kernel import kernel
 
 
-@numba.njit(cache=True)
+@kernel()
 def blocks_on_points(
     groups: Ints, blocks: Floats, ptr: Ints, points: Ints, weights: Floats, n_points: int
 ) -> tuple[Ints, Ints, Floats]:
@@ -48,7 +48,7 @@ def blocks_on_points(
     return rows[:count], columns[:count], out[:count].reshape(-1, 3, 3)
 
 
-@numba.njit(cache=True)
+@kernel()
 def _members(groups: Ints, n: int) -> tuple[Ints, Ints]:
     """Of each of n vertices its places in the groups (m, 4), counted by rows: where they begin in a list (n + 1,), and
     the list.
@@ -69,7 +69,7 @@ def _members(groups: Ints, n: int) -> tuple[Ints, Ints]:
     return begin, members
 
 
-@numba.njit(cache=True)
+@kernel()
 def _times_weights(
     groups: Ints, blocks: Floats, begin: Ints, members: Ints, ptr: Ints, points: Ints, weights: Floats, n_points: int
 ) -> tuple[Ints, Ints, Floats]:
@@ -113,7 +113,7 @@ def _times_weights(
     return right, column, value
 
 
-@numba.njit(cache=True)
+@kernel()
 def _transposed(ptr: Ints, points: Ints, weights: Floats, right: Ints, n_points: int) -> tuple[Ints, Ints, Floats]:
     """W^T by rows, of vertices with rows in `right`: where each point's begin (n_points + 1,), vertices, weights."""
     begin = np.zeros(n_points + 1, dtype=np.int64)

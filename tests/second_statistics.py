@@ -413,7 +413,7 @@ class Estimator:
             worths = causes(self.fit, e)
             for b in (b for b in self.fit.blocks if b.experiment == e):
                 clear, worth, changes = worths[b.channel]
-                if clear > 5 or effective(b.r) < min(len(b.r) / 5, 10):
+                if clear > 5:
                     change = changes[max(changes, key=lambda cause: worth[cause][0])] / math.sqrt(3)
                     row, alone = b.bent(change[:, None]).T @ b.pull, change[None, :] @ b.pull
                     one = Source("misfit", [row], [e], [alone])

@@ -45,8 +45,8 @@ def study(
                 offset[:, i] = channel == "tension"
                 J = np.column_stack([rows, offset])
                 e = noise[i][channel] - (0.0 if own is None else own[i] * rows[:, 0])
-                sigma = stated.get(channel, 0.0)
-                blocks.append(Block(f"pull{i}", channel, np.full(N, 5.0), e + J @ step, sigma, J, drift=drift))
+                sigma, left = stated.get(channel, 0.0), e + J @ step
+                blocks.append(Block(f"pull{i}", channel, 5.0 - left, left, sigma, J, drift=drift))
         weights = [loss.square_weights(one, one.residual) for one in blocks]
         A = sum(b.jacobian.T @ (w[:, None] * b.jacobian) for b, w in zip(blocks, weights, strict=True))
         change = np.linalg.solve(A, sum(b.jacobian.T @ (w * b.residual) for b, w in zip(blocks, weights, strict=True)))

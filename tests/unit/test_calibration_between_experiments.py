@@ -27,7 +27,7 @@ def found_with(own: np.ndarray, seed: int = 0, column: int = 0) -> tuple[Estimat
     noise = [SIGMA * chance.standard_normal(N) - SHARED[:, column] * own[i] for i in range(K)]
     step = np.linalg.lstsq(np.concatenate(jacobians), -np.concatenate(noise), rcond=None)[0]
     blocks = [
-        Block(name, "tension", np.full(N, 5.0), e + J @ step, SIGMA, J)
+        Block(name, "tension", 5.0 - (e + J @ step), e + J @ step, SIGMA, J)
         for name, e, J in zip(NAMES, noise, jacobians, strict=True)
     ]
     return estimator(LOSS, Z, np.ones(2 + K), blocks, SERVES), step

@@ -30,7 +30,8 @@ def blocks_of(
 ) -> list[Block]:
     """Tension and pitch at a step from the truth; prior: (error of its mean, sd) of the first parameter."""
     rows = {"tension": TENSION, "pitch": PITCH}
-    blocks = [Block("pull", c, np.full(N, 10.0), J @ step + noise[c], sigma.get(c, 0.0), J) for c, J in rows.items()]
+    left = {c: J @ step + noise[c] for c, J in rows.items()}
+    blocks = [Block("pull", c, 10.0 - left[c], left[c], sigma.get(c, 0.0), J) for c, J in rows.items()]
     if prior is not None:
         mean, sd = prior
         blocks.append(Block("", "prior", np.zeros(1), np.array([step[0] - mean]), sd, np.eye(3)[:1]))
@@ -133,9 +134,10 @@ def test_every_axis_of_a_camera_has_noise_of_its_own() -> None:
     chance = np.random.default_rng(4)
     sizes = {"x": 1e-3, "y": 1e-3, "z": 5e-3}
     blocks = [
-        Block("load", f"m{k}.{a}", np.ones(20), s * chance.standard_normal(20), 0.0, 0.1 * np.eye(3)[[i] * 20], f"m{k}")
+        Block("load", f"m{k}.{a}", 1.0 - noise, noise, 0.0, 0.1 * np.eye(3)[[i] * 20], f"m{k}")
         for k in range(6)
         for i, (a, s) in enumerate(sizes.items())
+        for noise in [s * chance.standard_normal(20)]
     ]
     told = estimator(DistanceLoss(0.4), Z, ONES, blocks)
     assert {g: n.size for g, n in told.noise.items()} == pytest.approx(sizes, rel=0.15)

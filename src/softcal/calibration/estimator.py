@@ -50,7 +50,7 @@ from softcal.calibration.noise import (
     systematic_sources,
     white_noise,
 )
-from softcal.calibration.residuals import SHOWN, residual_record
+from softcal.calibration.residuals import SHOWN
 from softcal.calibration.set_ups import members, serves_by_set_up, set_ups_of
 from softcal.calibration.uncertain import UncertainParameter
 from softcal.checks import Floats
@@ -296,16 +296,16 @@ class _LinearBlock:
 
 
 def missed(blocks: Sequence[Block]) -> list[Floats | None]:
-    """The change (n,) of each block's residual by what the model misses: by the clearest usual cause, where that or the
-    residuals' curve is beyond chance (`softcal.calibration.misfit`); None where it misses nothing.
+    """The change (n,) of each block's residual by what the model misses: by the clearest usual cause, where that is
+    beyond chance (`softcal.calibration.misfit`); None where it misses nothing.
+
+    A curve alone does not count: it may be how experiments differ, which is a source of its own.
     """
     found: dict[int, Floats | None] = {}
     for name in dict.fromkeys(block.experiment for block in blocks if block.experiment):
         own = [k for k, block in enumerate(blocks) if block.experiment == name]
         for k, misfit in zip(own, misfits([blocks[k] for k in own]), strict=True):
-            record = residual_record(blocks[k].residual)
-            is_shown = misfit.significance > SHOWN or (record is not None and record.is_curve)
-            found[k] = misfit.change if is_shown else None
+            found[k] = misfit.change if misfit.significance > SHOWN else None
     return [found.get(k) for k in range(len(blocks))]
 
 

@@ -41,6 +41,7 @@ OUTCOME = "softcal"  # the attribute of a study that says what it is, and that o
 _FAILED = "failed"  # in the outcome: it is one although there is no loss
 _BEAT = "beat"
 _RETRIED = "retry of"
+_LARGEST = 1e100  # of a loss: what is computed from larger ones is not finite
 BEAT, GRACE = 10.0, 60.0  # [s] between signs of life; without one after which a trial is given up
 _BEGINNING = 5.0  # [s] that a process may take between making a study and saying what it is
 
@@ -322,6 +323,9 @@ def _outcome(
     why = "" if isinstance(held, dict) else "it has no outcome of softcal's"
     if not why and not _is_in(space, frozen.params):
         why = "its parameters are not those of the search, or out of their bounds"
+    losses = [value for value in frozen.values or () if isinstance(value, int | float)]
+    if not why and any(abs(loss) > _LARGEST for loss in losses):
+        why = "its loss is larger than any"
     if not why:
         try:
             return as_stored(frozen, {**held, "number": frozen.number}, Path())

@@ -13,9 +13,9 @@ from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, BinaryIO, Literal
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import ValidationError, model_validator
 
 from softcal.calibration.fanova import distributions
 from softcal.calibration.parameters import SearchSpace
@@ -35,7 +35,6 @@ BEGIN = b'{"op_code"'  # of every journal of Optuna's
 _NEW_TRIAL, _STATES = 4, {1: "COMPLETE", 3: "FAIL"}  # of Optuna's journals
 LONGEST_LINE = 2**24  # bytes; those of hundreds of experiments have some ten thousand
 _STEP = 2**16
-_LARGEST = 1e100  # of a loss: what is computed from larger ones is not finite
 # What Optuna raises for a journal that is none, or is damaged.
 BROKEN = (ValueError, LookupError, TypeError, AttributeError, AssertionError, ArithmeticError, RuntimeError)
 
@@ -68,7 +67,7 @@ class _StoredRow(Record):
     number: Count
     theta: dict[str, float]
     state: Literal["COMPLETE", "FAIL"]
-    loss: Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)] | None
+    loss: float | None
     reason: str
     seconds: Amount
     n_solves: Count

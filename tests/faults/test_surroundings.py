@@ -133,6 +133,7 @@ SURROUNDINGS: Mapping[str, Around] = {
     **variable("OMP_NUM_THREADS", "x", "0", "-1", "99999"),
     **variable("MKL_NUM_THREADS", "x", "0"),
     **variable("NUMBA_NUM_THREADS", "99999"),
+    **{f"{n!r} threads of Numba": Around({"NUMBA_NUM_THREADS": n}, ends=REFUSED) for n in ("0", "-3", "x", "")},
     **variable("NUMBA_CACHE_DIR", "/etc/passwd", "/dev/null/x"),
     **variable("XDG_CACHE_HOME", "/etc/passwd"),
     **variable("DISPLAY", "nobody:99"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import os
+import re
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
@@ -58,7 +59,7 @@ def exit_on_error(command: Callable[P, None]) -> Callable[P, None]:
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         verbose = bool(kwargs.pop(VERBOSE, False))
         try:
-            _require_no_settings_of_numba()
+            _require_settings_of_numba()
             _require_paths(kwargs.values())
             command(*args, **kwargs)
         except InputError as error:
@@ -81,19 +82,22 @@ def exit_on_error(command: Callable[P, None]) -> Callable[P, None]:
     return run
 
 
-def _require_no_settings_of_numba() -> None:
-    """Raise where Numba would take settings from the present folder, which may be a stranger's project: among them are
-    those of where compiled code is taken from.
+def _require_settings_of_numba() -> None:
+    """Check the settings that Numba takes from its surroundings: none from a file in the present folder, which may be a
+    stranger's project and name where compiled code is taken from, and a number of threads that is one.
 
     Raises
     ------
     InputError
-        Where the file is there.
+        Where the file is there, or the number is none.
     """
-    name = ".numba_config.yaml"
+    name, threads = ".numba_config.yaml", os.environ.get("NUMBA_NUM_THREADS", "1")
     if os.path.lexists(name):
         what = "Numba would take its settings from this file, and run the compiled code that it names"
         raise InputError(Fault(what, name, attempt="another present folder, or remove the file"))
+    if not re.fullmatch("0*[1-9][0-9]{0,5}", threads, re.ASCII):
+        what, where = "this is no number of threads", "NUMBA_NUM_THREADS in the environment"
+        raise InputError(Fault(what, where, repr(threads[:40]), "1 or more, or not set"))
 
 
 def _require_paths(options: Iterable[object]) -> None:

@@ -218,7 +218,7 @@ def loss_cell(case: Case, label: str, told: Told, text: str) -> None:
 
 # Sentences.
 
-OF_ITS_OWN = ("noise", "drift", "misfit", "prior", "bounds")  # what an experiment errs in by itself
+OF_ITS_OWN = ("noise", "drift", "prior", "bounds")  # what an experiment errs in by itself
 
 
 def values_of(text: str) -> dict[str, str]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from softcal.calibration.budget import BOUNDS
 from softcal.calibration.left_out import LeftOut
-from softcal.calibration.noise import DRIFT, MISFIT
+from softcal.calibration.noise import DRIFT
 from softcal.calibration.parameters import Scale
 from softcal.calibration.random_effects import Spread
 from softcal.calibration.residuals import ResidualRecord
@@ -150,7 +150,7 @@ class Estimate:
         """
         if self.standard_error is None:
             return None
-        own = ("noise", DRIFT, MISFIT, "prior", BOUNDS)
+        own = ("noise", DRIFT, "prior", BOUNDS)
         other = sum(one for source, one in self.shares.items() if source not in own and not source.endswith(EACH))
         return self.standard_error * math.sqrt(max(1.0 - other, 0.0))
 

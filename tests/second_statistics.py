@@ -586,12 +586,12 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[
         shapes["another material law or friction in bends"] = y**3
         if 0.1 < np.mean(slope > 0) < 0.9:
             shapes["friction that reverses"] = np.sign(slope) * y
-        beside = len(shapes)
         if b.channel == "tension":  # contact from a place on, by which the force is larger than without
             for share in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8):
                 hinge = y - ((1 - share) * y.min() + share * y.max())
                 shapes[f"surfaces that meet{share}"] = np.where(hinge > 0, hinge, 0)
-        shapes = {cause: shape / np.linalg.norm(shape) for cause, shape in shapes.items()}
+        shapes = {cause: shape / np.linalg.norm(shape) for cause, shape in shapes.items() if np.any(shape != 0)}
+        beside = sum(not cause.startswith("surfaces that meet") for cause in shapes)
         C = averaged(np.column_stack(list(shapes.values())))
         J, r = averaged(b.J), averaged(b.r)
         X = span(np.column_stack([J / np.maximum(np.linalg.norm(J, axis=0), 1e-300), C[:, :beside]]))

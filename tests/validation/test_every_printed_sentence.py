@@ -368,6 +368,17 @@ def agreeing_tests(case: Case, labels: list[str], told: Told) -> None:
     assert bool(told["more"]) == (len({f"{one.p_most:.2g}" for one in alike.values()}) > 1)
 
 
+@sentence(
+    rf"Here each test has its own (?P<own>{LABEL}) too; with (?P<at>{LABEL}) at its joint value, in the joint fit, "
+    rf"the tests differ \({P}\)"
+)
+def tests_differ_at_the_joint_value(case: Case, labels: list[str], told: Told) -> None:
+    assert told["own"] == told["at"]
+    assert all(named(case.fits[label], told["own"]) in case.fits[label].names for label in case.fits)
+    (one,) = (one for one in case.estimator("joint").between.values() if one.differs)
+    assert 0.95 * one.p_least <= float(told["p"]) <= 1.05 * one.p_most
+
+
 def residual_size(case: Case, labels: list[str], told: Told) -> tuple[Fit, Block]:
     fit = case.fits[labels[0]]
     (block,) = (b for b in fit.blocks if (b.channel, b.experiment) == (told["channel"], told["of"]))

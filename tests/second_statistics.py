@@ -580,6 +580,10 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[
     rows, found = [], {}
     for b in (b for b in fit.blocks if b.experiment == experiment):
         y = b.r + b.measured
+        if len(y) < 20:  # too few to tell a cause from noise
+            size = max(math.sqrt(np.mean(b.r**2)), 1e-300)
+            rows.append((b.channel, b.r / size, b.J / size, {}))
+            continue
         time = b.time if b.drifts else np.linspace(0.0, 1.0, len(y))
         slope = np.gradient(y)
         shapes = {"an offset": y * 0 + 1, "a drift": time, "a gain": y, "a slack": slope}
@@ -621,7 +625,7 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[
                         worth["surfaces that meet"] = one
                 else:
                     worth[cause], changes[cause] = one, along * (whole @ r) / (whole @ whole)
-        clearest = max(t for cause, (t, _) in worth.items() if cause != "surfaces that meet")
+        clearest = max((t for cause, (t, _) in worth.items() if cause != "surfaces that meet"), default=0.0)
         worth = {cause: (min(t, clearest), share) for cause, (t, share) in worth.items()}
         found[channel] = clearest, worth, changes
     return found

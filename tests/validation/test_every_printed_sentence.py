@@ -466,7 +466,7 @@ def searches(case: Case, _: list[str], told: Told) -> None:
     assert all(minimum_distance(fit, case.estimator(label)) < 0.05 for label, fit in case.fits.items())
 
 
-@sentence(r"Converged in (\d+) trials, ([\d.]+) standard errors away from the minimum")
+@sentence(r"Converged in (\d+) trials, (?:less than )?([\d.]+) standard errors away from the minimum")
 def converged(case: Case, labels: list[str], told: Told) -> None:
     fit = case.fits[labels[0]]
     assert int(told[1]) <= len(fit.trials)

@@ -20,7 +20,7 @@ import numpy as np
 
 from softcal.calibration.between_experiments import Alone, Between, own_step, parts_alone
 from softcal.calibration.correlation import BINS, ErrorRecord, Process, record
-from softcal.calibration.estimator import Estimator, Linear, Weighed, linearised, missed, weighed
+from softcal.calibration.estimator import Estimator, Linear, Weighed, linearised, weighed
 from softcal.calibration.loss import Block, Loss, rms
 from softcal.calibration.noise import (
     DRIFT,
@@ -185,7 +185,7 @@ def with_added_test(
             jacobian = np.zeros((1, wide))
             jacobian[0, start : start + q] = row
             seen.append(Weighed(Block("", "prior", np.zeros(1), np.zeros(1), 1.0, jacobian), np.ones(1), np.ones(1)))
-    parts, inverse, unseen = linearised(loss, seen, np.ones(wide), len(errs), missed(blocks))
+    parts, inverse, unseen = linearised(loss, seen, np.ones(wide), len(errs), found.missed)
     parts, serves = parts_by_set_up(parts, found.set_ups), serves_by_set_up(serves, found.set_ups)
     sources = _base_sources(parts, found, places)
     new = [part for part in parts if part.experiment in places]

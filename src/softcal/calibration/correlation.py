@@ -66,7 +66,7 @@ class ErrorRecord:
 
     @cached_property
     def basis(self) -> Floats:
-        """Of what any theta explains, (m, r)."""
+        """An orthonormal basis of the changes that parameters can make, (m, r)."""
         return span(self.answer)
 
     @cached_property
@@ -75,8 +75,8 @@ class ErrorRecord:
         return _process([self])
 
     def on_grid(self, longest: int) -> Floats:
-        """What it adds to r' P r and to the determinants at the lengths and shares of the grid, (2, lengths, shares);
-        longest: values of the longest record beside it.
+        """The record's parts of r' P r and of the determinants at the lengths and shares of the grid, (2, lengths,
+        shares); longest: values of the longest record in the group.
         """
         if longest not in self._on_grids:
             stack = _Stack([self])

@@ -94,6 +94,8 @@ class Estimator:
         The same by the noise and the priors alone.
     set_ups
         Experiment -> its set-up, where it is set-ups that are compared; else empty.
+    missed
+        The change (n,) of each block's residual by what the model misses; None where it misses nothing (`missed`).
     """
 
     root: Floats
@@ -109,6 +111,7 @@ class Estimator:
     within_bounds: Floats
     by_noise: Floats
     set_ups: Mapping[str, str]
+    missed: tuple[Floats | None, ...]
 
     @property
     def contradiction(self) -> float:
@@ -164,6 +167,7 @@ class Minimum:
     set_ups: Mapping[str, str]
     without_contradiction: Budget
     misfits: Budget
+    missed: tuple[Floats | None, ...]
 
     @cached_property
     def budget(self) -> Budget:
@@ -188,6 +192,7 @@ class Minimum:
             self.budget.within_bounds,
             self.without_contradiction.part("noise", "prior").within_bounds,
             self.set_ups,
+            self.missed,
         )
 
 
@@ -242,9 +247,8 @@ class Estimators:
         beyond = np.zeros(len(self._z))
         if not spent:
             beyond[known] = beyond_bounds(minimum[known], budget.root[:, known])
-        return Minimum(
-            minimum, unseen, beyond, noise, spent, compared, held, set_ups, budget, linear.of(misfit_sources(parts))
-        )
+        misfits, changes = linear.of(misfit_sources(parts)), tuple(one.missed for one in blocks)
+        return Minimum(minimum, unseen, beyond, noise, spent, compared, held, set_ups, budget, misfits, changes)
 
 
 def _named(part: ScaledBlock, experiment: str) -> ScaledBlock:
@@ -279,11 +283,14 @@ def linearised(
 
 @dataclass(frozen=True, eq=False)
 class _LinearBlock:
-    """A block, its derivative by the point of the unit box (n, size), and the block in units of its noise."""
+    """A block, its derivative by the point of the unit box (n, size), the block in units of its noise, and the change
+    of its residual (n,) by what the model misses.
+    """
 
     seen: Weighed
     jacobian: Floats
     part: ScaledBlock
+    missed: Floats | None = None
 
     @cached_property
     def rows(self) -> Floats:
@@ -301,12 +308,14 @@ def missed(blocks: Sequence[Block]) -> list[Floats | None]:
 
     A curve alone does not count: it may be how experiments differ, which is a source of its own.
     """
-    found: dict[int, Floats | None] = {}
-    for name in dict.fromkeys(block.experiment for block in blocks if block.experiment):
-        own = [k for k, block in enumerate(blocks) if block.experiment == name]
+    places: dict[str, list[int]] = {}
+    for k, block in enumerate(blocks):
+        places.setdefault(block.experiment, []).append(k)
+    found: list[Floats | None] = [None] * len(blocks)
+    for own in (own for experiment, own in places.items() if experiment):
         for k, misfit in zip(own, misfits([blocks[k] for k in own]), strict=True):
             found[k] = misfit.change if misfit.significance > SHOWN else None
-    return [found.get(k) for k in range(len(blocks))]
+    return found
 
 
 def _linear(loss: Loss, seen: Weighed, slopes: Floats, n_uncertain: int, change: Floats | None = None) -> _LinearBlock:
@@ -324,7 +333,7 @@ def _linear(loss: Loss, seen: Weighed, slopes: Floats, n_uncertain: int, change:
     known = seen.stated is not None
     misfit = None if change is None else (change / unit, curving(loss, block, w, change[:, None])[:, 0] / unit)
     part = ScaledBlock(block.experiment, group, known, answer, pull, over, changes, curved, drift, misfit)
-    return _LinearBlock(seen, J, part)
+    return _LinearBlock(seen, J, part, change)
 
 
 @dataclass(frozen=True)
@@ -387,7 +396,7 @@ class Linear:
 
     @cached_property
     def _by_others(self) -> list[Floats]:
-        """Of each averaged parameter: derivative (size,) of the mean over the experiments by the joint values of the
+        """Derivative (size,) of each averaged parameter, the mean over the experiments, by the joint values of the
         other shared parameters.
         """
         found: list[Floats] = []

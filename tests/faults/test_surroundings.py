@@ -27,6 +27,7 @@ class Around:
     before: Callable[[], object] = lambda: None
     ends: Mapping[str, tuple[End, ...]] = field(default_factory=dict)  # by command, where it is not solved
     files: Mapping[str, str] = field(default_factory=dict)  # beside the project
+    options: tuple[str, ...] = ()  # of Python
 
 
 def begun(words: tuple[str, ...], around: Around) -> Callable[[], object]:
@@ -38,7 +39,7 @@ def begun(words: tuple[str, ...], around: Around) -> Callable[[], object]:
         around.before()
         os.execve(
             sys.executable,
-            [sys.executable, "-m", "softcal", *words],
+            [sys.executable, *around.options, "-m", "softcal", *words],
             {name: value for name, value in variables.items() if value is not None},
         )
 
@@ -143,11 +144,16 @@ SURROUNDINGS: Mapping[str, Around] = {
     **{
         f"{name} beside the project": Around(files={name: OWNED})
         for name in (
-            "numpy.py", "yaml.py", "softcal.py", "sitecustomize.py", "usercustomize.py", "matplotlib.py", "json.py",
-            "ruamel.py", "pint.py", "numba/__init__.py", "softcal/__init__.py", "softcal/cli.py", "typer.py",
+            "numpy.py", "yaml.py", "sitecustomize.py", "usercustomize.py", "matplotlib.py", "json.py",
+            "ruamel.py", "pint.py", "numba/__init__.py", "softcal/cli.py", "typer.py",
             "pyvista.py",
             "vtkmodules/__init__.py", "optuna/__init__.py", "scipy/__init__.py", "encodings/__init__.py", "site.py",
         )
+    },
+    # `python -m softcal` takes these before any line of softcal runs; the command `softcal` does not (docs/security.md).
+    **{
+        f"{name} beside the project": Around(files={name: OWNED}, options=("-P",))
+        for name in ("softcal.py", "softcal/__init__.py")
     },
     "settings of pytest beside": Around(files={"conftest.py": OWNED, "pyproject.toml": "[[["}),
     "settings of Matplotlib beside": Around(files={"matplotlibrc": "backend: nobody\ntext.usetex: True\n"}),

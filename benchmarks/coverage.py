@@ -237,7 +237,7 @@ class Coverage:
     ratio: the intervals' mean half-length over 1.96 times the estimates' root-mean-square error. differ: studies that
     call the experiments different in any parameter. misfits: studies that say that residuals are more than noise, or
     that model and bounds contradict the data. named: studies that name the case's cause among the first two of the
-    channel in which it is clearest.
+    channel in which it is clearest. times: as many times as long, 90 % of the intervals would contain the true value.
     """
 
     case: Case
@@ -249,6 +249,7 @@ class Coverage:
     differ: int = 0
     misfits: int | None = None
     named: int | None = None
+    times: float | None = None
 
     @property
     def share(self) -> float:
@@ -276,10 +277,18 @@ def coverage(case: Case, studies: int = STUDIES, workers: int | Executor = 1) ->
     for name, held in found.items():
         ends = np.array([interval for _, interval in held if interval is not None]).reshape(-1, 2)
         inside = np.sum((ends[:, 0] <= truth[name]) & (truth[name] <= ends[:, 1]))
+        far = [_distance(truth[name], value, interval) for value, interval in held if interval is not None]
+        times = float(np.quantile(far, 0.9)) if np.isfinite(far).all() and far else None
         error = float(np.sqrt(np.mean([(value - truth[name]) ** 2 for value, _ in held])))
         ratio = float(np.mean(ends[:, 1] - ends[:, 0])) / 2 / (1.96 * error) if len(ends) else float("nan")
-        rows.append(Coverage(case, name, len(held), len(ends), int(inside), ratio, differ, misfits, named))
+        rows.append(Coverage(case, name, len(held), len(ends), int(inside), ratio, differ, misfits, named, times))
     return rows
+
+
+def _distance(true: float, value: float, interval: tuple[float, float]) -> float:
+    """How far the true value is from the estimate, over the length of the interval on that side."""
+    side = abs((interval[0] if true < value else interval[1]) - value)
+    return abs(true - value) / side if side else float("inf") * (true != value)
 
 
 def _causes(records: Sequence[ResidualRecord]) -> list[str]:
@@ -471,6 +480,12 @@ def page(found: Sequence[Coverage]) -> str:
     compared = [case.name for case in CASES if case.reaches == FOUR]
     differ = {one.case.name: f"{one.differ} of {one.studies}" for one in found}
     told |= {f"differ {name}": differ.get(name, "(not run)") for name in compared}
+    slack = {one.case.name: one for one in found if one.parameter == SLACK}
+    for loss in (LIKELIHOOD.name, PAPERS.name):
+        drifting, steady = (slack.get(f"{loss}-{name}") for name in ("drift-3", "steady"))
+        known = drifting and steady and drifting.times
+        told[f"times {loss}"] = f"{drifting.times:.1f}" if known else "(not run)"
+        told[f"long {loss}"] = f"{drifting.times * steady.ratio:.1f}" if known else "(not run)"
     return written_page(TEXT, told)
 
 

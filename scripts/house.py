@@ -1,0 +1,155 @@
+"""The size of the house: a table of its rooms, and the figures that tests/contracts/test_house.py holds.
+
+python -m scripts.house
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+import tokenize
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+SOURCE = Path(__file__).parents[1] / "src" / "softcal"
+PLUGINS = "plugins"
+SMALL = 60  # lines
+ARGUMENTS = 3  # from so many on, a public function has a section `Parameters`
+
+
+@dataclass(frozen=True)
+class Module:
+    """A file, parsed."""
+
+    path: Path
+    tree: ast.Module = field(repr=False)
+    n_lines: int
+
+    @property
+    def room(self) -> str:
+        """The folder below the package, of plugins with the plugin's own; "" at the root."""
+        *folders, _ = self.path.relative_to(SOURCE).parts
+        return "/".join(folders[: 2 if folders[:1] == [PLUGINS] else 1])
+
+    @property
+    def n_imports(self) -> int:
+        """Lines of import statements, continued ones with all their lines."""
+        nodes = (one for one in ast.walk(self.tree) if isinstance(one, (ast.Import, ast.ImportFrom)))
+        return sum((one.end_lineno or one.lineno) - one.lineno + 1 for one in nodes)
+
+    @cached_property
+    def n_docstrings(self) -> int:
+        """Lines of docstrings."""
+        kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+        bodies = (one.body[0] for one in ast.walk(self.tree) if isinstance(one, kinds) and ast.get_docstring(one))
+        return sum((one.end_lineno or one.lineno) - one.lineno + 1 for one in bodies)
+
+    @cached_property
+    def n_code(self) -> int:
+        """Lines that are neither blank nor comments alone, docstrings or imports."""
+        beside = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
+        lines: set[int] = set()
+        with self.path.open("rb") as file:
+            for token in tokenize.tokenize(file.readline):
+                if token.type not in beside and token.type != tokenize.ENCODING:
+                    lines.update(range(token.start[0], token.end[0] + 1))
+        return len(lines) - self.n_imports - self.n_docstrings
+
+    @cached_property
+    def called_once(self) -> list[str]:
+        """Private functions and methods without decorators that their own file names at one place alone."""
+        helpers = [
+            one.name
+            for one in ast.walk(self.tree)
+            if isinstance(one, (ast.FunctionDef, ast.AsyncFunctionDef))
+            and one.name.startswith("_")
+            and not one.name.endswith("__")
+            and not one.decorator_list
+        ]
+        uses = Counter(
+            one.id if isinstance(one, ast.Name) else one.attr
+            for one in ast.walk(self.tree)
+            if isinstance(one, (ast.Name, ast.Attribute))
+        )
+        return [name for name in helpers if uses[name] == 1]
+
+    @cached_property
+    def without_parameters(self) -> list[str]:
+        """Public functions of public names with three arguments or more and no section `Parameters`."""
+        return [f"{self.path.relative_to(SOURCE)}: {name}" for name, one in _public(self.tree) if _is_short(one)]
+
+
+def _public(tree: ast.Module | ast.ClassDef, before: str = "") -> Iterator[tuple[str, ast.FunctionDef]]:
+    for one in tree.body:
+        if isinstance(one, ast.ClassDef) and not one.name.startswith("_"):
+            yield from _public(one, f"{one.name}.")
+        elif isinstance(one, ast.FunctionDef) and not one.name.startswith("_"):
+            yield before + one.name, one
+
+
+def _is_short(function: ast.FunctionDef) -> bool:
+    arguments = function.args
+    names = [one.arg for one in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
+    n = len([name for name in names if name not in ("self", "cls")])
+    return n >= ARGUMENTS and "Parameters\n" not in (ast.get_docstring(function) or "")
+
+
+@dataclass(frozen=True)
+class House:
+    """All files of the package."""
+
+    modules: Sequence[Module]
+
+    @property
+    def n_lines(self) -> int:
+        return sum(one.n_lines for one in self.modules)
+
+    @property
+    def core(self) -> House:
+        """Without the plugins."""
+        return House([one for one in self.modules if not one.room.startswith(PLUGINS)])
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """What is held, in words -> its value."""
+        modules = self.modules
+        return {
+            "lines": self.n_lines,
+            "lines of the core": self.core.n_lines,
+            "private helpers called once": sum(len(one.called_once) for one in modules),
+            f"files below {SMALL} lines": sum(one.n_lines < SMALL for one in modules),
+            "share of imports [%]": round(100 * sum(one.n_imports for one in modules) / self.n_lines, 1),
+            f"public functions of {ARGUMENTS} arguments without Parameters": sum(
+                len(one.without_parameters) for one in modules
+            ),
+        }
+
+
+def house() -> House:
+    """The package as it stands."""
+    paths = sorted(SOURCE.rglob("*.py"))
+    texts = [path.read_text(encoding="utf-8") for path in paths]
+    return House([Module(p, ast.parse(text), len(text.splitlines())) for p, text in zip(paths, texts, strict=True)])
+
+
+def main() -> None:
+    stands = house()
+    heads = ("room", "files", "lines", "code", "docstrings", "imports", "helpers called once")
+    rows = []
+    for room in sorted({one.room for one in stands.modules}):
+        own = [one for one in stands.modules if one.room == room]
+        sums = [sum(getattr(one, name) for one in own) for name in ("n_lines", "n_code", "n_docstrings", "n_imports")]
+        rows.append((room or "(root)", len(own), *sums, sum(len(one.called_once) for one in own)))
+    rows.append(("all", *(sum(row[k] for row in rows) for k in range(1, len(heads)))))
+    lines = [f"{row[0]:22}" + "".join(f"{value:>{len(head) + 2}}" for value, head in zip(row[1:], heads[1:])) for row in rows]
+    print(f"{heads[0]:22}" + "".join(f"  {head}" for head in heads[1:]), *lines, sep="\n")
+    print("", *(f"{name}: {value:g}" for name, value in stands.figures.items()), sep="\n")
+    if "-v" in sys.argv:
+        print("", *(name for one in stands.modules for name in one.without_parameters), sep="\n")
+
+
+if __name__ == "__main__":
+    main()

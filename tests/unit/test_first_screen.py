@@ -476,9 +476,10 @@ def test_the_terminal_says_which_intervals_are_without_the_mesh(capsys: pytest.C
         made = result(*experiments, estimates={E_NAME: replace(E, shares=shares)})
         return replace(made, notes=(Note(not_included([MESH_ERROR] if mesh else [])),))
 
-    print_results({"a": of("a", mesh=False), "b": of("b", mesh=False), "joint": of("a", "b", mesh=True)})
+    separate = {"a": of("a", mesh=False), "b": of("b", mesh=False)}
+    print_results({**separate, "joint": of("a", "b", mesh=True)}, verbose=True)
     assert "Those of a, b do not include the error of the mesh." in capsys.readouterr().out
-    print_results({"a": of("a", mesh=True), "joint": of("a", "b", mesh=True)})
+    print_results({"a": of("a", mesh=True), "joint": of("a", "b", mesh=True)}, verbose=True)
     assert "do not include the error of the mesh" not in capsys.readouterr().out
 
 
@@ -519,6 +520,7 @@ def test_no_number_of_a_result_has_more_digits_than_its_interval_allows(capsys: 
     report = content(results, mesh_study=study)
     page = re.sub(r"<[^>]*>", " ", re.sub(r"(?s)<style>.*?</style>", "", render(report)))
     assert "1.932" in page
+    print_results(results, verbose=True)
     print_results(results)
     drawn = report_pictures(report, ("parameter", "loss", "mesh-study", "overview"))
     assert drawn

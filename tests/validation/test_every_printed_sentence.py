@@ -745,7 +745,7 @@ def fault_of(check: Callable[..., None], *of: Any) -> str:
 def printed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, list[Check]]:
     """An example, and every check of what a calibration of it prints."""
     project, run = ROOT / "examples" / request.param / "project.yaml", tmp_path_factory.mktemp("run") / "run"
-    words = [sys.executable, "-m", "softcal", "calibrate", str(project), "--no-report", "--out", str(run)]
+    words = [sys.executable, "-m", "softcal", "calibrate", str(project), "--verbose", "--no-report", "--out", str(run)]
     done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=True, env=WIDE)
     return request.param, list(checked(Case(run, done.stdout, softcal.load(project))))
 

@@ -21,7 +21,9 @@ P = ParamSpec("P")
 
 BAD_INPUT, FAILED = 2, 1
 VERBOSE = "verbose"
-Verbose = Annotated[bool, typer.Option("--verbose", help="With an unknown name, list all that there are.")]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", help="Print every remark; with an unknown name, list all that there are.")
+]
 
 app = typer.Typer(
     name="softcal",
@@ -53,11 +55,15 @@ ProjectFile = Annotated[Path, typer.Argument(metavar="PROJECT", help="The projec
 
 
 def exit_on_error(command: Callable[P, None]) -> Callable[P, None]:
-    """Decorator of commands: softcal's errors end with a message and an exit code, without a traceback."""
+    """Decorator of commands: softcal's errors end with a message and an exit code, without a traceback. Every command
+    has the option `--verbose`, also one without such an argument.
+    """
+    signature = inspect.signature(command, eval_str=True)
+    has_own = VERBOSE in signature.parameters
 
     @functools.wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
-        verbose = bool(kwargs.pop(VERBOSE, False))
+        verbose = bool(kwargs.get(VERBOSE, False) if has_own else kwargs.pop(VERBOSE, False))
         try:
             _require_settings_of_numba()
             _require_paths(kwargs.values())
@@ -74,11 +80,10 @@ def exit_on_error(command: Callable[P, None]) -> Callable[P, None]:
             typer.echo("Stopped.", err=True)
             raise typer.Exit(exit_code(stop)) from None
 
-    # Every command has the option, which Typer reads from here.
-    signature = inspect.signature(command, eval_str=True)
     option = inspect.Parameter(VERBOSE, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Verbose)
-    run.__dict__["__signature__"] = signature.replace(parameters=[*signature.parameters.values(), option])
-    run.__annotations__ = {one.name: one.annotation for one in (*signature.parameters.values(), option)}
+    parameters = [*signature.parameters.values(), *[option] * (not has_own)]  # Typer reads them from here
+    run.__dict__["__signature__"] = signature.replace(parameters=parameters)
+    run.__annotations__ = {one.name: one.annotation for one in parameters}
     return run
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from softcal.cli.app import ProjectFile, app, exit_on_error, resumable
+from softcal.cli.app import ProjectFile, Verbose, app, exit_on_error, resumable
 from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.calibration_table import print_results, result_line
 from softcal.cli.page_beside import page_beside
@@ -97,6 +97,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
             show_default=False,
         ),
     ] = None,
+    verbose: Verbose = False,
 ) -> None:
     """Find the free parameters; keeps every trial, and writes tables, figures and a report into a run folder."""
     from softcal.project.project import load
@@ -148,7 +149,8 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
                 )
             solved = {} if found.stopped_by is not None else furthest_responses(loaded, found.results)
             records = {name: record for name, record in loaded.corrected.items() if record is not None}
-            print_results(found.results, {name: e.dataset for name, e in loaded.experiments.items()}, records, solved)
+            data = {name: experiment.dataset for name, experiment in loaded.experiments.items()}
+            print_results(found.results, data, records, solved, verbose=verbose)
             if found.stopped_by is not None:
                 raise found.stopped_by
         typer.echo(f"Run: {shown_path(folder)}")

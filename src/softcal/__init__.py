@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from softcal.calibration.result import SweepResult as SweepResult
     from softcal.calibration.settings import SearchSettings as SearchSettings
     from softcal.calibration.uncertain import UncertainParameter as UncertainParameter
+    from softcal.cli.command import register_command as register_command
     from softcal.coupons.comparison import LawComparison as LawComparison
     from softcal.coupons.comparison import compare_laws as compare_laws
     from softcal.coupons.coupon import Coupon as Coupon
@@ -242,6 +243,7 @@ _HOMES = {
     "ramp": "softcal.twin.schedule",
     "read_coupons": "softcal.coupons.reading",
     "read_mesh": "softcal.geometry.read",
+    "register_command": "softcal.cli.command",
     "register_engine": "softcal.export.engine",
     "register_executor": "softcal.executors.executor",
     "register_export": "softcal.workflows.export",
@@ -367,6 +369,7 @@ __all__ = [
     "ramp",
     "read_coupons",
     "read_mesh",
+    "register_command",
     "register_engine",
     "register_executor",
     "register_export",

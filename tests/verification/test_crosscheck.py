@@ -15,7 +15,7 @@ from project_case import write_project
 from typer.testing import CliRunner
 
 from softcal.cli import app
-from softcal.cli.crosscheck_command import _table
+from softcal.cli.commands.crosscheck_command import _table
 from softcal.cli.printing import print_table
 from softcal.errors import SimulationError
 from softcal.export.crosscheck import Difference, EngineComparison, crosscheck

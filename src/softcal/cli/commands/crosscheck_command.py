@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softcal.cli.app import FAILED, app, exit_on_error
-from softcal.cli.export_commands import Pull, Source
+from softcal.cli.command import FAILED, register_command
 from softcal.cli.printing import print_table, shown_path
 from softcal.cli.running import clock, executor_told
-from softcal.cli.values import LOCAL, On, Values, Workers, names, parsed_values
+from softcal.cli.values import LOCAL, On, Pull, Source, Values, Workers, names, parsed_values
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -21,8 +20,7 @@ if TYPE_CHECKING:
 AT_REST = "at rest"
 
 
-@app.command()
-@exit_on_error
+@register_command("other programs", 2)
 def crosscheck(
     source: Source,
     engines: Annotated[

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softcal.cli.app import app, exit_on_error
+from softcal.cli.command import register_command
 from softcal.cli.printing import print_report_table, print_warnings, shown_path
 from softcal.cli.running import clock
 from softcal.errors import Fault, ParameterError
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 MOST_REACH = 100.0
 
 
-@app.command("coupon")
-@exit_on_error
+@register_command("data", 1)
 def coupon(  # noqa: PLR0913 (one argument for each option)
     data: Annotated[
         list[Path] | None,

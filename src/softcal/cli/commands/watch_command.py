@@ -7,13 +7,12 @@ from typing import Annotated
 
 import typer
 
-from softcal.cli.app import app, exit_on_error
+from softcal.cli.command import register_command
 
 PORTS = 65535
 
 
-@app.command()
-@exit_on_error
+@register_command("start", 6)
 def watch(
     run: Annotated[
         Path,

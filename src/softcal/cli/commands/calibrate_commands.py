@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from softcal.cli.app import ProjectFile, app, exit_on_error, resumable
 from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.calibration_table import print_results, result_line
+from softcal.cli.command import ProjectFile, register_command, resumable
 from softcal.cli.page_beside import page_beside
 from softcal.cli.printing import print_warnings, shown_path
 from softcal.cli.running import clock, executor_told, steps
@@ -35,8 +35,7 @@ if TYPE_CHECKING:
     from softcal.twin.response import Response
 
 
-@app.command()
-@exit_on_error
+@register_command("start", 4)
 def calibrate(  # noqa: PLR0913 (one argument for each option)
     project: ProjectFile,
     method: Annotated[
@@ -176,8 +175,7 @@ def _print_expected(project: Project, engine: str, changes: dict[str, Any], work
     typer.echo(f"{text}, if all take as long.")
 
 
-@app.command()
-@exit_on_error
+@register_command("start", 5)
 def report(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A folder that calibrate wrote.", show_default=False)],
     out: Annotated[

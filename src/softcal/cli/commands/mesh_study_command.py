@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softcal.cli.app import app, exit_on_error
-from softcal.cli.export_commands import Source
+from softcal.cli.command import register_command
 from softcal.cli.printing import print_table, print_warnings, shown_path
 from softcal.cli.running import executor_told
-from softcal.cli.values import LOCAL, On, Values, Workers, parsed_values
+from softcal.cli.values import LOCAL, On, Source, Values, Workers, parsed_values
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,8 +24,7 @@ if TYPE_CHECKING:
     from softcal.analysis.mesh_study import Finer, MeshStudy, Observer
 
 
-@app.command("mesh-study")
-@exit_on_error
+@register_command("judge", 3)
 def mesh_study(  # noqa: PLR0913 (one argument for each option)
     source: Source,
     calibration: Annotated[

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softcal.cli.app import ProjectFile, app, exit_on_error
+from softcal.cli.command import ProjectFile, register_command
 from softcal.cli.printing import shown_path
 from softcal.cli.running import clock, motion_bars
 from softcal.cli.values import Engine, Values, parsed_values
@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from softcal.twin.response import Response
 
 
-@app.command()
-@exit_on_error
+@register_command("start", 3)
 def simulate(
     project: ProjectFile,
     out: Annotated[Path, typer.Option(metavar="DIR", help="A folder that is new or empty.", show_default=False)],

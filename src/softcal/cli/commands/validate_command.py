@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softcal.cli.app import app, exit_on_error
+from softcal.cli.command import register_command
 from softcal.cli.printing import print_table, print_warnings, shown_path
 from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, Values, Workers, names, parsed_values
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from softcal.calibration.result import Estimate, ExperimentFit
 
 
-@app.command()
-@exit_on_error
+@register_command("judge", 1)
 def validate(
     projects: Annotated[
         list[Path],

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softcal.cli.app import app, exit_on_error
+from softcal.cli.command import register_command
 from softcal.cli.printing import print_table, shown_path
 from softcal.cli.running import clock, executor_told
 from softcal.cli.values import LOCAL, On, Workers
@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from softcal.calibration.checked_interval import IntervalStudy
 
 
-@app.command("intervals")
-@exit_on_error
+@register_command("judge", 4)
 def intervals(  # noqa: PLR0913 (one argument for each option)
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a calibrated run.", show_default=False)],
     by: Annotated[

@@ -7,18 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softcal.cli.app import app, exit_on_error
-from softcal.cli.export_commands import Source
+from softcal.cli.command import register_command
 from softcal.cli.printing import print_table, print_warnings, shown_path
 from softcal.cli.running import clock, executor_told
-from softcal.cli.values import LOCAL, On, Values, Workers, parsed_values
+from softcal.cli.values import LOCAL, On, Source, Values, Workers, parsed_values
 
 if TYPE_CHECKING:
     from softcal.analysis.importance import ImportanceStudy
 
 
-@app.command("importance")
-@exit_on_error
+@register_command("judge", 5)
 def importance(
     source: Source,
     calibration: Annotated[

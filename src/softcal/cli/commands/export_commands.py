@@ -9,24 +9,13 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from softcal.cli.app import app, exit_on_error
+from softcal.cli.command import exit_on_error, register_command
 from softcal.cli.printing import print_warnings, shown_path
 from softcal.cli.running import clock, motion_bars
-from softcal.cli.values import Values, parsed_values
+from softcal.cli.values import Pull, Source, Values, parsed_values
 from softcal.workflows.export import EXPORTS, Export, ExportRequest, write_export
 
-Source = Annotated[
-    Path, typer.Argument(metavar="RUN_OR_PROJECT", help="A run folder, or a project file.", show_default=False)
-]
 Out = Annotated[Path, typer.Option(metavar="DIR", help="A folder that is new or empty.", show_default=False)]
-Pull = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="CABLE=VALUE",
-        help="Instead of the experiments: pull a cable (front=40mm, front=8N); repeat for several cables.",
-        show_default=False,
-    ),
-]
 
 
 class _Exports(TyperGroup):
@@ -39,15 +28,15 @@ class _Exports(TyperGroup):
         return _command(EXPORTS[cmd_name]) if cmd_name in EXPORTS else None
 
 
-app.add_typer(
+register_command("other programs", 1)(
     typer.Typer(
+        name="export",
         cls=_Exports,
         help="Write a project, or the result of a calibration, for other programs.",
         no_args_is_help=True,
         add_completion=False,
         rich_markup_mode=None,
-    ),
-    name="export",
+    )
 )
 
 

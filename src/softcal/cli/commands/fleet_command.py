@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from softcal.cli.app import app, exit_on_error, resumable
 from softcal.cli.calibration_lines import CalibrationLines
+from softcal.cli.command import register_command, resumable
 from softcal.cli.page_beside import page_beside
 from softcal.cli.printing import print_report_table, shown_path
 from softcal.cli.running import executor_told
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from softcal.workflows.fleet import Fleet, Observer
 
 
-@app.command("fleet")
-@exit_on_error
+@register_command("judge", 6)
 def fleet(  # noqa: PLR0913 (one argument for each option)
     table: Annotated[
         Path,

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from softcal.cli.app import ProjectFile, app, exit_on_error
+from softcal.cli.command import ProjectFile, register_command
 from softcal.cli.printing import print_warnings, shown_path
 from softcal.cli.running import clock
 from softcal.errors import Fault, InputError
@@ -17,8 +17,7 @@ from softcal.errors import Fault, InputError
 LEAST_WIDTH = len("under its loads")
 
 
-@app.command()
-@exit_on_error
+@register_command("start", 1)
 def init(
     template: Annotated[str, typer.Argument(help="What to start from: finger, neck, manipulator.", show_default=False)],
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is new or empty.", show_default=False)],
@@ -30,8 +29,7 @@ def init(
     typer.echo(f"Wrote {shown_path(path)}. Check it with: softcal check {shlex.quote(shown_path(path))}")
 
 
-@app.command()
-@exit_on_error
+@register_command("start", 2)
 def check(
     project: ProjectFile,
     out: Annotated[

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softcal.cli.app import app, exit_on_error
+from softcal.cli.command import register_command
 from softcal.cli.printing import print_table, shown_path
 from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, Workers
@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from softcal.analysis.next_test import NextTests
 
 
-@app.command("next-test")
-@exit_on_error
+@register_command("plan", 1)
 def next_test(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.", show_default=False)],
     parameter: Annotated[

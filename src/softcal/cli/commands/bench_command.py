@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softcal.cli.app import app, exit_on_error
+from softcal.cli.command import exit_on_error, register_command
 from softcal.cli.page_beside import page_beside
 from softcal.cli.printing import print_table, shown_path
 from softcal.cli.running import clock, executor_told
@@ -20,12 +20,13 @@ if TYPE_CHECKING:
     from softcal.bench.score import Error, Score
 
 bench = typer.Typer(
+    name="bench",
     help="Robots that others measured: compare what softcal, or any other program, predicts of them.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
 )
-app.add_typer(bench, name="bench")
+register_command("other programs", 3)(bench)
 
 CaseName = Annotated[str, typer.Argument(metavar="CASE", help="See `softcal bench list`.", show_default=False)]
 Data = Annotated[

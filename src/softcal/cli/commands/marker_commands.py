@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from softcal.cli.app import app, exit_on_error
+from softcal.cli.command import register_command
 from softcal.cli.printing import shown_path
 from softcal.errors import Fault, InputError
 
@@ -22,8 +22,7 @@ Marker = Annotated[str, typer.Option(metavar="LENGTH", help="Side of a marker's 
 Legacy = Annotated[bool, typer.Option("--legacy", help="The board was made with OpenCV before 4.6, in even rows.")]
 
 
-@app.command()
-@exit_on_error
+@register_command("data", 2)
 def board(
     out: Annotated[Path, typer.Option(metavar="FILE.svg", help="A file that does not exist.", show_default=False)],
     dictionary: Dictionary = "DICT_4X4_50",
@@ -50,8 +49,7 @@ def board(
     typer.echo(f"Wrote {shown_path(out)}. Print it at 100 %, glue it onto something flat, and measure a square.")
 
 
-@app.command()
-@exit_on_error
+@register_command("data", 3)
 def camera(
     images: Images,
     out: Annotated[Path, typer.Option(metavar="FILE", help="A file that does not exist.")] = Path("camera.yaml"),
@@ -80,8 +78,7 @@ def camera(
     typer.echo(f"Wrote {shown_path(out)}")
 
 
-@app.command()
-@exit_on_error
+@register_command("data", 4)
 def markers(  # noqa: PLR0913 (one argument for each option)
     images: Images,
     camera: Annotated[Path, typer.Option(metavar="FILE", help="A file of softcal camera.", show_default=False)],

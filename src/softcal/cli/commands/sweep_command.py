@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softcal.cli.app import ProjectFile, app, exit_on_error, resumable
-from softcal.cli.calibrate_commands import report_run
 from softcal.cli.calibration_bars import calibration_progress
+from softcal.cli.command import ProjectFile, register_command, resumable
+from softcal.cli.commands.calibrate_commands import report_run
 from softcal.cli.page_beside import page_beside
 from softcal.cli.printing import print_table, print_warnings, shown_path
 from softcal.cli.running import executor_told
@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 OVER = "NAME=VALUES, such as springs.youngs_modulus=10GPa:1GPa:1GPa"
 
 
-@app.command()
-@exit_on_error
+@register_command("judge", 2)
 def sweep(  # noqa: PLR0913 (one argument for each option)
     project: ProjectFile,
     over: Annotated[

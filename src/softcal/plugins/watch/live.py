@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from softcal.calibration.live import LIVE
-from softcal.watch.reading import clean, count, read_record
+from softcal.plugins.watch.reading import clean, count, read_record
 
 LONG = 60.0  # [s] without a sign of life
 SignCourse = Literal["running", "left", "silent"]

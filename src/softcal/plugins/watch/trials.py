@@ -10,8 +10,8 @@ from pathlib import Path
 from softcal.calibration.result import Trial
 from softcal.calibration.trial_journal import JOURNAL, LONGEST_LINE, StoredTrial, trial_of_line
 from softcal.limits import LIMITS
+from softcal.plugins.watch.reading import Unreadable, clean, finite, inside, numbers
 from softcal.regular_file import own_file
-from softcal.watch.reading import Unreadable, clean, finite, inside, numbers
 
 MOST_BYTES = 2**28  # of a journal
 MOST_VALUES = 1_000_000  # of parameters, in all trials

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from softcal.calibration.result import Trial
+from softcal.plugins.watch.twin import ParameterFacts
+from softcal.plugins.watch.watched import WatchedRun, WatchedSearch
 from softcal.report.format import parameter_label
 from softcal.units import readable_unit, unit_factor
-from softcal.watch.twin import ParameterFacts
-from softcal.watch.watched import WatchedRun, WatchedSearch
 
 INK, MUTED, GRID, BLUE, RED, PALE = "#1f2937", "#6b7280", "#e5e7eb", "#0072b2", "#d55e00", "#9fc5de"
 MOST_POINTS = 1500  # that are drawn of many trials

@@ -5,10 +5,10 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
+from softcal.plugins.watch.live import LONG
+from softcal.plugins.watch.twin import ParameterFacts
+from softcal.plugins.watch.watched import Course, WatchedRun, WatchedSearch
 from softcal.units import digits_that_tell, format_quantity, format_range
-from softcal.watch.live import LONG
-from softcal.watch.twin import ParameterFacts
-from softcal.watch.watched import Course, WatchedRun, WatchedSearch
 
 STATES: dict[Course, str] = {
     "waiting": "Not begun",

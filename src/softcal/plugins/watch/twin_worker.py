@@ -1,11 +1,11 @@
 """Simulates the twin of a run once, in a process of its own, and draws it: its shape at the end of its load path, and
 what it measures beside what was measured.
 
-Run as `python -m softcal.watch.twin_worker SHAPE`: standard input is a JSON object {folder, label, theta}, where theta
-[SI by label] is missing or null before the first trial; SHAPE is the GLB file to write, and fit-0.png and so on are
-written beside it. Standard output is a JSON object: `units` by parameter, `bounds` by parameter, of the shape `title`,
-`largest` displacement [m] and `trouble`, a sentence where there is no shape; of the figures their `captions`, and
-`missing`, sentences on experiments that are not drawn; `cpu`, the processor time that it took [s].
+Run as `python -m softcal.plugins.watch.twin_worker SHAPE`: standard input is a JSON object {folder, label, theta},
+where theta [SI by label] is missing or null before the first trial; SHAPE is the GLB file to write, and fit-0.png and
+so on are written beside it. Standard output is a JSON object: `units` by parameter, `bounds` by parameter, of the
+shape `title`, `largest` displacement [m] and `trouble`, a sentence where there is no shape; of the figures their
+`captions`, and `missing`, sentences on experiments that are not drawn; `cpu`, the processor time that it took [s].
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ def _fits(
     at_values: Project, label: str, names: Sequence[str], known: Mapping[str, Response], folder: Path
 ) -> dict[str, Any]:
     """Write what the experiments measured, and what the twin does, as the report draws it."""
+    from softcal.plugins.watch.fit_drawing import fit_drawings, fits_at
     from softcal.report.style import as_png
-    from softcal.watch.fit_drawing import fit_drawings, fits_at
 
     fits, missing = fits_at(at_values, names, known)
     captions: list[str] = []

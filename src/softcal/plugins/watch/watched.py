@@ -8,8 +8,8 @@ from datetime import datetime
 from typing import Literal
 
 from softcal.calibration.result import Trial
-from softcal.watch.live import LONG, LiveSign
-from softcal.watch.report_figures import DrawnFigure
+from softcal.plugins.watch.live import LONG, LiveSign
+from softcal.plugins.watch.report_figures import DrawnFigure
 
 Course = Literal["waiting", "running", "silent", "left", "ended", "failed"]
 """Of a search: not begun, at work, without a sign of life, its process gone, with a result, failed as a whole."""

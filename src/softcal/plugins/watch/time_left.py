@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from datetime import datetime
 
-from softcal.watch.watched import WatchedRun, WatchedSearch
-from softcal.watch.words import span
+from softcal.plugins.watch.watched import WatchedRun, WatchedSearch
+from softcal.plugins.watch.words import span
 
 _BEGINNING = 10.0  # [s] that a search may take before its sign of life
 

@@ -9,8 +9,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from softcal.plugins.watch.reading import MOST_BYTES, Unreadable, clean, inside
 from softcal.regular_file import own_file, read_own
-from softcal.watch.reading import MOST_BYTES, Unreadable, clean, inside
 
 FIGURES = "figures"
 MOST = 200  # that are shown

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from softcal.plugins.watch.reading import Unreadable, clean, finite, numbers
+from softcal.plugins.watch.watched import WatchedEstimate, WatchedResult, WatchedScore
 from softcal.units import unit_factor
-from softcal.watch.reading import Unreadable, clean, finite, numbers
-from softcal.watch.watched import WatchedEstimate, WatchedResult, WatchedScore
 
 
 def watched_result(record: Mapping[str, Any], place: str) -> WatchedResult:

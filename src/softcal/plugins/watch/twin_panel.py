@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from softcal.plugins.watch.twin import TwinShape
+from softcal.plugins.watch.watched import WatchedSearch
 from softcal.units import format_quantity
-from softcal.watch.twin import TwinShape
-from softcal.watch.watched import WatchedSearch
 
 AWAY = (3.8, -10.6, 3.8)  # of the camera from the twin, which is 10 long
 STILL, TURNED = 2, 20  # pictures in a second; without a graphics card each takes the browser a twentieth of one

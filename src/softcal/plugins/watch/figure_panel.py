@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote
 
-from softcal.watch.report_figures import DrawnFigure
-from softcal.watch.twin import FitPicture
+from softcal.plugins.watch.report_figures import DrawnFigure
+from softcal.plugins.watch.twin import FitPicture
 
 
 @dataclass(frozen=True)

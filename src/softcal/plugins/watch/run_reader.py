@@ -11,13 +11,13 @@ from typing import Any, TypeGuard
 from softcal.calibration.live import LIVE
 from softcal.calibration.store import RECORD, RESULT
 from softcal.calibration.trial_journal import JOURNAL
-from softcal.watch.fleet_reader import FLEET, SPECIMENS, FleetReader
-from softcal.watch.live import moment, read_live
-from softcal.watch.reading import clean, count, inside, numbers, read_record, told
-from softcal.watch.report_figures import report_figures
-from softcal.watch.result_records import watched_result, watched_score
-from softcal.watch.trials import TrialReader
-from softcal.watch.watched import WatchedResult, WatchedRun, WatchedScore, WatchedSearch
+from softcal.plugins.watch.fleet_reader import FLEET, SPECIMENS, FleetReader
+from softcal.plugins.watch.live import moment, read_live
+from softcal.plugins.watch.reading import clean, count, inside, numbers, read_record, told
+from softcal.plugins.watch.report_figures import report_figures
+from softcal.plugins.watch.result_records import watched_result, watched_score
+from softcal.plugins.watch.trials import TrialReader
+from softcal.plugins.watch.watched import WatchedResult, WatchedRun, WatchedScore, WatchedSearch
 
 SCORE, REPORT = "score.json", "report.html"
 CALIBRATIONS = "calibrations"

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 from softcal.errors import Fault, InputError
 from softcal.extras import require_extra
-from softcal.watch.gate import Gate, is_loopback, new_token
-from softcal.watch.reading import Unreadable, read_file
-from softcal.watch.report_figures import figure_bytes
-from softcal.watch.run_reader import REPORT
+from softcal.plugins.watch.gate import Gate, is_loopback, new_token
+from softcal.plugins.watch.reading import Unreadable, read_file
+from softcal.plugins.watch.report_figures import figure_bytes
+from softcal.plugins.watch.run_reader import REPORT
 
 if TYPE_CHECKING:
-    from softcal.watch.watch import Watch
+    from softcal.plugins.watch.watch import Watch
 
 LOOPBACK, PORT, FURTHER = "127.0.0.1", 8085, 50
 _REPORT_POLICY = "sandbox; default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; font-src data:"
@@ -90,8 +90,8 @@ def _application(folder: Path) -> tuple[Any, Watch]:
     from fastapi.responses import HTMLResponse, PlainTextResponse, Response
     from nicegui import core, ui
 
-    from softcal.watch.page import RunPage
-    from softcal.watch.watch import Watch
+    from softcal.plugins.watch.page import RunPage
+    from softcal.plugins.watch.watch import Watch
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     watch = Watch(folder)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from softcal.watch.charts import fleet_chart, loss_chart, parameter_chart
-from softcal.watch.figure_panel import FigurePanel, of_fits, of_report
-from softcal.watch.time_left import fleet_time_left, search_time_left
-from softcal.watch.twin_panel import TwinPanel, fit_text
-from softcal.watch.watched import Course, WatchedRun, WatchedSearch
-from softcal.watch.words import (
+from softcal.plugins.watch.charts import fleet_chart, loss_chart, parameter_chart
+from softcal.plugins.watch.figure_panel import FigurePanel, of_fits, of_report
+from softcal.plugins.watch.time_left import fleet_time_left, search_time_left
+from softcal.plugins.watch.twin_panel import TwinPanel, fit_text
+from softcal.plugins.watch.watched import Course, WatchedRun, WatchedSearch
+from softcal.plugins.watch.words import (
     STATES,
     best_rows,
     failed_rows,
@@ -29,7 +29,7 @@ from softcal.watch.words import (
 )
 
 if TYPE_CHECKING:
-    from softcal.watch.watch import Watch
+    from softcal.plugins.watch.watch import Watch
 
 EVERY = 1.0  # [s]
 PAGE = 15  # rows of a table

@@ -11,9 +11,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
-from softcal.watch.run_reader import RunReader
-from softcal.watch.twin import TwinKeeper
-from softcal.watch.watched import WatchedRun, WatchedSearch
+from softcal.plugins.watch.run_reader import RunReader
+from softcal.plugins.watch.twin import TwinKeeper
+from softcal.plugins.watch.watched import WatchedRun, WatchedSearch
 
 T = TypeVar("T")
 LEAST = 0.9  # [s] between two readings

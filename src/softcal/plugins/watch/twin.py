@@ -14,10 +14,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from softcal.plugins.watch.reading import clean, finite, numbers
+from softcal.plugins.watch.run_reader import CALIBRATIONS
+from softcal.plugins.watch.watched import WatchedSearch
 from softcal.processes import run_module
-from softcal.watch.reading import clean, finite, numbers
-from softcal.watch.run_reader import CALIBRATIONS
-from softcal.watch.watched import WatchedSearch
 
 SHARE = 0.1  # of a core, at most: none is begun before its last one has taken no more of the time
 SHORTEST = 5.0  # [s] of rest
@@ -173,7 +173,9 @@ def simulated_twin(folder: Path, search: WatchedSearch, patience: float = PATIEN
     with tempfile.TemporaryDirectory(prefix="softcal-watch-") as place:
         path = Path(place, "twin.glb")
         try:
-            done = run_module("softcal.watch.twin_worker", str(path), timeout=patience, told=json.dumps(request))
+            done = run_module(
+                "softcal.plugins.watch.twin_worker", str(path), timeout=patience, told=json.dumps(request)
+            )
         except subprocess.TimeoutExpired:
             return {"trouble": f"The simulation for the picture took longer than {patience:g} s."}, b""
         except OSError as error:

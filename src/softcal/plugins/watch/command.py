@@ -33,8 +33,8 @@ def watch(
     """Show a run on a local page while it works: progress, losses, parameters, failures, the twin, the report."""
     from softcal.errors import Fault, InputError
     from softcal.extras import require_extra
+    from softcal.plugins.watch.server import serve
     from softcal.regular_file import FOLDER, NOTHING, not_a_file
-    from softcal.watch.server import serve
 
     require_extra("watch", "nicegui", where="softcal watch")
     found = not_a_file(run) or "a file"

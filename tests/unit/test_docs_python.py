@@ -21,7 +21,7 @@ from project_case import write_project
 from sweep_case import write_sweep
 
 import softcal
-from softcal.bench.case import CASES
+from softcal.plugins.bench.case import CASES
 from softcal.calibration.loss import LOSSES
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.experiments.step import STEPS

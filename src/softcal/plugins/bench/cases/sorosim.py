@@ -12,9 +12,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from softcal.bench.case import BenchmarkCase, Progress, Published, register_case
-from softcal.bench.predictions import Predictions
-from softcal.bench.record import CaseRecord
+from softcal.plugins.bench.case import BenchmarkCase, Progress, Published, register_case
+from softcal.plugins.bench.predictions import Predictions
+from softcal.plugins.bench.record import CaseRecord
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault, SimulationError
 from softcal.executors.chosen import executor_of

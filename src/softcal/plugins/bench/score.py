@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from softcal.bench.predictions import Predictions
-from softcal.bench.record import SPLITS, CaseRecord, Split
+from softcal.plugins.bench.predictions import Predictions
+from softcal.plugins.bench.record import SPLITS, CaseRecord, Split
 from softcal.checks import Floats
 
 

@@ -10,9 +10,9 @@ from typing import ClassVar
 import numpy as np
 
 import softcal
-from softcal.bench.case import BenchmarkCase, Progress
-from softcal.bench.predictions import Predictions
-from softcal.bench.record import FIT, PREDICT, CaseRecord, joined, stacked
+from softcal.plugins.bench.case import BenchmarkCase, Progress
+from softcal.plugins.bench.predictions import Predictions
+from softcal.plugins.bench.record import FIT, PREDICT, CaseRecord, joined, stacked
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.result import CalibrationResult, ExperimentFit
 from softcal.checks import Floats
@@ -26,11 +26,10 @@ from softcal.units import format_quantity
 from softcal.workflows.calibration import calibrate
 
 PREDICTED, _PLACE = "predict.csv", "experiments.predict.files[0].path"
-_PACKAGE = Path(softcal.__file__).parent
+_PACKED = Path(__file__).parent / "examples"
 # Beside the package in the source tree; a wheel has those of the cases inside.
 EXAMPLES = next(
-    (place for place in (_PACKAGE / "bench" / "examples", _PACKAGE.parents[1] / "examples") if place.is_dir()),
-    _PACKAGE / "bench" / "examples",
+    (place for place in (_PACKED, Path(softcal.__file__).parents[2] / "examples") if place.is_dir()), _PACKED
 )
 
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-import softcal
-from softcal.bench.predictions import Predictions
-from softcal.bench.record import CaseRecord
+from softcal.plugins.bench.predictions import Predictions
+from softcal.plugins.bench.record import CaseRecord
 from softcal.catalogue import Catalogue
 from softcal.errors import Fault
 from softcal.executors.executor import Executor
@@ -79,7 +78,7 @@ class BenchmarkCase(ABC):
     @property
     def folder(self) -> Path:
         """Where its README, licence and data are."""
-        return Path(softcal.__file__).parent / "bench" / "data" / self.name
+        return Path(__file__).parent / "data" / self.name
 
     @property
     def readme(self) -> Path:
@@ -131,7 +130,7 @@ def _faults(case: BenchmarkCase, known: Mapping[str, BenchmarkCase]) -> list[Fau
     return [Fault("the case lacks something", type(case).__name__, allowed=name) for name in missing]
 
 
-CASES: Catalogue[BenchmarkCase] = Catalogue("case", "softcal.cases", _faults, home="softcal.bench.cases")
+CASES: Catalogue[BenchmarkCase] = Catalogue("case", "softcal.cases", _faults, home="softcal.plugins.bench.cases")
 
 
 def register_case(case: type[BenchmarkCase]) -> type[BenchmarkCase]:

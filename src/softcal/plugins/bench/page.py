@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softcal.bench.case import CASES, BenchmarkCase, Published
-from softcal.bench.predictions import read_predictions
-from softcal.bench.record import FIT, PREDICT, CaseRecord
-from softcal.bench.run import PREDICTIONS, SCORE
-from softcal.bench.score import Score, SplitScore, distances_of
+from softcal.plugins.bench.case import CASES, BenchmarkCase, Published
+from softcal.plugins.bench.predictions import read_predictions
+from softcal.plugins.bench.record import FIT, PREDICT, CaseRecord
+from softcal.plugins.bench.run import PREDICTIONS, SCORE
+from softcal.plugins.bench.score import Score, SplitScore, distances_of
 from softcal.errors import Fault, StorageError
 from softcal.html_text import markdown
 from softcal.regular_file import read_own

@@ -21,8 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
-from softcal.bench.frames import frame_faults
-from softcal.bench.record import PREDICT, SPLITS, CaseRecord, Split
+from softcal.plugins.bench.frames import frame_faults
+from softcal.plugins.bench.record import PREDICT, SPLITS, CaseRecord, Split
 from softcal.checks import Floats
 from softcal.csv_text import csv_text, plain
 from softcal.errors import DatasetError, Fault, SoftcalError, nearest

@@ -6,10 +6,10 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from softcal.bench.case import CASES, BenchmarkCase, Progress
-from softcal.bench.predictions import Predictions, read_predictions
-from softcal.bench.record import CaseRecord
-from softcal.bench.score import Score, score
+from softcal.plugins.bench.case import CASES, BenchmarkCase, Progress
+from softcal.plugins.bench.predictions import Predictions, read_predictions
+from softcal.plugins.bench.record import CaseRecord
+from softcal.plugins.bench.score import Score, score
 from softcal.calibration.store import write_text
 from softcal.errors import Fault, StorageError
 from softcal.executors.executor import Executor

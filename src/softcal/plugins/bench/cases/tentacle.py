@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from softcal.bench.case import Published, register_case
-from softcal.bench.project_case import ProjectCase
+from softcal.plugins.bench.case import Published, register_case
+from softcal.plugins.bench.project_case import ProjectCase
 
 
 @register_case

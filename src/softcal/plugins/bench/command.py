@@ -16,8 +16,8 @@ from softcal.cli.values import LOCAL, On, WithPage, Workers
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from softcal.bench.case import BenchmarkCase
-    from softcal.bench.score import Error, Score
+    from softcal.plugins.bench.case import BenchmarkCase
+    from softcal.plugins.bench.score import Error, Score
 
 bench = typer.Typer(
     name="bench",
@@ -46,7 +46,7 @@ def list_cases() -> None:
     """List the cases, with their samples to fit and to predict, licence, and README."""
     from rich.table import Table
 
-    from softcal.bench.case import CASES
+    from softcal.plugins.bench.case import CASES
     from softcal.errors import StorageError
 
     table = Table("case", "to fit", "to predict", "what it is")
@@ -81,8 +81,8 @@ def run(
     watch: WithPage = False,
 ) -> None:
     """Fit a case's samples with softcal, predict the others, and write and score the predictions."""
-    from softcal.bench.case import CASES
-    from softcal.bench.run import FIT, run_case
+    from softcal.plugins.bench.case import CASES
+    from softcal.plugins.bench.run import FIT, run_case
 
     CASES.named(case)
     folder = out or Path("bench", case)
@@ -106,13 +106,13 @@ def score(
     ] = None,
 ) -> None:
     """Score a table of predictions of a case, by whatever program."""
-    from softcal.bench.run import score_file
+    from softcal.plugins.bench.run import score_file
 
     _print_score(score_file(case, predictions, data=data, method=method, out=out))
 
 
 def _print_score(found: Score) -> None:
-    from softcal.bench.case import CASES
+    from softcal.plugins.bench.case import CASES
 
     case = CASES.named(found.case)
     print_table(_table(found, case))
@@ -173,7 +173,7 @@ def page(
     ] = Path("bench.md"),
 ) -> None:
     """Write one page of all scores below a folder: a picture of each robot, and a row for every method."""
-    from softcal.bench.page import write_page
+    from softcal.plugins.bench.page import write_page
 
     with clock() as show:
         show("Drawing the robots")

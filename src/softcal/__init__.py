@@ -5,7 +5,8 @@
     found = softcal.calibrate(project, out="run")
     softcal.write_report("run")
 
-The public names below are imported when they are first used, so that the package itself loads at once.
+The public names below are imported when they are first used, so that the package itself loads at once. A package adds
+names, as softcal's plugins do, by entry points of the group `softcal.names`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
     __version__: str
     from softcal.analysis.candidate import Candidate as Candidate
     from softcal.analysis.record import RecordFit as RecordFit
@@ -31,10 +34,6 @@ if TYPE_CHECKING:
     from softcal.calibration.settings import SearchSettings as SearchSettings
     from softcal.calibration.uncertain import UncertainParameter as UncertainParameter
     from softcal.cli.command import register_command as register_command
-    from softcal.coupons.comparison import LawComparison as LawComparison
-    from softcal.coupons.comparison import compare_laws as compare_laws
-    from softcal.coupons.coupon import Coupon as Coupon
-    from softcal.coupons.reading import read_coupons as read_coupons
     from softcal.errors import CalibrationError as CalibrationError
     from softcal.errors import DatasetError as DatasetError
     from softcal.errors import Fault as Fault
@@ -152,7 +151,6 @@ _HOMES = {
     "Clamp": "softcal.twin.clamp",
     "Command": "softcal.twin.protocol",
     "Contact": "softcal.twin.barrier",
-    "Coupon": "softcal.coupons.coupon",
     "Dataset": "softcal.experiments.dataset",
     "DatasetError": "softcal.errors",
     "Disc": "softcal.twin.robot",
@@ -170,7 +168,6 @@ _HOMES = {
     "InputError": "softcal.errors",
     "Jacobian": "softcal.twin.live",
     "Law": "softcal.materials.law",
-    "LawComparison": "softcal.coupons.comparison",
     "Limit": "softcal.limits",
     "LiveState": "softcal.twin.live",
     "LiveTwin": "softcal.twin.live",
@@ -225,7 +222,6 @@ _HOMES = {
     "box_mesh": "softcal.geometry.primitives",
     "calibrate": "softcal.workflows.calibration",
     "check": "softcal.workflows.checking",
-    "compare_laws": "softcal.coupons.comparison",
     "compare_records": "softcal.workflows.whole_record",
     "executor_on": "softcal.executors.chosen",
     "fleet": "softcal.workflows.fleet",
@@ -241,7 +237,6 @@ _HOMES = {
     "pull": "softcal.workflows.simulation",
     "quantity": "softcal.quantities",
     "ramp": "softcal.twin.schedule",
-    "read_coupons": "softcal.coupons.reading",
     "read_mesh": "softcal.geometry.read",
     "register_command": "softcal.cli.command",
     "register_engine": "softcal.export.engine",
@@ -278,7 +273,6 @@ __all__ = [
     "Clamp",
     "Command",
     "Contact",
-    "Coupon",
     "Dataset",
     "DatasetError",
     "Disc",
@@ -296,7 +290,6 @@ __all__ = [
     "InputError",
     "Jacobian",
     "Law",
-    "LawComparison",
     "Limit",
     "LiveState",
     "LiveTwin",
@@ -351,7 +344,6 @@ __all__ = [
     "box_mesh",
     "calibrate",
     "check",
-    "compare_laws",
     "compare_records",
     "executor_on",
     "fleet",
@@ -367,7 +359,6 @@ __all__ = [
     "pull",
     "quantity",
     "ramp",
-    "read_coupons",
     "read_mesh",
     "register_command",
     "register_engine",
@@ -397,12 +388,22 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("softcal")
-    if name not in _HOMES:
+    if name in _HOMES:
+        value = getattr(importlib.import_module(_HOMES[name]), name)
+    elif name in (brought := {} if name.startswith("_") else _brought()):
+        value = brought[name].load()
+    else:
         raise AttributeError(f"module 'softcal' has no attribute '{name}'")
-    value = getattr(importlib.import_module(_HOMES[name]), name)
     globals()[name] = value
     return value
 
 
+def _brought() -> dict[str, EntryPoint]:
+    """The names that plugins and other packages add."""
+    from softcal.catalogue import plugin_points
+
+    return {point.name: point for point in plugin_points("softcal.names")}
+
+
 def __dir__() -> list[str]:
-    return __all__
+    return sorted({*__all__, *_brought()})

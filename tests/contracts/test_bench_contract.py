@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from softcal.cli import app
+from softcal.errors import DatasetError, StorageError
 from softcal.plugins.bench.case import CASES, BenchmarkCase
 from softcal.plugins.bench.page import read_scores, write_page
 from softcal.plugins.bench.predictions import Predictions, read_predictions
@@ -20,8 +22,6 @@ from softcal.plugins.bench.project_case import ProjectCase
 from softcal.plugins.bench.record import PREDICT, CaseRecord
 from softcal.plugins.bench.run import run_case, score_file
 from softcal.plugins.bench.score import Score, score
-from softcal.cli import app
-from softcal.errors import DatasetError, StorageError
 from softcal.project.project import Project
 from softcal.workflows.run_folder import load_run
 

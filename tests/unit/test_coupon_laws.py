@@ -8,10 +8,10 @@ from coupon_case import MOONEY_RIVLIN as BY_HAND
 from coupon_case import OGDEN as OGDEN_BY_HAND
 from coupon_case import mooney_coupon, strains_of
 
-from softcal.coupons.free_constants import free_constants
-from softcal.coupons.kind import KINDS, principal_states
-from softcal.coupons.response import LawResponse
-from softcal.coupons.stability import stability
+from softcal.plugins.coupons.free_constants import free_constants
+from softcal.plugins.coupons.kind import KINDS, principal_states
+from softcal.plugins.coupons.response import LawResponse
+from softcal.plugins.coupons.stability import stability
 from softcal.errors import InputError
 from softcal.materials.catalogue import LAWS
 from softcal.materials.drucker import stiffness

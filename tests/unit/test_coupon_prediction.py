@@ -15,11 +15,11 @@ from typer.testing import CliRunner
 
 from softcal.checks import Floats
 from softcal.cli import app
-from softcal.coupons.comparison import compare_laws
-from softcal.coupons.coupon import Coupon
-from softcal.coupons.fitted_material import PredictedCoupon
-from softcal.coupons.free_constants import free_constants
-from softcal.coupons.history_response import response_of
+from softcal.plugins.coupons.comparison import compare_laws
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.fitted_material import PredictedCoupon
+from softcal.plugins.coupons.free_constants import free_constants
+from softcal.plugins.coupons.history_response import response_of
 from softcal.materials.catalogue import LAWS
 
 PARTS = ("maxwell-1",)

@@ -12,7 +12,7 @@ from softcal.analysis.specimen import Specimen
 from softcal.report.figure import Picture
 from softcal.report.fleet_tables import fleet_tables
 from softcal.report.format import duration
-from softcal.report.page import KeyNumber, render
+from softcal.report.page import TEMPLATES, KeyNumber, render
 
 _LISTED = 1000  # specimens of the page's table
 
@@ -31,7 +31,7 @@ def render_fleet_page(
     """The page as text."""
     sentences = fleet_sentences(specimens, found)
     return render(
-        "fleet.html.j2",
+        TEMPLATES / "fleet.html.j2",
         title=f"{page.name}: {len(specimens)} specimens",
         created=page.created,
         subject=_subject(specimens, found),

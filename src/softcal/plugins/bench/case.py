@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from softcal.plugins.bench.predictions import Predictions
-from softcal.plugins.bench.record import CaseRecord
 from softcal.catalogue import Catalogue
 from softcal.errors import Fault
 from softcal.executors.executor import Executor
+from softcal.plugins.bench.predictions import Predictions
+from softcal.plugins.bench.record import CaseRecord
 from softcal.twin.robot import Robot
 
 Progress = Callable[[str], None]

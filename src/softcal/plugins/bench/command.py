@@ -46,8 +46,8 @@ def list_cases() -> None:
     """List the cases, with their samples to fit and to predict, licence, and README."""
     from rich.table import Table
 
-    from softcal.plugins.bench.case import CASES
     from softcal.errors import StorageError
+    from softcal.plugins.bench.case import CASES
 
     table = Table("case", "to fit", "to predict", "what it is")
     lines: list[str] = []

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from softcal.errors import Fault, StorageError
+from softcal.html_text import markdown
 from softcal.plugins.bench.case import CASES, BenchmarkCase, Published
 from softcal.plugins.bench.predictions import read_predictions
 from softcal.plugins.bench.record import FIT, PREDICT, CaseRecord
 from softcal.plugins.bench.run import PREDICTIONS, SCORE
 from softcal.plugins.bench.score import Score, SplitScore, distances_of
-from softcal.errors import Fault, StorageError
-from softcal.html_text import markdown
 from softcal.regular_file import read_own
 from softcal.report.check_figures import robot_scenes
 from softcal.report.scene_figure import draw_side_by_side

@@ -21,12 +21,12 @@ from pathlib import Path
 
 import numpy as np
 
-from softcal.plugins.bench.frames import frame_faults
-from softcal.plugins.bench.record import PREDICT, SPLITS, CaseRecord, Split
 from softcal.checks import Floats
 from softcal.csv_text import csv_text, plain
 from softcal.errors import DatasetError, Fault, SoftcalError, nearest
 from softcal.experiments.text_file import open_text
+from softcal.plugins.bench.frames import frame_faults
+from softcal.plugins.bench.record import PREDICT, SPLITS, CaseRecord, Split
 from softcal.units import parse_quantity
 
 SAMPLE, BAND = "sample", "band."

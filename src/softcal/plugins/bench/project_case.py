@@ -10,14 +10,14 @@ from typing import ClassVar
 import numpy as np
 
 import softcal
-from softcal.plugins.bench.case import BenchmarkCase, Progress
-from softcal.plugins.bench.predictions import Predictions
-from softcal.plugins.bench.record import FIT, PREDICT, CaseRecord, joined, stacked
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.result import CalibrationResult, ExperimentFit
 from softcal.checks import Floats
 from softcal.errors import CalibrationError, Fault, InputError, StorageError
 from softcal.executors.executor import Executor
+from softcal.plugins.bench.case import BenchmarkCase, Progress
+from softcal.plugins.bench.predictions import Predictions
+from softcal.plugins.bench.record import FIT, PREDICT, CaseRecord, joined, stacked
 from softcal.project.bench_names import experiments_named
 from softcal.project.document import Entry
 from softcal.project.project import Project, load

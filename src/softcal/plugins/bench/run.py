@@ -6,13 +6,13 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+from softcal.calibration.store import write_text
+from softcal.errors import Fault, StorageError
+from softcal.executors.executor import Executor
 from softcal.plugins.bench.case import CASES, BenchmarkCase, Progress
 from softcal.plugins.bench.predictions import Predictions, read_predictions
 from softcal.plugins.bench.record import CaseRecord
 from softcal.plugins.bench.score import Score, score
-from softcal.calibration.store import write_text
-from softcal.errors import Fault, StorageError
-from softcal.executors.executor import Executor
 from softcal.workflows.output import new_folder, require_free_folder
 
 PREDICTIONS, SCORE, FIT = "predictions.csv", "score.json", "fit"

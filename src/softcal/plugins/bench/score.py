@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from softcal.checks import Floats
 from softcal.plugins.bench.predictions import Predictions
 from softcal.plugins.bench.record import SPLITS, CaseRecord, Split
-from softcal.checks import Floats
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from softcal.plugins.bench.case import BenchmarkCase, Progress, Published, register_case
-from softcal.plugins.bench.predictions import Predictions
-from softcal.plugins.bench.record import CaseRecord
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault, SimulationError
 from softcal.executors.chosen import executor_of
@@ -24,6 +21,9 @@ from softcal.experiments.text_file import open_text
 from softcal.geometry.centreline import spaced, straight
 from softcal.geometry.section import RoundBar
 from softcal.limits import LIMITS
+from softcal.plugins.bench.case import BenchmarkCase, Progress, Published, register_case
+from softcal.plugins.bench.predictions import Predictions
+from softcal.plugins.bench.record import CaseRecord
 from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Marker, Moment, PointLoad, Robot, Rod
 from softcal.twin.simulate import simulate

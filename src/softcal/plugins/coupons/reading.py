@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.coupons.coupon import Coupon
-from softcal.coupons.kind import KINDS, CouponKind
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.kind import KINDS, CouponKind
 from softcal.declare import checked_arguments
 from softcal.errors import DatasetError, Fault, ParameterError, UnitError, unknown
 from softcal.experiments.columns import N_NAMED, Columns, read_columns

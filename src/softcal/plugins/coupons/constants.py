@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from unicodedata import normalize
 
 from softcal.calibration.digits import interval_text, value_text
-from softcal.coupons.law_fit import LawFit
+from softcal.plugins.coupons.law_fit import LawFit
 from softcal.report.statement import ErrorSource, Statement, statement
 
 

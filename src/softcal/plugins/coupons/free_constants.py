@@ -15,8 +15,8 @@ import numpy as np
 
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.checks import Floats
-from softcal.coupons.kind import principal_states
-from softcal.coupons.response import LawResponse
+from softcal.plugins.coupons.kind import principal_states
+from softcal.plugins.coupons.response import LawResponse
 from softcal.errors import Fault, ParameterError
 from softcal.materials.histories import history_of
 from softcal.materials.inelastic import History

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from softcal.coupons.coupon import Coupon
-from softcal.coupons.response import LawResponse
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.response import LawResponse
 from softcal.errors import DatasetError, Fault
 from softcal.materials.neo_hooke import NEO_HOOKE_ISOCHORIC
 

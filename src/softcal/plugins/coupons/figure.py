@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.coupons.coupon import Coupon
-from softcal.coupons.fitted_material import PredictedCoupon
-from softcal.coupons.kind import KINDS
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.fitted_material import PredictedCoupon
+from softcal.plugins.coupons.kind import KINDS
 from softcal.report.format import Scale, scale_of
 from softcal.report.style import MEASURED, SERIES, house_style, new_figure
 

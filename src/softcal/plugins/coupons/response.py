@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.coupons.kind import CouponStates
+from softcal.plugins.coupons.kind import CouponStates
 from softcal.materials.law import Law, compile_law
 from softcal.materials.stress_at import Deformation
 

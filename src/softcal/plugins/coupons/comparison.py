@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.calibration.digits import value_text
-from softcal.coupons.coupon import Coupon
-from softcal.coupons.free_constants import POISSONS_RATIO, FreeConstants, free_constants
-from softcal.coupons.held_out import folds, held_out_errors, joint_error
-from softcal.coupons.law_fit import LawFit, fit_law
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.free_constants import POISSONS_RATIO, FreeConstants, free_constants
+from softcal.plugins.coupons.held_out import folds, held_out_errors, joint_error
+from softcal.plugins.coupons.law_fit import LawFit, fit_law
 from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import CalibrationError, Fault, ParameterError

@@ -15,8 +15,8 @@ from softcal.cli.running import clock
 from softcal.errors import Fault, ParameterError
 
 if TYPE_CHECKING:
-    from softcal.coupons.coupon import Coupon
-    from softcal.coupons.fitted_material import PredictedCoupon
+    from softcal.plugins.coupons.coupon import Coupon
+    from softcal.plugins.coupons.fitted_material import PredictedCoupon
 
 
 MOST_REACH = 100.0
@@ -99,10 +99,10 @@ def coupon(  # noqa: PLR0913 (one argument for each option)
         raise ParameterError(replace(fault, where="--body"))
     if out is not None:
         require_free_folder(out)
-    from softcal.coupons.plausibility import implausible
+    from softcal.plugins.coupons.plausibility import implausible
     from softcal.project.own_law import read_laws
     from softcal.quantities import QUANTITIES
-    from softcal.workflows.coupon import all_coupons
+    from softcal.plugins.coupons.workflow import all_coupons
 
     nu = QUANTITIES["Poisson's ratio"].checked(poissons_ratio, where="--poissons-ratio")
     if reach is not None and not 1.0 < reach <= MOST_REACH:
@@ -157,12 +157,12 @@ def _fit(  # noqa: PLR0913 (one argument for each option)
     body: str,
     out: Path | None,
 ) -> None:
-    from softcal.coupons.comparison import compare_laws, require_times
+    from softcal.plugins.coupons.comparison import compare_laws, require_times
     from softcal.materials.histories import history_of
-    from softcal.project.material_block import material_block
-    from softcal.report.coupon_sentences import moduli, verdict
-    from softcal.report.coupon_tables import constants_table, laws_table, moduli_table, tests_table
-    from softcal.workflows.coupon import write_comparison
+    from softcal.plugins.coupons.material_block import material_block
+    from softcal.plugins.coupons.sentences import moduli, verdict
+    from softcal.plugins.coupons.tables import constants_table, laws_table, moduli_table, tests_table
+    from softcal.plugins.coupons.workflow import write_comparison
 
     require_times(further, history_of(history, "--history"))
     with clock() as doing:
@@ -188,10 +188,10 @@ def _fit(  # noqa: PLR0913 (one argument for each option)
 
 
 def _predict(further: Sequence[Coupon], stored: Path, law: str | None, out: Path | None) -> None:
-    from softcal.coupons.comparison import require_times
-    from softcal.report.coupon_tables import tests_table
-    from softcal.workflows.coupon import write_predictions
-    from softcal.workflows.coupon_record import read_material
+    from softcal.plugins.coupons.comparison import require_times
+    from softcal.plugins.coupons.tables import tests_table
+    from softcal.plugins.coupons.workflow import write_predictions
+    from softcal.plugins.coupons.record import read_material
 
     material = read_material(stored, law)
     require_times(further, material.constants.history)

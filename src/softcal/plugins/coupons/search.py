@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.coupons.problem import CouponProblem
+from softcal.plugins.coupons.problem import CouponProblem
 from softcal.errors import CalibrationError
 
 STARTS = 20

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from softcal.coupons.fitted_material import FittedMaterial, PredictedCoupon
-from softcal.coupons.free_constants import free_constants
+from softcal.plugins.coupons.fitted_material import FittedMaterial, PredictedCoupon
+from softcal.plugins.coupons.free_constants import free_constants
 from softcal.errors import Fault, InputError, ParameterError, StorageError, unknown
 from softcal.materials.catalogue import LAWS
 from softcal.quantities import QUANTITIES

@@ -12,7 +12,7 @@ import numpy as np
 
 from softcal.calibration.result import Estimate
 from softcal.checks import Floats
-from softcal.coupons.fitted_material import FittedMaterial
+from softcal.plugins.coupons.fitted_material import FittedMaterial
 from softcal.display import displayed
 
 STEP = 1e-6  # of a constant, for a central difference

@@ -15,9 +15,9 @@ import numpy as np
 from softcal.calibration.estimator import Estimator
 from softcal.calibration.intervals import student
 from softcal.checks import Floats
-from softcal.coupons.coupon import Coupon
-from softcal.coupons.free_constants import FreeConstants
-from softcal.coupons.history_response import response_of
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.free_constants import FreeConstants
+from softcal.plugins.coupons.history_response import response_of
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from typing import Protocol
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.coupons.coupon import Coupon
-from softcal.coupons.free_constants import FreeConstants
-from softcal.coupons.response import LawResponse
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.free_constants import FreeConstants
+from softcal.plugins.coupons.response import LawResponse
 from softcal.materials.components import doubled
 from softcal.materials.inelastic import PointRates, Stressed
 from softcal.materials.law import compile_law

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.coupons.coupon import Coupon
-from softcal.coupons.free_constants import FreeConstants
-from softcal.coupons.kind import KINDS
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.free_constants import FreeConstants
+from softcal.plugins.coupons.kind import KINDS
 from softcal.materials.drucker import is_stable
 from softcal.materials.law import compile_law
 

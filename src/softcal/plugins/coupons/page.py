@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from softcal.coupons.comparison import LawComparison
-from softcal.coupons.fitted_material import PredictedCoupon
-from softcal.coupons.plausibility import implausible
-from softcal.report.coupon_constants import shown_constants
-from softcal.report.coupon_sentences import conclusions, verdict, warnings, with_history
-from softcal.report.coupon_tables import coupons_table, laws_table, limit_texts, moduli_table, percent, tests_table
+from pathlib import Path
+
+from softcal.plugins.coupons.comparison import LawComparison
+from softcal.plugins.coupons.fitted_material import PredictedCoupon
+from softcal.plugins.coupons.plausibility import implausible
+from softcal.plugins.coupons.constants import shown_constants
+from softcal.plugins.coupons.sentences import conclusions, verdict, warnings, with_history
+from softcal.plugins.coupons.tables import coupons_table, laws_table, limit_texts, moduli_table, percent, tests_table
 from softcal.report.figure import Picture
 from softcal.report.format import joined
 from softcal.report.page import KeyNumber, marks, render
@@ -54,7 +56,7 @@ def render_coupon_page(
     doubts = [*plausibility, *warnings(found, predicted)]
     fitted = one.fit.tests(found.coupons)
     return render(
-        "coupon.html.j2",
+        Path(__file__).with_name("coupon.html.j2"),
         title=f"Recommended: {with_history(one)}" if found.recommended else "No law is recommended",
         subject=_subject(found, files, len(predicted)),
         law=with_history(one),

@@ -12,13 +12,13 @@ from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.result import Estimate
 from softcal.calibration.sensitivity import Statistics, local_estimator, local_statistics
 from softcal.checks import Floats, ReadOnly
-from softcal.coupons.coupon import Coupon
-from softcal.coupons.fitted_material import FittedMaterial, PredictedCoupon, fitted_material
-from softcal.coupons.free_constants import FreeConstants
-from softcal.coupons.history_search import best_values
-from softcal.coupons.problem import CouponLoss, CouponProblem, coupon_loss
-from softcal.coupons.small_strain import SmallStrain, small_strain
-from softcal.coupons.stability import Stability, stability
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.fitted_material import FittedMaterial, PredictedCoupon, fitted_material
+from softcal.plugins.coupons.free_constants import FreeConstants
+from softcal.plugins.coupons.history_search import best_values
+from softcal.plugins.coupons.problem import CouponLoss, CouponProblem, coupon_loss
+from softcal.plugins.coupons.small_strain import SmallStrain, small_strain
+from softcal.plugins.coupons.stability import Stability, stability
 from softcal.display import displayed
 from softcal.materials.law import Law
 

@@ -8,10 +8,10 @@ specimens and the error of their mean: the prior of a free parameter.
 from __future__ import annotations
 
 from softcal.calibration.digits import NORMAL_95
-from softcal.coupons.comparison import LawComparison
-from softcal.coupons.law_fit import LawFit
+from softcal.plugins.coupons.comparison import LawComparison
+from softcal.plugins.coupons.law_fit import LawFit
 from softcal.project.yaml_file import yaml_text
-from softcal.report.coupon_tables import modulus_texts
+from softcal.plugins.coupons.tables import modulus_texts
 from softcal.units import format_quantity, plain
 
 ENOUGH = 3  # specimens of one kind of test

@@ -100,9 +100,9 @@ def coupon(  # noqa: PLR0913 (one argument for each option)
     if out is not None:
         require_free_folder(out)
     from softcal.plugins.coupons.plausibility import implausible
+    from softcal.plugins.coupons.workflow import all_coupons
     from softcal.project.own_law import read_laws
     from softcal.quantities import QUANTITIES
-    from softcal.plugins.coupons.workflow import all_coupons
 
     nu = QUANTITIES["Poisson's ratio"].checked(poissons_ratio, where="--poissons-ratio")
     if reach is not None and not 1.0 < reach <= MOST_REACH:
@@ -157,8 +157,8 @@ def _fit(  # noqa: PLR0913 (one argument for each option)
     body: str,
     out: Path | None,
 ) -> None:
-    from softcal.plugins.coupons.comparison import compare_laws, require_times
     from softcal.materials.histories import history_of
+    from softcal.plugins.coupons.comparison import compare_laws, require_times
     from softcal.plugins.coupons.material_block import material_block
     from softcal.plugins.coupons.sentences import moduli, verdict
     from softcal.plugins.coupons.tables import constants_table, laws_table, moduli_table, tests_table
@@ -189,9 +189,9 @@ def _fit(  # noqa: PLR0913 (one argument for each option)
 
 def _predict(further: Sequence[Coupon], stored: Path, law: str | None, out: Path | None) -> None:
     from softcal.plugins.coupons.comparison import require_times
+    from softcal.plugins.coupons.record import read_material
     from softcal.plugins.coupons.tables import tests_table
     from softcal.plugins.coupons.workflow import write_predictions
-    from softcal.plugins.coupons.record import read_material
 
     material = read_material(stored, law)
     require_times(further, material.constants.history)

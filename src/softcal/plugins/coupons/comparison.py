@@ -9,10 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.calibration.digits import value_text
-from softcal.plugins.coupons.coupon import Coupon
-from softcal.plugins.coupons.free_constants import POISSONS_RATIO, FreeConstants, free_constants
-from softcal.plugins.coupons.held_out import folds, held_out_errors, joint_error
-from softcal.plugins.coupons.law_fit import LawFit, fit_law
 from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import CalibrationError, Fault, ParameterError
@@ -20,6 +16,10 @@ from softcal.html_text import summary
 from softcal.materials.catalogue import LAWS
 from softcal.materials.histories import history_of
 from softcal.materials.inelastic import History
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.free_constants import POISSONS_RATIO, FreeConstants, free_constants
+from softcal.plugins.coupons.held_out import folds, held_out_errors, joint_error
+from softcal.plugins.coupons.law_fit import LawFit, fit_law
 from softcal.quantities import PoissonsRatio, PositiveRatio
 from softcal.units import format_quantity
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from softcal.arrays import Array, Series
 from softcal.checks import Floats
-from softcal.plugins.coupons.kind import KINDS, CouponKind, CouponStates
 from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, unknown
+from softcal.plugins.coupons.kind import KINDS, CouponKind, CouponStates
 
 
 @displayed

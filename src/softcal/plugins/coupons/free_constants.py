@@ -15,13 +15,13 @@ import numpy as np
 
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.checks import Floats
-from softcal.plugins.coupons.kind import principal_states
-from softcal.plugins.coupons.response import LawResponse
 from softcal.errors import Fault, ParameterError
 from softcal.materials.histories import history_of
 from softcal.materials.inelastic import History
 from softcal.materials.law import Law
 from softcal.materials.parameter import Parameter
+from softcal.plugins.coupons.kind import principal_states
+from softcal.plugins.coupons.response import LawResponse
 from softcal.quantities import QUANTITIES
 
 POISSONS_RATIO = 0.499

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Ints
+from softcal.errors import CalibrationError
 from softcal.plugins.coupons.coupon import Coupon
 from softcal.plugins.coupons.history_response import response_of
 from softcal.plugins.coupons.history_search import best_values
 from softcal.plugins.coupons.law_fit import LawFit
 from softcal.plugins.coupons.problem import CouponProblem, coupon_loss, stress_scales
-from softcal.errors import CalibrationError
 
 BLOCKS = 5  # of a record, where there is one kind of test
 

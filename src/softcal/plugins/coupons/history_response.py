@@ -12,13 +12,13 @@ from typing import Protocol
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.plugins.coupons.coupon import Coupon
-from softcal.plugins.coupons.free_constants import FreeConstants
-from softcal.plugins.coupons.response import LawResponse
 from softcal.materials.components import doubled
 from softcal.materials.inelastic import PointRates, Stressed
 from softcal.materials.law import compile_law
 from softcal.materials.stress_at import NO_TANGENT, Deformation
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.free_constants import FreeConstants
+from softcal.plugins.coupons.response import LawResponse
 
 
 class CouponResponse(Protocol):

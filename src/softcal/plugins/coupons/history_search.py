@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.errors import CalibrationError
+from softcal.materials.parameter import Parameter
 from softcal.plugins.coupons.problem import CouponProblem, apparent_modulus
 from softcal.plugins.coupons.search import FURTHER_STARTS, fitted_values, least_squares
 from softcal.plugins.coupons.search import STARTS as STARTS_OF_LAW
-from softcal.errors import CalibrationError
-from softcal.materials.parameter import Parameter
 
 STARTS = 4
 """Number of starts."""

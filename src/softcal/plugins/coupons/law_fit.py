@@ -12,6 +12,8 @@ from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.result import Estimate
 from softcal.calibration.sensitivity import Statistics, local_estimator, local_statistics
 from softcal.checks import Floats, ReadOnly
+from softcal.display import displayed
+from softcal.materials.law import Law
 from softcal.plugins.coupons.coupon import Coupon
 from softcal.plugins.coupons.fitted_material import FittedMaterial, PredictedCoupon, fitted_material
 from softcal.plugins.coupons.free_constants import FreeConstants
@@ -19,8 +21,6 @@ from softcal.plugins.coupons.history_search import best_values
 from softcal.plugins.coupons.problem import CouponLoss, CouponProblem, coupon_loss
 from softcal.plugins.coupons.small_strain import SmallStrain, small_strain
 from softcal.plugins.coupons.stability import Stability, stability
-from softcal.display import displayed
-from softcal.materials.law import Law
 
 
 @displayed

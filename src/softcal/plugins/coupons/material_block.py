@@ -10,8 +10,8 @@ from __future__ import annotations
 from softcal.calibration.digits import NORMAL_95
 from softcal.plugins.coupons.comparison import LawComparison
 from softcal.plugins.coupons.law_fit import LawFit
-from softcal.project.yaml_file import yaml_text
 from softcal.plugins.coupons.tables import modulus_texts
+from softcal.project.yaml_file import yaml_text
 from softcal.units import format_quantity, plain
 
 ENOUGH = 3  # specimens of one kind of test

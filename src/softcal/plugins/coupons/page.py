@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-
 from pathlib import Path
 
 from softcal.plugins.coupons.comparison import LawComparison
+from softcal.plugins.coupons.constants import shown_constants
 from softcal.plugins.coupons.fitted_material import PredictedCoupon
 from softcal.plugins.coupons.plausibility import implausible
-from softcal.plugins.coupons.constants import shown_constants
 from softcal.plugins.coupons.sentences import conclusions, verdict, warnings, with_history
 from softcal.plugins.coupons.tables import coupons_table, laws_table, limit_texts, moduli_table, percent, tests_table
 from softcal.report.figure import Picture

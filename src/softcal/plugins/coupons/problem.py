@@ -18,13 +18,13 @@ from softcal.calibration.experiment import Experiment
 from softcal.calibration.loss import Block, Loss, rms
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.checks import Floats
+from softcal.errors import Fault
+from softcal.materials.law import Law
+from softcal.materials.neo_hooke import NEO_HOOKE_ISOCHORIC
 from softcal.plugins.coupons.coupon import Coupon
 from softcal.plugins.coupons.free_constants import FreeConstants
 from softcal.plugins.coupons.history_response import response_of
 from softcal.plugins.coupons.response import LawResponse
-from softcal.errors import Fault
-from softcal.materials.law import Law
-from softcal.materials.neo_hooke import NEO_HOOKE_ISOCHORIC
 
 _LARGE = 1e3
 

@@ -15,8 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.plugins.coupons.coupon import Coupon
-from softcal.plugins.coupons.kind import KINDS, CouponKind
 from softcal.declare import checked_arguments
 from softcal.errors import DatasetError, Fault, ParameterError, UnitError, unknown
 from softcal.experiments.columns import N_NAMED, Columns, read_columns
@@ -24,6 +22,8 @@ from softcal.experiments.header import find_column, unit_of_column
 from softcal.experiments.read import line_numbers, not_numbers
 from softcal.experiments.table import Table, load_table
 from softcal.experiments.table_format import TableFormat
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.kind import KINDS, CouponKind
 
 SPECIMEN, TIME = "specimen", "time"
 FEWEST = 5  # rows of a specimen

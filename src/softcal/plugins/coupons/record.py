@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from softcal.plugins.coupons.fitted_material import FittedMaterial, PredictedCoupon
-from softcal.plugins.coupons.free_constants import free_constants
 from softcal.errors import Fault, InputError, ParameterError, StorageError, unknown
 from softcal.materials.catalogue import LAWS
+from softcal.plugins.coupons.fitted_material import FittedMaterial, PredictedCoupon
+from softcal.plugins.coupons.free_constants import free_constants
 from softcal.quantities import QUANTITIES
 
 RECORD = "coupon.json"

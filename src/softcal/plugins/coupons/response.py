@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.plugins.coupons.kind import CouponStates
 from softcal.materials.law import Law, compile_law
 from softcal.materials.stress_at import Deformation
+from softcal.plugins.coupons.kind import CouponStates
 
 
 class LawResponse:

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.plugins.coupons.problem import CouponProblem
 from softcal.errors import CalibrationError
+from softcal.plugins.coupons.problem import CouponProblem
 
 STARTS = 20
 """Number of starts of a law with ratios or exponents."""

@@ -10,8 +10,8 @@ import numpy as np
 from softcal.calibration.sensitivity import ONE_EXPERIMENT, not_included
 from softcal.plugins.coupons.comparison import ComparedLaw, LawComparison
 from softcal.plugins.coupons.fitted_material import PredictedCoupon
-from softcal.report.conclusions import Sentence
 from softcal.plugins.coupons.tables import modulus_texts, percent
+from softcal.report.conclusions import Sentence
 from softcal.report.format import joined
 from softcal.units import format_quantity, plain
 

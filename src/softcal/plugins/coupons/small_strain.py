@@ -12,8 +12,8 @@ import numpy as np
 
 from softcal.calibration.result import Estimate
 from softcal.checks import Floats
-from softcal.plugins.coupons.fitted_material import FittedMaterial
 from softcal.display import displayed
+from softcal.plugins.coupons.fitted_material import FittedMaterial
 
 STEP = 1e-6  # of a constant, for a central difference
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.materials.drucker import is_stable
+from softcal.materials.law import compile_law
 from softcal.plugins.coupons.coupon import Coupon
 from softcal.plugins.coupons.free_constants import FreeConstants
 from softcal.plugins.coupons.kind import KINDS
-from softcal.materials.drucker import is_stable
-from softcal.materials.law import compile_law
 
 # Mode -> its principal logarithmic strains, where the first one is 1.
 MODES = {"uniaxial": (1.0, -0.5, -0.5), "planar": (1.0, 0.0, -1.0), "equibiaxial": (1.0, 1.0, -2.0)}

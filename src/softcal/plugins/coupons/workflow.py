@@ -12,20 +12,20 @@ from typing import Any
 
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.store import write_text
-from softcal.plugins.coupons.comparison import ComparedLaw, LawComparison, require_apart
-from softcal.plugins.coupons.coupon import Coupon
-from softcal.plugins.coupons.fitted_material import PredictedCoupon
-from softcal.plugins.coupons.plausibility import require_signs
-from softcal.plugins.coupons.reading import read_coupons
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, InputError, ParameterError
-from softcal.plugins.coupons.material_block import material_block, priors
+from softcal.plugins.coupons.comparison import ComparedLaw, LawComparison, require_apart
+from softcal.plugins.coupons.coupon import Coupon
 from softcal.plugins.coupons.figure import draw_coupons
+from softcal.plugins.coupons.fitted_material import PredictedCoupon
+from softcal.plugins.coupons.material_block import material_block, priors
 from softcal.plugins.coupons.page import CouponCharts, render_coupon_page
+from softcal.plugins.coupons.plausibility import require_signs
+from softcal.plugins.coupons.reading import read_coupons
+from softcal.plugins.coupons.record import FORMAT, RECORD, material_json, prediction_json
 from softcal.report.figure import Picture
 from softcal.report.format import file_stem, joined
 from softcal.report.style import encode
-from softcal.plugins.coupons.record import FORMAT, RECORD, material_json, prediction_json
 from softcal.workflows.output import new_folder
 
 _DRAWN = 3  # laws in the chart of several

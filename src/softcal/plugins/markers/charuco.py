@@ -17,8 +17,8 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.geometry.pose import Pose
-from softcal.vision.camera import Camera, Image
-from softcal.vision.fiducials import CharucoBoard
+from softcal.plugins.markers.camera import Camera, Image
+from softcal.plugins.markers.fiducials import CharucoBoard
 
 FEWEST_IMAGES = 4
 _ENOUGH_IMAGES = 8

@@ -11,12 +11,12 @@ from typing import Annotated, Any
 import numpy as np
 
 from softcal.errors import Fault, ProjectFileError
+from softcal.plugins.markers.camera import Camera
+from softcal.plugins.markers.charuco import Calibration
 from softcal.project.document import Findings
 from softcal.project.section import Section, validated
 from softcal.project.yaml_file import read_document
 from softcal.quantities import QUANTITIES
-from softcal.vision.camera import Camera
-from softcal.vision.charuco import Calibration
 
 FORMAT = 1
 

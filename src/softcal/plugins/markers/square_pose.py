@@ -13,8 +13,8 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.geometry.pose import Pose
-from softcal.vision.bundle import BASE, Bundle, Sighting, adjust
-from softcal.vision.camera import Camera
+from softcal.plugins.markers.bundle import BASE, Bundle, Sighting, adjust
+from softcal.plugins.markers.camera import Camera
 
 _SAME = np.radians(1.0)  # rotation below which two poses are the same
 

@@ -20,7 +20,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from softcal.errors import DatasetError, Fault, InputError, StorageError
-from softcal.vision.camera import Image
+from softcal.plugins.markers.camera import Image
 
 Grouping = Literal["name", "folder", "image"]
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from softcal.csv_text import csv_text
 from softcal.errors import DatasetError, Fault
-from softcal.vision.marker_pose import MarkerEstimate, MarkerPoses
-from softcal.vision.marker_scene import Glimpse, MarkerSet
+from softcal.plugins.markers.marker_pose import MarkerEstimate, MarkerPoses
+from softcal.plugins.markers.marker_scene import Glimpse, MarkerSet
 
 _COORDINATES = ("x", "y", "z")
 

@@ -10,16 +10,16 @@ from typing import Literal, get_args
 
 from softcal.checks import is_number
 from softcal.errors import DatasetError, Fault, InputError
+from softcal.plugins.markers.aruco import detect_markers
+from softcal.plugins.markers.camera_file import camera_text, read_camera
+from softcal.plugins.markers.charuco import FEWEST_IMAGES, BoardView, Calibration, calibrate_camera, find_board
+from softcal.plugins.markers.fiducials import CharucoBoard, dictionary_size
+from softcal.plugins.markers.marker_pose import MarkerPoses, estimate_poses
+from softcal.plugins.markers.marker_scene import Glimpse, MarkerSet
+from softcal.plugins.markers.marker_table import MarkerTable, marker_table
+from softcal.plugins.markers.shots import Grouping, Shot, find_shots, read_image
 from softcal.project.base_file import read_base
-from softcal.project.camera_file import camera_text, read_camera
 from softcal.quantities import QUANTITIES
-from softcal.vision.aruco import detect_markers
-from softcal.vision.charuco import FEWEST_IMAGES, BoardView, Calibration, calibrate_camera, find_board
-from softcal.vision.fiducials import CharucoBoard, dictionary_size
-from softcal.vision.marker_pose import MarkerPoses, estimate_poses
-from softcal.vision.marker_scene import Glimpse, MarkerSet
-from softcal.vision.marker_table import MarkerTable, marker_table
-from softcal.vision.shots import Grouping, Shot, find_shots, read_image
 from softcal.workflows.output import require_free_file, write_new_file
 
 Viewpoints = Literal["each", "numbered", "one"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import Fault, InputError
-from softcal.vision.fiducials import CharucoBoard, board_texture, marker_modules, marker_texture
+from softcal.plugins.markers.fiducials import CharucoBoard, board_texture, marker_modules, marker_texture
 
 _PAPER = 0.190  # printable width of an A4 sheet [m]
 _MARGIN = 0.010  # [m]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.vision.camera import Camera, Image
+from softcal.plugins.markers.camera import Camera, Image
 
 _ROUNDS = 2
 _WIDEST, _NARROWEST = 4.0, 1.2  # half the width of the strip across an edge [px]

@@ -19,7 +19,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.geometry.pose import Pose
-from softcal.vision.camera import Camera
+from softcal.plugins.markers.camera import Camera
 
 BASE = -1  # number of the fixed body
 

@@ -36,8 +36,8 @@ def board(
     legacy: Legacy = False,
 ) -> None:
     """Write a ChArUco board, or single markers, as SVG to print at true scale."""
+    from softcal.plugins.markers.pattern_sheet import board_sheet, marker_sheet
     from softcal.quantities import QUANTITIES
-    from softcal.vision.pattern_sheet import board_sheet, marker_sheet
     from softcal.workflows.output import require_free_file, write_new_file
 
     require_free_file(out)
@@ -60,7 +60,7 @@ def camera(
     legacy: Legacy = False,
 ) -> None:
     """Calibrate a camera from images of a ChArUco board."""
-    from softcal.workflows.markers import make_camera_file
+    from softcal.plugins.markers.workflow import make_camera_file
 
     with _bar("Images") as progress:
         run = make_camera_file(images, _board(squares, square, marker, dictionary, legacy), out, progress=progress)
@@ -113,7 +113,7 @@ def markers(  # noqa: PLR0913 (one argument for each option)
     ] = "each",
 ) -> None:
     """Measure markers in images: positions relative to the base, with their uncertainty."""
-    from softcal.workflows.markers import measure_markers
+    from softcal.plugins.markers.workflow import measure_markers
 
     with _bar("Images") as progress:
         run = measure_markers(
@@ -146,8 +146,8 @@ def markers(  # noqa: PLR0913 (one argument for each option)
 
 def _board(squares: str, square: str, marker: str, dictionary: str, legacy: bool) -> Any:
     from softcal.checks import is_number
+    from softcal.plugins.markers.fiducials import CharucoBoard
     from softcal.quantities import QUANTITIES
-    from softcal.vision.fiducials import CharucoBoard
 
     columns, sign, rows = squares.lower().partition("x")
     if not (sign and is_number(columns.strip()) and is_number(rows.strip())):

@@ -15,9 +15,9 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
-from softcal.vision.camera import Camera, Image
-from softcal.vision.edges import refine_corners
-from softcal.vision.fiducials import find_dictionary, marker_modules
+from softcal.plugins.markers.camera import Camera, Image
+from softcal.plugins.markers.edges import refine_corners
+from softcal.plugins.markers.fiducials import find_dictionary, marker_modules
 
 
 @dataclass(frozen=True)

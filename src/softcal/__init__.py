@@ -121,8 +121,6 @@ if TYPE_CHECKING:
     from softcal.workflows.export import ExportRequest as ExportRequest
     from softcal.workflows.export import register_export as register_export
     from softcal.workflows.export import write_export as write_export
-    from softcal.workflows.fleet import Fleet as Fleet
-    from softcal.workflows.fleet import fleet as fleet
     from softcal.workflows.importance import importance as importance
     from softcal.workflows.intervals import intervals as intervals
     from softcal.workflows.mesh_study import mesh_study as mesh_study
@@ -162,7 +160,6 @@ _HOMES = {
     "ExportOption": "softcal.workflows.export",
     "ExportRequest": "softcal.workflows.export",
     "Fault": "softcal.errors",
-    "Fleet": "softcal.workflows.fleet",
     "FreeParameter": "softcal.calibration.parameters",
     "GivenSection": "softcal.geometry.section",
     "InputError": "softcal.errors",
@@ -224,7 +221,6 @@ _HOMES = {
     "check": "softcal.workflows.checking",
     "compare_records": "softcal.workflows.whole_record",
     "executor_on": "softcal.executors.chosen",
-    "fleet": "softcal.workflows.fleet",
     "helix": "softcal.geometry.centreline",
     "importance": "softcal.workflows.importance",
     "intervals": "softcal.workflows.intervals",
@@ -284,7 +280,6 @@ __all__ = [
     "ExportOption",
     "ExportRequest",
     "Fault",
-    "Fleet",
     "FreeParameter",
     "GivenSection",
     "InputError",
@@ -346,7 +341,6 @@ __all__ = [
     "check",
     "compare_records",
     "executor_on",
-    "fleet",
     "helix",
     "importance",
     "intervals",

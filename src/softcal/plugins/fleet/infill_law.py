@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.analysis.population import Comparable, Interval
-from softcal.analysis.specimen import Specimen
 from softcal.calibration.mixed_effects import MixedEffects, mixed_effects
 from softcal.calibration.random_effects import DIFFERS
 from softcal.calibration.result import Estimate
 from softcal.checks import Floats
+from softcal.plugins.fleet.population import Comparable, Interval
+from softcal.plugins.fleet.specimen import Specimen
 
 INFILL = "infill"
 FEWEST_LEVELS = 3

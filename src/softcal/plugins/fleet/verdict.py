@@ -7,13 +7,13 @@ import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from softcal.analysis.fleet_factors import FactorEffect
-from softcal.analysis.fleet_statement import FleetStatement
-from softcal.analysis.infill_law import INFILL, InfillLaw
 from softcal.analysis.mesh_verdict import Tone
-from softcal.analysis.population import Interval, Population
-from softcal.analysis.specimen import Specimen
 from softcal.calibration.parameters import Scale
+from softcal.plugins.fleet.factors import FactorEffect
+from softcal.plugins.fleet.infill_law import INFILL, InfillLaw
+from softcal.plugins.fleet.population import Interval, Population
+from softcal.plugins.fleet.specimen import Specimen
+from softcal.plugins.fleet.statement import FleetStatement
 from softcal.units import format_quantity, plain, readable_unit, rounded, unit_factor
 
 _AS_RATIO = 0.2

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from softcal.analysis.fleet_statement import FleetStatement
-from softcal.analysis.fleet_verdict import ends_text, fleet_sentences, spread_of, value_text
-from softcal.analysis.population import Population
-from softcal.analysis.specimen import Specimen
+from softcal.plugins.fleet.population import Population
+from softcal.plugins.fleet.specimen import Specimen
+from softcal.plugins.fleet.statement import FleetStatement
+from softcal.plugins.fleet.tables import fleet_tables
+from softcal.plugins.fleet.verdict import ends_text, fleet_sentences, spread_of, value_text
 from softcal.report.figure import Picture
-from softcal.report.fleet_tables import fleet_tables
 from softcal.report.format import duration
-from softcal.report.page import TEMPLATES, KeyNumber, render
+from softcal.report.page import KeyNumber, render
 
 _LISTED = 1000  # specimens of the page's table
 
@@ -31,7 +32,7 @@ def render_fleet_page(
     """The page as text."""
     sentences = fleet_sentences(specimens, found)
     return render(
-        TEMPLATES / "fleet.html.j2",
+        Path(__file__).with_name("fleet.html.j2"),
         title=f"{page.name}: {len(specimens)} specimens",
         created=page.created,
         subject=_subject(specimens, found),

@@ -19,7 +19,7 @@ from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, WithPage, WithReport, Workers, as_typed, calibration_options, names
 
 if TYPE_CHECKING:
-    from softcal.workflows.fleet import Fleet, Observer
+    from softcal.plugins.fleet.workflow import Fleet, Observer
 
 
 @register_command("judge", 6)
@@ -62,7 +62,7 @@ def fleet(  # noqa: PLR0913 (one argument for each option)
 ) -> None:
     """Calibrate many specimens by one template, and say how they differ: spread, by factor, E against the infill."""
     options = calibration_options(option, {"method": method})
-    from softcal.workflows.fleet import fleet as calibrate_fleet
+    from softcal.plugins.fleet.workflow import fleet as calibrate_fleet
 
     folder = out if out is not None else (table if table.is_dir() else table.parent) / "fleet"
     typed: dict[str, Any] = {"template": template and str(template), "by": by or None, "method": method}
@@ -117,8 +117,8 @@ def _bar() -> Generator[Observer]:
 
 
 def _print(found: Fleet) -> None:
-    from softcal.analysis.fleet_verdict import fleet_sentences
-    from softcal.report.fleet_tables import fleet_tables
+    from softcal.plugins.fleet.tables import fleet_tables
+    from softcal.plugins.fleet.verdict import fleet_sentences
 
     for table in fleet_tables(found.specimens, found.statement):
         if table.rows:
@@ -128,6 +128,6 @@ def _print(found: Fleet) -> None:
 
 
 def _report(found: Fleet) -> None:
-    from softcal.workflows.fleet_report import write_fleet_report
+    from softcal.plugins.fleet.report import write_fleet_report
 
     typer.echo(f"Report: {shown_path(write_fleet_report(found))}")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from softcal.analysis.fleet_statement import FleetStatement
-from softcal.analysis.fleet_verdict import chance_text, ends_text, level_text, spread_of, spread_text, value_text
-from softcal.analysis.specimen import Specimen
 from softcal.calibration.digits import estimate_text, interval_text
+from softcal.plugins.fleet.specimen import Specimen
+from softcal.plugins.fleet.statement import FleetStatement
+from softcal.plugins.fleet.verdict import chance_text, ends_text, level_text, spread_of, spread_text, value_text
 from softcal.report.tables import Cell, Column, ReportTable
 from softcal.twin.parameter_name import parameter_name
 from softcal.units import plain

@@ -11,9 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
 
-from softcal.analysis.fleet_statement import FleetStatement, fleet_statement
-from softcal.analysis.fleet_verdict import fleet_sentences
-from softcal.analysis.specimen import Specimen, State
 from softcal.calibration.digits import value_text
 from softcal.calibration.interrupts import stoppable
 from softcal.calibration.live import told_live
@@ -25,11 +22,8 @@ from softcal.executors.chosen import Workers, executor_of
 from softcal.executors.each import LostCall, each
 from softcal.executors.executor import Executor
 from softcal.html_text import summary
-from softcal.project.alike_faults import merged
-from softcal.project.fleet_table import FleetRow, FleetTable, parse_fleet, row_project
-from softcal.workflows.calibration import calibrate
-from softcal.workflows.fleet_check import FleetOrder, check_fleet
-from softcal.workflows.fleet_folder import (
+from softcal.plugins.fleet.check import FleetOrder, check_fleet
+from softcal.plugins.fleet.folder import (
     begin_fleet,
     finish_fleet,
     held_fleet,
@@ -40,6 +34,12 @@ from softcal.workflows.fleet_folder import (
     specimen_folder,
     write_specimen,
 )
+from softcal.plugins.fleet.specimen import Specimen, State
+from softcal.plugins.fleet.statement import FleetStatement, fleet_statement
+from softcal.plugins.fleet.table import FleetRow, FleetTable, parse_fleet, row_project
+from softcal.plugins.fleet.verdict import fleet_sentences
+from softcal.project.alike_faults import merged
+from softcal.workflows.calibration import calibrate
 from softcal.workflows.outcome import Outcome
 from softcal.workflows.run_folder import inputs_changed
 
@@ -100,7 +100,7 @@ def fleet(
     Parameters
     ----------
     source
-        The table (`softcal.project.fleet_table`), or a folder with it as fleet.csv.
+        The table (`softcal.plugins.fleet.table`), or a folder with it as fleet.csv.
     template
         The project file of all specimens; project.yaml beside the table by default.
     out

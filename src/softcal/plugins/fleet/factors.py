@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softcal.analysis.infill_law import INFILL
-from softcal.analysis.population import Comparable, Interval
-from softcal.analysis.specimen import Factor, Specimen
 from softcal.calibration.mixed_effects import mixed_effects
 from softcal.calibration.random_effects import DIFFERS
+from softcal.plugins.fleet.infill_law import INFILL
+from softcal.plugins.fleet.population import Comparable, Interval
+from softcal.plugins.fleet.specimen import Factor, Specimen
 
 FEWEST_WITHIN = 2
 """Specimens more than groups, so that the spread within these can be told."""

@@ -33,8 +33,6 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from softcal.analysis.fleet_statement import FleetStatement
-from softcal.analysis.specimen import Factor, Specimen, State
 from softcal.calibration.file_lock import hold_in
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result import Estimate
@@ -42,8 +40,10 @@ from softcal.calibration.store import write_text
 from softcal.calibration.stored import Amount, Record, read_bytes, read_record
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, StorageError
+from softcal.plugins.fleet.specimen import Factor, Specimen, State
+from softcal.plugins.fleet.statement import FleetStatement
+from softcal.plugins.fleet.table import FleetTable
 from softcal.project.files import sha256
-from softcal.project.fleet_table import FleetTable
 from softcal.workflows.output import new_folder, require_free_folder, require_writable, unwritable
 
 FORMAT = 1

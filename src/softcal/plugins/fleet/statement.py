@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from softcal.analysis.fleet_factors import FactorEffect, factor_effects, not_apart
-from softcal.analysis.infill_law import InfillLaw, infill_laws, log_infill
-from softcal.analysis.population import Population, comparisons, population
-from softcal.analysis.specimen import Specimen
 from softcal.display import displayed
+from softcal.plugins.fleet.factors import FactorEffect, factor_effects, not_apart
+from softcal.plugins.fleet.infill_law import InfillLaw, infill_laws, log_infill
+from softcal.plugins.fleet.population import Population, comparisons, population
+from softcal.plugins.fleet.specimen import Specimen
 
 
 @displayed

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softcal.analysis.fleet_statement import FleetStatement
-from softcal.analysis.fleet_verdict import level_text
-from softcal.analysis.infill_law import INFILL, InfillLaw
-from softcal.analysis.population import Population
-from softcal.analysis.specimen import Specimen
 from softcal.calibration.result import Estimate
+from softcal.plugins.fleet.infill_law import INFILL, InfillLaw
+from softcal.plugins.fleet.population import Population
+from softcal.plugins.fleet.specimen import Specimen
+from softcal.plugins.fleet.statement import FleetStatement
+from softcal.plugins.fleet.verdict import level_text
 from softcal.report.format import Scale, scale_of
 from softcal.report.style import FAINT, INK, MUTED, SERIES, house_style, new_figure, plain_log_ticks
 

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from softcal.analysis.specimen import Factor, Specimen, own_error
 from softcal.calibration.intervals import student
 from softcal.calibration.mixed_effects import MixedEffects, mixed_effects
 from softcal.calibration.parameters import Scale
@@ -23,6 +22,7 @@ from softcal.calibration.random_effects import DIFFERS, welch_test
 from softcal.calibration.result import Estimate
 from softcal.checks import Floats
 from softcal.display import displayed
+from softcal.plugins.fleet.specimen import Factor, Specimen, own_error
 
 Interval = tuple[float, float]
 FEWEST = 2

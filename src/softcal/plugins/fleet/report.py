@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softcal.calibration.stored import read_bytes
+from softcal.plugins.fleet.figures import draw_infill, draw_specimens
+from softcal.plugins.fleet.folder import FLEET, REPORT, held_fleet
+from softcal.plugins.fleet.page import FleetPage, render_fleet_page
+from softcal.plugins.fleet.tables import fleet_tables
+from softcal.plugins.fleet.workflow import Fleet
 from softcal.project.yaml_file import read_document
 from softcal.report.figure import Picture
-from softcal.report.fleet_figures import draw_infill, draw_specimens
-from softcal.report.fleet_page import FleetPage, render_fleet_page
-from softcal.report.fleet_tables import fleet_tables
 from softcal.report.format import file_stem
 from softcal.report.style import encode
 from softcal.report.write import write_files
-from softcal.workflows.fleet import Fleet
-from softcal.workflows.fleet_folder import FLEET, REPORT, held_fleet
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

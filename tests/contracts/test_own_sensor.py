@@ -18,7 +18,7 @@ from softcal import ChannelKind, NamedSensor, Sensor, calibrate, load, register_
 from softcal.errors import ParameterError, ProjectFileError
 from softcal.export.crosscheck import crosscheck
 from softcal.export.engine import ENGINES, Engine, register_engine, state_of
-from softcal.export.sofa_response import RecordPosture
+from softcal.plugins.sofa.response import RecordPosture
 from softcal.sensing.channel import kinds
 from softcal.sensing.sensor import SENSORS
 from softcal.sensing.sensors.cable import TENSION

@@ -17,8 +17,8 @@ from softcal.errors import ParameterError
 from softcal.export.calculix import deck_faults, in_its_law
 from softcal.export.crosscheck import crosscheck
 from softcal.export.engine import ENGINES, Engine, EngineState, state_of
-from softcal.export.sofa_export import write_sofa
-from softcal.export.sofa_robot import linear_robot
+from softcal.plugins.sofa.robot import linear_robot
+from softcal.plugins.sofa.writing import write_sofa
 from softcal.twin.barrier import Contact
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate

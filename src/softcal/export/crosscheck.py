@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from softcal.calibration.problem import SOFTCAL
 from softcal.checks import Floats
+from softcal.declare import Declared
 from softcal.errors import InputError, SimulationError
-from softcal.export.engine import ENGINES, EngineState, Running, state_of
+from softcal.export.engine import ENGINES, EngineState, Running, engine_settings, state_of
 from softcal.export.engine_posture import EnginePosture
 from softcal.twin.build import twin_of
 from softcal.twin.channels import channels_of
@@ -132,12 +133,14 @@ def crosscheck(
     protocol: Protocol,
     engines: Sequence[str],
     *,
-    running: Running | None = None,
+    timeout: float | None = None,
+    stated: Mapping[str, Declared] | None = None,
     progress: Callable[[str], None] = lambda name: None,
 ) -> Crosscheck:
     """Compare the furthest state of a protocol with other engines.
 
-    engines: names in `ENGINES`; `softcal`, the reference, is ignored. progress: called with the name of each engine.
+    engines: names in `ENGINES`; `softcal`, the reference, is ignored. timeout [s]: of each process, by default the
+    engine's own. stated: the settings of engines that a project states. progress: called with the name of each engine.
     """
     end = furthest_state(protocol)
     comparisons: list[EngineComparison] = []
@@ -157,6 +160,7 @@ def crosscheck(
             absent[name] = why
             continue
         progress(name)
+        running = Running(timeout, engine_settings(name, stated or {}))
         try:
             own = engine.own(robot)
             response = simulate(own, end, snapshots=True, curve_tolerance=0.0)
@@ -164,7 +168,7 @@ def crosscheck(
             if _is_still(own, ours):
                 still.append(name)
                 continue
-            theirs = engine.solve(own, end, response.snapshots[-1], running or Running())
+            theirs = engine.solve(own, end, response.snapshots[-1], running)
         except (InputError, SimulationError) as error:
             failed[name] = str(error)
             continue

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.problem import SOFTCAL
 from softcal.csv_text import csv_text
+from softcal.declare import Declared
 from softcal.errors import Fault, InputError
 from softcal.executors.chosen import Workers, executor_of
 from softcal.executors.each import results
 from softcal.export.crosscheck import AGREES, Crosscheck, crosscheck
-from softcal.export.engine import ENGINES, Running
+from softcal.export.engine import ENGINES
 from softcal.project.project import Project
 from softcal.workflows.cases import Case
 from softcal.workflows.output import new_folder
@@ -51,18 +53,22 @@ def crosscheck_project(
         faults.append(Fault("the timeout must be positive", "--timeout", f"{timeout:g} s", "> 0 s, such as 10min"))
     if faults:
         raise InputError(faults)
-    running = Running(timeout, project.engines.sofa)
 
     def one(name: str, case: Case) -> Crosscheck:
         return crosscheck(
-            case.robot, case.protocol, chosen, running=running, progress=lambda engine: progress(name, engine)
+            case.robot,
+            case.protocol,
+            chosen,
+            timeout=timeout,
+            stated=project.engines,
+            progress=lambda engine: progress(name, engine),
         )
 
     with executor_of(workers) as executor:
         if executor.alone:
             found = {name: one(name, case) for name, case in cases.items()}
         else:
-            asked_of = (list(cases.values()), tuple(chosen), running)
+            asked_of = _Asked(list(cases.values()), tuple(chosen), timeout, project.engines)
             found = {}
             for name, result in zip(
                 cases, results(executor, _crosschecked, asked_of, [(k,) for k in range(len(cases))]), strict=True
@@ -75,9 +81,17 @@ def crosscheck_project(
     return found
 
 
-def _crosschecked(asked: tuple[Sequence[Case], Sequence[str], Running], k: int) -> Crosscheck:
-    among, engines, running = asked
-    return crosscheck(among[k].robot, among[k].protocol, engines, running=running)
+@dataclass(frozen=True)
+class _Asked:
+    cases: Sequence[Case]
+    engines: Sequence[str]
+    timeout: float | None
+    stated: Mapping[str, Declared]
+
+
+def _crosschecked(asked: _Asked, k: int) -> Crosscheck:
+    case = asked.cases[k]
+    return crosscheck(case.robot, case.protocol, asked.engines, timeout=asked.timeout, stated=asked.stated)
 
 
 def write_crosscheck(project: Project, found: Mapping[str, Crosscheck], folder: Path) -> None:

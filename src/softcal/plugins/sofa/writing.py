@@ -10,11 +10,12 @@ import numpy as np
 
 from softcal.errors import InputError
 from softcal.export.left_out_contact import not_exported
-from softcal.export.sofa_identify import Identified, identify
-from softcal.export.sofa_install import CONDA, ROOT
-from softcal.export.sofa_robot import linear_robot
-from softcal.export.sofa_rods import SEGMENTS
-from softcal.export.sofa_scene import (
+from softcal.html_text import markdown
+from softcal.plugins.sofa.identify import Identified, identify
+from softcal.plugins.sofa.install import CONDA, ROOT
+from softcal.plugins.sofa.robot import linear_robot
+from softcal.plugins.sofa.rods import SEGMENTS
+from softcal.plugins.sofa.scene import (
     ASSUMED_DENSITY,
     PARAMETERS,
     SCHEDULE,
@@ -23,9 +24,8 @@ from softcal.export.sofa_scene import (
     schedule_csv,
     write_scene,
 )
-from softcal.export.sofa_settings import SofaSettings
-from softcal.export.sofa_visual import visual_parameters, write_surfaces
-from softcal.html_text import markdown
+from softcal.plugins.sofa.settings import SofaSettings
+from softcal.plugins.sofa.visual import visual_parameters, write_surfaces
 from softcal.twin.protocol import Protocol, command_faults
 from softcal.twin.robot import Control, Robot
 from softcal.twin.time_settings import TimeSettings

@@ -11,13 +11,13 @@ from softcal.errors import Fault, ParameterError
 from softcal.export.cable_faults import cable_faults
 from softcal.export.history_faults import history_faults
 from softcal.export.left_out_contact import contact_faults
-from softcal.export.sofa_laws import MATERIALS
-from softcal.export.sofa_rods import linear_rod
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import linear_numbers
 from softcal.geometry.varied_section import VariedSection
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import P1
+from softcal.plugins.sofa.laws import MATERIALS
+from softcal.plugins.sofa.rods import linear_rod
 from softcal.twin.bores import bores
 from softcal.twin.robot import Body, Moment, Robot, SurfaceLoad
 

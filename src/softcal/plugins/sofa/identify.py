@@ -19,7 +19,7 @@ from softcal.calibration.problem import make_problem
 from softcal.calibration.run import calibrate
 from softcal.errors import Fault, ParameterError, SimulationError
 from softcal.experiments.dataset import Channel, Dataset
-from softcal.export.sofa_robot import LinearRobot, is_its_own
+from softcal.plugins.sofa.robot import LinearRobot, is_its_own
 from softcal.sensing.channel import ChannelName, positions
 from softcal.sensing.sensors.cable import CableSensor
 from softcal.twin.parameter_name import parameter_name

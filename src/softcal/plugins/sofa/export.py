@@ -1,4 +1,4 @@
-"""For SOFA; see `softcal.export.sofa_export`."""
+"""For SOFA; see `softcal.plugins.sofa.writing`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def sofa(request: ExportRequest, folder: Path) -> list[Path]:
     """For SOFA: a scene for SofaPython3 and SoftRobots, with meshes, parameters as JSON, keys and a schedule."""
     from softcal.export.left_out_contact import not_exported
-    from softcal.export.sofa_export import PLACE
+    from softcal.plugins.sofa.writing import PLACE
     from softcal.twin.protocol import Protocol
     from softcal.workflows.cases import Case
 
@@ -33,9 +33,12 @@ def write_scene(project: Project, cases: Mapping[str, Case], folder: Path) -> li
 
     It uses the project's `dynamics`, and `run.py` its `engines`.
     """
-    from softcal.export.sofa_export import furthest, write_sofa
+    from softcal.plugins.sofa.settings import SofaSettings
+    from softcal.plugins.sofa.writing import furthest, write_sofa
     from softcal.workflows.cases import protocols_of
 
+    stated = project.engines.get("sofa")
+    settings = stated if isinstance(stated, SofaSettings) else SofaSettings()
     chosen = furthest(protocols_of(cases))
     return write_sofa(
         cases[chosen].robot,
@@ -45,7 +48,7 @@ def write_scene(project: Project, cases: Mapping[str, Case], folder: Path) -> li
         experiment=chosen if len(cases) > 1 else "",
         slack=_slack(project, cases[chosen]),
         motion=project.dynamics,
-        settings=project.engines.sofa,
+        settings=settings,
     )
 
 

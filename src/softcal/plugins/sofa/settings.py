@@ -75,10 +75,3 @@ class SofaSettings(Declared):
         own = asdict(self)
         keys = ("time_steps", "rayleigh_stiffness", "rayleigh_mass", "ramp")
         return {**{key: own[key] for key in keys}, **own["settle"]}
-
-
-@dataclass(frozen=True)
-class Engines(Declared):
-    """Settings of each engine that is not softcal's own."""
-
-    sofa: SofaSettings = field(default_factory=SofaSettings)

@@ -11,8 +11,8 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from softcal.checks import Floats
-from softcal.export.sofa_scene import begins_first
 from softcal.mechanics.cable import cables_of
+from softcal.plugins.sofa.scene import begins_first
 from softcal.sensing.channel import kinds
 from softcal.sensing.sensors.cable import TENSION
 from softcal.twin.build import Twin

@@ -15,11 +15,11 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import ParameterError
 from softcal.export.left_out_contact import left_out_by
-from softcal.export.sofa_install import Sofa, find_sofa
-from softcal.export.sofa_process import ProcessOutcome, run_states
-from softcal.export.sofa_response import SofaSamples, along_one_cable, row_by_row, shapes
-from softcal.export.sofa_robot import LinearRobot, element_faults, linear_robot, scene_faults
-from softcal.export.sofa_settings import SofaSettings
+from softcal.plugins.sofa.install import Sofa, find_sofa
+from softcal.plugins.sofa.process import ProcessOutcome, run_states
+from softcal.plugins.sofa.response import SofaSamples, along_one_cable, row_by_row, shapes
+from softcal.plugins.sofa.robot import LinearRobot, element_faults, linear_robot, scene_faults
+from softcal.plugins.sofa.settings import SofaSettings
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.parameters import robot_parameters, unknown_name, with_parameters
 from softcal.twin.protocol import Command, Protocol, command_faults

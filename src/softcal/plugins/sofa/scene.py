@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from softcal.csv_text import csv_text
-from softcal.export.sofa_laws import material
-from softcal.export.sofa_robot import LinearRobot
-from softcal.export.sofa_rods import SEGMENTS, finer, node_volumes, rod_parameters
-from softcal.export.sofa_settings import SofaSettings
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.attachment import attach
 from softcal.mechanics.elements import ELEMENTS
+from softcal.plugins.sofa.laws import material
+from softcal.plugins.sofa.robot import LinearRobot
+from softcal.plugins.sofa.rods import SEGMENTS, finer, node_volumes, rod_parameters
+from softcal.plugins.sofa.settings import SofaSettings
 from softcal.twin.loads import surface_forces
 from softcal.twin.masses import plate_inertia
 from softcal.twin.protocol import Protocol

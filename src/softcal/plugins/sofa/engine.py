@@ -7,10 +7,10 @@ from dataclasses import replace
 from softcal.calibration.problem import Simulate
 from softcal.errors import InputError
 from softcal.export.engine import Engine, EngineState, Running, register_engine, state_of
-from softcal.export.sofa_engine import sofa_engine
-from softcal.export.sofa_install import find_sofa
-from softcal.export.sofa_robot import linear_robot, scene_faults
-from softcal.export.sofa_settings import SofaSettings
+from softcal.plugins.sofa.install import find_sofa
+from softcal.plugins.sofa.robot import linear_robot, scene_faults
+from softcal.plugins.sofa.settings import SofaSettings
+from softcal.plugins.sofa.simulator import sofa_engine
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Robot
@@ -26,7 +26,8 @@ def _missing() -> str:
 
 def _solve(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) -> EngineState:
     """Solve with SOFA, run to rest under the protocol's commands."""
-    engine = sofa_engine(replace(running.sofa, timeout=running.timeout or running.sofa.timeout))
+    settings = running.settings if isinstance(running.settings, SofaSettings) else SofaSettings()
+    engine = sofa_engine(replace(settings, timeout=running.timeout or settings.timeout))
     found = state_of(engine(robot, protocol, snapshots=True))
     given = {(name, command.control) for name, command in protocol.commands.items()}
     return replace(
@@ -55,4 +56,6 @@ def _as_it_has_it(robot: Robot) -> Robot:
     return linear_robot(robot).robot.as_clamped
 
 
-register_engine(Engine("sofa", _as_it_has_it, _missing, _solve, scene_faults, _strain_of_rods, _simulator))
+engine = register_engine(
+    Engine("sofa", _as_it_has_it, _missing, _solve, scene_faults, _strain_of_rods, _simulator, SofaSettings)
+)

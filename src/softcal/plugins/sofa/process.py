@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from softcal.export.sofa_install import Sofa
-from softcal.export.sofa_robot import LinearRobot
-from softcal.export.sofa_scene import scene_parameters, write_scene
-from softcal.export.sofa_settings import SofaSettings
+from softcal.plugins.sofa.install import Sofa
+from softcal.plugins.sofa.robot import LinearRobot
+from softcal.plugins.sofa.scene import scene_parameters, write_scene
+from softcal.plugins.sofa.settings import SofaSettings
 from softcal.processes import exit_code
 from softcal.twin.protocol import Protocol
 

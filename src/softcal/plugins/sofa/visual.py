@@ -13,10 +13,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from softcal.checks import Floats, Ints
-from softcal.export.sofa_robot import LinearRobot
-from softcal.export.sofa_rods import SEGMENTS, finer
-from softcal.export.wavefront import split_at_edges, wavefront
 from softcal.geometry.surface import boundary_triangles
+from softcal.plugins.sofa.robot import LinearRobot
+from softcal.plugins.sofa.rods import SEGMENTS, finer
+from softcal.plugins.sofa.wavefront import split_at_edges, wavefront
 from softcal.twin.contacts import disc_skin
 from softcal.twin.facing import plate_normal, plate_radius, up_direction
 from softcal.twin.robot import Disc, Plate, Robot, Rod

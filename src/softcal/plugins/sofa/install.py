@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from softcal.errors import Fault, InputError
-from softcal.export.sofa_scene import write_sources
+from softcal.plugins.sofa.scene import write_sources
 from softcal.processes import run
 
 CONDA = "conda install -c sofa-framework sofa-softrobots"

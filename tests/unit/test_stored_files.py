@@ -672,8 +672,9 @@ OTHERS = {
 
 def test_files_of_a_run_folder_are_opened_in_one_way() -> None:
     source = Path(softcal.__file__).parent
-    paths = [*source.glob("plugins/watch/*.py"), *source.glob("calibration/*.py"), *source.glob("workflows/*_folder.py"),
-             source / "plugins/fleet/folder.py", source / "plugins/fleet/report.py", source / "plugins/bench/page.py"]  # fmt: skip
+    ours = ("plugins/watch/*.py", "plugins/fleet/folder.py", "plugins/fleet/report.py", "plugins/bench/page.py")
+    places = ("calibration/*.py", "workflows/*_folder.py", *ours)
+    paths = [path for place in places for path in source.glob(place)]
     found = {path.relative_to(source).as_posix(): len(OPENING.findall(path.read_text("utf-8"))) for path in paths}
     assert {place: n for place, n in found.items() if n} == OTHERS
 

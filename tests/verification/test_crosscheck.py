@@ -15,15 +15,15 @@ from project_case import write_project
 from typer.testing import CliRunner
 
 from softcal.cli import app
-from softcal.cli.commands.crosscheck_command import _table
 from softcal.cli.printing import print_table
 from softcal.errors import SimulationError
-from softcal.export.crosscheck import Difference, EngineComparison, crosscheck
 from softcal.export.engine import ENGINES, Engine, EngineState, Running, state_of
-from softcal.export.engines.calculix import _fitted_pose, _needed
-from softcal.export.load_path import LoadPath, load_path
 from softcal.geometry.centreline import straight
 from softcal.geometry.section import RoundBar
+from softcal.plugins.calculix.command import _table
+from softcal.plugins.calculix.crosscheck import Difference, EngineComparison, crosscheck
+from softcal.plugins.calculix.engine import _fitted_pose, _needed
+from softcal.plugins.calculix.load_path import LoadPath, load_path
 from softcal.plugins.sofa import engine as sofa_module
 from softcal.plugins.sofa.settings import SofaSettings
 from softcal.twin.parameters import with_parameters

@@ -10,9 +10,9 @@ import pytest
 from manipulator_case import manipulator
 from mechanics_cases import column_robot, elastic, pulled, tensed
 
-from softcal.export.crosscheck import crosscheck
 from softcal.geometry.centreline import helix, straight
 from softcal.geometry.section import CrossSection, GivenSection, RectangularBar, RoundBar
+from softcal.plugins.calculix.crosscheck import crosscheck
 from softcal.plugins.sofa.simulator import sofa_engine
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response

@@ -108,7 +108,7 @@ def _faults(engine: Engine, known: Mapping[str, Engine]) -> list[Fault]:
     return []
 
 
-ENGINES: Catalogue[Engine] = Catalogue("engine", "softcal.engines", _faults, home="softcal.export.engines")
+ENGINES: Catalogue[Engine] = Catalogue("engine", "softcal.engines", _faults)
 
 register_engine = ENGINES.registrar(
     "register_engine", "Add an engine: `crosscheck --engines` then accepts its name, and `--engine` if it can simulate."

@@ -18,7 +18,7 @@ from softcal.checks import Floats
 from softcal.declare import Declared
 from softcal.errors import InputError, SimulationError
 from softcal.export.engine import ENGINES, EngineState, Running, engine_settings, state_of
-from softcal.export.engine_posture import EnginePosture
+from softcal.plugins.calculix.engine_posture import EnginePosture
 from softcal.twin.build import twin_of
 from softcal.twin.channels import channels_of
 from softcal.twin.protocol import Protocol, furthest_state

@@ -1,4 +1,4 @@
-"""For CalculiX; see `softcal.export.calculix`."""
+"""For CalculiX; see `softcal.plugins.calculix.deck`."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ def calculix(request: ExportRequest, folder: Path) -> list[Path]:
 
     That state is solved with CalculiX's material law and elements, so that it is in equilibrium there.
     """
-    from softcal.export.calculix import PLACE, in_its_law, write_calculix
     from softcal.export.left_out_contact import not_exported
+    from softcal.plugins.calculix.deck import PLACE, in_its_law, write_calculix
     from softcal.twin.crossings import REMEDY
 
     for sentence in not_exported(request.project.robot, PLACE):

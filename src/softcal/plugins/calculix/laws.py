@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from softcal.export.calculix_format import number
 from softcal.materials.catalogue import LAWS
+from softcal.plugins.calculix.format import number
 
 ISOCHORIC = "neo-hooke-isochoric"
 # 1/D of the powers (J - 1)^4 and (J - 1)^6, which softcal's laws do not have, is as good as zero.

@@ -15,7 +15,7 @@ from softcal.cli.values import LOCAL, On, Pull, Source, Values, Workers, names, 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from softcal.export.crosscheck import Crosscheck, EngineComparison
+    from softcal.plugins.calculix.crosscheck import Crosscheck, EngineComparison
 
 AT_REST = "at rest"
 
@@ -58,8 +58,8 @@ def crosscheck(
     if out is not None:
         require_free_folder(out)
     project = load_calibrated(source, parsed_values(values))
+    from softcal.plugins.calculix.workflow import crosscheck_project, write_crosscheck
     from softcal.workflows.cases import cases
-    from softcal.workflows.crosschecking import crosscheck_project, write_crosscheck
 
     chosen = cases(project, pull or ())
     with executor_told(on, workers) as executor, clock() as show:
@@ -81,7 +81,7 @@ def crosscheck(
 
 
 def _print_crosscheck(found: dict[str, Crosscheck]) -> None:
-    from softcal.workflows.crosschecking import NOTHING_MOVES
+    from softcal.plugins.calculix.workflow import NOTHING_MOVES
 
     absent: dict[str, str] = {}
     refused: dict[str, str] = {}

@@ -18,15 +18,15 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
 from softcal.export.cable_faults import cable_faults
-from softcal.export.calculix_cables import cable_lines, dead_pulls
-from softcal.export.calculix_format import listed, number, set_name, weighted_sum
-from softcal.export.calculix_laws import CARDS, ISOCHORIC, law_lines
 from softcal.export.history_faults import history_faults
 from softcal.export.left_out_contact import contact_faults, not_exported
-from softcal.export.load_path import load_path
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import ELEMENTS, P1, P2
 from softcal.mechanics.layout import FIXED, Layout
+from softcal.plugins.calculix.cables import cable_lines, dead_pulls
+from softcal.plugins.calculix.format import listed, number, set_name, weighted_sum
+from softcal.plugins.calculix.laws import CARDS, ISOCHORIC, law_lines
+from softcal.plugins.calculix.load_path import load_path
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.parameters import parameter_values
 from softcal.twin.response import Snapshot

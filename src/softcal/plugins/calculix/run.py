@@ -11,7 +11,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.export.calculix import DECK, Deck
+from softcal.plugins.calculix.deck import DECK, Deck
 from softcal.processes import exit_code
 
 TIMEOUT = 1800.0  # [s]

@@ -14,8 +14,8 @@ from softcal.declare import Declared
 from softcal.errors import Fault, InputError
 from softcal.executors.chosen import Workers, executor_of
 from softcal.executors.each import results
-from softcal.export.crosscheck import AGREES, Crosscheck, crosscheck
 from softcal.export.engine import ENGINES
+from softcal.plugins.calculix.crosscheck import AGREES, Crosscheck, crosscheck
 from softcal.project.project import Project
 from softcal.workflows.cases import Case
 from softcal.workflows.output import new_folder
@@ -33,7 +33,7 @@ def crosscheck_project(
     workers: Workers = 1,
     progress: Callable[[str, str], None] = lambda state, engine: None,
 ) -> dict[str, Crosscheck]:
-    """Case name -> cross-check of its furthest state in the engines (default: all); see `softcal.export.crosscheck`.
+    """Case name -> cross-check of its furthest state in the engines (default: all); see `crosscheck`.
 
     timeout [s]: limit of each engine's process, by default the engine's own. workers: an executor, or a number of
     processes: a state for each. progress: called with state and engine, or with each state as it is done by others.

@@ -9,7 +9,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.export.engine import EngineState
-from softcal.export.load_path import positions
+from softcal.plugins.calculix.load_path import positions
 from softcal.twin.build import twin_of
 from softcal.twin.robot import Robot
 

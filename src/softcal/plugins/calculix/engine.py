@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.export.calculix import calculix_deck, deck_faults, in_its_law
-from softcal.export.calculix_run import HOW_TO_GET, TIMEOUT, find_calculix, run_calculix
 from softcal.export.engine import Engine, EngineState, Running, register_engine
-from softcal.export.load_path import LoadPath, load_path, positions, shortenings
+from softcal.plugins.calculix.deck import calculix_deck, deck_faults, in_its_law
+from softcal.plugins.calculix.load_path import LoadPath, load_path, positions, shortenings
+from softcal.plugins.calculix.run import HOW_TO_GET, TIMEOUT, find_calculix, run_calculix
 from softcal.twin.build import twin_of
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Snapshot
@@ -64,4 +64,4 @@ def _fitted_pose(X: Floats, x: Floats, reference: Floats) -> tuple[Floats, Float
     return now + R @ (reference - centre), R
 
 
-register_engine(Engine("calculix", in_its_law, _missing, _solve, deck_faults))
+engine = register_engine(Engine("calculix", in_its_law, _missing, _solve, deck_faults))

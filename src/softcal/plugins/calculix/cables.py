@@ -17,9 +17,9 @@ from itertools import pairwise
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.export.calculix_format import number, set_name, weighted_sum
-from softcal.export.load_path import positions
 from softcal.mechanics.cable import cables_of
+from softcal.plugins.calculix.format import number, set_name, weighted_sum
+from softcal.plugins.calculix.load_path import positions
 from softcal.twin.build import Twin
 from softcal.twin.loads import Weights
 from softcal.twin.response import Snapshot

@@ -13,9 +13,9 @@ from project_case import PROJECT, bar_robot, write_project
 
 from softcal import Law, Parameter, calibrate, load, quantity, register_law, robot_parameters
 from softcal.errors import InputError, ParameterError, ProjectFileError
-from softcal.export.calculix import in_its_law
-from softcal.export.sofa_robot import linear_robot
 from softcal.materials.catalogue import LAWS
+from softcal.plugins.calculix.deck import in_its_law
+from softcal.plugins.sofa.robot import linear_robot
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 from softcal.workflows.checking import check

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from softcal.errors import InputError
+from softcal.plugins.markers.camera_file import read_camera
 from softcal.project.base_file import read_base
-from softcal.project.camera_file import read_camera
 from softcal.project.project import load
 from softcal.project.yaml_file import read_document
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from fleet_case import estimates
 
-from softcal.analysis.fleet_statement import FleetStatement, fleet_statement
-from softcal.analysis.fleet_verdict import fleet_sentences, spread_text
-from softcal.analysis.specimen import Specimen, own_error
 from softcal.calibration.mixed_effects import mixed_effects
 from softcal.calibration.result import Estimate
+from softcal.plugins.fleet.specimen import Specimen, own_error
+from softcal.plugins.fleet.statement import FleetStatement, fleet_statement
+from softcal.plugins.fleet.verdict import fleet_sentences, spread_text
 
 MEAN, DOF = 3.0, 28
 

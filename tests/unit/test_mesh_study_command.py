@@ -15,7 +15,8 @@ from project_case import MODULUS, write_project
 
 import softcal
 from softcal.analysis.mesh_study import UNKNOWNS
-from softcal.cli import main, mesh_study_command
+from softcal.cli import main
+from softcal.cli.commands import mesh_study_command
 from softcal.report.all_tables import all_tables
 from softcal.report.figure import report_pictures
 from softcal.report.figures.mesh_study import drawn_parameters

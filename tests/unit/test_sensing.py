@@ -71,7 +71,7 @@ def test_names_of_channels_and_parameters_are_taken_apart_in_one_file_each(repos
     names = {"sensing/channel.py", "twin/parameter_name.py"}
     # Keys of faults in a file, titles of stored columns, and what runs without softcal.
     others = {
-        "calibration/result_reading.py", "declare.py", "export/sofa_files/robot/pulling.py", "project/bench_plan.py",
-        "project/fleet_table.py", "project/law_schema.py", "project/robot_bodies.py",
+        "calibration/result_reading.py", "declare.py", "plugins/sofa/sofa_files/robot/pulling.py",
+        "plugins/fleet/table.py", "project/bench_plan.py", "project/law_schema.py", "project/robot_bodies.py",
     }  # fmt: skip
     assert found == names | others

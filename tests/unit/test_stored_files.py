@@ -660,9 +660,10 @@ def test_a_link_left_where_a_file_is_being_written_is_not_followed(tmp_path: Pat
 OPENING = re.compile(r"\.read_(text|bytes)\(|\.open\(|\bopen\((?!.*opener=)|np\.load\((?!io\.BytesIO)")
 # Not of a run's folder: the system's own, the page's own, and a journal that the user names.
 OTHERS = {
-    "watch/live.py": 3,
-    "watch/server.py": 1,
-    "watch/twin.py": 2,
+    "plugins/watch/command.py": 1,  # the browser's
+    "plugins/watch/live.py": 3,
+    "plugins/watch/server.py": 1,
+    "plugins/watch/twin.py": 2,
     "calibration/interrupts.py": 1,
     "calibration/shared_journal.py": 1,
     "calibration/trial_journal.py": 1,
@@ -671,8 +672,9 @@ OTHERS = {
 
 def test_files_of_a_run_folder_are_opened_in_one_way() -> None:
     source = Path(softcal.__file__).parent
-    paths = [*source.glob("watch/*.py"), *source.glob("calibration/*.py"), *source.glob("workflows/*_folder.py"),
-             source / "workflows/fleet_report.py", source / "bench/page.py"]  # fmt: skip
+    ours = ("plugins/watch/*.py", "plugins/fleet/folder.py", "plugins/fleet/report.py", "plugins/bench/page.py")
+    places = ("calibration/*.py", "workflows/*_folder.py", *ours)
+    paths = [path for place in places for path in source.glob(place)]
     found = {path.relative_to(source).as_posix(): len(OPENING.findall(path.read_text("utf-8"))) for path in paths}
     assert {place: n for place, n in found.items() if n} == OTHERS
 

@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 from softcal.calibration.loss import LOSSES
 from softcal.calibration.rig import CommonRig
 from softcal.calibration.uncertain import RESERVED
+from softcal.declare import Declared
 from softcal.errors import Fault, ProjectFileError, unknown
 from softcal.experiments.prepare import PlannedStep
-from softcal.export.sofa_settings import Engines
 from softcal.limits import LIMITS
 from softcal.materials.catalogue import LAWS
 from softcal.materials.infill import PrintInfill
@@ -69,7 +69,7 @@ class Sections:
     calibration: CalibrationSection
     candidates: Mapping[str, CandidateSection]
     dynamics: TimeSettings
-    engines: Engines
+    engines: Mapping[str, Declared]
     sweep: SweepSection | None
     print_infill: PrintInfill | None
 
@@ -97,7 +97,7 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     calibration = _section(CalibrationSection, "calibration", document, findings, {})
     candidates = entries(CandidateSection, "candidates", document, findings)
     dynamics = _dynamics(document, findings)
-    engines = _section(Engines, "engines", document, findings, {})
+    engines = _engines(document, findings)
     swept = _section(SweepSection, "sweep", document, findings)
     print_infill = _section(PrintInfill, "print", document, findings)
     if robot is not None:
@@ -130,7 +130,7 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
         for name, experiment in experiments.items():
             check_headers(name, experiment, files, findings)
     findings.raise_if_any()
-    if robot is None or rig is None or calibration is None or dynamics is None or engines is None:
+    if robot is None or rig is None or calibration is None or dynamics is None:
         raise ProjectFileError(Fault("the project is incomplete", document.name))
     return Sections(
         laws,
@@ -180,6 +180,28 @@ def _section(
     data = document.data.get(key)
     data = default if data is None else data
     return None if data is None else validated(model, data, (key,), findings)
+
+
+def _engines(document: Document, findings: Findings) -> dict[str, Declared]:
+    """The settings of the engines that the file states."""
+    stated = document.data.get("engines")
+    if not stated:
+        return {}
+    from softcal.export.engine import ENGINES
+
+    kinds = {name: engine.settings for name, engine in ENGINES.items() if engine.settings is not None}
+    if not isinstance(stated, dict):
+        findings.add(("engines",), "this is of the wrong kind", got=repr(stated)[:60], allowed="a mapping of names")
+        return {}
+    settings: dict[str, Declared] = {}
+    for name, section in stated.items():
+        if name not in kinds:
+            findings.faults.append(unknown("unknown key", document.where(("engines", name)), name, kinds))
+            continue
+        own = validated(kinds[name], {} if section is None else section, ("engines", name), findings)
+        if own is not None:
+            settings[name] = own
+    return settings
 
 
 def _check_calibration(

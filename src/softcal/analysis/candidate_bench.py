@@ -236,16 +236,16 @@ def added_test(problem: Problem, slopes: Floats, plan: Plan, rows: Sequence[Row]
         known, sigma = _noise(problem, plan, block.channel) or (None, None)
         channels.append(
             AddedChannel(
-                block.channel,
-                np.column_stack([by.get(label, zeros) * slope for label, slope in per.items()]),
-                np.column_stack([zeros, *(by[own[old].label] * per[old] for old in held)])[:, 1:],
-                known,
-                sigma,
-                plan.candidate.better.get(block.channel, 1.0),
-                counts(problem, plan, block.channel),
-                block.systematic,
-                np.column_stack([zeros, *(by[p.label] for p in own_errs)])[:, 1:],
-                block.drift,
+                name=block.channel,
+                answer=np.column_stack([by.get(label, zeros) * slope for label, slope in per.items()]),
+                own=np.column_stack([zeros, *(by[own[old].label] * per[old] for old in held)])[:, 1:],
+                like=known,
+                sigma=sigma,
+                better=plan.candidate.better.get(block.channel, 1.0),
+                counted=counts(problem, plan, block.channel),
+                systematic=block.systematic,
+                own_systematic=np.column_stack([zeros, *(by[p.label] for p in own_errs)])[:, 1:],
+                drift=block.drift,
             )
         )
     priors = [

@@ -133,7 +133,15 @@ def _effect(
         for level, mean, (low, high) in zip(levels, fit.beta[: len(levels)], fit.intervals[: len(levels)], strict=True)
     ]
     at = None if x is None else float(np.exp(x.mean()))
-    return FactorEffect(one.label, factor, tuple(groups), fit.chance(contrasts), explained, fit.spread, at)
+    return FactorEffect(
+        label=one.label,
+        factor=factor,
+        groups=tuple(groups),
+        chance=fit.chance(contrasts),
+        explained=explained,
+        spread=fit.spread,
+        at_infill=at,
+    )
 
 
 def _order(level: str | float) -> tuple[bool, float, str]:

@@ -64,16 +64,16 @@ def fleet_statement(
     effects, not_compared = factor_effects(found, done, factors, about)
     by = [factor for factor in factors if factor not in not_compared]
     return FleetStatement(
-        len(done),
-        len(specimens) - len(done),
-        tuple(population(one, len(found), about.get(one.label)) for one in found),
-        unknown,
-        effects,
-        not_compared,
-        tuple(not_apart(done, by)),
-        laws,
-        no_law,
-        _same_data(done, measured or {}),
+        done=len(done),
+        failed=len(specimens) - len(done),
+        populations=tuple(population(one, len(found), about.get(one.label)) for one in found),
+        unknown=unknown,
+        effects=effects,
+        not_compared=not_compared,
+        not_apart=tuple(not_apart(done, by)),
+        laws=laws,
+        no_law=no_law,
+        same_data=_same_data(done, measured or {}),
     )
 
 

@@ -99,16 +99,16 @@ def _law(one: Comparable, phi: Mapping[str, float]) -> InfillLaw:
     (low, high), exponent = fit.intervals.tolist()
     at = np.linspace(x.min(), 0.0, 50)
     return InfillLaw(
-        one.label,
-        one.unit,
-        float(fit.beta[1]),
-        (exponent[0], exponent[1]),
-        math.exp(float(fit.beta[0])),
-        (math.exp(low), math.exp(high)),
-        fit.spread,
-        fit.spread_interval,
-        _misfit(one, x),
-        (tuple(np.exp(at).tolist()), *_band(fit, at)),
+        label=one.label,
+        unit=one.unit,
+        exponent=float(fit.beta[1]),
+        exponent_interval=(exponent[0], exponent[1]),
+        bulk=math.exp(float(fit.beta[0])),
+        bulk_interval=(math.exp(low), math.exp(high)),
+        spread=fit.spread,
+        spread_interval=fit.spread_interval,
+        misfit=_misfit(one, x),
+        line=(tuple(np.exp(at).tolist()), *_band(fit, at)),
     )
 
 

@@ -77,16 +77,16 @@ def changes_between(
         size_squared = float(np.sum(before**2))
         found.append(
             Change(
-                experiment,
-                name,
-                units[experiment, old[members[0]].channel],
-                _distance(change),
-                None if is_place or size_squared == 0.0 else float(np.sum(change * before)) / size_squared,
-                _distance(noise) if np.all(np.isfinite(noise)) and np.any(noise > 0.0) else None,
-                _distance(residual),
-                _distance(before),
-                change.shape[1],
-                orders.get((experiment, name)),
+                experiment=experiment,
+                name=name,
+                unit=units[experiment, old[members[0]].channel],
+                rms=_distance(change),
+                share=None if is_place or size_squared == 0.0 else float(np.sum(change * before)) / size_squared,
+                noise=_distance(noise) if np.all(np.isfinite(noise)) and np.any(noise > 0.0) else None,
+                residual=_distance(residual),
+                magnitude=_distance(before),
+                n=change.shape[1],
+                order=orders.get((experiment, name)),
             )
         )
     return tuple(found)

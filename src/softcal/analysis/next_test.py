@@ -143,13 +143,13 @@ def next_tests(
     ]
     ranked = sorted(found, key=lambda one: (bool(one[0].failure), one[1]))
     return NextTests(
-        label,
-        problem.space.parameters[labels.index(label)].unit,
-        theta[label],
-        present.interval,
-        tuple(one for one, _ in ranked),
-        tuple(present.notes([plan for name, plan in plans.items() if name not in failures])),
-        seen.n_solves,
+        parameter=label,
+        unit=problem.space.parameters[labels.index(label)].unit,
+        value=theta[label],
+        interval=present.interval,
+        outlooks=tuple(one for one, _ in ranked),
+        notes=tuple(present.notes([plan for name, plan in plans.items() if name not in failures])),
+        n_solves=seen.n_solves,
     )
 
 

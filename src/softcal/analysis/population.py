@@ -170,7 +170,9 @@ def compared(label: str, specimens: Sequence[Specimen]) -> Comparable | None:
     dof = np.array([held[name].dof or math.inf for name in names])
     if scale == "log":
         values, errors = np.log(values), errors / values
-    return Comparable(label, first.unit, scale, names, values, errors**2, dof, left_out)
+    return Comparable(
+        label=label, unit=first.unit, scale=scale, names=names, values=values, raw=errors**2, dof=dof, left_out=left_out
+    )
 
 
 def _undetermined(estimate: Estimate) -> str:
@@ -223,19 +225,19 @@ def _population(one: Comparable, n_compared: int) -> Population:
         further = (one.shown(float(fit.beta[0]) - half), one.shown(float(fit.beta[0]) + half))
     low, high = fit.intervals[0].tolist()
     return Population(
-        one.label,
-        one.unit,
-        one.scale,
-        k,
-        one.left_out,
-        one.shown(float(fit.beta[0])),
-        (one.shown(low), one.shown(high)),
-        fit.spread,
-        fit.spread_interval,
-        q,
-        chance,
-        further,
-        one.is_pooled,
+        label=one.label,
+        unit=one.unit,
+        scale=one.scale,
+        n=k,
+        left_out=one.left_out,
+        mean=one.shown(float(fit.beta[0])),
+        interval=(one.shown(low), one.shown(high)),
+        spread=fit.spread,
+        spread_interval=fit.spread_interval,
+        q=q,
+        chance=chance,
+        further=further,
+        is_pooled=one.is_pooled,
     )
 
 

@@ -96,7 +96,17 @@ def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -
         power, chance = slopes[clearest]
         together = {c: abs(_correlation(x, differ[clearest], weights)) > _TOGETHER for c, x in differ.items()}
         along: tuple[Condition, ...] = tuple(c for c in differ if together[c] and c != clearest)
-        found.append(Trend(name, clearest, power, len(slopes) * chance, len(slopes), along, len(y)))
+        found.append(
+            Trend(
+                name=name,
+                condition=clearest,
+                power=power,
+                chance=len(slopes) * chance,
+                tested=len(slopes),
+                along=along,
+                n_tests=len(y),
+            )
+        )
     return tuple(found)
 
 

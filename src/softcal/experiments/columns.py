@@ -126,13 +126,13 @@ def read_columns(
             labels += [row[label] for row in rows]
     unmet = {i: (missing, sieve.seen) for i, sieve in enumerate(sieves) if (missing := sieve.missing)}
     return Columns(
-        {name: np.concatenate(parts.pop(name)) for name in places},
-        {name: one for name, one in odd.items() if one.n},
-        tuple(labels),
-        np.concatenate(lines),
-        n_rows,
-        decimal or ".",
-        unmet,
+        numbers={name: np.concatenate(parts.pop(name)) for name in places},
+        odd={name: one for name, one in odd.items() if one.n},
+        labels=tuple(labels),
+        lines=np.concatenate(lines),
+        n_rows=n_rows,
+        decimal=decimal or ".",
+        unmet=unmet,
     )
 
 

@@ -18,11 +18,21 @@ from softcal.twin.robot import Robot
 def check_test(
     robot: Robot, experiment: Experiment, free: Collection[str], held: Mapping[str, float], findings: Findings
 ) -> list[Fault]:
-    """Commands of a test that the twin cannot follow: faults of the file's values go to `findings`, those of fixed
-    values are returned.
+    """Check that the twin can follow the commands of a test. Faults of the file's values go to `findings`, those of
+    fixed values are returned.
 
-    free: the parameters that are found from the test. held [SI]: fixed values; they replace the file's, so those may be
-    at fault.
+    Parameters
+    ----------
+    robot
+        The robot.
+    experiment
+        The experiment.
+    free
+        Parameters that are fitted to the test.
+    held
+        Fixed values [SI] by parameter; they replace the file's, and so may be at fault themselves.
+    findings
+        Collects the faults and warnings.
     """
     place = ("experiments", experiment.name)
     written, told = _faults(robot, experiment, free, {}), list[Fault]()

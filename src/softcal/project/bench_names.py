@@ -28,9 +28,18 @@ from softcal.twin.robot import PointLoad, Robot
 def check_names(
     section: ExperimentSection, parts: Mapping[str, list[str]] | None, path: KeyPath, findings: Findings
 ) -> None:
-    """Every cable, plate and marker that the section names must be one of the robot's.
+    """Check that the robot has every cable, plate and marker that the section names.
 
-    parts: names by kind, such as "cables"; None where they are not known.
+    Parameters
+    ----------
+    section
+        Section of an experiment.
+    parts
+        Names of the robot's parts by kind, such as "cables"; None if unknown, since the robot has faults.
+    path
+        Key path of the section in the file, for faults.
+    findings
+        Collects the faults and warnings.
     """
     _check_drive(section, path, findings)
     if parts is None:
@@ -130,7 +139,19 @@ def channels_named(name: str, channels: Iterable[str]) -> list[str]:
 def compared_channels(
     section: ExperimentSection, channels: Iterable[str], path: KeyPath, findings: Findings
 ) -> tuple[str, ...]:
-    """The channels to be compared; none where the section does not name any."""
+    """The channels to compare; empty if the section names none.
+
+    Parameters
+    ----------
+    section
+        Section of an experiment.
+    channels
+        Channels of its record.
+    path
+        Key path of the section in the file, for faults.
+    findings
+        Collects the faults and warnings.
+    """
     known = [channel for channel in channels if not channel_name(channel).is_deviation]
     found: dict[str, None] = {}
     for i, name in enumerate(section.compare or ()):
@@ -144,7 +165,18 @@ def compared_channels(
 def noise_of(
     given: Mapping[str, str | float], channels: Iterable[str] | None, path: KeyPath, findings: Findings
 ) -> dict[str, tuple[str, float]]:
-    """Standard deviation [SI] by channel, with the key that gave it; channels None where they are not known.
+    """Standard deviation [SI] by channel, with the key that states it.
+
+    Parameters
+    ----------
+    given
+        Standard deviation as written, by channel or kind of channel.
+    channels
+        Channels of the record; None if it has not been read.
+    path
+        Key path of the section in the file, for faults.
+    findings
+        Collects the faults and warnings.
 
     Raises
     ------
@@ -175,6 +207,19 @@ def settings_of(
     given: Mapping[str, str | float], experiment: Experiment, robot: Robot, path: KeyPath, findings: Findings
 ) -> dict[str, float]:
     """Settings [SI] by the dotted name of a parameter; `weight.mass` becomes the force of the load `weight`.
+
+    Parameters
+    ----------
+    given
+        Values as written, by the name of a parameter.
+    experiment
+        The experiment.
+    robot
+        The robot.
+    path
+        Key path of the section in the file, for faults.
+    findings
+        Collects the faults and warnings.
 
     Raises
     ------

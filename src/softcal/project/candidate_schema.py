@@ -48,7 +48,19 @@ class CandidateSection(Section):
 def build_candidates(
     sections: Mapping[str, CandidateSection], experiments: Mapping[str, Experiment], robot: Robot, findings: Findings
 ) -> tuple[Candidate, ...]:
-    """The candidates with their names resolved; every fault goes to `findings`."""
+    """Candidate tests with their names resolved; every fault goes to `findings`.
+
+    Parameters
+    ----------
+    sections
+        Section of each candidate.
+    experiments
+        The project's experiments by name.
+    robot
+        The robot.
+    findings
+        Collects the faults and warnings.
+    """
     found: list[Candidate] = []
     for name, section in sections.items():
         path: KeyPath = ("candidates", name)

@@ -84,7 +84,7 @@ class HistorySection(ConstantsSection):
 
     @classmethod
     def _of_history(cls, given: Mapping[str, Any]) -> tuple[Parameter, ...]:
-        """The constants of the parts that it names; of those that there are not, which is a fault of its own, none."""
+        """The constants of the history's parts; parts that do not exist, a fault reported elsewhere, have none."""
         names = listed(given.get("history"))
         known = [PARTS[name] for name in names if name in PARTS] if isinstance(names, list) else []
         return History(tuple(known)).parameters
@@ -136,6 +136,6 @@ class SmallStrainSection(HistorySection):
 
 
 def _constants_of(name: object) -> Sequence[Parameter] | None:
-    """Those of a law; none where there is none of that name, which is a fault of its own."""
+    """The law's constants; None if the law is unknown (reported elsewhere)."""
     law = LAWS.get(name) if isinstance(name, str) else None
     return None if law is None else law.parameters

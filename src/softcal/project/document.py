@@ -94,15 +94,55 @@ class Findings:
         self.faults.extend(self.document.faults)
 
     def add(self, path: KeyPath, what: str, *, got: str = "", allowed: str = "", attempt: str = "") -> None:
-        """Record a fault at a key."""
+        """Record a fault at a key.
+
+        Parameters
+        ----------
+        path
+            Key path of the fault.
+        what
+            The fault.
+        got
+            The value in the file.
+        allowed
+            What is allowed there.
+        attempt
+            What to try.
+        """
         self.faults.append(Fault(what, self.document.where(path), got, allowed, attempt))
 
     def warn(self, path: KeyPath, what: str, *, got: str = "", allowed: str = "", attempt: str = "") -> None:
-        """Record what is allowed but looks wrong."""
+        """Record a value that is allowed but looks wrong.
+
+        Parameters
+        ----------
+        path
+            Key path of the value.
+        what
+            The warning.
+        got
+            The value in the file.
+        allowed
+            What is usual there.
+        attempt
+            What to try.
+        """
         self.warnings.append(Fault(what, self.document.where(path), got, allowed, attempt))
 
     def unknown(self, path: KeyPath, kind: str, got: str, known: Iterable[str]) -> None:
-        """Record a name that does not exist, with the nearest that does."""
+        """Record a name that does not exist, with the nearest that does.
+
+        Parameters
+        ----------
+        path
+            Key path of the name.
+        kind
+            Kind of object, such as "plate".
+        got
+            The name in the file.
+        known
+            The names that exist.
+        """
         known = sorted(known)
         none = f"none is defined: this project has no {kind}"
         self.faults.append(unknown(f"there is no such {kind}", self.document.where(path), got, known, none=none))
@@ -156,7 +196,7 @@ def _entry(data: Any, path: KeyPath) -> Any:
 
 
 def _has_place(holder: Any, key: str | int) -> bool:
-    """Whether a value can stand at a key: any of a mapping, one that exists of a list."""
+    """True if a value can stand at a key: any key of a mapping, an existing index of a list."""
     if isinstance(holder, dict):
         return isinstance(key, str)
     return isinstance(holder, list) and isinstance(key, int) and key < len(holder)

@@ -27,6 +27,15 @@ class InputFiles:
     def find(self, written: str, kind: str, limit: Limit | None = None) -> Path:
         """The path of an existing file, not larger than its kind may be.
 
+        Parameters
+        ----------
+        written
+            Path as written in the project file.
+        kind
+            Kind of the file, such as "mesh file", for messages.
+        limit
+            Largest allowed size.
+
         Raises
         ------
         StorageError
@@ -67,7 +76,16 @@ def stored_mesh(body: str) -> str:
 
 
 def require_file(path: Path, kind: str, limit: Limit) -> None:
-    """Check that there is a file, and that it is not larger than its kind may be.
+    """Check that a file exists and is not larger than its kind may be.
+
+    Parameters
+    ----------
+    path
+        Path of the file.
+    kind
+        Kind of the file, such as "mesh file", for messages.
+    limit
+        Largest allowed size.
 
     Raises
     ------

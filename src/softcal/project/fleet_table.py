@@ -136,7 +136,16 @@ def read_fleet(source: str | Path, template: str | Path | None = None, by: Seque
 def parse_fleet(
     source: str | Path, template: str | Path | None = None, by: Sequence[str] = ()
 ) -> tuple[FleetTable, list[Fault]]:
-    """As `read_fleet`, with the faults of the table beside what could be read of it.
+    """As `read_fleet`, but returns the faults of the table beside its contents in place of raising them.
+
+    Parameters
+    ----------
+    source
+        The table, or a folder with it as fleet.csv.
+    template
+        The project file; project.yaml beside the table by default.
+    by
+        Columns that are factors, and no others; by default all whose name has no dot and is no key of the template.
 
     Raises
     ------
@@ -185,7 +194,7 @@ def row_project(template: Path, row: FleetRow) -> Project:
 
 
 def missing_files(template: Path, row: FleetRow) -> list[Fault]:
-    """The faults of a row's measured files that are not there, as `row_project` has them, at their cells."""
+    """Faults of a row's missing data files, as `row_project` has them, at their cells."""
     files, faults = InputFiles(template.parent), list[Fault]()
     for key, entry in row.changes.items():
         if _MEASURED.fullmatch(key):
@@ -231,7 +240,11 @@ class _RowReader:
             if (column := self._column(place, header, [cells[place] for _, cells in lines])) is not None
         ]
         self._require_names()
-        self._require_factors()
+        known = [one.name for one in self.columns if one.factor]
+        for name in self.by:
+            if name not in known:
+                what = "the table has no such factor"
+                self.faults.append(unknown(what, "--by", name, known))
         self.cells = CellReader.of(cell for _, cells in lines for cell in cells)
         seen: dict[str, tuple[int, str]] = {}
         return tuple(self._row(line, cells, seen) for line, cells in lines)
@@ -259,15 +272,8 @@ class _RowReader:
             what = f"{'two' if len(headers) == 2 else 'several'} columns mean the same"
             self.faults.append(Fault(what, f"{self.table.path}, columns {' and '.join(headers)}", allowed="one"))
 
-    def _require_factors(self) -> None:
-        known = [one.name for one in self.columns if one.factor]
-        for name in self.by:
-            if name not in known:
-                what = "the table has no such factor"
-                self.faults.append(unknown(what, "--by", name, known))
-
     def _column(self, place: int, header: str, cells: Sequence[str]) -> _TableColumn | None:
-        """What a column means; None for an empty one, and for one that is at fault."""
+        """The meaning of a column; None if it is empty or at fault."""
         if not header:
             if any(cells):
                 where = f"{self.table.path}, line {self.table.header_line}, column {place + 1}"
@@ -314,7 +320,7 @@ class _RowReader:
         return [f"experiments.{name}" for name in self.document.mapping("experiments")]
 
     def _keys_of(self, name: str) -> tuple[str, ...]:
-        """The keys of the template that a column's name means; none where it means none."""
+        """The keys of the template that a column's name refers to; empty if none."""
         if name in self.keys:
             return (name,)
         if name == FILE:
@@ -339,7 +345,7 @@ class _RowReader:
         return here
 
     def _leaves(self, name: str) -> list[str]:
-        """The keys of values of the template whose last part is a name, or nearly."""
+        """The keys of the template's values whose last part equals, or nearly equals, a name."""
         values = [key for key in self.keys if not isinstance(self._value(key), (dict, list))]
         near = get_close_matches(name, {key.rpartition(".")[2] for key in values}, n=1, cutoff=_NEAR)
         return sorted(key for key in values if key.rpartition(".")[2] in near)
@@ -367,7 +373,9 @@ class _RowReader:
                 values[column.name] = str(self.cells.written(cell, column.unit))
                 places[column.name] = where
         measured = tuple(str(changes[key].value if key in changes else self._value(key)) for key in self.measured)
-        return FleetRow(name, changes, values, factors, line, places, measured)
+        return FleetRow(
+            name=name, changes=changes, values=values, factors=factors, line=line, places=places, measured=measured
+        )
 
     def _check_name(self, name: str, line: int, where: str, seen: dict[str, tuple[int, str]]) -> None:
         if not name:

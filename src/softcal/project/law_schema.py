@@ -54,13 +54,13 @@ class OwnLawSection(Section):
         ]
         used = {key: text for key, text in ISOCHORIC.items() if key in self.energy or key in str(self.symbols)}
         return Law(
-            name,
-            tuple(parameters),
-            {**used, **self.symbols},
-            self.energy,
-            self.volumetric_strain,
-            self.bulk,
-            self.reference,
+            name=name,
+            parameters=tuple(parameters),
+            symbols={**used, **self.symbols},
+            distortional=self.energy,
+            volumetric_strain=self.volumetric_strain,
+            bulk=self.bulk,
+            reference=self.reference,
         )
 
 

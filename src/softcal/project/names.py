@@ -32,8 +32,17 @@ def name_fault(name: str, reserved: Iterable[str] = ()) -> Fault | None:
 
 
 def check_names(names: Mapping[str, KeyPath], findings: Findings, reserved: Iterable[str] = ()) -> None:
-    """Record names that are not allowed, and those that differ only in capitals: a file system may not distinguish
-    them.
+    """Record names that are not allowed, and names that differ only in capitals, which a file system may not
+    distinguish.
+
+    Parameters
+    ----------
+    names
+        Key path by name.
+    findings
+        Collects the faults and warnings.
+    reserved
+        Names that softcal uses for its own files and columns.
     """
     seen: dict[str, str] = {}
     for name, path in names.items():

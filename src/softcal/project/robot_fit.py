@@ -11,7 +11,7 @@ from softcal.checks import Floats
 from softcal.geometry.overlap import depths_inside
 from softcal.geometry.ring import across, ring_points
 from softcal.project.document import Findings
-from softcal.twin.robot import Body, Disc, Plate, Robot, Rod
+from softcal.twin.robot import Disc, Plate, Robot, Rod
 from softcal.units import format_quantity
 
 GROUND = ""
@@ -20,7 +20,17 @@ TOUCHING = 1e-6
 
 
 def check_whole(robot: Robot, findings: Findings, *, generated: Iterable[str] = ()) -> None:
-    """Record the faults of the robot as a whole; `generated` parts have no section of their own in the file."""
+    """Record the faults of the robot as a whole.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    findings
+        Collects the faults and warnings.
+    generated
+        Names of parts without a section of their own in the file.
+    """
     where = _Where(robot, set(generated))
     n_faults = len(findings.faults)
     _check_held(robot, where, findings)
@@ -42,7 +52,7 @@ class _Where:
 
 
 def _check_held(robot: Robot, where: _Where, findings: Findings) -> None:
-    """Every body, rod and plate must be connected to something fixed."""
+    """Record bodies, rods and plates without a connection to a fixed part."""
     links: dict[str, set[str]] = {part.name: set() for part in (*robot.bodies, *robot.rods, *robot.plates)}
     links[GROUND] = set()
 
@@ -153,7 +163,9 @@ def _check_overlaps(robot: Robot, where: _Where, findings: Findings) -> None:
 def _warn_of_rod(rod: Rod, robot: Robot, where: _Where, findings: Findings) -> None:
     nodes = rod.centreline.nodes
     depths = {plate.name: _in_plate(plate, rod) for plate in robot.plates}
-    depths |= {body.name: _in_body(body, nodes) for body in robot.bodies}
+    for body in robot.bodies:
+        depth, allowed = depths_inside(body.mesh, nodes)
+        depths[body.name] = float(np.where(depth > allowed, depth, 0.0).max(initial=0.0))
     for name, depth in depths.items():
         if depth > 0.0:
             findings.warn(
@@ -171,13 +183,8 @@ def _in_plate(plate: Plate, rod: Rod) -> float:
     return depth if depth > TOUCHING * plate.disc.thickness else 0.0
 
 
-def _in_body(body: Body, points: Floats) -> float:
-    depth, allowed = depths_inside(body.mesh, points)
-    return float(np.where(depth > allowed, depth, 0.0).max(initial=0.0))
-
-
 def _depths_in_disc(disc: Disc, points: Floats) -> Floats:
-    """How deep points (n, 3) lie in a disc [m], 0 outside; its holes count as filled."""
+    """Depths (n,) [m] of points (n, 3) in a disc, 0 outside; its holes count as filled."""
     offset = points - disc.centre
     along = offset @ disc.axis
     across = np.linalg.norm(offset - np.outer(along, disc.axis), axis=1)

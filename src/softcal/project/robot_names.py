@@ -18,8 +18,8 @@ def generated_names(section: RobotSection, kind: str) -> tuple[str, ...]:
 
 
 def part_names(document: Document) -> dict[str, list[str]] | None:
-    """The names of the robot's parts by kind, whatever else is wrong with it; None where they are not known: of a
-    manipulator with faults, or no robot.
+    """Names of the robot's parts by kind, even if the robot has other faults; None without a robot, or if its
+    manipulator has faults.
     """
     robot = document.data.get("robot")
     if not isinstance(robot, dict):

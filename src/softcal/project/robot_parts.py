@@ -27,7 +27,7 @@ from softcal.twin.routing import bored, require_movable
 from softcal.units import format_quantity
 
 NEARLY_OUTSIDE = 0.2
-"""Of the distance at which a point counts as outside its body: what a curved surface is from the tets' plane faces."""
+"""Share of the distance at which a point counts as outside its body: a curved surface is that far from plane faces."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,19 @@ class Carriers:
         return where.at
 
     def support(self, on: str, at: Floats | None, path: KeyPath, *, may_stand_off: bool = False) -> None:
-        """Record that a part's carrier does not exist, or that its point is outside the carrying body."""
+        """Record that a part's carrier does not exist, or that its point is outside the carrying body.
+
+        Parameters
+        ----------
+        on
+            Name of the carrier; "" for a point fixed in space.
+        at
+            The point (3,) [m]; None if it has a fault.
+        path
+            Key path of the section in the file, for faults.
+        may_stand_off
+            The point may be outside the body, as a marker on a stick is.
+        """
         if on and not any(on in parts for parts in (self.built.sections, self.holes, self.rods)):
             known = [*self.built.sections, *self.rods, *self.holes]
             self.findings.unknown((*path, "on"), "body, rod or plate", on, known)
@@ -101,7 +113,19 @@ class Carriers:
 
 
 def build_plate(name: str, plate: PlateSection, built: BuiltBodies, findings: Findings) -> Plate | None:
-    """One plate, or None where it has a fault."""
+    """One plate; None with a fault, which goes to `findings`.
+
+    Parameters
+    ----------
+    name
+        Name in the project file.
+    plate
+        Its section of the file.
+    built
+        The built bodies, with their meshes and regions.
+    findings
+        Collects the faults and warnings.
+    """
     path = ("robot", "plates", name)
     nodes = {}
     for body, region in plate.tied.items():
@@ -116,21 +140,33 @@ def build_plate(name: str, plate: PlateSection, built: BuiltBodies, findings: Fi
         holes = {**plate.holes.points, **(ring.holes(plate.reference) if (ring := plate.holes.ring) else {})}
         with findings.at(path):
             return Plate(
-                name,
-                nodes,
-                plate.reference,
-                plate.mass,
-                plate.centre_of_mass,
-                plate.fixed,
-                holes,
-                plate.disc,
-                plate.inertia,
+                name=name,
+                nodes=nodes,
+                reference=plate.reference,
+                mass=plate.mass,
+                centre_of_mass=plate.centre_of_mass,
+                fixed=plate.fixed,
+                holes=holes,
+                disc=plate.disc,
+                inertia=plate.inertia,
             )
     return None
 
 
 def build_tie(name: str, tie: TieSection, built: BuiltBodies, findings: Findings) -> Tie | None:
-    """One tie, or None where it has a fault, such as that it touches nothing."""
+    """One tie; None with a fault, such as that it touches nothing.
+
+    Parameters
+    ----------
+    name
+        Name in the project file.
+    tie
+        Its section of the file.
+    built
+        The built bodies, with their meshes and regions.
+    findings
+        Collects the faults and warnings.
+    """
     path = ("robot", "ties", name)
     for key, body in (("body", tie.body), ("on", tie.on)):
         if body not in built.sections:
@@ -152,7 +188,17 @@ def build_tie(name: str, tie: TieSection, built: BuiltBodies, findings: Findings
 
 
 def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | None:
-    """One cable, or None where it has a fault."""
+    """One cable; None with a fault.
+
+    Parameters
+    ----------
+    name
+        Name in the project file.
+    cable
+        Its section of the file.
+    carriers
+        The parts that points can be on.
+    """
     path = ("robot", "cables", name)
     via: list[ViaPoint] = []
     on_body: dict[str, dict[KeyPath, Floats]] = {}
@@ -190,7 +236,19 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
 def build_load(
     name: str, load: LoadSection, gravity: Floats, carriers: Carriers
 ) -> PointLoad | Moment | SurfaceLoad | None:
-    """One load, or None where it has a fault."""
+    """One load; None with a fault.
+
+    Parameters
+    ----------
+    name
+        Name in the project file.
+    load
+        Its section of the file.
+    gravity
+        Gravity (3,) [m/s^2].
+    carriers
+        The parts that points can be on.
+    """
     path = ("robot", "loads", name)
     findings = carriers.findings
     if load.traction is not None:
@@ -243,7 +301,17 @@ def _sized(given: float | tuple[float, float, float], direction: Floats | None) 
 
 
 def build_marker(name: str, marker: MarkerSection, carriers: Carriers) -> Marker | None:
-    """One marker, or None where it has a fault; it may be outside its body."""
+    """One marker, which may be outside its body; None with a fault.
+
+    Parameters
+    ----------
+    name
+        Name in the project file.
+    marker
+        Its section of the file.
+    carriers
+        The parts that points can be on.
+    """
     path = ("robot", "markers", name)
     at = carriers.place(marker, path)
     if marker.hole is None:

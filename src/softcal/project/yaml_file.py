@@ -37,7 +37,16 @@ def read_document(
 ) -> Document:
     """Parse a YAML file; equal keys and the like are kept as faults of the document.
 
-    `kind`, `keys` and `attempt` state in messages the kind of file, its keys and how to obtain one.
+    Parameters
+    ----------
+    path
+        The file.
+    kind
+        Kind of the file, such as "mesh file", for messages.
+    keys
+        Keys that such a file has, for messages.
+    attempt
+        How to obtain such a file, for messages.
 
     Raises
     ------
@@ -172,7 +181,7 @@ class _Reader:
         return {**merged, **found}
 
     def merged(self, node: Node, path: KeyPath) -> dict[str, Any]:
-        """What `<<` brings in: a mapping, or several, of which the first has the say."""
+        """The entries that `<<` adds: of a mapping, or of several, of which the first has precedence."""
         many: list[Node] = node.value if isinstance(node, SequenceNode) else [node]
         found: dict[str, Any] = {}
         for one in many:

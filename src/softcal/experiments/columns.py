@@ -137,7 +137,17 @@ def read_columns(
 
 
 def cells_of(table: Table, column: int, lines: Sequence[int]) -> list[str]:
-    """The cells of a column in given lines of the file, in order."""
+    """Cells of a column in some lines of the file, in order.
+
+    Parameters
+    ----------
+    table
+        The table, with its format and column names.
+    column
+        Number of the column, from 0.
+    lines
+        Numbers of the lines, from 1, ascending.
+    """
     found: dict[int, str] = {}
     for numbers, rows in table.rows():
         found |= {number: row[column] for number, row in zip(numbers, rows, strict=True) if number in lines}

@@ -62,7 +62,15 @@ def read_c3d(path: str | Path, markers: Mapping[str, str], *, name: str = "") ->
         raise DatasetError(
             Fault("the .c3d file is damaged", str(path), str(error) or type(error).__name__, "an undamaged file")
         ) from error
-    _check(path, labels, rate, frames)
+    faults: list[Fault] = []
+    if not frames.shape[1] or not labels:
+        faults.append(Fault("the file has no points", str(path), f"{frames.shape[1]} points, {len(labels)} labels"))
+    if not len(frames):
+        faults.append(Fault("the file has no frames", str(path), allowed="at least one frame of points"))
+    if not 0 < rate < np.inf:
+        faults.append(Fault("the file has no frame rate", f"{path}, POINT:RATE", f"{rate:g} Hz", "above 0 Hz"))
+    if faults:
+        raise DatasetError(faults)
     factor = unit_factor(unit, "m", where=f"{path}, POINT:UNITS")
     columns = _columns(path, labels, markers)
     positions = np.where(frames[:, :, 3:4] < 0, np.nan, frames[:, :, :3]) * factor
@@ -107,7 +115,9 @@ def _parse(raw: bytes) -> tuple[list[str], str, float, Floats]:
     if found and len(found) < reader.frame_count:
         raise ValueError(f"it ends after {len(found)} of {reader.frame_count} frames")
     frames = np.array(found, dtype=np.float64).reshape(len(found), -1, 5)
-    return _labels(reader), _text(reader, "POINT:UNITS"), float(reader.point_rate), frames
+    parameter = reader.get("POINT:UNITS")
+    unit = "" if parameter is None else str(parameter.string_value).strip("\0 ")
+    return _labels(reader), unit, float(reader.point_rate), frames
 
 
 def _labels(reader: Any) -> list[str]:
@@ -118,23 +128,6 @@ def _labels(reader: Any) -> list[str]:
         labels += [str(label).strip("\0 ") for label in np.ravel(parameter.string_array)]
         number += 1
     return labels
-
-
-def _text(reader: Any, key: str) -> str:
-    parameter = reader.get(key)
-    return "" if parameter is None else str(parameter.string_value).strip("\0 ")
-
-
-def _check(path: Path, labels: list[str], rate: float, frames: Floats) -> None:
-    faults: list[Fault] = []
-    if not frames.shape[1] or not labels:
-        faults.append(Fault("the file has no points", str(path), f"{frames.shape[1]} points, {len(labels)} labels"))
-    if not len(frames):
-        faults.append(Fault("the file has no frames", str(path), allowed="at least one frame of points"))
-    if not 0 < rate < np.inf:
-        faults.append(Fault("the file has no frame rate", f"{path}, POINT:RATE", f"{rate:g} Hz", "above 0 Hz"))
-    if faults:
-        raise DatasetError(faults)
 
 
 def _columns(path: Path, labels: list[str], markers: Mapping[str, str]) -> dict[str, int]:

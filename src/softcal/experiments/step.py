@@ -71,7 +71,7 @@ class PreparationStep(FunctionMember):
 
 
 def _faults(step: PreparationStep, _: Mapping[str, PreparationStep]) -> list[Fault]:
-    """What is wrong with a step that is to be registered."""
+    """Faults of a step to be registered."""
     if not isinstance(step, PreparationStep):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
         allowed = "what softcal.register_step returns for a function"
         return [Fault("this is not a preparation step", "prepare", repr(step)[:60], allowed)]
@@ -106,11 +106,11 @@ def register_step(*, keeps_gaps: bool = False, leaves_out: LeavesOut = "", **set
     Parameters
     ----------
     keeps_gaps
-        Whether the function can do with values that are missing (NaN).
+        True if the function accepts missing values (NaN).
     leaves_out
-        "samples" or "cycles", where the dataset is no longer the whole record afterwards.
+        "samples" or "cycles", if the step leaves some of them out.
     settings
-        What a project may set, by the function's parameters.
+        Settings in a project file, by the function's parameters.
 
     Returns
     -------

@@ -97,6 +97,15 @@ class CommonMotion(Declared):
 def synchronise(utm: Dataset, imu: Dataset, motion: CommonMotion | None = None) -> Dataset:
     """The testing machine's dataset with the IMU's channels interpolated at its times.
 
+    Parameters
+    ----------
+    utm
+        Dataset of the testing machine.
+    imu
+        Dataset of the IMU.
+    motion
+        Settings of the search for the motion common to both; default settings if None.
+
     Raises
     ------
     DatasetError
@@ -157,6 +166,15 @@ def synchronise(utm: Dataset, imu: Dataset, motion: CommonMotion | None = None) 
 
 def fit_clock(utm: Dataset, imu: Dataset, motion: CommonMotion) -> ClockFit:
     """Lag and rate of the IMU's clock against the UTM's by cross-correlation.
+
+    Parameters
+    ----------
+    utm
+        Dataset of the testing machine.
+    imu
+        Dataset of the IMU.
+    motion
+        Settings of the search for the motion common to both.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""How a bench table is written, where it is not to be detected, and the sensor that wrote it."""
+"""Format of a bench table, as far as it is stated and not detected, and the sensor that wrote it."""
 
 from __future__ import annotations
 

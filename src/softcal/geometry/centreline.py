@@ -216,6 +216,17 @@ def curve_through(
 ) -> Centreline:
     """`polyline` with additional nodes: at arc lengths `stations` [m], with a spacing of at most `longest` [m].
 
+    Parameters
+    ----------
+    points
+        Points of the curve (n, 3) [m].
+    stations
+        Arc lengths (k,) [m] that get a node.
+    longest
+        Largest spacing of nodes [m].
+    first
+        First axis (3,) of the section at the start; chosen by default.
+
     Raises
     ------
     MeshError

@@ -190,7 +190,19 @@ class Neck(Filled):
         return 0.5 * (self.waist_diameter + share * (self.outer_diameter - self.waist_diameter))
 
     def dome_places(self, start: float, end: float, top: float, n_points: int = POINTS_PER_DOME) -> list[Place]:
-        """Points (r, z) [m] on the dome below the waist at height `top`, from one height to another [m]."""
+        """Points (r, z) [m] on the dome below the waist at height `top`, from one height to another [m].
+
+        Parameters
+        ----------
+        start
+            Height of the first point [m].
+        end
+            Height of the last point [m].
+        top
+            Height of the waist [m].
+        n_points
+            Number of points.
+        """
         # Equal steps of an ellipse's angle: dense towards the waist, where a dome may begin flat.
         first, last = (math.acos(min(max(1.0 - (top - z) / self.dome_height, 0.0), 1.0)) for z in (start, end))
         belows = [self.dome_height * (1.0 - math.cos(angle)) for angle in np.linspace(first, last, n_points)]

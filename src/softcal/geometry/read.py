@@ -209,7 +209,7 @@ def _alone() -> Generator[None]:
 
 
 def _reason(error: BaseException, said: str) -> str:
-    """What a reader of meshio found, in words: its own, the last one's that it prints before it exits, or `FOUND`."""
+    """Reason why meshio cannot read a file: its reader's message, the last line that it printed, or one of `FOUND`."""
     if isinstance(error, IncludeError):
         return str(error)
     if isinstance(error, OSError) and error.strerror:

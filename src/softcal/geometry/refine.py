@@ -37,7 +37,7 @@ class MeshCounts:
     tets: int
 
     def nodes(self, cell: Cell) -> int:
-        """How many nodes the mesh has with tets of this kind."""
+        """Number of nodes with tets of this kind."""
         return self.corners + (self.edges if cell.edges else 0)
 
     @property

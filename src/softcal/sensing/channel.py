@@ -38,7 +38,7 @@ class ChannelName:
 
     @property
     def is_known(self) -> bool:
-        """Whether a channel can be called so."""
+        """True if a channel can have this name."""
         if self.kind == TIME:
             return not self.carrier and not self.is_deviation
         return self.kind.unit != "" and "." not in self.carrier
@@ -124,5 +124,5 @@ def positions(point: str) -> tuple[ChannelName, ...]:
 
 
 def of_kind(kind: ChannelKind, names: Iterable[str]) -> list[str]:
-    """Those of the channels' names that are of a kind, standard deviations left out."""
-    return [name for name in names if (one := channel_name(name)).kind == kind and not one.is_deviation]
+    """Names of the channels of a kind, without standard deviations."""
+    return [name for name in names if (channel := channel_name(name)).kind == kind and not channel.is_deviation]

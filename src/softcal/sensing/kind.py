@@ -12,7 +12,7 @@ from softcal.quantities import Quantity
 @displayed
 @dataclass(frozen=True)
 class ChannelKind:
-    """What a channel measures.
+    """The quantity that a channel measures.
 
     Attributes
     ----------
@@ -59,15 +59,15 @@ class ChannelKind:
 
     @property
     def is_position(self) -> bool:
-        """Whether it is a coordinate."""
+        """True for a coordinate."""
         return self.axis is not None
 
     @property
     def is_angle(self) -> bool:
-        """Whether it is an angle, which may pass half a turn."""
+        """True for an angle, which may pass half a turn."""
         return self.unit == "rad"
 
     @property
     def is_force(self) -> bool:
-        """Whether it is proportional to moduli, as forces are; positions and angles are not."""
+        """True if proportional to moduli, as forces are; positions and angles are not."""
         return self.unit == "N"

@@ -57,6 +57,15 @@ def curve(abscissa: Floats, ordinates: dict[str, Floats], n_bins: int) -> tuple[
     """Means of the ordinates over bins of equal width of the abscissa, at the mean abscissa of each bin.
 
     Unbiased for a straight line, and increasing in the abscissa even if that is noisy.
+
+    Parameters
+    ----------
+    abscissa
+        The abscissa (n,).
+    ordinates
+        The ordinates (n,) by channel.
+    n_bins
+        Number of bins.
     """
     lower, upper = float(abscissa.min()), float(abscissa.max())
     if upper <= lower or n_bins < 2:

@@ -88,7 +88,8 @@ def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:
     if candidate.reach is not None and largest > 0.0:
         values = {name: one * (candidate.reach / largest) for name, one in values.items()}
     n = candidate.samples or like.dataset.n_samples
-    values = {name: _resampled(one, n) for name, one in values.items()}
+    share = np.linspace(0.0, 1.0, n)
+    values = {name: np.interp(share, np.linspace(0.0, 1.0, len(old)), old) for name, old in values.items()}
     kept = [_renamed(channel, candidate, like) for channel in like.compared]
     if others:
         # The cable's other channel is compared, in the place of the one that now drives it.
@@ -112,17 +113,28 @@ def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:
 
 
 def own_parameters(candidate: Candidate, like: Experiment, known: tuple[P, ...]) -> dict[str, P]:
-    """Label in the calibration -> the test's own parameter of the same kind: its slack, its offsets.
+    """Label in the calibration -> the test's own parameter of the same kind, such as its slack or its offsets.
 
-    Those of a set-up are shared with the test, and so are all others, but for those of the rig of a cable that is
-    pulled instead of another, where the calibration does not know that one too. known: free or uncertain parameters.
+    Parameters of a set-up are shared with the test, and so are all others, except those of the rig of a cable that the
+    test pulls instead of another, if the calibration does not have that cable.
+
+    Parameters
+    ----------
+    candidate
+        The candidate test.
+    like
+        The experiment that the candidate resembles.
+    known
+        Free or uncertain parameters of the calibration.
     """
     old = _cable(like)
     shared = {target for p in known if p.serves(candidate.name) for target in p.targets}
     found: dict[str, P] = {}
     for p in known:
         is_own = p.experiment == like.name and not p.members
-        of_cable = bool(candidate.cable) and all(_is_of_rig(target, old) for target in p.targets)
+        of_cable = bool(candidate.cable) and all(
+            parameter_name(target).owner == old and rig_kind(target) is not None for target in p.targets
+        )
         if not p.serves(like.name) or not (is_own or of_cable):
             continue
         names = {t: t.replace(f"{old}.", f"{candidate.cable}.", 1) if of_cable else t for t in p.targets}
@@ -135,12 +147,18 @@ def own_parameters(candidate: Candidate, like: Experiment, known: tuple[P, ...])
 
 
 def noise_like(candidate: Candidate, like: Experiment, channel: str) -> str:
-    """The channel of `like` from the same instrument, or ""."""
+    """Channel of `like` from the same instrument; "" if there is none.
+
+    Parameters
+    ----------
+    candidate
+        The candidate test.
+    like
+        The experiment that the candidate resembles.
+    channel
+        Channel of the candidate.
+    """
     return next((old for old in like.compared if _renamed(old, candidate, like) == channel), "")
-
-
-def _is_of_rig(target: str, cable: str) -> bool:
-    return parameter_name(target).owner == cable and rig_kind(target) is not None
 
 
 def _cable(like: Experiment) -> str:
@@ -179,7 +197,3 @@ def _commands(candidate: Candidate, like: Experiment, old: str, new: str) -> Flo
             )
         )
     return np.linspace(0.0, most, len(values) + 1)[1:]
-
-
-def _resampled(values: Floats, n: int) -> Floats:
-    return np.interp(np.linspace(0.0, 1.0, n), np.linspace(0.0, 1.0, len(values)), values)

@@ -67,6 +67,15 @@ class Simulated:
 def planned(problem: Problem, theta: Mapping[str, float], candidate: Candidate) -> Plan:
     """A candidate as an experiment, for a problem at theta [SI by label].
 
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    theta
+        Values [SI] by label of the free parameters.
+    candidate
+        The candidate test.
+
     Raises
     ------
     InputError
@@ -91,9 +100,18 @@ def planned(problem: Problem, theta: Mapping[str, float], candidate: Candidate) 
 
 
 def joined(problem: Problem, theta: Mapping[str, float], plans: Sequence[Plan]) -> tuple[Problem, dict[str, float]]:
-    """The problem with the candidates among its experiments, and theta with their own parameters.
+    """Problem with the candidates among its experiments, and theta with their own parameters.
 
-    It is judged by a loss that accepts every channel: only the derivatives are of interest.
+    Its loss accepts every channel: only the derivatives are of interest.
+
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    theta
+        Values [SI] by label of the free parameters.
+    plans
+        The candidates as experiments.
     """
 
     def shared(known: Sequence[P]) -> tuple[P, ...]:
@@ -117,8 +135,20 @@ def simulated(
     mesh_error: bool = True,
     workers: int | Executor = 1,
 ) -> Simulated:
-    """The problem's experiments and all candidates, at once; mesh_error: with the error of the mesh in each; workers:
-    an executor, or a number of processes, which share the trajectories.
+    """Simulate the problem's experiments and all candidates, at once.
+
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    theta
+        Values [SI] by label of the free parameters.
+    plans
+        The candidates as experiments.
+    mesh_error
+        Include the error of the mesh, by one more simulation on a finer mesh.
+    workers
+        Executor, or number of processes, which share the trajectories.
 
     Raises
     ------
@@ -213,7 +243,17 @@ def _with_changes(rows: Mapping[str, Sequence[Row]], changes: Mapping[tuple[str,
 
 
 def base_blocks(problem: Problem, theta: Mapping[str, float], rows: Mapping[str, Sequence[Row]]) -> list[Block]:
-    """The blocks of the problem's own experiments and priors, with their jacobians."""
+    """Blocks of the problem's own experiments and priors, with their jacobians.
+
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    theta
+        Values [SI] by label of the free parameters.
+    rows
+        Blocks and derivatives of each experiment and candidate.
+    """
     labels = problem.space.labels
     found = [
         replace(block, jacobian=np.column_stack([by[label] for label in labels]))
@@ -224,7 +264,19 @@ def base_blocks(problem: Problem, theta: Mapping[str, float], rows: Mapping[str,
 
 
 def added_test(problem: Problem, slopes: Floats, plan: Plan, rows: Sequence[Row]) -> AddedTest:
-    """A simulated candidate in the unit box of the search, where d theta / dz is `slopes`."""
+    """A simulated candidate in the unit box of the search.
+
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    slopes
+        d theta / dz (size,) of the parameters by the unit box.
+    plan
+        The candidate as an experiment.
+    rows
+        Blocks and derivatives of the candidate.
+    """
     space, own = problem.space, plan.own
     per = dict(zip(space.labels, slopes, strict=True))
     # A parameter without an effect, such as the offset of an angle that is not measured, is none of the test.
@@ -257,7 +309,17 @@ def added_test(problem: Problem, slopes: Floats, plan: Plan, rows: Sequence[Row]
 
 
 def counts(problem: Problem, plan: Plan, channel: str) -> bool:
-    """Whether the loss has a weight for a channel; a position is judged with the other coordinates of its point."""
+    """True if the loss has a weight for a channel; a position counts together with the other coordinates of its point.
+
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    plan
+        The candidate as an experiment.
+    channel
+        Channel of the candidate.
+    """
     test = plan.test
     point = test.point_of(channel)
     return not problem.loss.faults([replace(test, compared=test.parts_of(point) if point else (channel,))])

@@ -29,7 +29,7 @@ _UNIFORM = 12.0  # one over the variance of a uniform distribution over the unit
 
 @dataclass(frozen=True)
 class MeshChange:
-    """How predictions change on a finer mesh.
+    """Change of predictions on a finer mesh.
 
     Attributes
     ----------
@@ -48,7 +48,19 @@ class MeshChange:
 
 
 def mesh_change(whole: Problem, theta: Mapping[str, float], found: Evaluation, candidates: Sequence[str]) -> MeshChange:
-    """The change of the predictions `found` of a problem whose experiments include candidates, on a finer mesh."""
+    """Change of the predictions on a finer mesh.
+
+    Parameters
+    ----------
+    whole
+        Problem whose experiments include the candidates.
+    theta
+        Values [SI] by label of the free parameters.
+    found
+        Its evaluation at theta.
+    candidates
+        Names of the candidates.
+    """
     own = [e.name for e in whole.experiments if e.name not in candidates]
     plain = _on_paths_of(own, whole, theta)
     turned = {
@@ -80,10 +92,18 @@ def mesh_change(whole: Problem, theta: Mapping[str, float], found: Evaluation, c
 def step_of_parameters(
     blocks: Sequence[Block], weights: Sequence[Floats], changes: Sequence[Floats], slopes: Floats
 ) -> Floats:
-    """The step (size,) [SI] of the parameters with the effect of the finer mesh on the experiments.
+    """Step (size,) [SI] of the parameters by the effect of the finer mesh on the experiments.
 
-    blocks: of the experiments, with jacobians; weights: of their squares by the loss; changes: on the finer mesh;
-    slopes: d theta / dz.
+    Parameters
+    ----------
+    blocks
+        Blocks of the experiments, with jacobians.
+    weights
+        Weights (n,) of the squares in the loss, by block.
+    changes
+        Changes (n,) of the predictions on the finer mesh, by block.
+    slopes
+        d theta / dz (size,) of the parameters by the unit box.
     """
     rows = [np.sqrt(w)[:, None] * _jacobian(block) * slopes for block, w in zip(blocks, weights, strict=True)]
     answer = np.concatenate(rows)

@@ -57,7 +57,7 @@ class FactorEffect:
 
     @property
     def differs(self) -> bool:
-        """Whether the groups differ by more than the specimens within them."""
+        """True if the groups differ by more than the specimens within them."""
         return self.chance < DIFFERS
 
 
@@ -67,10 +67,19 @@ def factor_effects(
     factors: Sequence[str],
     about: Mapping[str, Mapping[str, float]] | None = None,
 ) -> tuple[tuple[FactorEffect, ...], dict[str, str]]:
-    """Every parameter by every factor, and why others cannot be compared, by factor.
+    """Effect of every factor on every parameter, and reasons why some factors cannot be compared.
 
-    about: parameter with a law against the infill -> specimen -> logarithm of its infill; such a parameter is compared
-    about its law, but for the infill itself.
+    Parameters
+    ----------
+    compared
+        Estimates of each parameter.
+    specimens
+        The fleet's specimens.
+    factors
+        Columns of the table by which specimens are compared.
+    about
+        Parameter with a law against the infill -> specimen -> logarithm of its infill; effects of other factors on it
+        are effects about the law.
     """
     values = {factor: {one.name: one.factors.get(factor) for one in specimens} for factor in factors}
     unknown = {factor: why for factor, held in values.items() if (why := _incomparable(held))}

@@ -1,4 +1,4 @@
-"""What the specimens of a fleet say together."""
+"""Joint statement of a fleet's specimens: populations, factors, laws against the infill."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from softcal.display import displayed
 @displayed
 @dataclass(frozen=True)
 class FleetStatement:
-    """What the specimens of a fleet say together.
+    """Joint statement of a fleet's specimens.
 
     Attributes
     ----------
@@ -56,6 +56,15 @@ def fleet_statement(
 ) -> FleetStatement:
     """The statement of a fleet; factors: those by which the specimens are compared; measured: specimen -> its measured
     files, by their paths as the template has them.
+
+    Parameters
+    ----------
+    specimens
+        The fleet's specimens.
+    factors
+        Columns of the table by which specimens are compared.
+    measured
+        Data files of each specimen, by their paths in the template.
     """
     done = [one for one in specimens if one.state == "DONE"]
     found, unknown = comparisons(done)

@@ -22,7 +22,7 @@ def index_text(index: Index) -> str:
 
 
 def importance_sentences(study: ImportanceStudy) -> tuple[str, ...]:
-    """What decides each output; which parameters act only together; which have no effect worth a word."""
+    """Sentences on the parameters that decide each output, act only together, or have no effect worth a word."""
     found = tuple(text for name, output in study.outputs.items() for text in _of_output(name, output))
     inert = [
         label

@@ -10,7 +10,7 @@ import numpy as np
 
 from softcal.analysis.population import Comparable, Interval
 from softcal.analysis.specimen import Specimen
-from softcal.calibration.mixed_effects import MixedEffects, mixed_effects
+from softcal.calibration.mixed_effects import mixed_effects
 from softcal.calibration.random_effects import DIFFERS
 from softcal.calibration.result import Estimate
 from softcal.checks import Floats
@@ -54,7 +54,7 @@ class InfillLaw:
 
     @property
     def departs(self) -> bool:
-        """Whether the moduli depart from the law by more than the specimens differ."""
+        """True if the moduli depart from the law by more than the specimens differ."""
         return self.misfit is not None and self.misfit < DIFFERS
 
 
@@ -94,10 +94,14 @@ def _is_modulus(one: Comparable | Estimate) -> bool:
 
 
 def _law(one: Comparable, phi: Mapping[str, float]) -> InfillLaw:
+    from softcal.calibration.intervals import student
+
     x = np.array([phi[name] for name in one.names])
     fit = mixed_effects(one.values, one.variances, _design(x))
     (low, high), exponent = fit.intervals.tolist()
     at = np.linspace(x.min(), 0.0, 50)
+    t = float(student(np.array(float(fit.dof))))
+    middle, error = np.array([fit.at(row) for row in _design(at)]).T
     return InfillLaw(
         label=one.label,
         unit=one.unit,
@@ -108,20 +112,15 @@ def _law(one: Comparable, phi: Mapping[str, float]) -> InfillLaw:
         spread=fit.spread,
         spread_interval=fit.spread_interval,
         misfit=_misfit(one, x),
-        line=(tuple(np.exp(at).tolist()), *_band(fit, at)),
+        line=(
+            tuple(np.exp(at).tolist()),
+            *(tuple(np.exp(middle + side * t * error).tolist()) for side in (0.0, -1.0, 1.0)),
+        ),
     )
 
 
 def _design(x: Floats) -> Floats:
     return np.column_stack([np.ones_like(x), x])
-
-
-def _band(fit: MixedEffects, at: Floats) -> tuple[tuple[float, ...], ...]:
-    from softcal.calibration.intervals import student
-
-    t = float(student(np.array(float(fit.dof))))
-    middle, error = np.array([fit.at(row) for row in _design(at)]).T
-    return tuple(tuple(np.exp(middle + side * t * error).tolist()) for side in (0.0, -1.0, 1.0))
 
 
 def _misfit(one: Comparable, x: Floats) -> float | None:

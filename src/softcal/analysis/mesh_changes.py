@@ -65,7 +65,19 @@ def grouped(blocks: Sequence[Block]) -> dict[tuple[str, str], list[int]]:
 def changes_between(
     problem: Problem, old: Sequence[Block], new: Sequence[Block], orders: Mapping[tuple[str, str], float]
 ) -> tuple[Change, ...]:
-    """Changes by another discretisation's blocks; orders: orders of convergence by experiment and channel."""
+    """Changes of all channels by another discretisation.
+
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    old
+        Blocks of the original discretisation.
+    new
+        Blocks of the other one.
+    orders
+        Orders of convergence by experiment and channel.
+    """
     units = {(e.name, channel): e.dataset.channels[channel].unit for e in problem.experiments for channel in e.compared}
     found: list[Change] = []
     for (experiment, name), members in grouped(old).items():

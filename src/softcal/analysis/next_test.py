@@ -31,7 +31,7 @@ from softcal.units import format_quantity
 @displayed
 @dataclass(frozen=True)
 class Outlook:
-    """What is expected of a candidate.
+    """Expected effect of a candidate test on the estimates.
 
     Attributes
     ----------
@@ -108,11 +108,22 @@ def next_tests(
     mesh_error: bool = True,
     workers: int | Executor = 1,
 ) -> NextTests:
-    """Rank candidates for a problem at its minimum theta [SI by label].
+    """Rank candidates for a problem at its minimum theta.
 
-    parameter: label of the one whose interval counts; by default the first of the robot. mesh_error: whether the
-    intervals include the error of the mesh, by one more simulation on a finer one. workers: an executor, or a number of
-    processes, which share the trajectories.
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    theta
+        Values [SI] by label of the free parameters.
+    candidates
+        The candidate tests.
+    parameter
+        Label of the parameter whose interval counts; by default the first parameter of the robot.
+    mesh_error
+        Include the error of the mesh, by one more simulation on a finer mesh.
+    workers
+        Executor, or number of processes, which share the trajectories.
 
     Raises
     ------
@@ -182,7 +193,7 @@ class _Present:
         self.interval, self._length = self._reach(self._found, self._found.minimum)
 
     def outlook(self, plan: Plan) -> tuple[Outlook, float]:
-        """What is expected of a candidate, and the length of the interval in the unit box."""
+        """Expected effect of a candidate, and the length of its interval in the unit box."""
         added = added_test(self._problem, self._slopes, plan, self._rows[plan.test.name])
         after = with_added_test(
             self._problem.loss, self._blocks, self._slopes, self._serves, self._found, added, self._uncertain
@@ -192,7 +203,7 @@ class _Present:
         return Outlook(plan.candidate, interval, share, self._joint(after)), length
 
     def notes(self, plans: Sequence[Plan]) -> Iterable[str]:
-        """What the intervals assume."""
+        """Assumptions of the intervals."""
         parameter = self._problem.space.parameters[self._j]
         between = next((one for one in self._found.between if one.column == self._j), None)
         if len(self._problem.experiments) == 1:

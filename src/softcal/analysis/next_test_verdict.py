@@ -1,4 +1,4 @@
-"""Which test to make next, in words."""
+"""Sentences on the test to make next."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ class Comparable:
 
     @property
     def is_pooled(self) -> bool:
-        """Whether the errors depend on the value: by their own errors, specimens on one side would count more."""
+        """True if the errors depend on the value: weighted by errors, specimens on one side would count more."""
         from scipy.stats import spearmanr
 
         if len(self.names) < FEWEST_RANKED or np.ptp(self.raw) == 0.0 or np.ptp(self.values) == 0.0:
@@ -85,10 +85,9 @@ class Comparable:
         return self.raw / (1.0 - lack)
 
     def only(self, kept: np.ndarray) -> Comparable:
-        """Those of a mask (k,)."""
+        """Specimens of a mask (k,)."""
         names = tuple(name for name, keep in zip(self.names, kept, strict=True) if keep)
-        parts = self.values[kept], self.raw[kept], self.dof[kept]
-        return Comparable(self.label, self.unit, self.scale, names, *parts, self.left_out)
+        return replace(self, names=names, values=self.values[kept], raw=self.raw[kept], dof=self.dof[kept])
 
     def shown(self, value: float) -> float:
         """A value of the comparison's scale as one of the parameter [unit]."""
@@ -152,7 +151,7 @@ class Population:
 
     @property
     def differs(self) -> bool:
-        """Whether the specimens differ by more than their errors."""
+        """True if the specimens differ by more than their errors."""
         return self.chance < DIFFERS
 
 
@@ -176,7 +175,7 @@ def compared(label: str, specimens: Sequence[Specimen]) -> Comparable | None:
 
 
 def _undetermined(estimate: Estimate) -> str:
-    """Why an estimate does not count, in words; "" where it does."""
+    """Reason why an estimate does not count; "" if it does."""
     if estimate.at_bound:
         return "at a bound"
     if not own_error(estimate):
@@ -205,7 +204,17 @@ def comparisons(specimens: Sequence[Specimen]) -> tuple[list[Comparable], dict[s
 
 
 def population(one: Comparable, n_compared: int = 1, covariate: Mapping[str, float] | None = None) -> Population:
-    """The statement of one parameter; n_compared: of how many it is one."""
+    """Mean, spread and outliers of one parameter over the specimens.
+
+    Parameters
+    ----------
+    one
+        Estimates of the parameter over the specimens.
+    n_compared
+        Number of parameters that are compared.
+    covariate
+        Covariate [-] by specimen, such as the logarithm of the infill; None for no covariate.
+    """
     far = outliers(one, n_compared, covariate)
     whole = _population(one, n_compared)
     names = {outlier.name for outlier in far}
@@ -242,7 +251,17 @@ def _population(one: Comparable, n_compared: int) -> Population:
 
 
 def outliers(one: Comparable, n_compared: int = 1, covariate: Mapping[str, float] | None = None) -> tuple[Outlier, ...]:
-    """The specimens that are farther from all others than these are from each other, one after the other."""
+    """Specimens that are farther from all others than these are from each other, the farthest first.
+
+    Parameters
+    ----------
+    one
+        Estimates of the parameter over the specimens.
+    n_compared
+        Number of parameters that are compared.
+    covariate
+        Covariate [-] by specimen, such as the logarithm of the infill; None for no covariate.
+    """
     found: list[Outlier] = []
     left = one
     while len(left.names) > FEWEST_OUTLIER and len(found) < len(one.names) // 5:

@@ -37,7 +37,7 @@ class Index:
 
     @property
     def is_known(self) -> bool:
-        """Whether it can be distinguished from zero."""
+        """True if the index can be distinguished from zero."""
         return self.value > self.error
 
     @property

@@ -1,4 +1,4 @@
-"""Whether the values that differ between the experiments of a joint fit follow how the experiments were made.
+"""Trend of values that differ between the experiments of a joint fit with the conditions of the experiments.
 
 A value as a power of the amplitude is a straight line of logarithms, with one slope and no choice of a form after the
 fact:
@@ -86,7 +86,8 @@ def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -
         differ: dict[Condition, Floats] = {
             c: x for c, at in known.items() if (x := _logarithms(spread, at)) is not None
         }
-        y, weights = np.array(list(spread.values.values())), _weights(spread)
+        y = np.array(list(spread.values.values()))
+        weights = np.array([spread.weights.get(experiment, 1.0) for experiment in spread.values])
         slopes: dict[Condition, tuple[float, float]] = {
             c: slope(x, np.log(y) if np.all(y > 0) else y, weights) for c, x in differ.items()
         }
@@ -111,23 +112,29 @@ def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -
 
 
 def _logarithms(spread: Spread, at: Mapping[str, float]) -> Floats | None:
-    """Those of a condition of the experiments; None where they do not differ in it, or it is not known of all."""
+    """Log of a test condition for each experiment (k,); None if the condition is constant, or unknown for some."""
     x = np.array([at.get(experiment, 0.0) for experiment in spread.values])
     return np.log(x) if x.min() > 0.0 and x.max() >= _ALIKE * x.min() else None
 
 
-def _weights(spread: Spread) -> Floats:
-    return np.array([spread.weights.get(experiment, 1.0) for experiment in spread.values])
-
-
 def _correlation(x: Floats, y: Floats, weights: Floats) -> float:
-    """Of two conditions over the experiments."""
+    """Weighted correlation of two conditions over the experiments."""
     (xx, xy), (_, yy) = np.cov(x, y, aweights=weights, ddof=0)
     return float(xy / np.sqrt(xx * yy))
 
 
 def slope(x: Floats, y: Floats, weights: Floats) -> tuple[float, float]:
-    """Slope of a weighted straight line through k > 2 points, and the chance of one as steep without any trend."""
+    """Slope of a weighted straight line, and the probability of a slope as steep without any trend.
+
+    Parameters
+    ----------
+    x
+        Abscissae (k,), k > 2.
+    y
+        Ordinates (k,).
+    weights
+        Weights (k,).
+    """
     from scipy.special import stdtr
 
     away, off = x - np.average(x, weights=weights), y - np.average(y, weights=weights)

@@ -86,17 +86,17 @@ class Engine(Checked):
     simulator: Callable[[Any, Robot], Simulate] | None = None
 
     def leaves_out_contact(self, robot: Robot) -> bool:
-        """Whether the robot has contact, and not in the engine."""
+        """True if the robot has contact that the engine omits."""
         return robot.contact is not None and self.own(robot).contact is None
 
     @property
     def module(self) -> str:
-        """Where it is defined."""
+        """Module that defines the engine."""
         return self.solve.__module__ or ""
 
 
 def _faults(engine: Engine, known: Mapping[str, Engine]) -> list[Fault]:
-    """What is wrong with an engine that is to be registered."""
+    """Faults of an engine to be registered."""
     if not isinstance(engine, Engine):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
         return [Fault("this is not an engine", "engine", repr(engine)[:60], "a softcal.Engine")]
     if engine.name == SOFTCAL:

@@ -296,14 +296,14 @@ def test_specimens_with_the_same_measured_files_are_named() -> None:
     measured = {f"s{k}": (f"p{k}.csv", "both.csv") for k in range(6)}
     found = fleet_statement(specimens, [], measured)
     assert found.same_data == (("s0", "s2"), ("s1", "s4"))
-    said = [one for one in fleet_sentences(specimens, found) if "same measured files" in one.text]
+    said = [one for one in fleet_sentences(specimens, found) if "share data files" in one.text]
     assert [one.tone for one in said] == ["warning"]
     assert said[0].text.endswith("but are counted separately: s0, s2; s1, s4.")
     assert not fleet_statement([specimens[k] for k in (0, 1, 3, 5)], [], measured).same_data
     failed = [replace(one, state="FAILED") if one.name in ("s2", "s4") else one for one in specimens]
     assert not fleet_statement(failed, [], measured).same_data
     assert not fleet_statement([replace(one, hashes={}) for one in specimens], [], measured).same_data  # an older fleet
-    assert "same measured files" not in text(specimens)
+    assert "share data files" not in text(specimens)
 
 
 def test_filaments_are_compared_at_equal_infill() -> None:

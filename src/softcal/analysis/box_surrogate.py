@@ -106,7 +106,7 @@ class BoxSurrogate:
 
 @dataclass
 class _BoxPoints:
-    """Simulated points of the box, and those that cannot be simulated: theta and reason."""
+    """Simulated points of the box, and points that cannot be simulated, with theta and reason."""
 
     problem: Problem
     evaluator: Evaluator
@@ -119,7 +119,7 @@ class _BoxPoints:
     failures: list[tuple[Floats, str]] = field(default_factory=list[tuple[Floats, str]])
 
     def add(self, z: Floats) -> int:
-        """Simulate points z (n, size); how many of them could be."""
+        """Simulate points z (n, size); returns the number of successes."""
         before = len(self.z)
         proposals = [Proposal(self.n + i, self.problem.space.to_model(one)) for i, one in enumerate(z)]
         for one, (_, found) in zip(z, self.evaluator.evaluate(proposals), strict=True):
@@ -173,7 +173,7 @@ class _BoxPoints:
 
 @dataclass(frozen=True)
 class CheckedBox:
-    """A surrogate that was accurate at points which it had not seen.
+    """A surrogate that is accurate at points to which it was not fitted.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ class CheckedBox:
     failures
         theta [SI by label] of each point that cannot be simulated, with the reason.
     facts
-        What was counted, by name.
+        Counts, by name.
     """
 
     surrogate: BoxSurrogate

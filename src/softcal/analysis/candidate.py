@@ -1,4 +1,4 @@
-"""A bench test that could be made: like one of the calibration's, but for what is stated of it."""
+"""A candidate test: a bench test that could be made, like one of the calibration except for what it states."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Candidate(Checked):
     settings
         Parameter of the robot or rig -> its value [SI] in the test, such as the force of a hanging mass.
     repeats
-        How many times it is made.
+        Number of repetitions.
     """
 
     name: str
@@ -162,13 +162,13 @@ def noise_like(candidate: Candidate, like: Experiment, channel: str) -> str:
 
 
 def _cable(like: Experiment) -> str:
-    """The one cable that is pulled; "" where there is none, or several."""
+    """The cable that is pulled; "" if none or several are."""
     carriers = {like.twin_channel(channel).carrier for channel in like.drives}
     return carriers.pop() if len(carriers) == 1 else ""
 
 
 def _renamed(channel: str, candidate: Candidate, like: Experiment, *, is_drive: bool = False) -> str:
-    """A channel of `like` as that of the candidate's cable; is_drive: with its control."""
+    """A channel of `like` under the name of the candidate's cable; is_drive: and of its control."""
     name = channel_name(channel)
     if candidate.cable and name.carrier == _cable(like) != "":
         name = replace(name, carrier=candidate.cable)
@@ -178,7 +178,9 @@ def _renamed(channel: str, candidate: Candidate, like: Experiment, *, is_drive: 
 
 
 def _commands(candidate: Candidate, like: Experiment, old: str, new: str) -> Floats:
-    """The values of the control: those of `like`, or evenly from nothing to what was measured of it there."""
+    """Values of the control: those of `like`, or evenly spaced from zero to the largest value that `like` measured of
+    it.
+    """
     values = like.dataset.values(old)
     if channel_name(old).kind == channel_name(new).kind:
         return values

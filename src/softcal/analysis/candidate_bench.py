@@ -39,7 +39,7 @@ NO_MESH = "The error of the mesh is not included, as in the calibration."
 class Plan:
     """A candidate as an experiment.
 
-    own: label of the calibration -> the test's own parameter of that kind; errs: the same of uncertain parameters.
+    own: label of the calibration -> the test's own parameter of that kind; errs: the same for uncertain parameters.
     """
 
     candidate: Candidate
@@ -65,7 +65,7 @@ class Simulated:
 
 
 def planned(problem: Problem, theta: Mapping[str, float], candidate: Candidate) -> Plan:
-    """A candidate as an experiment, for a problem at theta [SI by label].
+    """A candidate as an experiment, checked to be possible.
 
     Parameters
     ----------
@@ -95,7 +95,15 @@ def planned(problem: Problem, theta: Mapping[str, float], candidate: Candidate) 
             allowed = f"noise: {{{channel}: …}}"
             raise InputError(Fault(f"the noise of '{channel}' is not known", candidate.name, allowed=allowed))
     whole, values = joined(problem, theta, [plan])
-    _require_possible(whole, values, test)
+    fixed = whole.space.values_for(test.name, values)
+    rig = {name: fixed.get(name, value) for name, value in test.rig_values().items()}
+    known = robot_parameters(whole.robot)
+    robot = with_shape(whole.robot, {k: v for k, v in {**test.settings, **fixed}.items() if k in known})
+    faults = command_faults(robot, protocol_told(robot, test, rig))
+    if any(test.twin_channel(channel).kind == SHORTENING for channel in test.drives):
+        faults += slack_faults(replace(test, settings={**test.settings, **rig}))
+    if faults:
+        raise InputError(faults)
     return plan
 
 
@@ -232,7 +240,7 @@ def _estimated(
 
 
 def _with_changes(rows: Mapping[str, Sequence[Row]], changes: Mapping[tuple[str, str], Floats]) -> dict[str, list[Row]]:
-    """The rows with the change on the finer mesh as that of one more uncertain parameter."""
+    """Rows with the change on the finer mesh as the derivative by one more uncertain parameter."""
 
     def changed(block: Block) -> Block:
         change = changes[block.experiment, block.channel][:, None]
@@ -326,8 +334,8 @@ def counts(problem: Problem, plan: Plan, channel: str) -> bool:
 
 
 def _noise(problem: Problem, plan: Plan, channel: str) -> tuple[tuple[str, str] | None, float | None] | None:
-    """The experiment and channel whose noise a channel has, and its own [SI] where that is another; None where neither
-    is known.
+    """Experiment and channel with the same instrument, and the stated noise [SI] if it differs from theirs; None if
+    neither is known.
     """
     sigma = plan.candidate.noise.get(channel)
     own = noise_like(plan.candidate, plan.like, channel)
@@ -342,16 +350,3 @@ def _noise(problem: Problem, plan: Plan, channel: str) -> tuple[tuple[str, str] 
     stated = [c.sigma for name, c in plan.like.dataset.channels.items() if plan.like.twin_channel(name) == twin]
     sigma = sigma or max(stated, default=0.0) or twin.kind.noise
     return (None, sigma) if sigma else None
-
-
-def _require_possible(problem: Problem, theta: Mapping[str, float], test: Experiment) -> None:
-    """Raise an InputError where no cable can follow the commands of a test."""
-    own = problem.space.values_for(test.name, theta)
-    rig = {name: own.get(name, value) for name, value in test.rig_values().items()}
-    known = robot_parameters(problem.robot)
-    robot = with_shape(problem.robot, {k: v for k, v in {**test.settings, **own}.items() if k in known})
-    faults = command_faults(robot, protocol_told(robot, test, rig))
-    if any(test.twin_channel(channel).kind == SHORTENING for channel in test.drives):
-        faults += slack_faults(replace(test, settings={**test.settings, **rig}))
-    if faults:
-        raise InputError(faults)

@@ -119,7 +119,7 @@ def _on_paths_of(own: Sequence[str], problem: Problem, theta: Mapping[str, float
 
 
 def _by_other_control(test: Experiment, predicted: Mapping[str, Floats]) -> Experiment | None:
-    """A pull by the shortening that a prescribed tension leads to, or the reverse; None where that is not unique."""
+    """Pull by the shortening that a prescribed tension causes, or the reverse; None if that is not unique."""
     if len(test.drives) != 1:
         return None
     driver = test.drives[0]
@@ -145,7 +145,7 @@ def _by_other_control(test: Experiment, predicted: Mapping[str, Floats]) -> Expe
 def _at_equal_control(
     test: Experiment, predicted: Mapping[str, Floats], turned: Experiment, finer: Mapping[str, Floats]
 ) -> dict[tuple[str, str], Floats]:
-    """The changes of a test at equal values of what drives it; finer: the predictions for the turned test."""
+    """Changes of a test at equal values of its drive; finer: predictions for the turned test."""
     from scipy.interpolate import PchipInterpolator
 
     driver = test.drives[0]

@@ -1,4 +1,4 @@
-"""A parameter of a fleet by a factor: the mean of each group, whether they differ, and how much of the spread it is."""
+"""Effect of a factor on a fleet's parameters: mean of each group, test of their difference, share of the variance."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def factor_effects(
 
 
 def not_apart(specimens: Sequence[Specimen], factors: Sequence[str]) -> list[tuple[str, str]]:
-    """Pairs of factors of which the first is told by the second: their effects cannot be told apart."""
+    """Pairs of factors of which the second determines the first: their effects cannot be separated."""
     found: list[tuple[str, str]] = []
     for i, one in enumerate(factors):
         for other in factors[i + 1 :]:
@@ -107,7 +107,7 @@ def not_apart(specimens: Sequence[Specimen], factors: Sequence[str]) -> list[tup
 
 
 def _incomparable(held: Mapping[str, Factor]) -> str:
-    """Why specimens cannot be compared by a factor; "" where they can."""
+    """Reason why specimens cannot be compared by a factor; "" if they can."""
     known = [value for value in held.values() if value is not None]
     groups = len(set(known))
     if groups < 2:

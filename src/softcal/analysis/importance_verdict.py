@@ -1,4 +1,4 @@
-"""Sentences on what decides each output, and how indices are written."""
+"""Sentences on the importance of parameters, and Sobol indices as text."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _NAMED = 3  # parameters of a sentence
 
 
 def index_text(index: Index) -> str:
-    """An index with its error, or below what it is where it cannot be distinguished from zero."""
+    """An index with its error; an upper bound if it cannot be distinguished from zero."""
     if not index.is_known or index.most < _SHOWN:
         return f"< {_up(index.most, _places(index.most))}"
     places = _places(index.error)

@@ -67,8 +67,8 @@ def log_infill(specimens: Sequence[Specimen]) -> dict[str, float]:
 def infill_laws(
     compared: Sequence[Comparable], specimens: Sequence[Specimen]
 ) -> tuple[tuple[InfillLaw, ...], dict[str, str]]:
-    """The law of every modulus [Pa] that is searched by its logarithm; and why it cannot be told, in words, by modulus
-    (by "E" where there is none). Of those that cannot be compared nothing is said here.
+    """Law of every modulus [Pa] that is searched by its logarithm, and reasons why others have none, by modulus ("E" if
+    there is no modulus). Moduli that cannot be compared are left out of both.
     """
     phi = log_infill(specimens)
     if not phi:
@@ -124,7 +124,7 @@ def _design(x: Floats) -> Floats:
 
 
 def _misfit(one: Comparable, x: Floats) -> float | None:
-    """The test of the means beside a line through them: each infill but two has a step of its own."""
+    """Test of the means against a line through them: each infill but two has a step of its own."""
     levels = np.unique(x)
     if len(x) < len(levels) + 2:
         return None

@@ -273,7 +273,7 @@ class _Plans:
     max_unknowns: int
 
     def simulated(self, k: int, observer: Callable[[int, int | None], None]) -> tuple[Finer, Evaluation | None]:
-        """Discretisation k."""
+        """Simulate discretisation k."""
         plan = self.plans[k]
         name, what, robot, n = plan
         one = Finer(name, what, size(robot, n))
@@ -294,7 +294,9 @@ class _Plans:
 
 
 def _each_simulated(executor: Executor, plans: _Plans, observer: Observer) -> list[tuple[Finer, Evaluation | None]]:
-    """Every discretisation; the observer is told of each trajectory here, and of whole ones where others work."""
+    """Simulate every discretisation; the observer is called for each trajectory in this process, or for each
+    discretisation with other workers.
+    """
     names = [name for name, *_ in plans.plans]
     if executor.alone:
         return [plans.simulated(k, partial(observer, name)) for k, name in enumerate(names)]
@@ -357,7 +359,7 @@ def _limit(model: _Model, once: Evaluation, twice: Evaluation) -> Finer | None:
 
 
 def _extrapolated(before: Block, after: Block, share: float) -> Block:
-    """The last block plus a share of the last change; the same for its derivatives."""
+    """The last block plus a share of the last change; likewise its derivatives."""
     jacobian = after.jacobian
     if jacobian is not None and before.jacobian is not None:
         jacobian = jacobian + share * (jacobian - before.jacobian)

@@ -67,9 +67,9 @@ class NextTests:
     parameter, unit, value, interval
         Label, SI unit, estimate, and present 95 % interval (None: it has none).
     outlooks
-        What is expected of each candidate; those that cannot be simulated come last.
+        Expected effect of each candidate; candidates that cannot be simulated come last.
     notes
-        What the intervals assume.
+        Assumptions of the intervals.
     n_solves
         Number of simulated trajectories.
     """
@@ -174,7 +174,7 @@ def _is_of_robot(parameter: FreeParameter) -> bool:
 
 
 class _Present:
-    """The calibration as it is, in the unit box, with the parameter in column j."""
+    """The present calibration, in the unit box, with the parameter in column j."""
 
     def __init__(self, problem: Problem, theta: Mapping[str, float], seen: Simulated, j: int) -> None:
         space = problem.space
@@ -259,7 +259,7 @@ class _Present:
         return interval, float(2.0 * student(one.dof[known])[at] * errors[at])
 
     def _joint(self, after: ExpectedEstimates) -> float | None:
-        """The robot's parameters together: standard errors expected over those of the present."""
+        """Expected standard errors of all the robot's parameters over the present ones."""
         known = ~(_mixed(self._found) | _mixed(after))
         columns = [j for j, p in enumerate(self._problem.space.parameters) if _is_of_robot(p) and known[j]]
         if not columns:

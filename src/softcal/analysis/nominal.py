@@ -58,7 +58,7 @@ def nominal(problem: Problem) -> Nominal:
 
 
 def _as_it_is(problem: Problem) -> tuple[Problem, dict[str, float]]:
-    """The problem with a single free parameter of one experiment, and its present value."""
+    """The problem with a single free parameter of one experiment, and its nominal value."""
     of_robot = parameter_values(problem.robot)
     for p in problem.space.parameters:
         for experiment in problem.experiments:

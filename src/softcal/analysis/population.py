@@ -1,4 +1,4 @@
-"""The hierarchical statement of a fleet: where a parameter's population is, and how far its specimens differ.
+"""Hierarchical model of a fleet: the population mean of a parameter, and the spread between its specimens.
 
 A specimen's estimate is the mean of the population, a difference of the specimen's own, and the error of its
 calibration (`calibration.mixed_effects`). A parameter that is searched by its logarithm is compared by its logarithm:
@@ -76,8 +76,8 @@ class Comparable:
 
     @property
     def variances(self) -> Floats:
-        """The variances (k,) such that their inverses have no bias: those of few degrees of freedom are larger; their
-        mean for all where they depend on the value.
+        """Variances (k,) whose inverses have no bias: larger with few degrees of freedom; the same mean for all if they
+        depend on the value.
         """
         if self.is_pooled:
             return np.full_like(self.raw, self.raw.mean())
@@ -90,13 +90,13 @@ class Comparable:
         return replace(self, names=names, values=self.values[kept], raw=self.raw[kept], dof=self.dof[kept])
 
     def shown(self, value: float) -> float:
-        """A value of the comparison's scale as one of the parameter [unit]."""
+        """A value on the scale of the comparison, converted to the parameter's [unit]."""
         return math.exp(value) if self.scale == "log" else value
 
 
 @dataclass(frozen=True)
 class Outlier:
-    """A specimen that is not like the others; value [unit], chance: of one so far off among as many like ones."""
+    """A specimen unlike the others; value [unit], chance: probability of a specimen so far off among as many alike."""
 
     name: str
     value: float
@@ -126,7 +126,7 @@ class Population:
         Interval [unit] in which a further specimen is expected at 95 %; None where the specimens are fewer than five
         or do not differ.
     is_pooled
-        Whether all specimens count alike, since their errors depend on the value.
+        True if all specimens count alike, since their errors depend on the value.
     outliers
         The specimens that are not like the others, the farthest first.
     without
@@ -156,7 +156,7 @@ class Population:
 
 
 def compared(label: str, specimens: Sequence[Specimen]) -> Comparable | None:
-    """The estimates of a parameter that count; None where no specimen has it."""
+    """The estimates of a parameter that count; None if no specimen has it."""
     held = {one.name: one.parameters[label] for one in specimens if label in one.parameters}
     if not held:
         return None
@@ -185,7 +185,7 @@ def _undetermined(estimate: Estimate) -> str:
 
 
 def comparisons(specimens: Sequence[Specimen]) -> tuple[list[Comparable], dict[str, str]]:
-    """The parameters that can be compared, and why others cannot, by label."""
+    """Parameters that can be compared, and reasons why others cannot, by label."""
     found: list[Comparable] = []
     unknown: dict[str, str] = {}
     for label in dict.fromkeys(label for one in specimens for label in one.parameters):
@@ -286,7 +286,7 @@ def _design(one: Comparable, covariate: Mapping[str, float] | None) -> Floats:
 
 
 def _deleted(one: Comparable, X: Floats, kept: np.ndarray, worst: int) -> float:
-    """Probability that a further specimen is so far from the others as one of them."""
+    """Probability that a further specimen is as far from the others as this one."""
     from scipy.special import stdtr
 
     others = one.only(kept)
@@ -297,7 +297,7 @@ def _deleted(one: Comparable, X: Floats, kept: np.ndarray, worst: int) -> float:
 
 
 def levels(specimens: Sequence[Specimen], factor: str) -> dict[Factor, int]:
-    """The values of a factor that are known, and how many specimens have each."""
+    """Known values of a factor, with the number of specimens of each."""
     found: dict[Factor, int] = {}
     for one in specimens:
         if (value := one.factors.get(factor)) is not None:

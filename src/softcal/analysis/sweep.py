@@ -54,7 +54,7 @@ class ErrorSection:
         return error if self.length is None else 100 * error / self.length
 
     def text(self, error: float | None) -> str:
-        """An error [unit] in words; "" where there is none."""
+        """An error [unit] as text; "" without an error."""
         if error is None:
             return ""
         shown = self.shown(error)
@@ -88,7 +88,7 @@ class BestCell:
 
     @property
     def reduction(self) -> float | None:
-        """Reduction of the error from the nominal one [%]; None if that is unknown or zero."""
+        """Reduction of the error from the nominal one [%]; None if the nominal error is unknown or zero."""
         return None if not self.nominal else reduction(self.nominal, self.error)
 
     @property

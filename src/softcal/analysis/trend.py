@@ -71,7 +71,7 @@ class Trend:
 
 
 def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -> tuple[Trend, ...]:
-    """The clearest trend of each parameter in which the experiments differ, where it has one.
+    """The clearest trend of each parameter that differs between the experiments, if it has one.
 
     records: experiment -> its record with times, for the speeds.
     """
@@ -148,7 +148,7 @@ def slope(x: Floats, y: Floats, weights: Floats) -> tuple[float, float]:
 
 
 def _amplitudes(result: SearchResult) -> dict[str, float]:
-    """The largest magnitude of what drove each experiment [SI]; empty where they were not driven alike."""
+    """Largest magnitude of each experiment's drive [SI]; empty if they were driven by different channels."""
     drives = {name: _drives(fit) for name, fit in result.experiments.items()}
     kinds = [{channel_name(drive).kind.name for drive in held} for held in drives.values()]
     if any(kind != kinds[0] or len(kind) != 1 for kind in kinds):
@@ -158,7 +158,7 @@ def _amplitudes(result: SearchResult) -> dict[str, float]:
 
 
 def _speeds(result: SearchResult, records: Mapping[str, Dataset]) -> dict[str, float]:
-    """The usual rate of what drove each experiment [SI]; none of an experiment without times."""
+    """Usual rate of each experiment's drive [SI]; experiments without times are left out."""
     found: dict[str, float] = {}
     for name, fit in result.experiments.items():
         channels = records[name].channels if name in records else {}
@@ -175,7 +175,7 @@ def _rate(record: Dataset, drive: str) -> float:
 
 
 def _drives(fit: ExperimentFit) -> tuple[str, ...]:
-    """The measured channels that drove the twin: those of a kind that can, and that were not compared."""
+    """Measured channels that drove the twin: of a kind that can, and not compared."""
     return tuple(
         channel
         for channel in fit.measured

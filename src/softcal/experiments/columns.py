@@ -84,7 +84,7 @@ def read_columns(
     places
         Name -> number of the column.
     may_miss
-        Whether a cell of the column of that name may be empty.
+        True for the name of a column whose cells may be empty.
     filters, label
         Filters of rows, and the column of row labels.
     decimal
@@ -155,7 +155,7 @@ def cells_of(table: Table, column: int, lines: Sequence[int]) -> list[str]:
 
 
 class _Sieve:
-    """A filter, and the values found so far."""
+    """A filter, and the values that matched so far."""
 
     def __init__(self, one: Filter) -> None:
         self._filter = one

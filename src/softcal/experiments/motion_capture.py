@@ -52,7 +52,15 @@ def read_c3d(path: str | Path, markers: Mapping[str, str], *, name: str = "") ->
         Where the file cannot be read.
     """
     path = Path(path)
-    raw = _bytes(path)
+    try:
+        with path.open("rb") as file:
+            raw = file.read(_LARGEST + 1)
+    except OSError as error:
+        raise StorageError(
+            Fault("the data file cannot be read", where=str(path), got=error.strerror or str(error))
+        ) from error
+    if len(raw) > _LARGEST:
+        raise DatasetError(Fault("the .c3d file is too large", str(path), allowed=f"{_LARGEST} bytes"))
     if len(raw) < 512 or raw[1] != _MAGIC:
         start = f"{len(raw)} bytes that begin with {raw[:4].hex(' ')}" if raw else "an empty file"
         raise DatasetError(Fault("not a .c3d file", str(path), start, "512 bytes or more, the second of them 50"))
@@ -88,19 +96,6 @@ def read_c3d(path: str | Path, markers: Mapping[str, str], *, name: str = "") ->
     outcome = f"{len(frames)} frames of {len(columns)} markers at {rate:g} Hz, in {unit}"
     outcome += f"; not seen: {unseen} frames" if unseen else ""
     return Dataset(name or path.stem, channels, (Step("read_c3d", settings, outcome),))
-
-
-def _bytes(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            raw = file.read(_LARGEST + 1)
-    except OSError as error:
-        raise StorageError(
-            Fault("the data file cannot be read", where=str(path), got=error.strerror or str(error))
-        ) from error
-    if len(raw) > _LARGEST:
-        raise DatasetError(Fault("the .c3d file is too large", str(path), allowed=f"{_LARGEST} bytes"))
-    return raw
 
 
 def _parse(raw: bytes) -> tuple[list[str], str, float, Floats]:

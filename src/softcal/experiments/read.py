@@ -114,7 +114,7 @@ def read_table(
 
 
 def _doubled_labels(table: Table, place: int, held: Columns) -> list[Fault]:
-    """A fault if two rows have the same label."""
+    """Fault of two rows with the same label."""
     first: dict[str, int] = {}
     twice = [i for i, text in enumerate(held.labels) if first.setdefault(text, i) < i]
     if not twice:
@@ -166,7 +166,7 @@ def line_numbers(first: Sequence[int], n: int) -> str:
 def _check_time(
     table: Table, held: Columns, values: Mapping[str, Floats], places: Mapping[str, int], faults: list[Fault]
 ) -> int:
-    """A fault if time descends; and the number of samples with the time of the previous one."""
+    """Record descending times; return the number of samples with the time of the previous one."""
     if "time" not in values:
         return 0
     steps = np.diff(values["time"])

@@ -54,9 +54,9 @@ class PreparationStep(FunctionMember):
     settings : mapping of str to Setting
         By the function's parameters, in the order of their importance: the first may be given alone.
     keeps_gaps : bool
-        Whether values may be missing.
+        True if values may be missing.
     leaves_out : {"", "samples", "cycles"}
-        What of the record is not in the dataset any more after it.
+        Parts of the record that the step leaves out.
     """
 
     settings: Mapping[str, Setting] = field(default_factory=dict[str, Setting])
@@ -65,7 +65,7 @@ class PreparationStep(FunctionMember):
 
     @property
     def required(self) -> tuple[str, ...]:
-        """Settings that must be given: those for which the function has no default."""
+        """Settings for which the function has no default."""
         parameters = inspect.signature(self.function).parameters
         return tuple(key for key in self.settings if parameters[key].default is inspect.Parameter.empty)
 

@@ -81,7 +81,7 @@ class CommonMotion(Declared):
     reference, signal
         Channels of the first and of the second record that follow the same motion, with equal or opposite sign.
     estimate_rate
-        Whether to estimate a rate of the second clock relative to the first, from the lags of the two halves of the
+        Estimate a rate of the second clock relative to the first, from the lags of the two halves of the
         records. An estimate beyond what quartz clocks differ by, 200 ppm, is not used: both then run as fast.
     min_correlation
         Smallest accepted correlation coefficient over the overlap [-].

@@ -205,7 +205,7 @@ def uses_decimal_comma(cells: Sequence[str]) -> bool:
 
 
 def _beginning(file: TextFile, skip_rows: int, last: int, least: int) -> list[tuple[int, str]]:
-    """The first non-empty lines and their numbers: those searched for a header, at least `least`."""
+    """The first non-empty lines, at least `least`, with their numbers: the header is among them."""
     body: list[tuple[int, str]] = []
     for first, lines in file.blocks():
         for number, line in enumerate(lines, start=first):

@@ -1,4 +1,4 @@
-"""Another program that solves a robot: what it must offer to be compared with softcal, or to take its place."""
+"""Interface of another program that solves a robot, to be compared with softcal or to take its place."""
 
 from __future__ import annotations
 

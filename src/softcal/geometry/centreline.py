@@ -139,7 +139,7 @@ def helix(
     towards
         Direction from the axis to the first node; any if None.
     left_handed
-        Whether the wire rises clockwise, viewed against `axis`.
+        True if the wire rises clockwise, viewed against `axis`.
 
     Raises
     ------

@@ -95,7 +95,7 @@ class SolidDisc(Filled):
 
     @property
     def volume(self) -> float:
-        """[m^3]."""
+        """Volume [m^3]."""
         return 0.25 * math.pi * (self.diameter**2 - sum(d**2 for *_, d in self.circles)) * self.thickness
 
     def mesh(self, *, timeout: float = 300.0) -> TetMesh:

@@ -66,7 +66,7 @@ class TetMesh(Checked):
 
     @property
     def cell(self) -> Cell:
-        """Kind of its tetrahedra."""
+        """Kind of the tetrahedra."""
         return cell_of(self.tets)
 
     @property

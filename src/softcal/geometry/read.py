@@ -194,7 +194,7 @@ class IncludeError(Exception):
 
 @contextlib.contextmanager
 def _alone() -> Generator[None]:
-    """Reading of one file alone: an .inp file can name others, which may be anywhere and are not kept with a run."""
+    """Read one file alone: an .inp file can include others, which may be anywhere and are not kept with a run."""
     abaqus: Any = import_module("meshio.abaqus._abaqus")
 
     def refuse(path: object) -> None:

@@ -82,7 +82,7 @@ class Cylinder(Declared):
             raise MeshError(Fault("a cylinder has no length", got=f"{self.start} to {self.end}"))
 
     def contains(self, points: Floats, slack: float) -> Mask:
-        """Which points (n, 3) [m] lie inside, give or take `slack` [m]."""
+        """Mask (n,) of the points (n, 3) [m] inside, give or take `slack` [m]."""
         axis = np.subtract(self.end, self.start)
         length = float(np.linalg.norm(axis))
         axis = axis / length
@@ -100,7 +100,7 @@ class Sphere(Declared):
     radius: Size
 
     def contains(self, points: Floats, slack: float) -> Mask:
-        """Which points (n, 3) [m] lie inside, give or take `slack` [m]."""
+        """Mask (n,) of the points (n, 3) [m] inside, give or take `slack` [m]."""
         return np.linalg.norm(points - np.asarray(self.centre), axis=1) <= self.radius + slack
 
 

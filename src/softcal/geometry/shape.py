@@ -45,7 +45,7 @@ class BodyShape(ABC):
     @property
     @abstractmethod
     def values(self) -> Mapping[str, float]:
-        """The value of each [SI], by the last part of its name."""
+        """Values [SI] by the last part of the parameter's name."""
 
     @abstractmethod
     def moved(self, mesh: TetMesh, fixed: Ints, values: Mapping[str, float]) -> tuple[Floats, Self]:

@@ -1,4 +1,4 @@
-"""Faults of a table that are alike but for their row, as one."""
+"""Merging of a table's faults that differ only in the row."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ class Axis:
 
     @property
     def parameter(self) -> FreeParameter:
-        """As a parameter of the grid's search space."""
+        """The axis as a parameter of the grid's search space."""
         of = () if self.targets == (self.name,) else self.targets
         return FreeParameter(self.name, self.unit, min(self.values), max(self.values), of=of)
 
@@ -128,7 +128,7 @@ def shown_configurations(
 
 
 def doubled(axes: Sequence[Axis], held: Collection[str]) -> list[Fault]:
-    """The faults of parameters that are swept twice, or both swept and fixed."""
+    """Faults of parameters that are swept twice, or both swept and fixed."""
     faults: list[Fault] = []
     seen: dict[str, str] = {}
     for axis in axes:
@@ -141,7 +141,7 @@ def doubled(axes: Sequence[Axis], held: Collection[str]) -> list[Fault]:
 
 
 def cells_fault(axes: Sequence[Axis]) -> Fault | None:
-    """The fault of a grid of more cells than there may be, or None."""
+    """Fault of a grid with more cells than allowed; None otherwise."""
     return LIMITS["cells of a grid"].fault(math.prod(len(axis.values) for axis in axes))
 
 
@@ -196,7 +196,7 @@ def _value_faults(
 
 
 def _allowed_terms(terms: Sequence[str]) -> str:
-    """The same values, with the nearest allowed ratio in the place of those that are not allowed."""
+    """The terms with the nearest allowed ratio in the place of ratios that are not allowed."""
     kept: list[str] = []
     for term in terms:
         values = _range(term, "1", "") if ":" in term else [_number(term, "1", "")]

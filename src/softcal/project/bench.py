@@ -40,10 +40,10 @@ from softcal.twin.robot import Robot
 
 @dataclass(frozen=True)
 class Bench:
-    """An experiment with the records it came from.
+    """An experiment with its records.
 
-    record: as read, on one clock; corrected: every sample after the corrections, with its cycle where cycles were
-    detected, before a branch, cycles or a window were chosen. None where nothing was chosen, or there are no times.
+    record: as read, on one clock; corrected: every sample after the corrections, with cycle numbers if cycles were
+    detected, before a branch, cycles or a window were selected; None without a selection, or without times.
     """
 
     experiment: Experiment
@@ -206,7 +206,9 @@ def _read(name: str, section: ExperimentSection, i: int, files: InputFiles, find
 
 
 def _joined(section: ExperimentSection, records: list[Dataset], path: KeyPath, findings: Findings) -> Dataset | None:
-    """One record of all files: by the labels of their rows, one clock, or cross-correlation of the motion in both."""
+    """One record of all files: joined by the labels of their rows, by one clock, or by cross-correlation of a motion in
+    both.
+    """
     told = section.synchronise
     if len(section.files) == 1:
         return records[0] if records else None

@@ -52,13 +52,13 @@ def check_test(
 
 
 def held_robot(robot: Robot, held: Mapping[str, float]) -> Robot:
-    """The robot with those of its values that are fixed."""
+    """The robot with fixed values in place of its own."""
     of_robot = robot_parameters(robot)
     return with_parameters(robot, {name: value for name, value in held.items() if name in of_robot})
 
 
 def held_rig(experiment: Experiment, held: Mapping[str, float]) -> Experiment:
-    """The experiment with those of its rig values that are fixed."""
+    """The experiment with fixed values of the rig in place of its own."""
     own = {name: held[name] for name in experiment.rig_values() if name in held}
     return replace(experiment, settings={**experiment.settings, **own})
 

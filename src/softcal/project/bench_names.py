@@ -1,4 +1,4 @@
-"""The names in an experiment's section against the robot's parts: cables, plates and markers, channels, settings."""
+"""Check of the names in an experiment's section against the robot: cables, plates and markers, channels, settings."""
 
 from __future__ import annotations
 
@@ -102,8 +102,8 @@ def _check_drive(section: ExperimentSection, path: KeyPath, findings: Findings) 
 
 
 def asked_of(file: BenchFile) -> dict[str, Any]:
-    """The columns and rows to read of a file's table, as keywords of `read_layout` and `read_table`; columns that may
-    not be there are the standard deviations of markers.
+    """The columns and rows to read from a file's table, as keywords of `read_layout` and `read_table`; standard
+    deviations of markers are optional columns.
     """
     columns, optional = dict(file.columns), list[str]()
     for marker, name in file.markers.items():
@@ -118,14 +118,14 @@ def asked_of(file: BenchFile) -> dict[str, Any]:
 
 
 def as_tension(name: str) -> str:
-    """A channel's name, but for a hanging mass that of the tension which its weight is."""
+    """A channel's name; for a hanging mass the name of the tension that its weight causes."""
     one = channel_name(name)
     return str(replace(one, kind=TENSION)) if one.kind.name == MASS else name
 
 
 def channels_named(name: str, channels: Iterable[str]) -> list[str]:
-    """The channels of a name: itself, a marker's three, or those that match a pattern, of channels if it has a dot
-    (`*.tension`), else of markers (`m*`).
+    """Channels that a name stands for: the channel itself, the three of a marker, or those that match a pattern: of
+    channels if it has a dot (`*.tension`), else of markers (`m*`).
     """
 
     def means(channel: str) -> bool:
@@ -197,7 +197,7 @@ def noise_of(
 
 
 def experiments_named(wanted: Iterable[str], known: Iterable[str]) -> list[str]:
-    """The experiments that match names and patterns (`load52*`); a name without a match is kept as it is."""
+    """Experiments that match names and patterns (`load52*`); a name without a match is kept as it is."""
     there = list(known)
     found = [name for want in wanted for name in [n for n in there if fnmatchcase(n, want)] or [want]]
     return list(dict.fromkeys(found))
@@ -244,7 +244,7 @@ def settings_of(
 
 
 def _weight(load: PointLoad, mass: float, robot: Robot) -> float:
-    """The force [N] along the load's direction of a hanging mass [kg].
+    """Force [N] of a hanging mass [kg] along the load's direction.
 
     Raises
     ------

@@ -96,7 +96,7 @@ def check_headers(name: str, section: ExperimentSection, files: InputFiles, find
 
 
 def _planned(step: str | Mapping[str, Any], path: KeyPath, findings: Findings) -> PlannedStep | None:
-    """A preparation step with its settings in SI; a fault of it is placed at the setting."""
+    """A preparation step with its settings in SI; faults are recorded at the setting."""
     try:
         return parse_steps([step], where="")[0]
     except InputError as error:

@@ -148,7 +148,7 @@ def build_project(
 
 
 def _warn_of_idle_friction(robot: Robot, rig: CommonRig, varied: Collection[str], findings: Findings) -> None:
-    """Friction with a memory, a preload or a speed is none where its coefficient is, and stays, zero."""
+    """Memory, preload and speed of friction have no effect with a coefficient that is zero and not free."""
     rough: dict[str, tuple[tuple[str, ...], float]] = {
         f"{cable.name}.friction_coefficient": (("robot", "cables", cable.name), cable.friction_coefficient)
         for cable in robot.cables

@@ -1,4 +1,4 @@
-"""The `candidates` section of a project file: tests that could be made next."""
+"""Schema of the `candidates` section of a project file: tests that could be made next."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from softcal.twin.robot import Robot
 
 
 class CandidateSection(Section):
-    """A test that could be made: like an experiment, by default the one that pulls hardest, but for what is given.
+    """A candidate test: like an experiment (by default the one with the largest pull), except for the keys present.
 
-    shortening, tension: how far the cable is pulled by which of the two. measure: channels, markers or plates, besides
+    shortening, tension: how far the cable is pulled, by one of the two. measure: channels, markers or plates, besides
     those of the experiment. noise: of those channels and of others.
     """
 
@@ -100,7 +100,7 @@ def build_candidates(
 
 
 def _channels(names: Iterable[str], robot: Robot, path: KeyPath, findings: Findings) -> list[str]:
-    """Channels by their names, and the three of each marker or plate."""
+    """Channels by name; a marker or plate stands for its three channels."""
     points = [part.name for part in (*robot.markers, *robot.plates)]
     found: list[str] = []
     for name in names:

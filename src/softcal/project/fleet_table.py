@@ -161,22 +161,16 @@ def parse_fleet(
         if found := not_a_file(one):
             raise StorageError(Fault(f"the {kind} cannot be read", str(one), found, "a regular file", attempt))
     document = read_document(of)
-    table = load_table(path, [SPECIMEN, INFILL, FILE], TableFormat(header_row=_first_line(path)))
+    # The first line that is no comment has the names, since any other can be a row of names.
+    numbered = ((i, line) for number, lines in open_text(path).blocks() for i, line in enumerate(lines, start=number))
+    header = next((i for i, line in numbered if line.strip() and not line.lstrip().startswith("#")), None)
+    table = load_table(path, [SPECIMEN, INFILL, FILE], TableFormat(header_row=header))
     reader = _RowReader(table, document, by)
     rows = reader.rows()
     sets = tuple(one.header for one in reader.columns if one.kind in ("key", "parameter"))
     factors = {one.name: one.unit for one in reader.columns if one.factor and (not by or one.name in by)}
     hashes = {path.name: sha256(path), of.name: sha256(of)}
     return FleetTable(path, of, rows, sets, factors, hashes), reader.faults
-
-
-def _first_line(path: Path) -> int | None:
-    """The number of the first line that is no comment: that of the names, since any other can be a row of names."""
-    for number, lines in open_text(path).blocks():
-        for i, line in enumerate(lines, start=number):
-            if line.strip() and not line.lstrip().startswith("#"):
-                return i
-    return None
 
 
 def row_project(template: Path, row: FleetRow) -> Project:
@@ -207,7 +201,7 @@ def missing_files(template: Path, row: FleetRow) -> list[Fault]:
 
 @dataclass(frozen=True)
 class _TableColumn:
-    """A column: its header, what it is, the name of a factor, the keys or the parameter that it sets, and its unit."""
+    """A column: its header, kind, name of its factor, the keys or the parameter that it sets, and its unit."""
 
     place: int
     header: str
@@ -268,9 +262,10 @@ class _RowReader:
         for one in self.columns:
             for key in (one.name, *one.keys) if one.factor else one.keys or (one.name,):
                 set_by.setdefault(key, []).append(f"'{one.header}'")
-        for headers in (held for held in set_by.values() if len(held) > 1):
-            what = f"{'two' if len(headers) == 2 else 'several'} columns mean the same"
-            self.faults.append(Fault(what, f"{self.table.path}, columns {' and '.join(headers)}", allowed="one"))
+        for headers in set_by.values():
+            if len(headers) > 1:
+                what = f"{'two' if len(headers) == 2 else 'several'} columns mean the same"
+                self.faults.append(Fault(what, f"{self.table.path}, columns {' and '.join(headers)}", allowed="one"))
 
     def _column(self, place: int, header: str, cells: Sequence[str]) -> _TableColumn | None:
         """The meaning of a column; None if it is empty or at fault."""

@@ -1,8 +1,8 @@
-"""The part of a project file that states a material as coupon tests found it, with what they say of further bodies.
+"""The part of a project file that states a material by its coupon tests, with priors for further bodies.
 
-Three or more specimens of one kind of test show how far specimens differ. A further body of that material is then
-expected to have each constant within the joint value and a standard deviation, which has the scatter between the
-specimens and the error of their mean: the prior of a free parameter.
+Three or more specimens of one kind of test show how far specimens differ. The constants of a further body of that
+material are then expected around the joint values, with a standard deviation by the scatter between the specimens and
+the error of their mean: the prior of a free parameter.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def _value(value: float, unit: str, digits: int = _DIGITS) -> str | float:
 
 
 def priors(fit: LawFit, comparison: LawComparison) -> dict[str, tuple[float, float]]:
-    """Constant -> mean and standard deviation [SI] of a further body; empty where there are too few specimens."""
+    """Constant -> mean and standard deviation [SI] expected of a further body; empty with too few specimens."""
     if _most_specimens(comparison) < ENOUGH:
         return {}
     found: dict[str, tuple[float, float]] = {}
@@ -95,7 +95,7 @@ def priors(fit: LawFit, comparison: LawComparison) -> dict[str, tuple[float, flo
 
 
 def no_prior(comparison: LawComparison) -> str:
-    """Why there is no prior."""
+    """Reason why there is no prior."""
     n = _most_specimens(comparison)
     if n < ENOUGH:
         specimens = f"{n} specimen{'s' * (n > 1)} of one kind of test"

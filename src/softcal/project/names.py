@@ -21,7 +21,7 @@ ALLOWED = "letters, digits, and _ - + . ( ) or blanks between them"
 
 
 def name_fault(name: str, reserved: Iterable[str] = ()) -> Fault | None:
-    """The fault of a name that would name a file or is typed on the command line, or None."""
+    """Fault of a name that is to name a file or to be typed on the command line; None if it is allowed."""
     if fault := LIMITS["characters in a name"].fault(len(name)):
         return fault
     if _NAME.fullmatch(name) is None or not name.isprintable():

@@ -11,7 +11,7 @@ from softcal.checks import Floats
 from softcal.geometry.overlap import depths_inside
 from softcal.geometry.ring import across, ring_points
 from softcal.project.document import Findings
-from softcal.twin.robot import Disc, Plate, Robot, Rod
+from softcal.twin.robot import Disc, Robot, Rod
 from softcal.units import format_quantity
 
 GROUND = ""
@@ -162,7 +162,11 @@ def _check_overlaps(robot: Robot, where: _Where, findings: Findings) -> None:
 
 def _warn_of_rod(rod: Rod, robot: Robot, where: _Where, findings: Findings) -> None:
     nodes = rod.centreline.nodes
-    depths = {plate.name: _in_plate(plate, rod) for plate in robot.plates}
+    depths: dict[str, float] = {}
+    for plate in robot.plates:
+        if plate.disc is not None and plate.name not in rod.clamped:
+            depth = float(_depths_in_disc(plate.disc, nodes).max())
+            depths[plate.name] = depth if depth > TOUCHING * plate.disc.thickness else 0.0
     for body in robot.bodies:
         depth, allowed = depths_inside(body.mesh, nodes)
         depths[body.name] = float(np.where(depth > allowed, depth, 0.0).max(initial=0.0))
@@ -174,13 +178,6 @@ def _warn_of_rod(rod: Rod, robot: Robot, where: _Where, findings: Findings) -> N
                 got=f"{format_quantity(depth, 'm')} deep",
                 attempt=f"clamped: {{{name}: station}}, where {name} is a plate",
             )
-
-
-def _in_plate(plate: Plate, rod: Rod) -> float:
-    if plate.disc is None or plate.name in rod.clamped:
-        return 0.0
-    depth = float(_depths_in_disc(plate.disc, rod.centreline.nodes).max())
-    return depth if depth > TOUCHING * plate.disc.thickness else 0.0
 
 
 def _depths_in_disc(disc: Disc, points: Floats) -> Floats:

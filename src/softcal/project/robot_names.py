@@ -39,7 +39,9 @@ def part_names(document: Document) -> dict[str, list[str]] | None:
 
 
 def check_part_names(section: RobotSection, findings: Findings) -> None:
-    """All parts share one namespace, since parameters and channels are named after them."""
+    """Record part names that are not allowed or appear twice: parameters and channels are named after parts, so all
+    share one namespace.
+    """
     seen: dict[str, str] = {
         folded(name): "the manipulator's own" for kind in KINDS for name in generated_names(section, kind)
     }

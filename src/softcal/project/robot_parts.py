@@ -32,10 +32,10 @@ NEARLY_OUTSIDE = 0.2
 
 @dataclass(frozen=True)
 class Carriers:
-    """The parts that points can be on: bodies, rods, and plates by name with their holes' names as written.
+    """The parts that points can be on: bodies, rods, and plates with their holes.
 
-    plates: those without faults; holes: of all named plates, with or without faults; built: the bodies; rods: those
-    without faults, None the others.
+    built: the bodies. plates: plates without faults. holes: names of the holes of all plates, with or without faults.
+    rods: None for a rod with faults.
     """
 
     built: BuiltBodies
@@ -45,7 +45,7 @@ class Carriers:
     findings: Findings
 
     def place(self, where: ViaSection | MarkerSection | LoadSection, path: KeyPath) -> Floats | None:
-        """A point [m] that a section describes, or None with its fault recorded (or that of its plate)."""
+        """The point [m] that a section describes; None with a fault, which is recorded, or if its plate has one."""
         if where.hole is not None:
             if where.on in self.built.sections or where.on in self.rods:
                 kind = "a body" if where.on in self.built.sections else "a rod"
@@ -81,8 +81,8 @@ class Carriers:
             self.within(on, {(*path, "at"): at})
 
     def within(self, body: str, points: Mapping[KeyPath, Floats]) -> None:
-        """Record which points lie outside their body and in none of its bores, in one fault at the first of them;
-        in one warning, where all are so near that they move as the nearest element does.
+        """Record points that lie outside their body and in none of its bores, as one fault at the first of them; as one
+        warning if all are so near that they move with the nearest element.
         """
         mesh, at = self.built.meshes[body], np.array(list(points.values()))
         found = nearest_places(mesh, at)
@@ -277,7 +277,7 @@ def build_load(
 
 
 def _force(load: LoadSection, gravity: Floats, path: KeyPath, findings: Findings) -> tuple[Floats, Floats] | None:
-    """The force [N] of a point load, and its direction."""
+    """Force (3,) [N] of a point load, and its direction."""
     if load.mass is not None:
         if not np.any(gravity):
             findings.add(
@@ -293,7 +293,7 @@ def _force(load: LoadSection, gravity: Floats, path: KeyPath, findings: Findings
 
 
 def _sized(given: float | tuple[float, float, float], direction: Floats | None) -> tuple[Floats, Floats]:
-    """A vector, given by itself or by size and direction, and its direction."""
+    """A vector, stated as such or by size and direction, and its direction."""
     if isinstance(given, tuple):
         return np.array(given), PointLoad.direction
     assert direction is not None  # noqa: S101

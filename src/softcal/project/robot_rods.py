@@ -118,7 +118,7 @@ def _placed(line: Centreline, rod: RodSection, path: KeyPath, findings: Findings
 
 
 def _beside(line: Centreline, points: Sequence[Floats], length: float) -> list[float]:
-    """The arc lengths [m] of the sections that points are in; one for those that are all but the same."""
+    """Arc lengths [m] of the sections that contain points; points at nearly the same arc length share a section."""
     places = [place_on_rod(line, point) for point in points]
     at = [line.stations[place.node] + place.share * line.lengths[place.node] for place in places]
     arcs = np.array([0.0, *line.stations * (length / line.stations[-1])])
@@ -132,7 +132,7 @@ def _beside(line: Centreline, points: Sequence[Floats], length: float) -> list[f
 def _section(
     rod: RodSection, length: float, path: KeyPath, findings: Findings
 ) -> tuple[CrossSection | None, list[float]]:
-    """The section of a rod, None where it has a fault, and the arc lengths [m] of those that are given."""
+    """Section of a rod, None with a fault, and the arc lengths [m] of its stated sections."""
     if rod.section is not None or rod.sections is None:
         return rod.section, []
     arcs = _arcs([one.at for one in rod.sections], length, (*path, "sections"), findings)

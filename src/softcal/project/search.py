@@ -141,7 +141,7 @@ def _owners(parts: Mapping[str, Iterable[str]]) -> list[str]:
 
 
 def _owner(wanted: str, owners: Iterable[str]) -> tuple[str, bool]:
-    """The owner of a parameter, or of all of a pattern, as far as it is written out; whether there is one."""
+    """Owner of a parameter or pattern, as far as it is written out, and whether it exists."""
     literal = re.split(r"[*?[]", wanted)[0]
     begun = parameter_name(literal)
     owner, is_whole = begun.part or begun.kind, bool(begun.part) or literal == wanted

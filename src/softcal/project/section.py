@@ -45,11 +45,11 @@ class Section(BaseModel):
         return read_mapping(cls.__name__, data, known, made, faults)
 
     def _check(self) -> None:
-        """Raise an InputError where the values do not go together, with faults at their keys or at the mapping."""
+        """Raise an InputError if values contradict each other, with faults at their keys or at the mapping."""
 
     @classmethod
     def _allowed(cls, given: Mapping[str, Any]) -> set[str]:
-        """The keys that a mapping may have, of which some may depend on others of it."""
+        """Allowed keys of a mapping; some may depend on others of its keys."""
         return {info.alias or name for name, info in cls.model_fields.items()}
 
     @classmethod
@@ -168,7 +168,7 @@ def changed(section: S, changes: Mapping[str, object], where: Callable[[str], st
 
 
 def _fault(found: Any, where: str) -> Fault:
-    """An error of pydantic's, or one of ours that it carried, as a fault."""
+    """A fault from an error of pydantic, or the fault of ours that the error carries."""
     if found["type"] == FAULT:
         told = Fault(**found["ctx"])
         return replace(told, where=f"{where}: {told.where}" if told.where else where)

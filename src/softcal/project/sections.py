@@ -108,7 +108,13 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     print_infill = _section(PrintInfill, "print", document, findings)
     if robot is not None:
         check_part_names(robot, findings)
-    _find_meshes(document, files, findings)
+    bodies = document.mapping("robot").get("bodies")
+    for name, given in bodies.items() if isinstance(bodies, dict) else ():
+        # The faults of a body are among the findings already.
+        body = validated(BodySection, given, (), Findings(document))
+        if body is not None and isinstance(body.mesh, MeshFile) and files.mesh(name) is None:
+            with findings.at(("robot", "bodies", name, "mesh")):
+                files.find(body.mesh.file, "mesh file", LIMITS["bytes of a mesh file"])
     parts = part_names(document)
     sensors = document.mapping("robot").get("sensors")
     if parts is not None and isinstance(sensors, dict):
@@ -156,17 +162,6 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
         sweep=swept,
         print_infill=print_infill,
     )
-
-
-def _find_meshes(document: Document, files: InputFiles, findings: Findings) -> None:
-    """The mesh files of the bodies without faults, whatever is wrong with the rest of the robot."""
-    bodies = document.mapping("robot").get("bodies")
-    for name, given in bodies.items() if isinstance(bodies, dict) else ():
-        # The faults of a body are among the findings already.
-        body = validated(BodySection, given, (), Findings(document))
-        if body is not None and isinstance(body.mesh, MeshFile) and files.mesh(name) is None:
-            with findings.at(("robot", "bodies", name, "mesh")):
-                files.find(body.mesh.file, "mesh file", LIMITS["bytes of a mesh file"])
 
 
 def _check_keys(document: Document, findings: Findings) -> None:
@@ -221,7 +216,7 @@ def _check_calibration(
 
 
 def _check_names(document: Document, experiments: Mapping[str, ExperimentSection], findings: Findings) -> None:
-    """Experiments, set-ups and tied parameters give files, columns and labels their names."""
+    """Check the names of experiments, set-ups and tied parameters, which become names of files, columns and labels."""
     tests = document.mapping("experiments")
     candidates = document.mapping("candidates")
     names = {name: ("experiments", name) for name in tests} | {name: ("candidates", name) for name in candidates}

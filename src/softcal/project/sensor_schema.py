@@ -1,4 +1,4 @@
-"""The sensors of a robot in a project file: which one, and its fields; and what each reads of the robot."""
+"""Schema of `sensors` in a project file: the kind of each, its fields, and the parts that it reads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the project's `uncertain` section to the parameters that are not fitted and not exactly known."""
+"""From the project's `uncertain` section to parameters that are neither fitted nor exactly known."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""YAML: plain data as text; a file as plain data, bounded in size and depth, equal keys found, numbers by YAML 1.2."""
+"""YAML: plain data as text; a file as plain data, bounded in size and depth, with unique keys, numbers by YAML 1.2."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def _yaml() -> YAML:
 
 
 def yaml_text(data: Mapping[str, Any], levels: int = 1) -> str:
-    """A mapping as YAML: to so many levels a line for each entry, and deeper ones within their lines."""
+    """A mapping as YAML, with a line for each entry down to `levels`, and deeper entries in flow style."""
 
     def styled(value: Any, level: int) -> Any:
         if isinstance(value, Mapping):

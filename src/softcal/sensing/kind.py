@@ -1,4 +1,4 @@
-"""The kind of a channel, such as tension or pitch: all that is known of it, of whichever part it is measured."""
+"""The kind of a channel, such as tension or pitch, of any part of a robot."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ChannelKind:
     axis
         Coordinate of a position: 0, 1 or 2 for x, y or z; None of all else.
     drives
-        Whether a cable can be driven by it.
+        True if a cable can be driven by it.
     compared
         Place among the channels with short names that are compared unless a project names others; 0: not among them.
     offset

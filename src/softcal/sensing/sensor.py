@@ -1,4 +1,4 @@
-"""Sensors: what they read of a robot, its rates, and their register."""
+"""Sensors: their readings of a robot, the rates of these, and the register of sensors."""
 
 from __future__ import annotations
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softcal.calibration.experiment import Experiment
+from softcal.calibration.local_model import jacobian_of
 from softcal.calibration.loss import Block
 from softcal.calibration.mesh_error import on_finer_mesh, unknown
 from softcal.calibration.problem import Evaluation, Problem
@@ -105,7 +106,7 @@ def step_of_parameters(
     slopes
         d theta / dz (size,) of the parameters by the unit box.
     """
-    rows = [np.sqrt(w)[:, None] * _jacobian(block) * slopes for block, w in zip(blocks, weights, strict=True)]
+    rows = [np.sqrt(w)[:, None] * jacobian_of(block) * slopes for block, w in zip(blocks, weights, strict=True)]
     answer = np.concatenate(rows)
     wanted = np.concatenate([np.sqrt(w) * change for w, change in zip(weights, changes, strict=True)])
     bounds = _UNIFORM * _UNEXPLAINED**2 * float(wanted @ wanted) * np.eye(len(slopes))
@@ -157,9 +158,3 @@ def _at_equal_control(
         (test.name, channel): PchipInterpolator(along, path[channel])(values) - predicted[channel]
         for channel in test.compared
     }
-
-
-def _jacobian(block: Block) -> Floats:
-    if block.jacobian is None:
-        raise ValueError(f"the block '{block.channel}' has no jacobian")
-    return block.jacobian

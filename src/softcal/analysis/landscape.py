@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from softcal.calibration.fingerprint import fingerprint
-from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Problem, Simulate
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
@@ -68,7 +67,11 @@ def loss_over(problem: Problem, theta: Mapping[str, float], x: str, y: str, shap
     KeyError
         For a label that is no free parameter.
     """
-    xs, ys = (_axis(problem.space, label, n) for label, n in ((x, shape[0]), (y, shape[1])))
+    parameters = {p.label: p for p in problem.space.parameters}
+    xs, ys = (
+        (np.geomspace if p.scale == "log" else np.linspace)(p.lower, p.upper, n)
+        for p, n in zip((parameters[x], parameters[y]), shape, strict=True)
+    )
     loss = np.full((len(ys), len(xs)), np.nan)
     for i, value_y in enumerate(ys):
         for j, value_x in enumerate(xs):
@@ -130,12 +133,3 @@ class ProportionalTwin:
                 at_command = np.asarray(spline(command.values), dtype=np.float64)
             channels[name] = at_command * (modulus / solved_at) if channel_name(name).kind.is_force else at_command
         return replace(response, channels=channels, slopes={})
-
-
-def _axis(space: SearchSpace, label: str, n: int) -> Floats:
-    parameter = next((p for p in space.parameters if p.label == label), None)
-    if parameter is None:
-        raise KeyError(label)
-    if parameter.scale == "log":
-        return np.geomspace(parameter.lower, parameter.upper, n)
-    return np.linspace(parameter.lower, parameter.upper, n)

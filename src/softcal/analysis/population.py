@@ -17,7 +17,7 @@ import numpy as np
 
 from softcal.analysis.specimen import Factor, Specimen, own_error
 from softcal.calibration.intervals import student
-from softcal.calibration.mixed_effects import MixedEffects, mixed_effects
+from softcal.calibration.mixed_effects import mixed_effects
 from softcal.calibration.parameters import Scale
 from softcal.calibration.random_effects import DIFFERS, welch_test
 from softcal.calibration.result import Estimate
@@ -262,38 +262,31 @@ def outliers(one: Comparable, n_compared: int = 1, covariate: Mapping[str, float
     covariate
         Covariate [-] by specimen, such as the logarithm of the infill; None for no covariate.
     """
-    found: list[Outlier] = []
+    from scipy.special import stdtr
+
+    outlying: list[Outlier] = []
     left = one
-    while len(left.names) > FEWEST_OUTLIER and len(found) < len(one.names) // 5:
-        X = _design(left, covariate)
+    while len(left.names) > FEWEST_OUTLIER and len(outlying) < len(one.names) // 5:
+        columns = [np.ones(len(left.names))]
+        if covariate is not None and all(name in covariate for name in left.names):
+            columns.append(np.array([covariate[name] for name in left.names]))
+        X = np.column_stack(columns)
         fit = mixed_effects(left.values, left.variances, X)
         size = np.sqrt(fit.spread**2 + left.variances)
         worst = int(np.argmax(np.abs(left.values - X @ fit.beta) / size))
         kept = np.arange(len(left.names)) != worst
-        chance = _deleted(left, X, kept, worst) * len(left.names) * n_compared
+        # The probability that a further specimen is as far from the others as this one.
+        others = left.only(kept)
+        fit = mixed_effects(others.values, others.variances, X[kept])
+        value, error = fit.at(X[worst])
+        size = math.sqrt(fit.spread**2 + float(left.variances[worst]) + error**2)
+        chance = 2.0 * float(stdtr(fit.dof, -abs(float(left.values[worst]) - value) / size))
+        chance = chance * len(left.names) * n_compared
         if chance >= OUTLYING:
             break
-        found.append(Outlier(left.names[worst], one.shown(float(left.values[worst])), chance))
-        left = left.only(kept)
-    return tuple(found)
-
-
-def _design(one: Comparable, covariate: Mapping[str, float] | None) -> Floats:
-    ones = np.ones(len(one.names))
-    if covariate is None or not all(name in covariate for name in one.names):
-        return ones[:, None]
-    return np.column_stack([ones, [covariate[name] for name in one.names]])
-
-
-def _deleted(one: Comparable, X: Floats, kept: np.ndarray, worst: int) -> float:
-    """Probability that a further specimen is as far from the others as this one."""
-    from scipy.special import stdtr
-
-    others = one.only(kept)
-    fit: MixedEffects = mixed_effects(others.values, others.variances, X[kept])
-    value, error = fit.at(X[worst])
-    size = math.sqrt(fit.spread**2 + float(one.variances[worst]) + error**2)
-    return 2.0 * float(stdtr(fit.dof, -abs(float(one.values[worst]) - value) / size))
+        outlying.append(Outlier(left.names[worst], one.shown(float(left.values[worst])), chance))
+        left = others
+    return tuple(outlying)
 
 
 def levels(specimens: Sequence[Specimen], factor: str) -> dict[Factor, int]:

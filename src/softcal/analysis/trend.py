@@ -95,8 +95,11 @@ def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -
         if clearest is None or len(slopes) * slopes[clearest][1] >= LIMIT:
             continue
         power, chance = slopes[clearest]
-        together = {c: abs(_correlation(x, differ[clearest], weights)) > _TOGETHER for c, x in differ.items()}
-        along: tuple[Condition, ...] = tuple(c for c in differ if together[c] and c != clearest)
+        along: list[Condition] = []
+        for c, x in differ.items():
+            (xx, xy), (_, yy) = np.cov(x, differ[clearest], aweights=weights, ddof=0)
+            if c != clearest and abs(float(xy / np.sqrt(xx * yy))) > _TOGETHER:
+                along.append(c)
         found.append(
             Trend(
                 name=name,
@@ -104,7 +107,7 @@ def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -
                 power=power,
                 chance=len(slopes) * chance,
                 tested=len(slopes),
-                along=along,
+                along=tuple(along),
                 n_tests=len(y),
             )
         )
@@ -115,12 +118,6 @@ def _logarithms(spread: Spread, at: Mapping[str, float]) -> Floats | None:
     """Log of a test condition for each experiment (k,); None if the condition is constant, or unknown for some."""
     x = np.array([at.get(experiment, 0.0) for experiment in spread.values])
     return np.log(x) if x.min() > 0.0 and x.max() >= _ALIKE * x.min() else None
-
-
-def _correlation(x: Floats, y: Floats, weights: Floats) -> float:
-    """Weighted correlation of two conditions over the experiments."""
-    (xx, xy), (_, yy) = np.cov(x, y, aweights=weights, ddof=0)
-    return float(xy / np.sqrt(xx * yy))
 
 
 def slope(x: Floats, y: Floats, weights: Floats) -> tuple[float, float]:

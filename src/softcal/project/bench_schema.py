@@ -60,13 +60,9 @@ def _step(value: object) -> object:
     return value
 
 
-def _clock_kind(data: Any) -> str:
-    return "one" if isinstance(data, str) else "two"
-
-
 Synchronise = Annotated[
     Annotated[Literal["one clock"], Tag("one")] | Annotated[CommonMotion, Tag("two")],
-    Discriminator(_clock_kind),
+    Discriminator(lambda data: "one" if isinstance(data, str) else "two"),
 ]
 
 

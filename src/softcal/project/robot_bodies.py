@@ -145,7 +145,9 @@ def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, find
             with findings.at((*path, "clamp")):
                 clamp_zone(mesh, fixed, body.clamp)
                 clamp = body.clamp
-        shape = _shape(body)
+        shape = body.mesh if body.shape is None and isinstance(body.mesh, Primitive) else body.shape
+        if isinstance(shape, Primitive):
+            shape = PrimitiveShape(shape, body.placement or Placement()) if shape.lengths else None
         if shape is not None:
             with findings.at((*path, "shape")):
                 shape.require_fit(mesh, "")
@@ -172,14 +174,6 @@ def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, find
                     at = (*path, *(["materials"] if len(keys) > 1 else []), *keys)
                     findings.add(at, fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
     return built
-
-
-def _shape(section: BodySection) -> BodyShape | None:
-    """The shape of a body's mesh: as stated, or of the primitive that the mesh is; None without lengths."""
-    stated = section.mesh if section.shape is None and isinstance(section.mesh, Primitive) else section.shape
-    if isinstance(stated, Primitive):
-        return PrimitiveShape(stated, section.placement or Placement()) if stated.lengths else None
-    return stated
 
 
 def _inclusions(

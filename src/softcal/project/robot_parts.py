@@ -268,28 +268,24 @@ def build_load(
         return None
     if load.hole is None:
         carriers.support(load.on, at, path)
-    force = _force(load, gravity, path, findings)
-    if at is None or force is None:
+    if load.mass is None:
+        force, direction = _sized(load.force or 0.0, load.direction)
+    elif np.any(gravity):
+        force, direction = load.mass * gravity, gravity
+    else:
+        findings.add(
+            (*path, "mass"),
+            "a mass hangs, but there is no gravity",
+            got=f"{load.mass:g} kg",
+            allowed="gravity in the robot, or a force",
+            attempt="gravity: [0 m/s^2, 0 m/s^2, -9.81 m/s^2]",
+        )
+        return None
+    if at is None:
         return None
     with findings.at(path):
-        return PointLoad(name, load.on, at, force[0], force[1])
+        return PointLoad(name, load.on, at, force, direction)
     return None
-
-
-def _force(load: LoadSection, gravity: Floats, path: KeyPath, findings: Findings) -> tuple[Floats, Floats] | None:
-    """Force (3,) [N] of a point load, and its direction."""
-    if load.mass is not None:
-        if not np.any(gravity):
-            findings.add(
-                (*path, "mass"),
-                "a mass hangs, but there is no gravity",
-                got=f"{load.mass:g} kg",
-                allowed="gravity in the robot, or a force",
-                attempt="gravity: [0 m/s^2, 0 m/s^2, -9.81 m/s^2]",
-            )
-            return None
-        return load.mass * gravity, gravity
-    return _sized(load.force or 0.0, load.direction)
 
 
 def _sized(given: float | tuple[float, float, float], direction: Floats | None) -> tuple[Floats, Floats]:

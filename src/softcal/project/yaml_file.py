@@ -60,8 +60,11 @@ def read_document(
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
+        reason = (
+            f"a byte that is not UTF-8 at {error.start}" if isinstance(error, UnicodeDecodeError) else error.strerror
+        )
         raise StorageError(
-            Fault(f"the {kind} cannot be read", str(path), _reason(error), "a YAML file in UTF-8")
+            Fault(f"the {kind} cannot be read", str(path), reason or str(error), "a YAML file in UTF-8")
         ) from error
     try:
         root = _compose(text, name)
@@ -218,9 +221,3 @@ class _Reader:
 
 def _line(node: Node) -> int:
     return node.start_mark.line + 1
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, UnicodeDecodeError):
-        return f"a byte that is not UTF-8 at {error.start}"
-    return getattr(error, "strerror", None) or str(error)

@@ -239,8 +239,8 @@ def test_a_modulus_without_a_law_does_not_hide_that_of_another() -> None:
             ]
             assert [law.label for law in stated(two, ["infill"]).laws] == ["a"]
             said = text(two, ["infill"])
-            assert f"b against the infill cannot be told: {why}." in said
-            assert "a against the infill cannot be told" not in said
+            assert f"The law of b against the infill cannot be fitted: {why}." in said
+            assert "The law of a against the infill cannot be fitted" not in said
 
 
 def test_of_a_modulus_that_specimens_do_not_determine_it_is_not_said_that_there_is_none() -> None:
@@ -251,12 +251,12 @@ def test_of_a_modulus_that_specimens_do_not_determine_it_is_not_said_that_there_
     ]
     said = text(at_bound, ["infill"])
     assert "x: nothing is said of the specimens together: 3 of 12 specimens do not determine it (at a bound)." in said
-    assert "against the infill cannot be told" not in said
+    assert "against the infill cannot be fitted" not in said
     linear = [replace(s, parameters={"x": replace(s.parameters["x"], scale="linear")}) for s in specimens]
-    none = "E against the infill cannot be told: no modulus is searched by its logarithm."
+    none = "The law of E against the infill cannot be fitted: no modulus is searched by its logarithm."
     assert none in text(linear, ["infill"])
     assert none in text([replace(s, parameters={"x": replace(s.parameters["x"], unit="1")}) for s in specimens])
-    assert "cannot be told" not in text(specimens, ["infill"])
+    assert "cannot be fitted" not in text(specimens, ["infill"])
 
 
 RESIDUALS = "The residuals of {} are {} times the noise of the records: the model is incomplete. Errors are increased."
@@ -338,7 +338,7 @@ def test_factors_that_go_together_are_named() -> None:
 
 
 def test_one_specimen_is_no_population() -> None:
-    assert text(estimates([1.0], [0.1])) == "There is one specimen: how specimens differ cannot be told."
+    assert text(estimates([1.0], [0.1])) == "There is one specimen: differences between specimens cannot be estimated."
 
 
 def test_two_specimens_have_a_mean_and_a_spread() -> None:

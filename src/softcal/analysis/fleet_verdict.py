@@ -48,7 +48,7 @@ def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tup
         texts.append(FleetSentence(text, "warning"))
     if found.done < 2:
         what = "There is one specimen" if found.done else "No specimen was calibrated"
-        texts.append(FleetSentence(f"{what}: how specimens differ cannot be told.", "note"))
+        texts.append(FleetSentence(f"{what}: differences between specimens cannot be estimated.", "note"))
         return tuple(texts)
     for one in found.populations:
         texts += _population(one)
@@ -63,7 +63,7 @@ def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tup
         texts.append(FleetSentence(text, "note"))
     texts += [_law(one) for one in found.laws]
     texts += [
-        FleetSentence(f"{label} against the infill cannot be told: {why}.", "note")
+        FleetSentence(f"The law of {label} against the infill cannot be fitted: {why}.", "note")
         for label, why in found.no_law.items()
     ]
     return tuple(texts)

@@ -209,20 +209,20 @@ def _joined(section: ExperimentSection, records: list[Dataset], path: KeyPath, f
     """One record of all files: joined by the labels of their rows, by one clock, or by cross-correlation of a motion in
     both.
     """
-    told = section.synchronise
+    motion = section.synchronise
     if len(section.files) == 1:
         return records[0] if records else None
     if len(records) < len(section.files):
         return None
     joined = records[0]
-    with findings.at((*path, "synchronise") if told is not None else (*path, "label")):
+    with findings.at((*path, "synchronise") if motion is not None else (*path, "label")):
         for i, other in enumerate(records[1:], start=2):
             other = replace(other, name=f"file {i} of {other.name}")
-            if told is None:
+            if motion is None:
                 joined = merge_on_labels(joined, other)
-            elif told == ONE_CLOCK:
+            elif motion == ONE_CLOCK:
                 joined = merge_on_one_clock(joined, other)
             else:
-                joined = synchronise(joined, other, told)
+                joined = synchronise(joined, other, motion)
         return joined
     return None

@@ -35,7 +35,7 @@ def check_test(
         Collects the faults and warnings.
     """
     place = ("experiments", experiment.name)
-    written, told = _faults(robot, experiment, free, {}), list[Fault]()
+    written, of_fixed = _faults(robot, experiment, free, {}), list[Fault]()
     for key, fault in _faults(robot, experiment, free, held).items():
         part = "" if fault.where == experiment.name else f": {fault.where}"
         if key in written:
@@ -47,8 +47,8 @@ def check_test(
         others = {name: {n: v for n, v in held.items() if n != name} for name in held}
         guilty = [name for name in held if key not in _faults(robot, experiment, free, others[name])] or list(held)
         where = f"{', '.join(guilty)}: {dotted(place)}{part}"
-        told.append(replace(fault, where=where, attempt=fault.attempt or "another value, or unit"))
-    return told
+        of_fixed.append(replace(fault, where=where, attempt=fault.attempt or "another value, or unit"))
+    return of_fixed
 
 
 def held_robot(robot: Robot, held: Mapping[str, float]) -> Robot:
@@ -70,6 +70,6 @@ def _faults(
     robot, experiment = held_robot(robot, held), held_rig(experiment, held)
     faults = friction_faults(robot, experiment, free)
     if not faults:  # commands may depend on the friction
-        told = protocol_told(robot, experiment, experiment.rig_values())
-        faults = [*slack_faults(experiment), *command_faults(robot, told)]
+        protocol = protocol_told(robot, experiment, experiment.rig_values())
+        faults = [*slack_faults(experiment), *command_faults(robot, protocol)]
     return {(fault.what, fault.where): fault for fault in faults}

@@ -33,8 +33,8 @@ def check_whole(robot: Robot, findings: Findings, *, generated: Iterable[str] = 
     """
     where = _Where(robot, set(generated))
     n_faults = len(findings.faults)
-    _check_held(robot, where, findings)
-    _check_held_once(robot, findings)
+    _check_attached(robot, where, findings)
+    _check_fixed_once(robot, findings)
     if len(findings.faults) == n_faults:
         _check_overlaps(robot, where, findings)
 
@@ -51,7 +51,7 @@ class _Where:
         return self._paths[name]
 
 
-def _check_held(robot: Robot, where: _Where, findings: Findings) -> None:
+def _check_attached(robot: Robot, where: _Where, findings: Findings) -> None:
     """Record bodies, rods and plates without a connection to a fixed part."""
     links: dict[str, set[str]] = {part.name: set() for part in (*robot.bodies, *robot.rods, *robot.plates)}
     links[GROUND] = set()
@@ -101,7 +101,7 @@ def _check_held(robot: Robot, where: _Where, findings: Findings) -> None:
         )
 
 
-def _check_held_once(robot: Robot, findings: Findings) -> None:
+def _check_fixed_once(robot: Robot, findings: Findings) -> None:
     for body in robot.bodies:
         held = [("fixed", "fixed", body.fixed)]
         held += [(f"on {p.name}", p.name, p.nodes[body.name]) for p in robot.plates if body.name in p.nodes]

@@ -91,21 +91,21 @@ class Carriers:
         off = [i for i in near if found.is_off[i]]
         if not near:
             return
-        record, told = (self.findings.add, off) if off else (self.findings.warn, near)
-        furthest = format_quantity(float(found.distances[told].max()), "m")
-        place = "(" + ", ".join(f"{1e3 * x:.6g}" for x in at[told[0]]) + ") mm"
+        record, outside = (self.findings.add, off) if off else (self.findings.warn, near)
+        furthest = format_quantity(float(found.distances[outside].max()), "m")
+        place = "(" + ", ".join(f"{1e3 * x:.6g}" for x in at[outside[0]]) + ") mm"
         spans = ", ".join(
             f"{axis} {1e3 * low:.6g} to {1e3 * high:.6g} mm"
             for axis, low, high in zip("xyz", mesh.points.min(axis=0), mesh.points.max(axis=0), strict=True)
         )
-        one = len(told) == 1
-        most = float(found.allowed[told].min()) * (1.0 if off else NEARLY_OUTSIDE)
+        is_single = len(outside) == 1
+        most = float(found.allowed[outside].min()) * (1.0 if off else NEARLY_OUTSIDE)
         record(
-            list(points)[told[0]],
+            list(points)[outside[0]],
             f"the point lies outside its body by {furthest}"
-            if one
-            else f"{len(told)} via points lie outside their body, by up to {furthest}",
-            got=place if one else f"{place} and {len(told) - 1} more",
+            if is_single
+            else f"{len(outside)} via points lie outside their body, by up to {furthest}",
+            got=place if is_single else f"{place} and {len(outside) - 1} more",
             allowed=f"at most {format_quantity(most, 'm')} outside {body}, which spans "
             f"{spans}, or in a bore whose wall is all around",
             attempt="the unit of mesh and points; where a channel is open to a side, points in its wall",

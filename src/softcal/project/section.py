@@ -170,8 +170,8 @@ def changed(section: S, changes: Mapping[str, object], where: Callable[[str], st
 def _fault(found: Any, where: str) -> Fault:
     """A fault from an error of pydantic, or the fault of ours that the error carries."""
     if found["type"] == FAULT:
-        told = Fault(**found["ctx"])
-        return replace(told, where=f"{where}: {told.where}" if told.where else where)
+        fault = Fault(**found["ctx"])
+        return replace(fault, where=f"{where}: {fault.where}" if fault.where else where)
     what, got, allowed = _wording(found)
     choices = allowed.replace("'", "").split(", ") if found["type"] == "literal_error" else ()
     return Fault(what, where, got, allowed, nearest(str(found["input"]), choices))

@@ -333,7 +333,7 @@ def test_the_command_and_the_page_name_what_was_counted_twice(
     with pytest.raises(SystemExit) as end:
         main(["fleet", str(folder)])
     assert end.value.code in (0, None)
-    said = "The same measured files stand for several specimens, and each counts as one of its own: s1, s3."
+    said = "Specimens share data files but are counted separately: s1, s3."
     assert said in capsys.readouterr().out
     assert said in (folder / "fleet" / "report.html").read_text(encoding="utf-8")
 

@@ -1,4 +1,4 @@
-"""Another program that solves a robot: what it must offer to be compared with softcal, or to take its place."""
+"""Interface of another program that solves a robot, to be compared with softcal or to take its place."""
 
 from __future__ import annotations
 
@@ -89,17 +89,17 @@ class Engine(Checked):
     settings: type[Declared] | None = None
 
     def leaves_out_contact(self, robot: Robot) -> bool:
-        """Whether the robot has contact, and not in the engine."""
+        """True if the robot has contact that the engine omits."""
         return robot.contact is not None and self.own(robot).contact is None
 
     @property
     def module(self) -> str:
-        """Where it is defined."""
+        """Module that defines the engine."""
         return self.solve.__module__ or ""
 
 
 def _faults(engine: Engine, known: Mapping[str, Engine]) -> list[Fault]:
-    """What is wrong with an engine that is to be registered."""
+    """Faults of an engine to be registered."""
     if not isinstance(engine, Engine):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
         return [Fault("this is not an engine", "engine", repr(engine)[:60], "a softcal.Engine")]
     if engine.name == SOFTCAL:

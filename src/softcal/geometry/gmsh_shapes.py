@@ -36,7 +36,17 @@ def load_stl(gmsh: Any, job: dict[str, Any]) -> None:
 
 
 def split_stl(gmsh: Any, job: dict[str, Any], *, into_patches: bool) -> None:
-    """Faces between sharp edges and the volume inside; into_patches: faces are divided into disc-like patches."""
+    """Divide an STL surface into faces between sharp edges, with the volume inside.
+
+    Parameters
+    ----------
+    gmsh
+        The module `gmsh`, initialised.
+    job
+        The job, as in `softcal.geometry.gmsh_worker`.
+    into_patches
+        Divide the faces into disc-like patches.
+    """
     gmsh.merge(job["path"])
     corners, nodes = surface_triangles(gmsh)
     if len(nodes) == 0:

@@ -79,7 +79,17 @@ def make_mesh(job: dict[str, Any]) -> dict[str, Any]:
 
 
 def failure(gmsh: Any, job: dict[str, Any], reason: str) -> JobError:
-    """The fault of a failed mesh; names a round face that is smaller than the elements."""
+    """Fault of a failed mesh; names a round face that is smaller than the elements.
+
+    Parameters
+    ----------
+    gmsh
+        The module `gmsh`, initialised.
+    job
+        The job, as in `softcal.geometry.gmsh_worker`.
+    reason
+        The message of Gmsh.
+    """
     narrowest = narrowest_diameter(gmsh) if job["kind"] == "step" else math.inf
     size = gmsh.option.getNumber("Mesh.MeshSizeMax")
     if size <= narrowest:
@@ -156,7 +166,18 @@ def mesh_to_target(gmsh: Any, job: dict[str, Any]) -> None:
 
 
 def mesh_around_jump(gmsh: Any, job: dict[str, Any], size: float) -> bool:
-    """Whether a mesh near this size has the count, which jumps when many edges get one more division together."""
+    """True if a mesh near this size has the target count, which jumps when many edges are divided once more at the same
+    size.
+
+    Parameters
+    ----------
+    gmsh
+        The module `gmsh`, initialised.
+    job
+        The job, as in `softcal.geometry.gmsh_worker`.
+    size
+        Target edge length, in the job's unit.
+    """
     for factor in AROUND_A_JUMP:
         varied = dict(job)
         if job.get("refine"):
@@ -194,7 +215,19 @@ def count_tets(gmsh: Any, job: dict[str, Any]) -> int:
 
 
 def next_size(tried: dict[float, int], target: int, fine: float, coarse: float) -> float:
-    """Secant step on log(count) over log(size), within the bracket of a too fine and a too coarse size."""
+    """Secant step on log(count) over log(size), within the bracket of a too fine and a too coarse size.
+
+    Parameters
+    ----------
+    tried
+        Size -> number of tets.
+    target
+        Target number of tets.
+    fine
+        Largest size with too many tets.
+    coarse
+        Smallest size with too few tets.
+    """
     a, *others = sorted(tried, key=lambda size: abs(math.log(tried[size] / target)))
     slope = -3.0
     if others and tried[a] != tried[others[0]]:
@@ -215,8 +248,17 @@ def largest_size(gmsh: Any) -> float:
 def mesh_at(gmsh: Any, job: dict[str, Any], size: float) -> int:
     """Number of tets of a mesh of this target size, finer near the circles of job["refine"].
 
-    Of a surface or CAD model by the first of `RECIPES` that gives no slivers, or the one with the fewest; of others by
-    the first one.
+    A surface or CAD model is meshed by the first of `RECIPES` without slivers, or the one with the fewest; other shapes
+    by the first recipe.
+
+    Parameters
+    ----------
+    gmsh
+        The module `gmsh`, initialised.
+    job
+        The job, as in `softcal.geometry.gmsh_worker`.
+    size
+        Target edge length, in the job's unit.
     """
     if job["kind"] not in ("stl", "step"):
         generate(gmsh, job, size, *RECIPES[0])
@@ -238,7 +280,21 @@ def mesh_at(gmsh: Any, job: dict[str, Any], size: float) -> int:
 
 
 def generate(gmsh: Any, job: dict[str, Any], size: float, algorithm: int, passes: tuple[str, ...]) -> None:
-    """A mesh of this target size by a recipe: algorithm of the surfaces, and passes of optimisation."""
+    """Generate a mesh of this target size by a recipe.
+
+    Parameters
+    ----------
+    gmsh
+        The module `gmsh`, initialised.
+    job
+        The job, as in `softcal.geometry.gmsh_worker`.
+    size
+        Target edge length, in the job's unit.
+    algorithm
+        Gmsh's number of the algorithm for surfaces.
+    passes
+        Passes of optimisation.
+    """
     if job["kind"] != "stl":
         gmsh.model.mesh.clear()
     elif job.get("has_meshed"):
@@ -274,7 +330,17 @@ def curve(gmsh: Any, job: dict[str, Any]) -> None:
 
 
 def set_grading(gmsh: Any, refine: dict[str, Any], size: float) -> None:
-    """Size by the distance to circles about z: `size` / ratio on them, growing to `size` at the reach."""
+    """Size by the distance to circles about z: `size` / ratio on them, growing to `size` at the reach.
+
+    Parameters
+    ----------
+    gmsh
+        The module `gmsh`, initialised.
+    refine
+        Circles, ratio and reach.
+    size
+        Target edge length, in the job's unit.
+    """
     field = gmsh.model.mesh.field
     for tag in field.list():
         field.remove(tag)

@@ -68,7 +68,7 @@ class Project:
     hashes
         SHA-256 of the project file and of every file it names, by path as written.
     inputs
-        Those files by path as written.
+        Paths of the files, by path as written.
     generated
         Body -> the mesh that Gmsh made of it, before its placement.
     qualities
@@ -76,7 +76,7 @@ class Project:
     regions
         Body -> region -> node numbers (n,).
     warnings
-        What is allowed but is probably a mistake.
+        Values that are allowed but probably mistakes.
     """
 
     path: Path

@@ -16,9 +16,9 @@ from softcal.twin.robot import Robot
 
 @dataclass(frozen=True)
 class EnginePosture:
-    """A state for sensors to read.
+    """An engine's state, for sensors to read.
 
-    robot: as the engine has it; own: softcal's state, with what the engine was told of the cables.
+    robot: the engine's robot; own: softcal's state, with the cables' commands.
     """
 
     robot: Robot

@@ -1,8 +1,8 @@
-"""The part of a project file that states a material as coupon tests found it, with what they say of further bodies.
+"""The part of a project file that states a material by its coupon tests, with priors for further bodies.
 
-Three or more specimens of one kind of test show how far specimens differ. A further body of that material is then
-expected to have each constant within the joint value and a standard deviation, which has the scatter between the
-specimens and the error of their mean: the prior of a free parameter.
+Three or more specimens of one kind of test show how far specimens differ. The constants of a further body of that
+material are then expected around the joint values, with a standard deviation by the scatter between the specimens and
+the error of their mean: the prior of a free parameter.
 """
 
 from __future__ import annotations
@@ -20,7 +20,18 @@ _REACH = 5.0  # half-width of the bounds over the standard deviation
 
 
 def material_block(fit: LawFit, comparison: LawComparison, body: str) -> str:
-    """The lines of a body's law and constants, and of the priors of its parameters where the specimens tell them."""
+    """Lines of a project file with a body's law, its constants, and priors for them where the scatter between specimens
+    is known.
+
+    Parameters
+    ----------
+    fit
+        Fitted constants of the law.
+    comparison
+        Fits of all laws, with the coupons.
+    body
+        Name of the body.
+    """
     block: dict[str, object] = {"law": fit.law.name}
     for parameter in (*fit.law.parameters, *fit.constants.history.parameters):
         block[parameter.name] = _value(fit.theta[parameter.name], parameter.quantity.unit)
@@ -29,8 +40,10 @@ def material_block(fit: LawFit, comparison: LawComparison, body: str) -> str:
     at = fit.small_strain
     E, ends = modulus_texts(at)
     G = format_quantity(at.shear_modulus, "Pa", digits=3)
+    tests = [coupon.test for coupon in comparison.coupons]
+    shown = ", ".join(f"{tests.count(x)} {x} test{'s' * (tests.count(x) > 1)}" for x in dict.fromkeys(tests))
     lines = [
-        f"# By softcal coupon, from {_tests(comparison)}. Poisson's ratio is stated, not measured.",
+        f"# By softcal coupon, from {shown}. Poisson's ratio is stated, not measured.",
         f"# Keys of robot.bodies.{body}:",
         yaml_text(block).rstrip(),
         f"# At small strain E {E}{f' ({ends})' if ends else ''}, nu {plain(at.poissons_ratio, 4)},",
@@ -70,7 +83,7 @@ def _value(value: float, unit: str, digits: int = _DIGITS) -> str | float:
 
 
 def priors(fit: LawFit, comparison: LawComparison) -> dict[str, tuple[float, float]]:
-    """Constant -> mean and standard deviation [SI] of a further body; empty where there are too few specimens."""
+    """Constant -> mean and standard deviation [SI] expected of a further body; empty with too few specimens."""
     if _most_specimens(comparison) < ENOUGH:
         return {}
     found: dict[str, tuple[float, float]] = {}
@@ -82,7 +95,7 @@ def priors(fit: LawFit, comparison: LawComparison) -> dict[str, tuple[float, flo
 
 
 def no_prior(comparison: LawComparison) -> str:
-    """Why there is no prior."""
+    """Reason why there is no prior."""
     n = _most_specimens(comparison)
     if n < ENOUGH:
         specimens = f"{n} specimen{'s' * (n > 1)} of one kind of test"
@@ -93,8 +106,3 @@ def no_prior(comparison: LawComparison) -> str:
 def _most_specimens(comparison: LawComparison) -> int:
     tests = [coupon.test for coupon in comparison.coupons]
     return max(tests.count(test) for test in tests)
-
-
-def _tests(comparison: LawComparison) -> str:
-    tests = [coupon.test for coupon in comparison.coupons]
-    return ", ".join(f"{tests.count(test)} {test} test{'s' * (tests.count(test) > 1)}" for test in dict.fromkeys(tests))

@@ -1,4 +1,4 @@
-"""A cell of a fleet's table: what stands in the template's place, and the value of a factor."""
+"""A cell of a fleet's table: the value that replaces the template's, or the value of a factor."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SERIAL = re.compile(r"0\d")  # begins what is a name and no number, such as 007
 
 @dataclass(frozen=True)
 class CellReader:
-    """Reads the cells of a table; comma: whether its numbers have decimal commas."""
+    """Reads the cells of a table; comma: true if its numbers have decimal commas."""
 
     comma: bool
 

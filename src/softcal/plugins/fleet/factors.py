@@ -1,4 +1,4 @@
-"""A parameter of a fleet by a factor: the mean of each group, whether they differ, and how much of the spread it is."""
+"""Effect of a factor on a fleet's parameters: mean of each group, test of their difference, share of the variance."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class FactorEffect:
 
     @property
     def differs(self) -> bool:
-        """Whether the groups differ by more than the specimens within them."""
+        """True if the groups differ by more than the specimens within them."""
         return self.chance < DIFFERS
 
 
@@ -67,10 +67,19 @@ def factor_effects(
     factors: Sequence[str],
     about: Mapping[str, Mapping[str, float]] | None = None,
 ) -> tuple[tuple[FactorEffect, ...], dict[str, str]]:
-    """Every parameter by every factor, and why others cannot be compared, by factor.
+    """Effect of every factor on every parameter, and reasons why some factors cannot be compared.
 
-    about: parameter with a law against the infill -> specimen -> logarithm of its infill; such a parameter is compared
-    about its law, but for the infill itself.
+    Parameters
+    ----------
+    compared
+        Estimates of each parameter.
+    specimens
+        The fleet's specimens.
+    factors
+        Columns of the table by which specimens are compared.
+    about
+        Parameter with a law against the infill -> specimen -> logarithm of its infill; effects of other factors on it
+        are effects about the law.
     """
     values = {factor: {one.name: one.factors.get(factor) for one in specimens} for factor in factors}
     unknown = {factor: why for factor, held in values.items() if (why := _incomparable(held))}
@@ -82,7 +91,7 @@ def factor_effects(
 
 
 def not_apart(specimens: Sequence[Specimen], factors: Sequence[str]) -> list[tuple[str, str]]:
-    """Pairs of factors of which the first is told by the second: their effects cannot be told apart."""
+    """Pairs of factors of which the second determines the first: their effects cannot be separated."""
     found: list[tuple[str, str]] = []
     for i, one in enumerate(factors):
         for other in factors[i + 1 :]:
@@ -98,7 +107,7 @@ def not_apart(specimens: Sequence[Specimen], factors: Sequence[str]) -> list[tup
 
 
 def _incomparable(held: Mapping[str, Factor]) -> str:
-    """Why specimens cannot be compared by a factor; "" where they can."""
+    """Reason why specimens cannot be compared by a factor; "" if they can."""
     known = [value for value in held.values() if value is not None]
     groups = len(set(known))
     if groups < 2:
@@ -133,7 +142,15 @@ def _effect(
         for level, mean, (low, high) in zip(levels, fit.beta[: len(levels)], fit.intervals[: len(levels)], strict=True)
     ]
     at = None if x is None else float(np.exp(x.mean()))
-    return FactorEffect(one.label, factor, tuple(groups), fit.chance(contrasts), explained, fit.spread, at)
+    return FactorEffect(
+        label=one.label,
+        factor=factor,
+        groups=tuple(groups),
+        chance=fit.chance(contrasts),
+        explained=explained,
+        spread=fit.spread,
+        at_infill=at,
+    )
 
 
 def _order(level: str | float) -> tuple[bool, float, str]:

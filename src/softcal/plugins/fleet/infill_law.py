@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.mixed_effects import MixedEffects, mixed_effects
+from softcal.calibration.mixed_effects import mixed_effects
 from softcal.calibration.random_effects import DIFFERS
 from softcal.calibration.result import Estimate
 from softcal.checks import Floats
@@ -54,7 +54,7 @@ class InfillLaw:
 
     @property
     def departs(self) -> bool:
-        """Whether the moduli depart from the law by more than the specimens differ."""
+        """True if the moduli depart from the law by more than the specimens differ."""
         return self.misfit is not None and self.misfit < DIFFERS
 
 
@@ -67,8 +67,8 @@ def log_infill(specimens: Sequence[Specimen]) -> dict[str, float]:
 def infill_laws(
     compared: Sequence[Comparable], specimens: Sequence[Specimen]
 ) -> tuple[tuple[InfillLaw, ...], dict[str, str]]:
-    """The law of every modulus [Pa] that is searched by its logarithm; and why it cannot be told, in words, by modulus
-    (by "E" where there is none). Of those that cannot be compared nothing is said here.
+    """Law of every modulus [Pa] that is searched by its logarithm, and reasons why others have none, by modulus ("E" if
+    there is no modulus). Moduli that cannot be compared are left out of both.
     """
     phi = log_infill(specimens)
     if not phi:
@@ -94,21 +94,28 @@ def _is_modulus(one: Comparable | Estimate) -> bool:
 
 
 def _law(one: Comparable, phi: Mapping[str, float]) -> InfillLaw:
+    from softcal.calibration.intervals import student
+
     x = np.array([phi[name] for name in one.names])
     fit = mixed_effects(one.values, one.variances, _design(x))
     (low, high), exponent = fit.intervals.tolist()
     at = np.linspace(x.min(), 0.0, 50)
+    t = float(student(np.array(float(fit.dof))))
+    middle, error = np.array([fit.at(row) for row in _design(at)]).T
     return InfillLaw(
-        one.label,
-        one.unit,
-        float(fit.beta[1]),
-        (exponent[0], exponent[1]),
-        math.exp(float(fit.beta[0])),
-        (math.exp(low), math.exp(high)),
-        fit.spread,
-        fit.spread_interval,
-        _misfit(one, x),
-        (tuple(np.exp(at).tolist()), *_band(fit, at)),
+        label=one.label,
+        unit=one.unit,
+        exponent=float(fit.beta[1]),
+        exponent_interval=(exponent[0], exponent[1]),
+        bulk=math.exp(float(fit.beta[0])),
+        bulk_interval=(math.exp(low), math.exp(high)),
+        spread=fit.spread,
+        spread_interval=fit.spread_interval,
+        misfit=_misfit(one, x),
+        line=(
+            tuple(np.exp(at).tolist()),
+            *(tuple(np.exp(middle + side * t * error).tolist()) for side in (0.0, -1.0, 1.0)),
+        ),
     )
 
 
@@ -116,16 +123,8 @@ def _design(x: Floats) -> Floats:
     return np.column_stack([np.ones_like(x), x])
 
 
-def _band(fit: MixedEffects, at: Floats) -> tuple[tuple[float, ...], ...]:
-    from softcal.calibration.intervals import student
-
-    t = float(student(np.array(float(fit.dof))))
-    middle, error = np.array([fit.at(row) for row in _design(at)]).T
-    return tuple(tuple(np.exp(middle + side * t * error).tolist()) for side in (0.0, -1.0, 1.0))
-
-
 def _misfit(one: Comparable, x: Floats) -> float | None:
-    """The test of the means beside a line through them: each infill but two has a step of its own."""
+    """Test of the means against a line through them: each infill but two has a step of its own."""
     levels = np.unique(x)
     if len(x) < len(levels) + 2:
         return None

@@ -1,4 +1,4 @@
-"""The hierarchical statement of a fleet: where a parameter's population is, and how far its specimens differ.
+"""Hierarchical model of a fleet: the population mean of a parameter, and the spread between its specimens.
 
 A specimen's estimate is the mean of the population, a difference of the specimen's own, and the error of its
 calibration (`calibration.mixed_effects`). A parameter that is searched by its logarithm is compared by its logarithm:
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from softcal.calibration.intervals import student
-from softcal.calibration.mixed_effects import MixedEffects, mixed_effects
+from softcal.calibration.mixed_effects import mixed_effects
 from softcal.calibration.parameters import Scale
 from softcal.calibration.random_effects import DIFFERS, welch_test
 from softcal.calibration.result import Estimate
@@ -66,7 +66,7 @@ class Comparable:
 
     @property
     def is_pooled(self) -> bool:
-        """Whether the errors depend on the value: by their own errors, specimens on one side would count more."""
+        """True if the errors depend on the value: weighted by errors, specimens on one side would count more."""
         from scipy.stats import spearmanr
 
         if len(self.names) < FEWEST_RANKED or np.ptp(self.raw) == 0.0 or np.ptp(self.values) == 0.0:
@@ -76,8 +76,8 @@ class Comparable:
 
     @property
     def variances(self) -> Floats:
-        """The variances (k,) such that their inverses have no bias: those of few degrees of freedom are larger; their
-        mean for all where they depend on the value.
+        """Variances (k,) whose inverses have no bias: larger with few degrees of freedom; the same mean for all if they
+        depend on the value.
         """
         if self.is_pooled:
             return np.full_like(self.raw, self.raw.mean())
@@ -85,19 +85,18 @@ class Comparable:
         return self.raw / (1.0 - lack)
 
     def only(self, kept: np.ndarray) -> Comparable:
-        """Those of a mask (k,)."""
+        """Specimens of a mask (k,)."""
         names = tuple(name for name, keep in zip(self.names, kept, strict=True) if keep)
-        parts = self.values[kept], self.raw[kept], self.dof[kept]
-        return Comparable(self.label, self.unit, self.scale, names, *parts, self.left_out)
+        return replace(self, names=names, values=self.values[kept], raw=self.raw[kept], dof=self.dof[kept])
 
     def shown(self, value: float) -> float:
-        """A value of the comparison's scale as one of the parameter [unit]."""
+        """A value on the scale of the comparison, converted to the parameter's [unit]."""
         return math.exp(value) if self.scale == "log" else value
 
 
 @dataclass(frozen=True)
 class Outlier:
-    """A specimen that is not like the others; value [unit], chance: of one so far off among as many like ones."""
+    """A specimen unlike the others; value [unit], chance: probability of a specimen so far off among as many alike."""
 
     name: str
     value: float
@@ -127,7 +126,7 @@ class Population:
         Interval [unit] in which a further specimen is expected at 95 %; None where the specimens are fewer than five
         or do not differ.
     is_pooled
-        Whether all specimens count alike, since their errors depend on the value.
+        True if all specimens count alike, since their errors depend on the value.
     outliers
         The specimens that are not like the others, the farthest first.
     without
@@ -152,12 +151,12 @@ class Population:
 
     @property
     def differs(self) -> bool:
-        """Whether the specimens differ by more than their errors."""
+        """True if the specimens differ by more than their errors."""
         return self.chance < DIFFERS
 
 
 def compared(label: str, specimens: Sequence[Specimen]) -> Comparable | None:
-    """The estimates of a parameter that count; None where no specimen has it."""
+    """The estimates of a parameter that count; None if no specimen has it."""
     held = {one.name: one.parameters[label] for one in specimens if label in one.parameters}
     if not held:
         return None
@@ -170,11 +169,13 @@ def compared(label: str, specimens: Sequence[Specimen]) -> Comparable | None:
     dof = np.array([held[name].dof or math.inf for name in names])
     if scale == "log":
         values, errors = np.log(values), errors / values
-    return Comparable(label, first.unit, scale, names, values, errors**2, dof, left_out)
+    return Comparable(
+        label=label, unit=first.unit, scale=scale, names=names, values=values, raw=errors**2, dof=dof, left_out=left_out
+    )
 
 
 def _undetermined(estimate: Estimate) -> str:
-    """Why an estimate does not count, in words; "" where it does."""
+    """Reason why an estimate does not count; "" if it does."""
     if estimate.at_bound:
         return "at a bound"
     if not own_error(estimate):
@@ -184,7 +185,7 @@ def _undetermined(estimate: Estimate) -> str:
 
 
 def comparisons(specimens: Sequence[Specimen]) -> tuple[list[Comparable], dict[str, str]]:
-    """The parameters that can be compared, and why others cannot, by label."""
+    """Parameters that can be compared, and reasons why others cannot, by label."""
     found: list[Comparable] = []
     unknown: dict[str, str] = {}
     for label in dict.fromkeys(label for one in specimens for label in one.parameters):
@@ -203,7 +204,17 @@ def comparisons(specimens: Sequence[Specimen]) -> tuple[list[Comparable], dict[s
 
 
 def population(one: Comparable, n_compared: int = 1, covariate: Mapping[str, float] | None = None) -> Population:
-    """The statement of one parameter; n_compared: of how many it is one."""
+    """Mean, spread and outliers of one parameter over the specimens.
+
+    Parameters
+    ----------
+    one
+        Estimates of the parameter over the specimens.
+    n_compared
+        Number of parameters that are compared.
+    covariate
+        Covariate [-] by specimen, such as the logarithm of the infill; None for no covariate.
+    """
     far = outliers(one, n_compared, covariate)
     whole = _population(one, n_compared)
     names = {outlier.name for outlier in far}
@@ -223,60 +234,63 @@ def _population(one: Comparable, n_compared: int) -> Population:
         further = (one.shown(float(fit.beta[0]) - half), one.shown(float(fit.beta[0]) + half))
     low, high = fit.intervals[0].tolist()
     return Population(
-        one.label,
-        one.unit,
-        one.scale,
-        k,
-        one.left_out,
-        one.shown(float(fit.beta[0])),
-        (one.shown(low), one.shown(high)),
-        fit.spread,
-        fit.spread_interval,
-        q,
-        chance,
-        further,
-        one.is_pooled,
+        label=one.label,
+        unit=one.unit,
+        scale=one.scale,
+        n=k,
+        left_out=one.left_out,
+        mean=one.shown(float(fit.beta[0])),
+        interval=(one.shown(low), one.shown(high)),
+        spread=fit.spread,
+        spread_interval=fit.spread_interval,
+        q=q,
+        chance=chance,
+        further=further,
+        is_pooled=one.is_pooled,
     )
 
 
 def outliers(one: Comparable, n_compared: int = 1, covariate: Mapping[str, float] | None = None) -> tuple[Outlier, ...]:
-    """The specimens that are farther from all others than these are from each other, one after the other."""
-    found: list[Outlier] = []
+    """Specimens that are farther from all others than these are from each other, the farthest first.
+
+    Parameters
+    ----------
+    one
+        Estimates of the parameter over the specimens.
+    n_compared
+        Number of parameters that are compared.
+    covariate
+        Covariate [-] by specimen, such as the logarithm of the infill; None for no covariate.
+    """
+    from scipy.special import stdtr
+
+    outlying: list[Outlier] = []
     left = one
-    while len(left.names) > FEWEST_OUTLIER and len(found) < len(one.names) // 5:
-        X = _design(left, covariate)
+    while len(left.names) > FEWEST_OUTLIER and len(outlying) < len(one.names) // 5:
+        columns = [np.ones(len(left.names))]
+        if covariate is not None and all(name in covariate for name in left.names):
+            columns.append(np.array([covariate[name] for name in left.names]))
+        X = np.column_stack(columns)
         fit = mixed_effects(left.values, left.variances, X)
         size = np.sqrt(fit.spread**2 + left.variances)
         worst = int(np.argmax(np.abs(left.values - X @ fit.beta) / size))
         kept = np.arange(len(left.names)) != worst
-        chance = _deleted(left, X, kept, worst) * len(left.names) * n_compared
+        # The probability that a further specimen is as far from the others as this one.
+        others = left.only(kept)
+        fit = mixed_effects(others.values, others.variances, X[kept])
+        value, error = fit.at(X[worst])
+        size = math.sqrt(fit.spread**2 + float(left.variances[worst]) + error**2)
+        chance = 2.0 * float(stdtr(fit.dof, -abs(float(left.values[worst]) - value) / size))
+        chance = chance * len(left.names) * n_compared
         if chance >= OUTLYING:
             break
-        found.append(Outlier(left.names[worst], one.shown(float(left.values[worst])), chance))
-        left = left.only(kept)
-    return tuple(found)
-
-
-def _design(one: Comparable, covariate: Mapping[str, float] | None) -> Floats:
-    ones = np.ones(len(one.names))
-    if covariate is None or not all(name in covariate for name in one.names):
-        return ones[:, None]
-    return np.column_stack([ones, [covariate[name] for name in one.names]])
-
-
-def _deleted(one: Comparable, X: Floats, kept: np.ndarray, worst: int) -> float:
-    """Probability that a further specimen is so far from the others as one of them."""
-    from scipy.special import stdtr
-
-    others = one.only(kept)
-    fit: MixedEffects = mixed_effects(others.values, others.variances, X[kept])
-    value, error = fit.at(X[worst])
-    size = math.sqrt(fit.spread**2 + float(one.variances[worst]) + error**2)
-    return 2.0 * float(stdtr(fit.dof, -abs(float(one.values[worst]) - value) / size))
+        outlying.append(Outlier(left.names[worst], one.shown(float(left.values[worst])), chance))
+        left = others
+    return tuple(outlying)
 
 
 def levels(specimens: Sequence[Specimen], factor: str) -> dict[Factor, int]:
-    """The values of a factor that are known, and how many specimens have each."""
+    """Known values of a factor, with the number of specimens of each."""
     found: dict[Factor, int] = {}
     for one in specimens:
         if (value := one.factors.get(factor)) is not None:

@@ -1,4 +1,4 @@
-"""One specimen of a fleet: what the table says of it, and what its calibration found."""
+"""One specimen of a fleet: its row of the table, and the result of its calibration."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Specimen:
     reason
         Why it FAILED, a sentence; "" where DONE.
     warnings
-        Those of its calibration.
+        Warnings of its calibration.
     seconds
         Wall time [s] of its calibration.
     hashes
@@ -61,8 +61,8 @@ class Specimen:
 
 
 def own_error(estimate: Estimate) -> float | None:
-    """Standard error [unit] by what differs from specimen to specimen even where they are alike: not by the error of
-    the mesh, nor by an uncertain parameter that is the same in all; None without a standard error.
+    """Standard error [unit] by causes that differ between specimens even if these are alike: without the error of the
+    mesh, and without uncertain parameters that all share; None without a standard error.
     """
     if estimate.standard_error is None:
         return None

@@ -1,4 +1,4 @@
-"""What the specimens of a fleet say together."""
+"""Joint statement of a fleet's specimens: populations, factors, laws against the infill."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from softcal.plugins.fleet.specimen import Specimen
 @displayed
 @dataclass(frozen=True)
 class FleetStatement:
-    """What the specimens of a fleet say together.
+    """Joint statement of a fleet's specimens.
 
     Attributes
     ----------
@@ -54,8 +54,16 @@ class FleetStatement:
 def fleet_statement(
     specimens: Sequence[Specimen], factors: Sequence[str], measured: Mapping[str, Sequence[str]] | None = None
 ) -> FleetStatement:
-    """The statement of a fleet; factors: those by which the specimens are compared; measured: specimen -> its measured
-    files, by their paths as the template has them.
+    """Joint statement of a fleet's specimens.
+
+    Parameters
+    ----------
+    specimens
+        The fleet's specimens.
+    factors
+        Columns of the table by which specimens are compared.
+    measured
+        Data files of each specimen, by their paths in the template.
     """
     done = [one for one in specimens if one.state == "DONE"]
     found, unknown = comparisons(done)
@@ -63,25 +71,20 @@ def fleet_statement(
     about = {law.label: log_infill(done) for law in laws}
     effects, not_compared = factor_effects(found, done, factors, about)
     by = [factor for factor in factors if factor not in not_compared]
+    same_data: dict[tuple[str, ...], list[str]] = {}
+    for specimen in done:
+        files = (measured or {}).get(specimen.name, ())
+        if files and all(path in specimen.hashes for path in files):
+            same_data.setdefault(tuple(specimen.hashes[path] for path in files), []).append(specimen.name)
     return FleetStatement(
-        len(done),
-        len(specimens) - len(done),
-        tuple(population(one, len(found), about.get(one.label)) for one in found),
-        unknown,
-        effects,
-        not_compared,
-        tuple(not_apart(done, by)),
-        laws,
-        no_law,
-        _same_data(done, measured or {}),
+        done=len(done),
+        failed=len(specimens) - len(done),
+        populations=tuple(population(one, len(found), about.get(one.label)) for one in found),
+        unknown=unknown,
+        effects=effects,
+        not_compared=not_compared,
+        not_apart=tuple(not_apart(done, by)),
+        laws=laws,
+        no_law=no_law,
+        same_data=tuple(tuple(names) for names in same_data.values() if len(names) > 1),
     )
-
-
-def _same_data(specimens: Sequence[Specimen], measured: Mapping[str, Sequence[str]]) -> tuple[tuple[str, ...], ...]:
-    """Specimens whose measured files have the same content, in groups."""
-    groups: dict[tuple[str, ...], list[str]] = {}
-    for one in specimens:
-        files = measured.get(one.name, ())
-        if files and all(path in one.hashes for path in files):
-            groups.setdefault(tuple(one.hashes[path] for path in files), []).append(one.name)
-    return tuple(tuple(names) for names in groups.values() if len(names) > 1)

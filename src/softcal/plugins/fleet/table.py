@@ -136,7 +136,16 @@ def read_fleet(source: str | Path, template: str | Path | None = None, by: Seque
 def parse_fleet(
     source: str | Path, template: str | Path | None = None, by: Sequence[str] = ()
 ) -> tuple[FleetTable, list[Fault]]:
-    """As `read_fleet`, with the faults of the table beside what could be read of it.
+    """As `read_fleet`, but returns the faults of the table beside its contents in place of raising them.
+
+    Parameters
+    ----------
+    source
+        The table, or a folder with it as fleet.csv.
+    template
+        The project file; project.yaml beside the table by default.
+    by
+        Columns that are factors, and no others; by default all whose name has no dot and is no key of the template.
 
     Raises
     ------
@@ -152,22 +161,16 @@ def parse_fleet(
         if found := not_a_file(one):
             raise StorageError(Fault(f"the {kind} cannot be read", str(one), found, "a regular file", attempt))
     document = read_document(of)
-    table = load_table(path, [SPECIMEN, INFILL, FILE], TableFormat(header_row=_first_line(path)))
+    # The first line that is no comment has the names, since any other can be a row of names.
+    numbered = ((i, line) for number, lines in open_text(path).blocks() for i, line in enumerate(lines, start=number))
+    header = next((i for i, line in numbered if line.strip() and not line.lstrip().startswith("#")), None)
+    table = load_table(path, [SPECIMEN, INFILL, FILE], TableFormat(header_row=header))
     reader = _RowReader(table, document, by)
     rows = reader.rows()
     sets = tuple(one.header for one in reader.columns if one.kind in ("key", "parameter"))
     factors = {one.name: one.unit for one in reader.columns if one.factor and (not by or one.name in by)}
     hashes = {path.name: sha256(path), of.name: sha256(of)}
     return FleetTable(path, of, rows, sets, factors, hashes), reader.faults
-
-
-def _first_line(path: Path) -> int | None:
-    """The number of the first line that is no comment: that of the names, since any other can be a row of names."""
-    for number, lines in open_text(path).blocks():
-        for i, line in enumerate(lines, start=number):
-            if line.strip() and not line.lstrip().startswith("#"):
-                return i
-    return None
 
 
 def row_project(template: Path, row: FleetRow) -> Project:
@@ -185,7 +188,7 @@ def row_project(template: Path, row: FleetRow) -> Project:
 
 
 def missing_files(template: Path, row: FleetRow) -> list[Fault]:
-    """The faults of a row's measured files that are not there, as `row_project` has them, at their cells."""
+    """Faults of a row's missing data files, as `row_project` has them, at their cells."""
     files, faults = InputFiles(template.parent), list[Fault]()
     for key, entry in row.changes.items():
         if _MEASURED.fullmatch(key):
@@ -198,7 +201,7 @@ def missing_files(template: Path, row: FleetRow) -> list[Fault]:
 
 @dataclass(frozen=True)
 class _TableColumn:
-    """A column: its header, what it is, the name of a factor, the keys or the parameter that it sets, and its unit."""
+    """A column: its header, kind, name of its factor, the keys or the parameter that it sets, and its unit."""
 
     place: int
     header: str
@@ -231,7 +234,11 @@ class _RowReader:
             if (column := self._column(place, header, [cells[place] for _, cells in lines])) is not None
         ]
         self._require_names()
-        self._require_factors()
+        known = [one.name for one in self.columns if one.factor]
+        for name in self.by:
+            if name not in known:
+                what = "the table has no such factor"
+                self.faults.append(unknown(what, "--by", name, known))
         self.cells = CellReader.of(cell for _, cells in lines for cell in cells)
         seen: dict[str, tuple[int, str]] = {}
         return tuple(self._row(line, cells, seen) for line, cells in lines)
@@ -255,19 +262,13 @@ class _RowReader:
         for one in self.columns:
             for key in (one.name, *one.keys) if one.factor else one.keys or (one.name,):
                 set_by.setdefault(key, []).append(f"'{one.header}'")
-        for headers in (held for held in set_by.values() if len(held) > 1):
-            what = f"{'two' if len(headers) == 2 else 'several'} columns mean the same"
-            self.faults.append(Fault(what, f"{self.table.path}, columns {' and '.join(headers)}", allowed="one"))
-
-    def _require_factors(self) -> None:
-        known = [one.name for one in self.columns if one.factor]
-        for name in self.by:
-            if name not in known:
-                what = "the table has no such factor"
-                self.faults.append(unknown(what, "--by", name, known))
+        for headers in set_by.values():
+            if len(headers) > 1:
+                what = f"{'two' if len(headers) == 2 else 'several'} columns mean the same"
+                self.faults.append(Fault(what, f"{self.table.path}, columns {' and '.join(headers)}", allowed="one"))
 
     def _column(self, place: int, header: str, cells: Sequence[str]) -> _TableColumn | None:
-        """What a column means; None for an empty one, and for one that is at fault."""
+        """The meaning of a column; None if it is empty or at fault."""
         if not header:
             if any(cells):
                 where = f"{self.table.path}, line {self.table.header_line}, column {place + 1}"
@@ -314,7 +315,7 @@ class _RowReader:
         return [f"experiments.{name}" for name in self.document.mapping("experiments")]
 
     def _keys_of(self, name: str) -> tuple[str, ...]:
-        """The keys of the template that a column's name means; none where it means none."""
+        """The keys of the template that a column's name refers to; empty if none."""
         if name in self.keys:
             return (name,)
         if name == FILE:
@@ -339,7 +340,7 @@ class _RowReader:
         return here
 
     def _leaves(self, name: str) -> list[str]:
-        """The keys of values of the template whose last part is a name, or nearly."""
+        """The keys of the template's values whose last part equals, or nearly equals, a name."""
         values = [key for key in self.keys if not isinstance(self._value(key), (dict, list))]
         near = get_close_matches(name, {key.rpartition(".")[2] for key in values}, n=1, cutoff=_NEAR)
         return sorted(key for key in values if key.rpartition(".")[2] in near)
@@ -367,7 +368,9 @@ class _RowReader:
                 values[column.name] = str(self.cells.written(cell, column.unit))
                 places[column.name] = where
         measured = tuple(str(changes[key].value if key in changes else self._value(key)) for key in self.measured)
-        return FleetRow(name, changes, values, factors, line, places, measured)
+        return FleetRow(
+            name=name, changes=changes, values=values, factors=factors, line=line, places=places, measured=measured
+        )
 
     def _check_name(self, name: str, line: int, where: str, seen: dict[str, tuple[int, str]]) -> None:
         if not name:

@@ -31,7 +31,7 @@ class FleetSentence:
 
 
 def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tuple[FleetSentence, ...]:
-    """What is to be said of a fleet: what failed, each parameter, the factors, the infill."""
+    """Sentences on a fleet: failures, each parameter, the factors, the infill."""
     texts: list[FleetSentence] = []
     failed = [one for one in specimens if one.state == "FAILED"]
     if failed:
@@ -44,11 +44,11 @@ def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tup
     texts += _warnings([one for one in specimens if one.state == "DONE"])
     if found.same_data:
         groups = "; ".join(map(_names, found.same_data[:_NAMED])) + ("; …" if len(found.same_data) > _NAMED else "")
-        text = f"The same measured files stand for several specimens, and each counts as one of its own: {groups}."
+        text = f"Specimens share data files but are counted separately: {groups}."
         texts.append(FleetSentence(text, "warning"))
     if found.done < 2:
         what = "There is one specimen" if found.done else "No specimen was calibrated"
-        texts.append(FleetSentence(f"{what}: how specimens differ cannot be told.", "note"))
+        texts.append(FleetSentence(f"{what}: differences between specimens cannot be estimated.", "note"))
         return tuple(texts)
     for one in found.populations:
         texts += _population(one)
@@ -63,14 +63,14 @@ def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tup
         texts.append(FleetSentence(text, "note"))
     texts += [_law(one) for one in found.laws]
     texts += [
-        FleetSentence(f"{label} against the infill cannot be told: {why}.", "note")
+        FleetSentence(f"The law of {label} against the infill cannot be fitted: {why}.", "note")
         for label, why in found.no_law.items()
     ]
     return tuple(texts)
 
 
 def _warnings(specimens: Sequence[Specimen]) -> list[FleetSentence]:
-    """How many calibrations have warnings, and the most frequent of these, which may differ in their numbers."""
+    """Number of calibrations with warnings, and the most frequent warning; warnings may differ in their numbers."""
     warned = [one for one in specimens if one.warnings]
     if not warned:
         return []
@@ -92,7 +92,21 @@ def _names(names: Collection[str]) -> str:
 
 
 def spread_text(spread: float, scale: Scale, unit: str, value: float, *, as_ratio: bool = False) -> str:
-    """A spread between specimens: in per cent, or as a factor where it is large, of a logarithm; else with its unit."""
+    """Spread between specimens as text: in per cent, or a large one as a factor, on the log scale; else with its unit.
+
+    Parameters
+    ----------
+    spread
+        Standard deviation [unit]; on the log scale of the logarithm [-].
+    scale
+        Scale of the parameter: log or linear.
+    unit
+        SI unit.
+    value
+        Value of the parameter [unit], whose prefix of the unit is used.
+    as_ratio
+        Always as a factor on the log scale.
+    """
     if scale != "log":
         return format_quantity(spread, unit, readable_unit(value, unit), digits=2)
     return f"a factor of {_ratio(spread)}" if as_ratio or spread >= _AS_RATIO else f"{plain(100 * spread, 2)} %"
@@ -113,13 +127,33 @@ def _ratio(spread: float) -> str:
 
 
 def value_text(value: float, interval: Interval, unit: str) -> str:
-    """A value to the digits of its interval, with its unit."""
+    """A value as text, to the digits of its interval, with its unit.
+
+    Parameters
+    ----------
+    value
+        The value [unit].
+    interval
+        The interval [unit].
+    unit
+        SI unit.
+    """
     shown = readable_unit(value, unit)
     return f"{_number(value, interval, shown, unit)}{_unit(shown)}"
 
 
 def ends_text(interval: Interval, unit: str, value: float) -> str:
-    """An interval, "1.94 to 2.02 MPa", in the unit of a value."""
+    """An interval as text, such as "1.94 to 2.02 MPa", in the prefix of the unit that its value has.
+
+    Parameters
+    ----------
+    interval
+        The interval [unit].
+    unit
+        SI unit.
+    value
+        The value [unit].
+    """
     shown = readable_unit(value, unit)
     low, high = (_number(end, interval, shown, unit) for end in interval)
     return f"{low} to {high}{_unit(shown)}"
@@ -182,7 +216,7 @@ def _spread(one: Population) -> str:
 
 
 def _effect(one: FactorEffect, found: FleetStatement) -> FleetSentence | None:
-    """A factor by which specimens differ, or, of a parameter in which they do, a factor by which they do not."""
+    """Sentence on a factor with an effect, or on a factor without one if the specimens differ in the parameter."""
     of = next(p for p in found.populations if p.label == one.label)
     chance = f"chance {chance_text(one.chance)}"
     alike = "" if one.at_infill is None else f", at an infill of {level_text(one.at_infill, INFILL)}"

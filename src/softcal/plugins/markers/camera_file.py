@@ -101,7 +101,7 @@ def camera_text(calibration: Calibration, board: str, skipped: Sequence[str] = (
     Parameters
     ----------
     calibration
-        What was found.
+        The calibration.
     board
         Description of the board.
     skipped

@@ -48,7 +48,17 @@ def split_at_edges(points: Floats, triangles: Ints) -> tuple[Ints, Ints]:
 
 
 def wavefront(points: Floats, triangles: Ints, title: str) -> str:
-    """Text of a .obj file, in full precision."""
+    """Text of a .obj file, in full precision.
+
+    Parameters
+    ----------
+    points
+        Points (n, 3) [m].
+    triangles
+        Triangles (k, 3).
+    title
+        Comment in the first line.
+    """
     lines = [f"# {title}"]
     lines += ["v " + " ".join(repr(float(value)) for value in at) for at in points]
     lines += ["f " + " ".join(str(n + 1) for n in corners) for corners in triangles.tolist()]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import subprocess
 import tempfile
 from collections.abc import Mapping
@@ -50,6 +51,9 @@ APT_PACKAGES = {
     "libfreetype": "libfreetype6",
     "libgomp": "libgomp1",
 }
+
+
+_TOO_LONG = "Gmsh took too long and was stopped"
 
 
 def mesh_file(
@@ -176,14 +180,8 @@ def run_gmsh(job: Mapping[str, Any], *, where: str, timeout: float) -> dict[str,
                 told=json.dumps({"options": OPTIONS, "timeout": timeout, "most_tets": LIMITS["tets"].most, **job}),
             )
         except subprocess.TimeoutExpired as error:
-            raise MeshError(
-                Fault(
-                    "Gmsh took too long and was stopped",
-                    where=where,
-                    got=f"more than {timeout:g} s",
-                    attempt="a larger size, a smaller count, or a longer timeout",
-                )
-            ) from error
+            attempt = "a larger size, a smaller count, or a longer timeout"
+            raise MeshError(Fault(_TOO_LONG, where, f"more than {timeout:g} s", attempt=attempt)) from error
         if fault.is_file():
             raise MeshError(_worker_fault(json.loads(fault.read_text()), where))
         if done.returncode or not mesh.is_file():
@@ -200,6 +198,9 @@ def _worker_fault(fault: Mapping[str, str], where: str) -> Fault:
 
 
 def _crash(done: subprocess.CompletedProcess[str], where: str) -> Fault:
+    if hasattr(signal, "SIGPROF") and done.returncode == -signal.SIGPROF:  # a step's limit of time
+        attempt = "a larger size, a smaller count, or repair the model"
+        return Fault(_TOO_LONG, where, "more than a mesh of this size takes", attempt=attempt)
     last = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no message"]
     end = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
     return Fault(

@@ -189,6 +189,7 @@ DAMAGED = {
     "no text as its unit": ({"unit": [3]}, "unit"),
     "an interval beyond any number": ({"interval": [-1e308, 1e308]}, "interval"),
     "an interval that is turned": ({"interval": [2.0, 1.0]}, "interval"),
+    "an interval beside its value": ({"interval": [2e6, 3e6]}, "interval"),
     "an interval of texts": ({"interval": ["a", "b"]}, "interval"),
     "an interval of three": ({"interval": [1.0, 2.0, 3.0]}, "interval"),
     "a value that is none": ({"value": "x"}, "value"),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -22,8 +22,13 @@ from softcal.display import displayed
 from softcal.experiments.hysteresis import Loop
 from softcal.sensing.channel import channel_name
 
+if TYPE_CHECKING:
+    from pydantic_core import CoreSchema
+
 BEYOND = 2.0  # standard errors
 """The data contradict a bound where the best value without it lies further beyond it than this."""
+
+_SAME = 1e-6  # relative to the bounds; of places that were computed from them
 
 TrialState = Literal["COMPLETE", "FAILED"]
 
@@ -165,6 +170,42 @@ class Estimate:
         object.__setattr__(self, "of", tuple(self.of))
         if self.interval is not None:
             object.__setattr__(self, "interval", (self.interval[0], self.interval[1]))
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:
+        """Whatever stored file it is read from, its numbers agree with each other."""
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_after_validator_function(_possible, handler(source))
+
+
+def _possible(one: Estimate) -> Estimate:
+    """The estimate, where a search may have found it."""
+    from pydantic_core import PydanticCustomError
+
+    slack = _SAME * (one.lower if one.scale == "log" else one.upper - one.lower)
+    low, high = one.lower - slack, one.upper + slack
+    begin, end = one.interval or (one.value, one.value)
+    why = next(
+        (
+            why
+            for is_wrong, why in (
+                (not one.lower <= one.value <= one.upper, f"{one.value:g} is outside its bounds"),
+                (one.scale == "log" and not one.lower > 0, f"its bound {one.lower:g} has no logarithm"),
+                (not low <= begin <= one.value <= end <= high, f"{begin:g} to {end:g} is no interval of {one.value:g}"),
+                (one.standard_error is not None and one.interval is None, "it has a standard error and no interval"),
+                ((one.standard_error or 0.0) < 0.0, "its standard error is below zero"),
+                (one.dof is not None and not one.dof > 0.0, "its degrees of freedom are not above zero"),
+                (not all(-_SAME <= s <= 1 + _SAME for s in one.shares.values()), "its shares are no parts of one"),
+                (not all(low <= place <= high for place, _ in one.profile), "its profile is outside its bounds"),
+            )
+            if is_wrong
+        ),
+        "",
+    )
+    if why:
+        raise PydanticCustomError("impossible", "{why}", {"why": why})
+    return one
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import subprocess
 import tempfile
 from collections.abc import Mapping
@@ -50,6 +51,9 @@ APT_PACKAGES = {
     "libfreetype": "libfreetype6",
     "libgomp": "libgomp1",
 }
+
+
+_TOO_LONG = "Gmsh took too long and was stopped"
 
 
 def mesh_file(
@@ -205,20 +209,17 @@ def run_gmsh(job: Mapping[str, Any], *, where: str, timeout: float) -> dict[str,
                 told=json.dumps({"options": OPTIONS, "timeout": timeout, "most_tets": LIMITS["tets"].most, **job}),
             )
         except subprocess.TimeoutExpired as error:
-            raise MeshError(
-                Fault(
-                    "Gmsh took too long and was stopped",
-                    where=where,
-                    got=f"more than {timeout:g} s",
-                    attempt="a larger size, a smaller count, or a longer timeout",
-                )
-            ) from error
+            attempt = "a larger size, a smaller count, or a longer timeout"
+            raise MeshError(Fault(_TOO_LONG, where, f"more than {timeout:g} s", attempt=attempt)) from error
         if fault.is_file():
             report = json.loads(fault.read_text())
             got, attempt = report["got"], report["attempt"]
             if attempt == "apt":
                 attempt = f"apt-get install {_apt_package(got)}"
             raise MeshError(Fault(report["fault"], where, got, report["allowed"], attempt))
+        if hasattr(signal, "SIGPROF") and done.returncode == -signal.SIGPROF:  # a step's limit of time
+            attempt = "a larger size, a smaller count, or repair the model"
+            raise MeshError(Fault(_TOO_LONG, where, "more than a mesh of this size takes", attempt=attempt))
         if done.returncode or not mesh.is_file():
             last = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no message"]
             end = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"

@@ -49,6 +49,9 @@ class Coupon(Checked):
             got = f"{len(self.strain)} strains, {len(self.stress)} stresses"
             got += "" if self.time is None else f", {len(self.time)} times"
             raise InputError(Fault("a coupon needs arrays of one length", self.name, got))
+        if self.time is not None and not (np.diff(self.time, prepend=0.0) >= 0.0).all():
+            allowed = "times from 0 on that do not go back"
+            raise InputError(Fault("the times of a coupon are not in order", self.name, str(self.time), allowed))
 
     @property
     def kind(self) -> CouponKind:

@@ -22,7 +22,7 @@ def watched_result(record: Mapping[str, Any], place: str) -> WatchedResult:
     found: list[WatchedEstimate] = []
     for name, one in (parameters if isinstance(parameters, Mapping) else {}).items():
         one = one if isinstance(one, Mapping) else {}
-        value, unit, interval = finite(one.get("value")), clean(one.get("unit"), 30), _interval(one.get("interval"))
+        value, unit, interval = finite(one.get("value")), clean(one.get("unit"), 30), _interval(one)
         has_no = [
             what
             for what, is_there in (
@@ -50,12 +50,13 @@ def _is_unit(text: str) -> bool:
         return False
 
 
-def _interval(value: object) -> tuple[float, float] | None:
-    """Two numbers, the first not above the second; None for anything else."""
-    if not isinstance(value, list) or len(value) != 2:
+def _interval(one: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Two numbers about the value of a parameter; None for anything else."""
+    ends = one.get("interval")
+    if not isinstance(ends, list) or len(ends) != 2:
         return None
-    low, high = map(finite, value)
-    return None if low is None or high is None or low > high else (low, high)
+    low, value, high = map(finite, (ends[0], one.get("value"), ends[1]))
+    return None if low is None or value is None or high is None or not low <= value <= high else (low, high)
 
 
 def watched_score(record: Mapping[str, Any]) -> WatchedScore:

@@ -134,6 +134,21 @@ def test_the_files_are_read_as_they_were_written(
     assert resume(capsys, finished, tpe, "--method", "tpe", "--trials", "4")[0] == 0
 
 
+def test_a_result_of_an_earlier_version_is_read(run: Path) -> None:
+    """Its file has no format, and no key without a value."""
+    after = load_result(run / STORE)
+    document = json.loads((run / RESULT).read_text())
+    for part in ("parameters", "experiments"):
+        for entry in document[part].values():
+            for key in [key for key, value in entry.items() if value in (None, [], {})]:
+                del entry[key]
+    del document["format"]
+    (run / RESULT).write_text(json.dumps(document))
+    before = load_result(run / STORE)
+    assert before.parameters == after.parameters
+    assert before.experiments["pull"].rmse == after.experiments["pull"].rmse
+
+
 def leaves(value: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
     """The place of every value in a JSON document, mappings and lists among them."""
     if path:
@@ -392,7 +407,7 @@ def test_a_value_that_contradicts_the_others_is_refused(case: str, finished: Pat
     path, value = VALUES[case]
     document = json.loads((folder / "result.json").read_text())
     (folder / "result.json").write_text(json.dumps(with_value(document, path, value)))
-    with pytest.raises(StorageError, match=r"the result cannot be read"):
+    with pytest.raises(StorageError, match=r"the result (cannot be read|is of another format; got 2; allowed: 1)"):
         load_result(folder)
 
 

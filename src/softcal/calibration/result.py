@@ -6,9 +6,10 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import numpy as np
+from pydantic import AfterValidator
 
 from softcal.calibration.budget import BOUNDS
 from softcal.calibration.left_out import LeftOut
@@ -16,6 +17,7 @@ from softcal.calibration.noise import DRIFT
 from softcal.calibration.parameters import Scale
 from softcal.calibration.random_effects import Spread
 from softcal.calibration.residuals import ResidualRecord
+from softcal.calibration.stored import IN_TABLE, PERHAPS_IN_TABLE, Amount, Count, Schema
 from softcal.calibration.uncertain import EACH
 from softcal.checks import Floats, ReadOnly
 from softcal.display import displayed
@@ -29,6 +31,17 @@ BEYOND = 2.0  # standard errors
 """The data contradict a bound where the best value without it lies further beyond it than this."""
 
 _SAME = 1e-6  # relative to the bounds; of places that were computed from them
+_SETTINGS = {"importance_kind": str, "method": str, "hold_out": list, "trials": int, "seed": int, "batch": int}
+
+
+def _of_its_kind(settings: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Validate settings of a search: those of every search, and options of its optimiser, which are numbers."""
+    for key, value in settings.items():
+        kind = _SETTINGS.get(key, (int, float))
+        if not isinstance(value, kind) or (kind is int and cast("int", value) < 0):
+            raise ValueError(f"{key}: input is of another kind")
+    return settings
+
 
 TrialState = Literal["COMPLETE", "FAILED"]
 
@@ -270,15 +283,15 @@ class ExperimentFit(ReadOnly):
 
     rmse: Mapping[str, float]  # channel ("tension", "pitch", "m4.x") -> RMSE
     rmse_detrended: Mapping[str, float]
-    measured: Mapping[str, Floats]
-    simulated: Mapping[str, Floats]
-    units: Mapping[str, str]
-    response: Mapping[str, Floats] = field(default_factory=dict)
+    measured: Annotated[Mapping[str, Floats], IN_TABLE]
+    simulated: Annotated[Mapping[str, Floats], IN_TABLE]
+    units: Annotated[Mapping[str, str], IN_TABLE]
+    response: Annotated[Mapping[str, Floats], PERHAPS_IN_TABLE] = field(default_factory=dict)
     distances: Mapping[str, Distance] = field(default_factory=dict[str, Distance])
-    length: float | None = None
-    missing: Mapping[str, int] = field(default_factory=dict[str, int])
-    bands: Mapping[str, Floats] = field(default_factory=dict[str, Floats])
-    repeats: Mapping[str, Floats] = field(default_factory=dict[str, Floats])
+    length: Amount | None = None
+    missing: Mapping[str, Count] = field(default_factory=dict[str, int])
+    bands: Annotated[Mapping[str, Floats], PERHAPS_IN_TABLE] = field(default_factory=dict[str, Floats])
+    repeats: Annotated[Mapping[str, Floats], PERHAPS_IN_TABLE] = field(default_factory=dict[str, Floats])
     cycles: tuple[CycleFit, ...] = ()
 
     @property
@@ -325,7 +338,7 @@ class HeldOut:
 
 
 @dataclass(frozen=True, repr=False)
-class SearchResult(ABC):
+class SearchResult(Schema, ABC):
     """The outcome of a search: the theta of the lowest loss, the twin there, and every evaluation.
 
     Attributes
@@ -374,19 +387,21 @@ class SearchResult(ABC):
     loss: float
     loss_name: str
     method: str
-    seed: int
-    n_solves: int
-    n_factorisations: int
-    wall_s: float
+    seed: Count
+    n_solves: Count
+    n_factorisations: Count
+    wall_s: Amount
     status: str
     experiments: Mapping[str, ExperimentFit]
     importance: Mapping[str, float]
-    trials: tuple[Trial, ...]
-    n_failed_trials: int
+    trials: Annotated[tuple[Trial, ...], IN_TABLE]
+    n_failed_trials: Count
     hashes: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
-    extra: Mapping[str, Any] = field(default_factory=dict)
+    extra: Annotated[Mapping[str, str | int | float | list[str]], AfterValidator(_of_its_kind)] = field(
+        default_factory=dict
+    )
     held_out: Mapping[str, HeldOut] = field(default_factory=dict[str, HeldOut])
     spreads: Mapping[str, Spread] = field(default_factory=dict[str, Spread])
     left_out: Mapping[str, LeftOut] = field(default_factory=dict[str, LeftOut])

@@ -139,10 +139,10 @@ class Catalogue(Mapping[str, T], Generic[T]):
         ParameterError
             Where another one has its name, or something is wrong with it.
         """
-        # One of softcal's own registers while its module is imported: the others may need that module themselves.
+        # Many register while their module is imported: the modules of others may need that one themselves.
         module = getattr(member, "module", getattr(member, "__module__", ""))
         is_own = bool(self._home) and module.startswith(f"{self._home}.")
-        known = self._members if is_own else self._all()
+        known = self._members if is_own else self._begun() if _is_being_imported(module) else self._all()
         if faults := self._faults(member, known):
             raise ParameterError(faults)
         name = _name(member)
@@ -221,13 +221,18 @@ class Catalogue(Mapping[str, T], Generic[T]):
             raise ParameterError(Fault(f"softcal's own {self.what} cannot be removed", where=self.what, got=name))
         known.pop(name, None)
 
-    def _all(self) -> dict[str, T]:
+    def _begun(self) -> dict[str, T]:
+        """softcal's own members and those that are registered; what brings the others is listed."""
         if not self._asked:
             self._asked = True
             if self._home:
                 for module in pkgutil.iter_modules(importlib.import_module(self._home).__path__):
                     importlib.import_module(f"{self._home}.{module.name}")
             self._points = plugin_points(self._group)
+        return self._members
+
+    def _all(self) -> dict[str, T]:
+        self._begun()
         # A module that is being imported has its member later.
         ready = [point for point in self._points if not _is_being_imported(point.module)]
         self._points = [point for point in self._points if point not in ready]

@@ -68,7 +68,7 @@ def crosscheck_project(
         if executor.alone:
             found = {name: one(name, case) for name, case in cases.items()}
         else:
-            asked_of = _Asked(list(cases.values()), tuple(chosen), timeout, project.engines)
+            asked_of = _CrosscheckCall(list(cases.values()), tuple(chosen), timeout, project.engines)
             found = {}
             for name, result in zip(
                 cases, results(executor, _crosschecked, asked_of, [(k,) for k in range(len(cases))]), strict=True
@@ -82,14 +82,14 @@ def crosscheck_project(
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _CrosscheckCall:
     cases: Sequence[Case]
     engines: Sequence[str]
     timeout: float | None
     stated: Mapping[str, Declared]
 
 
-def _crosschecked(asked: _Asked, k: int) -> Crosscheck:
+def _crosschecked(asked: _CrosscheckCall, k: int) -> Crosscheck:
     case = asked.cases[k]
     return crosscheck(case.robot, case.protocol, asked.engines, timeout=asked.timeout, stated=asked.stated)
 

@@ -16,9 +16,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from softcal.errors import Fault, ParameterError
-from softcal.executors.code import code_hash
-from softcal.executors.dask_client import Cluster, dask_client, require_same_code
-from softcal.executors.dask_logs import dask_silenced
 from softcal.executors.executor import (
     TRIES,
     Executor,
@@ -29,6 +26,9 @@ from softcal.executors.executor import (
     register_executor,
 )
 from softcal.executors.shared import Parcel, UnableError, one_at_a_time, packed
+from softcal.plugins.cluster.code import code_hash
+from softcal.plugins.cluster.dask_client import Cluster, dask_client, require_same_code
+from softcal.plugins.cluster.dask_logs import dask_silenced
 
 if TYPE_CHECKING:
     import distributed

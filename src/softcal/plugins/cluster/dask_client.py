@@ -12,8 +12,8 @@ from sysconfig import get_python_version
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from softcal.errors import Fault, InputError
-from softcal.executors.code import code_hash
 from softcal.extras import require_extra
+from softcal.plugins.cluster.code import code_hash
 
 if TYPE_CHECKING:
     import distributed

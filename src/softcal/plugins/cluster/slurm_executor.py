@@ -12,8 +12,8 @@ from typing import Any
 
 from softcal.errors import Fault, InputError, ParameterError
 from softcal.executors.executor import register_executor
-from softcal.executors.kinds.cluster import DaskExecutor
 from softcal.extras import require_extra
+from softcal.plugins.cluster.dask_executor import DaskExecutor
 from softcal.processes import SAFE
 
 _JOBS = 4

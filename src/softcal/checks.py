@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from operator import length_hint
 from typing import Any, TypeVar
 
 import numpy as np
@@ -84,7 +85,8 @@ def _numbers(
         attempt = "drop these rows, or .filled(value)" + (", NaN for a missing one" if missing else "")
         raise InputError(Fault("masked values are no numbers", name, f"{n_masked} masked", of, attempt))
     try:
-        array = np.asarray(values)
+        n = length_hint(values)  # before it is made, such as of a range
+        array = np.asarray(values if n <= _MOST else np.broadcast_to(0, n))
     except (ValueError, TypeError, OverflowError):
         raise InputError(Fault("this is no array", name, "rows of different lengths", of)) from None
     except Exception as error:  # noqa: BLE001 (whatever an object does that NumPy asks for an array)

@@ -170,8 +170,8 @@ def _kept(value: Any, hint: Any, where: str, faults: list[Fault], *, has_range: 
                 except InputError as error:
                     faults += error.faults
         return kept
-    if (hint is Path or Path in of) and isinstance(value, str | os.PathLike) and (fault := _path_fault(value)):
-        faults.append(Fault(fault, where, shown(os.fspath(value))))
+    if (hint is Path or Path in of) and (fault := _path_fault(value)):
+        faults.append(Fault(fault, where, shown(value)))
         return value
     if origin in _UNIONS and (member := next((one for one in of if _fits(value, one)), None)) is not None:
         return _kept(value, member, where, faults)
@@ -191,8 +191,10 @@ def _kept(value: Any, hint: Any, where: str, faults: list[Fault], *, has_range: 
     return value
 
 
-def _path_fault(value: str | os.PathLike[Any]) -> str:
-    """Why no system has a file of this path; "" where one may."""
+def _path_fault(value: object) -> str:
+    """Why no system has a file of this path; "" where one may, or where it is none."""
+    if not isinstance(value, str | os.PathLike):
+        return ""
     try:
         raw = os.fsencode(value)
     except UnicodeEncodeError:

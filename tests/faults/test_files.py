@@ -86,6 +86,15 @@ def test_what_is_no_such_file_is_refused(case: Case, tmp_path: Path) -> None:
     assert_proper(case, tmp_path)
 
 
+def wide(folder: Path) -> None:
+    columns = "".join(f",c{k}" for k in range(50_000))
+    write_fleet(folder, (1.0,), f"specimen,{FILE}{columns}\np1,p1.csv{',1' * 50_000}\n")
+
+
+def test_a_fleet_of_many_columns_is_refused(tmp_path: Path) -> None:
+    assert_proper(Case("fleet", "many columns", DOORS["fleet"][2], files=wide, says="too many columns"), tmp_path)
+
+
 # Small meshes that say that they are large, or that take long to read.
 VTK = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET "
 VTK_POINT = VTK + "UNSTRUCTURED_GRID\nPOINTS 1 double\n0 0 0\nCELLS 1 5\n4 0 0 0 0\nCELL_TYPES 1\n10\n"

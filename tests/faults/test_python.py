@@ -68,6 +68,7 @@ ARRAYS: Mapping[str, Callable[[], Any]] = {
     "a list of many levels": lambda: nested(3000),
     "a billion": lambda: np.broadcast_to(0.5, (10**9,)),
     "a billion whole numbers": lambda: np.broadcast_to(0, (10**9,)),
+    "a range of a billion": lambda: range(10**9),
     "a trillion rows": lambda: np.broadcast_to(0.5, (10**12, 3)),
     "sixty axes": lambda: np.zeros((1,) * 60),
 }

@@ -226,8 +226,8 @@ class _RowReader:
         lines: list[tuple[int, list[str]]] = []
         for numbers, cells in self.table.rows():
             lines += zip(numbers, cells, strict=True)
-        if fault := LIMITS["specimens"].fault(len(lines), str(self.table.path)):
-            raise InputError(fault)
+        for of, count in {"specimens": len(lines), "columns of a fleet": len(self.table.headers)}.items():
+            LIMITS[of].check(count, where=str(self.table.path))
         self.columns = [
             column
             for place, header in enumerate(self.table.headers)

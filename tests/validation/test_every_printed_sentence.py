@@ -553,7 +553,7 @@ def not_measured(case: Case, _: list[str], told: Told) -> None:
     assert found == expected
 
 
-@sentence(r"The tests contradict one value of (\S+) \(they range from ([\d.]+) to ([\d.]+) (\w+)\)")
+@sentence(r"No single (\S+) fits the tests \(([\d.]+) to ([\d.]+) (\w+)\)")
 def contradict(case: Case, _: list[str], told: Told) -> None:
     fit, estimator = case.joint, case.estimator("joint")
     name = named(fit, told[1])
@@ -564,6 +564,11 @@ def contradict(case: Case, _: list[str], told: Told) -> None:
         like(printed, end / UNITS[told[4]])
     assert one.differs
     assert np.ptp(ends) > np.ptp(fit.p[name]["interval"]) / 2
+
+
+@sentence(r"First find why the tests differ")
+def first(case: Case, _: list[str], told: Told) -> None:
+    assert "No single " in told.string
 
 
 @sentence(rf"(?P<what>E) = (?P<value>{V}) (?P<unit>\w+) \(95 %: (?P<ends>[\d.]+ to [\d.]+) (?P=unit)\)")
@@ -636,8 +641,8 @@ REMEDIES = {
 
 
 @sentence(
-    r"(?P<what>\S+) shifts by half its interval where (?P<errors>\S+ is off by [\d.]+ \S+?(?: or "
-    r"\S+ is off by [\d.]+ \S+?)*)(?=\.(?: |$))"
+    r"Not included: (?P<what>\S+) shifts by half the length of its interval where "
+    r"(?P<errors>\S+ is off by [\d.]+ \S+?(?: or \S+ is off by [\d.]+ \S+?)*)(?=\.(?: |$))"
 )
 def shifts(case: Case, _: list[str], told: Told) -> None:
     """An error c of the readings moves the minimum by -H^-1 J^T W c, parameters at their bounds staying there: by

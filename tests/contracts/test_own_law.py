@@ -188,7 +188,7 @@ def test_a_law_that_is_none_at_rest_is_refused_as_it_is_registered(
         ({"parameters": None}, "parameters: this is of the wrong kind; got None"),
         ({"parameters": (5,)}, "parameters.* wrong kind"),
         ({"symbols": ["a"]}, "symbols: this is of the wrong kind"),
-        ({"symbols": {5: "J"}}, "law wrong: this cannot be a name; got 5"),
+        ({"symbols": {5: "J"}}, "symbols: a name is of the wrong kind; got 5"),
         ({"volumetric_strain": 3}, "volumetric_strain: this is of the wrong kind; got 3"),
     ],
 )

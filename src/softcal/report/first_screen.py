@@ -202,9 +202,8 @@ def _largest_source(of: FirstScreen) -> str:
     if not known:
         return text or _unknown(of)
     widest = max(known, key=lambda one: interval_share(one.estimate) or 0.0)
-    apart = [
-        s for result in of.judged.values() for s in _contradictions(result, [one.name for one in material]).values()
-    ]
+    names = [one.name for one in material]
+    apart = [spread for result in of.judged.values() for spread in _contradictions(result, names).values()]
     first = f"First find why the {WORDS[apart[0].kind]} differ. " if apart else ""
     return f"{text} {first}{_source_of(of, widest)}{_instruments(widest)}".strip()
 

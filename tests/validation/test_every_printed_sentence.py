@@ -372,7 +372,7 @@ def agreeing_tests(case: Case, labels: list[str], told: Told) -> None:
     rf"Here each test has its own (?P<own>{LABEL}) too; with (?P<at>{LABEL}) at its joint value, in the joint fit, "
     rf"the tests differ \({P}\)"
 )
-def tests_differ_at_the_joint_value(case: Case, labels: list[str], told: Told) -> None:
+def differ_at_the_joint_value(case: Case, labels: list[str], told: Told) -> None:
     assert told["own"] == told["at"]
     assert all(named(case.fits[label], told["own"]) in case.fits[label].names for label in case.fits)
     (one,) = (one for one in case.estimator("joint").between.values() if one.differs)

@@ -567,8 +567,10 @@ def contradict(case: Case, _: list[str], told: Told) -> None:
 
 
 @sentence(r"First find why the tests differ")
-def first(case: Case, _: list[str], told: Told) -> None:
-    assert "No single " in told.string
+def first(case: Case, labels: list[str], told: Told) -> None:
+    """It follows where no single value fits the tests, which is printed and checked."""
+    (found,) = re.finditer(r"No single (\S+) fits the tests \(([\d.]+) to ([\d.]+) (\w+)\)", case.text)
+    contradict(case, labels, found)
 
 
 @sentence(rf"(?P<what>E) = (?P<value>{V}) (?P<unit>\w+) \(95 %: (?P<ends>[\d.]+ to [\d.]+) (?P=unit)\)")

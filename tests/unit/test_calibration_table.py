@@ -133,3 +133,15 @@ def test_the_largest_distances_of_several_tests_are_each_the_largest(capsys):
     fits = {name: replace(fit, distances={"m": distance}, length=0.1) for name, distance in far.items()}
     print_results({"joint": replace(one, experiments=fits)})
     assert "at most 3 and 9 mm (3 and 9 %)" in capsys.readouterr().out
+
+
+def test_a_fit_without_the_values_of_other_tests_has_an_empty_cell(capsys):
+    """Of more tests than have a line, a separate fit has its own value and none of those that are put together."""
+    one = tpe_result([bench_experiment("20mm", 0.02, 1.2e6)], 1.2e6, 0.45, n_trials=12)
+    fits = dict.fromkeys([f"t{i}" for i in range(12)], one.experiments["20mm"])
+    slacks = {f"front.slack[t{i}]": Estimate(1e-3, "m", False, 0.0, 1e-2, 1e-4 * (i + 1)) for i in range(12)}
+    alone = replace(one, parameters={**one.parameters, "front.slack[t11]": slacks["front.slack[t11]"]})
+    joint = replace(one, experiments=fits, parameters={**one.parameters, **slacks})
+    print_results({"t11": alone, "joint": joint}, verbose=True)
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "front.slack, 2 more" in line]
+    assert [cell.strip() for cell in line.split("│")[2:4]] == ["", "1.00 to 1.00 mm"]

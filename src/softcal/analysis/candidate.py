@@ -115,8 +115,8 @@ def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:
 def own_parameters(candidate: Candidate, like: Experiment, known: tuple[P, ...]) -> dict[str, P]:
     """Label in the calibration -> the test's own parameter of the same kind, such as its slack or its offsets.
 
-    Parameters of a set-up are shared with the test, and so are all others, except those of the rig of a cable that the
-    test pulls instead of another, if the calibration does not have that cable.
+    The test shares all other parameters with the calibration, those of a set-up too. If it pulls a cable that the
+    calibration does not have, the parameters of that cable's rig are its own.
 
     Parameters
     ----------
@@ -178,9 +178,7 @@ def _renamed(channel: str, candidate: Candidate, like: Experiment, *, is_drive: 
 
 
 def _commands(candidate: Candidate, like: Experiment, old: str, new: str) -> Floats:
-    """Values of the control: those of `like`, or evenly spaced from zero to the largest value that `like` measured of
-    it.
-    """
+    """Values of the control: those of `like`, or evenly spaced from zero to the largest one measured in `like`."""
     values = like.dataset.values(old)
     if channel_name(old).kind == channel_name(new).kind:
         return values

@@ -35,7 +35,7 @@ _SETTINGS = {"importance_kind": str, "method": str, "hold_out": list, "trials": 
 
 
 def _of_its_kind(settings: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Validate settings of a search: those of every search, and options of its optimiser, which are numbers."""
+    """Validate the settings of a search; the options of its optimiser are numbers."""
     for key, value in settings.items():
         kind = _SETTINGS.get(key, (int, float))
         if not isinstance(value, kind) or (kind is int and cast("int", value) < 0):

@@ -42,9 +42,9 @@ def result_json(result: SearchResult) -> dict[str, Any]:
     """
     document: dict[str, Any] = {
         "format": FORMAT,
-        "converged": None,
+        "converged": None,  # of a search that looks for no minimum
         **as_json(result),
-    }  # None: of a search that looks for no minimum
+    }
     document["experiments"] = {name: _errors(name, fit) for name, fit in document["experiments"].items()}
     document["held_out"] = {
         name: {**entry, **_errors(name, entry.pop("fit"))} for name, entry in document["held_out"].items()

@@ -107,7 +107,7 @@ def _check_cells(path: Path, result: SweepResult) -> None:
 
 
 def _check(path: Path, result: SearchResult) -> None:
-    """Whether the parts of a result agree: its estimates are those of its best trial."""
+    """Check that the estimates of a result are those of its best trial."""
     if not result.parameters or not result.experiments:
         raise contradiction(path, _WHAT, "it has no parameters or no experiments")
     values = {name: one.value for name, one in result.parameters.items()}

@@ -51,7 +51,7 @@ def print_results(
     from softcal.report.judged import first_label, judged
 
     first, others = worst(results.items(), lambda pair: math.inf if pair[0] == JOINT else pair[1].loss)
-    print_table((_result_table if verbose else _short_table)(dict(first)))
+    print_table(_result_table(dict(first), verbose=verbose))
     if others:
         typer.echo(f"{len(others)} more calibrations, of smaller losses, are in the report.")
     label = first_label(results)
@@ -69,11 +69,22 @@ def print_results(
 
 @dataclass(frozen=True)
 class _Remark:
-    """A sentence on the calibrations; decides: it warns of the result that is the answer, and is always printed."""
+    """A sentence on the calibrations; decides: it is a warning on the answer, and always printed."""
 
     text: str
     is_warning: bool = False
     decides: bool = False
+
+
+def _warnings(texts: Iterable[tuple[bool, str]]) -> Iterator[_Remark]:
+    """Warnings of one kind, each with whether it decides; of many the first."""
+    from softcal.report.format import MANY
+
+    every = list(texts)
+    for decides in (True, False):
+        own = [text for on_answer, text in every if on_answer == decides]
+        more = [f"{len(own) - MANY} more such warnings are in the report."] * (len(own) > MANY)
+        yield from (_Remark(text, is_warning=True, decides=decides) for text in [*own[:MANY], *more])
 
 
 def _remarks(
@@ -90,20 +101,18 @@ def _remarks(
     from softcal.report.cycles import cycle_sentences
     from softcal.report.format import few
 
-    failed = [f"{label}: {r.status} No intervals are given." for label, r in results.items() if r.converged is False]
-    yield from (_Remark(text, True, True) for text in _first(failed))
-    far = [
-        (label, text if text.startswith(f"{label}: ") else f"{label}, {text}")
+    failed = [label for label, result in results.items() if result.converged is False]
+    yield from _warnings((True, f"{label}: {results[label].status} No intervals are given.") for label in failed)
+    yield from _warnings(
+        (label in shown, text if text.startswith(f"{label}: ") else f"{label}, {text}")
         for label, result in results.items()
         for text, tone in closeness_by_experiment(misses_of(data, result))
         if tone == "warning"
-    ]
-    yield from (_Remark(text, True, True) for text in _first(text for label, text in far if label in shown))
-    yield from (_Remark(text, True) for text in _first(text for label, text in far if label not in shown))
+    )
     yield from (_Remark(text) for text, _ in agreement_sentences(results))
     for label, result in shown.items():
         for text, warns in (*spread_sentences(result, records), *residual_sentences(result)):
-            yield _Remark(f"{label}: {text}", warns, warns)
+            yield _Remark(f"{label}: {text}", is_warning=warns, decides=warns)
         for text in cycle_sentences(result):
             yield _Remark(text if text.startswith(f"{label}: ") else f"{label}, {text}")
     notes: dict[Note, list[str]] = {}
@@ -112,15 +121,12 @@ def _remarks(
             if note.level == "warning" or label in shown:
                 notes.setdefault(note, []).append(label)
     warnings = {note: labels for note, labels in notes.items() if note.level == "warning"}
-    for decides in (True, False):
-        texts = [
-            f"{', '.join(few(labels))}: {note}"
-            for note, labels in warnings.items()
-            if any(label in shown for label in labels) == decides
-        ]
-        yield from (_Remark(text, True, decides) for text in _first(texts))
+    yield from _warnings(
+        (any(label in shown for label in labels), f"{', '.join(few(labels))}: {note}")
+        for note, labels in warnings.items()
+    )
     for label, response in solved.items():
-        yield from (_Remark(f"{label}: {text}", True, True) for text in response.warnings)
+        yield from (_Remark(f"{label}: {text}", is_warning=True, decides=True) for text in response.warnings)
     yield from map(_Remark, _statuses(results))
     coarse = [label for label, result in results.items() if label not in shown and not _includes_mesh(result)]
     for note, labels in notes.items():
@@ -130,14 +136,6 @@ def _remarks(
         if note.text.startswith(INCLUDED) and coarse and any(_includes_mesh(results[label]) for label in labels):
             more = f" Those of {', '.join(few(coarse))} do not include the error of the mesh."
         yield _Remark(f"Note ({', '.join(few(labels))}): {note}{more}")
-
-
-def _first(texts: Iterable[str]) -> list[str]:
-    """Warnings of one kind, of many the first."""
-    from softcal.report.format import MANY
-
-    every = list(texts)
-    return [*every[:MANY], *[f"{len(every) - MANY} more such warnings are in the report."] * (len(every) > MANY)]
 
 
 def _includes_mesh(result: CalibrationResult) -> bool:
@@ -165,71 +163,45 @@ def result_line(label: str, result: CalibrationResult) -> str:
     return f"{label}: {', '.join(values)}; loss {result.loss:.4g}"
 
 
-def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
-    """Table with a column per calibration, and a line per parameter and error of an experiment, of many for the
-    largest, and one for all others.
-    """
+def _result_table(results: Mapping[str, CalibrationResult], *, verbose: bool) -> Table:
+    """Table with a column per calibration, and lines for parameters and errors; verbose: with those of each test."""
     from rich.table import Table
 
+    table = Table("", *results)
+    _add_parameters(table, [result.parameters for result in results.values()], verbose=verbose)
+    _add_errors(table, "", [result.experiments for result in results.values()], verbose=verbose)
+    held_out = [{name: held.fit for name, held in result.held_out.items()} for result in results.values()]
+    _add_errors(table, "held out: ", held_out, verbose=verbose)
+    table.add_section()
+    table.add_row("loss", *(f"{result.loss:.4g}" for result in results.values()))
+    failed = {
+        label: f", {result.n_failed_trials} failed" for label, result in results.items() if result.n_failed_trials
+    }
+    table.add_row("trials", *(f"{len(result.trials)}{failed.get(label, '')}" for label, result in results.items()))
+    return table
+
+
+def _add_parameters(table: Table, fits: Sequence[Mapping[str, Estimate]], *, verbose: bool) -> None:
+    """A line for each parameter; of one that each test has by itself a line for all, and if verbose for the vaguest."""
+    from softcal.calibration.digits import interval_text
     from softcal.report.format import worst
 
-    table = Table("", *results)
-    found = [result.parameters for result in results.values()]
     own: dict[str, list[str]] = {}
-    for name in dict.fromkeys(name for parameters in found for name in parameters):
+    for name in dict.fromkeys(name for parameters in fits for name in parameters):
         own.setdefault(name.partition("[")[0], []).append(name)
     for base, names in own.items():
-        vague, others = worst(names, lambda name: max(_vagueness(one.get(name)) for one in found))
-        for name in vague:
-            _add_parameter(table, name, [one.get(name) for one in found])
+        is_whole = verbose or names == [base]
+        alone, others = (
+            worst(names, lambda name: max(_vagueness(one.get(name)) for one in fits)) if is_whole else ([], names)
+        )
+        for name in alone:
+            found = [one.get(name) for one in fits]
+            table.add_row(name, *("" if one is None else value_text(one) for one in found))
+            if "[" not in name and any(one is not None and one.interval for one in found):
+                table.add_row("  95 % interval", *("" if one is None else interval_text(one) for one in found))
         if others:
-            cells = (_range_text([one[name] for name in others if name in one]) for one in found)
-            table.add_row(f"{base}, {len(others)} more", *cells)
-    _add_errors(table, "", [result.experiments for result in results.values()])
-    held_out = [{name: held.fit for name, held in result.held_out.items()} for result in results.values()]
-    _add_errors(table, "held out: ", held_out)
-    table.add_section()
-    table.add_row("loss", *(f"{result.loss:.4g}" for result in results.values()))
-    table.add_row("trials", *(_count(result) for result in results.values()))
-    return table
-
-
-def _short_table(results: Mapping[str, CalibrationResult]) -> Table:
-    """Table with a column per calibration and a line per parameter and channel, where several tests have their own with
-    the least and the largest.
-    """
-    from rich.table import Table
-
-    from softcal.calibration.digits import interval_text
-
-    table = Table("", *results)
-    every = [result.parameters for result in results.values()]
-    for base in dict.fromkeys(name.partition("[")[0] for parameters in every for name in parameters):
-        own = [[one for name, one in p.items() if name.partition("[")[0] == base] for p in every]
-        table.add_row(base, *(_range_text(ones) if len(ones) > 1 else "".join(map(value_text, ones)) for ones in own))
-        shared = [parameters.get(base) for parameters in every]
-        if any(one is not None and one.interval for one in shared):
-            table.add_row("  95 % interval", *("" if one is None else interval_text(one) for one in shared))
-    held_out = [{name: held.fit for name, held in result.held_out.items()} for result in results.values()]
-    for lead, fits in (("", [result.experiments for result in results.values()]), ("held out: ", held_out)):
-        table.add_section()
-        for channel in dict.fromkeys(
-            channel for _, channel in _error_lines(pair for one in fits for pair in one.items())
-        ):
-            title = f"RMSE of {channel}" if channel else "distance, mean and largest"
-            table.add_row(lead + title, *(_error(list(one.values()), channel) for one in fits))
-    table.add_section()
-    table.add_row("loss", *(f"{result.loss:.4g}" for result in results.values()))
-    table.add_row("trials", *(_count(result) for result in results.values()))
-    return table
-
-
-def _add_parameter(table: Table, name: str, found: Sequence[Estimate | None]) -> None:
-    from softcal.calibration.digits import interval_text
-
-    table.add_row(name, *("" if estimate is None else value_text(estimate) for estimate in found))
-    if "[" not in name and any(estimate is not None and estimate.interval for estimate in found):
-        table.add_row("  95 % interval", *("" if estimate is None else interval_text(estimate) for estimate in found))
+            title = f"{base}, {len(others)} more" if alone else base
+            table.add_row(title, *(_range_text([one[name] for name in others if name in one]) for one in fits))
 
 
 def _vagueness(estimate: Estimate | None) -> float:
@@ -240,38 +212,39 @@ def _vagueness(estimate: Estimate | None) -> float:
 
 
 def _range_text(estimates: Sequence[Estimate]) -> str:
-    """The least and the largest of values, to the digits of the least certain."""
+    """The least and the largest of several values, to the digits of the least certain."""
     from softcal.calibration.digits import shown, with_unit
 
+    if len(estimates) < 2:
+        return "".join(map(value_text, estimates))
     values = [estimate.value for estimate in estimates]
     vaguest = max(estimates, key=_vagueness)
     return with_unit(vaguest, f"{shown(vaguest, min(values))} to {shown(vaguest, max(values))}")
 
 
-def _add_errors(table: Table, lead: str, fits: Sequence[Mapping[str, ExperimentFit]]) -> None:
-    """A section of errors: a line for each experiment and channel, of many for the largest, and one for all others."""
+def _add_errors(table: Table, lead: str, fits: Sequence[Mapping[str, ExperimentFit]], *, verbose: bool) -> None:
+    """A section of errors: for each channel a line for all experiments, and if verbose for those of the largest."""
     from softcal.report.format import worst
 
     def size(line: tuple[str, str]) -> float:
-        return max(_size(one.get(line[0]), line[1]) for one in fits)
+        """The largest error [SI] of an experiment's channel."""
+        name, channel = line
+        own = [one[name] for one in fits if name in one]
+        if channel:
+            return max(fit.rmse.get(channel, 0.0) for fit in own)
+        return max(fit.distance.mean if fit.distance else 0.0 for fit in own)
 
     lines = _error_lines(pair for one in fits for pair in one.items())
-    ranked = {c: worst((line for line in lines if line[1] == c), size) for c in dict.fromkeys(c for _, c in lines)}
-    shown = {line for first, _ in ranked.values() for line in first}
+    by_channel = {channel: [line for line in lines if line[1] == channel] for _, channel in lines}
+    ranked = {channel: worst(own, size) if verbose else ([], own) for channel, own in by_channel.items()}
+    alone = {line for first, _ in ranked.values() for line in first}
     table.add_section()
-    for name, channel in (line for line in lines if line in shown):
-        table.add_row(lead + _error_title(name, channel), *(_error([one.get(name)], channel) for one in fits))
-    for channel, (_, others) in ranked.items():
+    for name, channel in (line for line in lines if line in alone):
+        table.add_row(lead + _error_title(channel, name), *(_error([one.get(name)], channel) for one in fits))
+    for channel, (first, others) in ranked.items():
         if others:
-            title = lead + _error_title(f"{len(others)} more", channel)
+            title = lead + _error_title(channel, f"{len(others)} more" if first else "")
             table.add_row(title, *(_error([one.get(name) for name, _ in others], channel) for one in fits))
-
-
-def _size(fit: ExperimentFit | None, channel: str) -> float:
-    """The error of a line [SI]."""
-    if fit is None:
-        return 0.0
-    return fit.rmse.get(channel, 0.0) if channel else fit.distance.mean if fit.distance else 0.0
 
 
 def _error_lines(fits: Iterable[tuple[str, ExperimentFit]]) -> list[tuple[str, str]]:
@@ -284,8 +257,9 @@ def _error_lines(fits: Iterable[tuple[str, ExperimentFit]]) -> list[tuple[str, s
     return list(lines)
 
 
-def _error_title(experiment: str, channel: str) -> str:
-    return f"RMSE of {channel}, {experiment}" if channel else f"distance, mean and largest, {experiment}"
+def _error_title(channel: str, experiment: str) -> str:
+    title = f"RMSE of {channel}" if channel else "distance, mean and largest"
+    return f"{title}, {experiment}" if experiment else title
 
 
 def _error(fits: Sequence[ExperimentFit | None], channel: str) -> str:
@@ -307,11 +281,6 @@ def _error(fits: Sequence[ExperimentFit | None], channel: str) -> str:
         mean, largest = (100 * max(each) for each in zip(*shares, strict=True))
         text += f" ({mean:.2g} and {largest:.2g} %)"
     return text
-
-
-def _count(result: CalibrationResult) -> str:
-    failed = f", {result.n_failed_trials} failed" if result.n_failed_trials else ""
-    return f"{len(result.trials)}{failed}"
 
 
 def value_text(estimate: Estimate) -> str:

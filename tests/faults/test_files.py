@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import re
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -141,16 +141,24 @@ def test_a_small_mesh_that_takes_much_is_refused(case: Case, tmp_path: Path) -> 
 
 def solid(*tets: np.ndarray) -> str:
     """Tetrahedra by their corners (4, 3) as surfaces of triangles in one .stl file."""
-    faces = [tet[list(face)] for tet in tets for face in ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))]
+    return surface([tet[list(face)] for tet in tets for face in ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))])
+
+
+def surface(faces: Sequence[np.ndarray]) -> str:
+    """Triangles by their corners (3, 3) as an .stl file."""
     facets = ("".join(f"vertex {x:g} {y:g} {z:g}\n" for x, y, z in face) for face in faces)
     return "solid a\n" + "".join(f"facet normal 0 0 0\nouter loop\n{one}endloop\nendfacet\n" for one in facets)
 
 
-FOIL = np.array([[0, 0, 0], [1e4, 0, 0], [0, 1e4, 0], [3e3, 3e3, 1e-3]])
+FLAKE = np.array([[0, 0, 0], [1e4, 0, 0], [0, 1e4, 0], [3e3, 3e3, 1e-3]])
+# The corners of a foil, 100 mm square and 0.02 mm thick, and of its triangles.
+CORNERS = np.array([[100 * x, 100 * y, 0.02 * z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+FOIL = [CORNERS[[int(i) for i in face]] for face in "013 032 467 475 045 051 276 237 064 026 157 173".split()]
 CLOUD = 100 * np.random.default_rng(0).random((300, 4, 3))
 # Surfaces of triangles, and the sizes [m] or counts that are asked of them.
 SURFACES: Mapping[str, tuple[str, dict[str, Any]]] = {
-    "a foil by size": (solid(FOIL), {"size": 0.002}),
+    "a flake by size": (solid(FLAKE), {"size": 0.002}),
+    "a foil by count": (surface(FOIL), {"tets": 500}),
     "a cloud of tetrahedra by size": (solid(*CLOUD), {"size": 0.005}),
     "a cloud of tetrahedra by count": (solid(*CLOUD), {"tets": 5000}),
     "a size of an atom": (solid(100 * np.eye(4, 3)), {"size": 1e-9}),

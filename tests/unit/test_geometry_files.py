@@ -173,6 +173,8 @@ def two_orders(path):
         ),
         ("cell.inp", INP.replace("held\n1", "held, GENERATE\n1, 9, 1"), "got the number or name of something that"),
         ("other.inp", INP + "*INCLUDE, INPUT=/dev/zero\n", r"got \*INCLUDE of /dev/zero: a mesh is one file"),
+        ("twice.inp", INP.replace("4, 0., 0.", "3, 0., 0."), "4 nodes with 3 numbers: a node number is there twice"),
+        ("lists.inp", INP + INP, r"a second \*NODE: all nodes are in one list"),
         ("set.inp", INP.replace("upper\n2", "upper\nx"), "got Unknown cell set 'x'"),
     ],
 )

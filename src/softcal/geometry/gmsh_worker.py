@@ -13,6 +13,7 @@ import json
 import math
 import signal
 import sys
+import time
 from collections.abc import Generator
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,8 @@ RECIPES = ((6, ()), (6, SMOOTHED), (5, ()), (5, SMOOTHED), (5, (*SMOOTHED, "Netg
 TETS_PER_CUBE, TRIANGLES_PER_SQUARE = 6.0 * math.sqrt(2.0), 4.0 / math.sqrt(3.0)
 # Processor time [s] and memory [B] of a step, and more for each tet; a quadratic one takes half of that.
 MOST_SECONDS, MOST_BYTES, SECONDS_EACH, BYTES_EACH = 10.0, 4e8, 2e-4, 2e3
+# Share of that time for the search for a count; the rest is for its last mesh.
+SHARE_OF_SEARCH = 0.5
 # A search for a count begins with no smaller size than one that puts so many triangles on the surface per tet.
 MOST_ON_SURFACE = 10
 # Tolerance of nodes of a half section on the axis.
@@ -90,9 +93,10 @@ def make_mesh(job: dict[str, Any]) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def limits(tets: float) -> Generator[None]:
-    """A step of so many tets, which begins with its own processor time and memory."""
+    """A step with its own processor time and memory: meshes of so many tets, with all that are tried for them."""
     most = MOST_BYTES + BYTES_EACH * tets
-    start_clock(tets)
+    if hasattr(signal, "setitimer"):  # ends the process, which Gmsh alone does not
+        signal.setitimer(signal.ITIMER_PROF, most_seconds(tets))
     try:
         with memory_limit(most):
             yield
@@ -101,10 +105,9 @@ def limits(tets: float) -> Generator[None]:
         raise JobError("Gmsh took too much memory and was stopped", got=got, attempt="a larger size") from None
 
 
-def start_clock(tets: float) -> None:
-    """End the process after the time of a step of so many tets, which Gmsh alone does not end."""
-    if hasattr(signal, "setitimer"):
-        signal.setitimer(signal.ITIMER_PROF, MOST_SECONDS + SECONDS_EACH * tets)
+def most_seconds(tets: float) -> float:
+    """Processor time [s] of a step of so many tets."""
+    return MOST_SECONDS + SECONDS_EACH * tets
 
 
 def most_expected(job: dict[str, Any]) -> float:
@@ -180,7 +183,9 @@ def mesh_to_target(gmsh: Any, job: dict[str, Any]) -> None:
     size = (bulk_count(job, 1.0) / target) ** (1 / dimension(job))
     size = max(size, math.sqrt(surface_count(job, 1.0) / (MOST_ON_SURFACE * target)))
     tried: dict[float, int] = {}
-    while len(tried) < MAX_MESHES:
+    # A search ends with its best count before the time of the step ends the process.
+    end = time.process_time() + SHARE_OF_SEARCH * most_seconds(most_expected(job))
+    while len(tried) < MAX_MESHES and time.process_time() < end:
         tried[size] = mesh_at(gmsh, job, size)
         if abs(tried[size] / target - 1) <= COUNT_GOAL:
             return
@@ -190,7 +195,7 @@ def mesh_to_target(gmsh: Any, job: dict[str, Any]) -> None:
         if fine > CLOSE * coarse or fine > largest_size(gmsh):
             break
     best = min(tried, key=lambda size: abs(tried[size] / target - 1))
-    if abs(tried[best] / target - 1) > COUNT_TOLERANCE and mesh_around_jump(gmsh, job, best):
+    if abs(tried[best] / target - 1) > COUNT_TOLERANCE and mesh_around_jump(gmsh, job, best, end):
         return
     if abs(tried[best] / target - 1) > COUNT_TOLERANCE:
         reached = sorted(set(tried.values()), key=lambda count: abs(count - target))[:4]
@@ -203,7 +208,7 @@ def mesh_to_target(gmsh: Any, job: dict[str, Any]) -> None:
     mesh_at(gmsh, job, best)
 
 
-def mesh_around_jump(gmsh: Any, job: dict[str, Any], size: float) -> bool:
+def mesh_around_jump(gmsh: Any, job: dict[str, Any], size: float, end: float) -> bool:
     """True if a mesh near this size has the target count, which jumps when many edges are divided once more at the same
     size.
 
@@ -215,8 +220,12 @@ def mesh_around_jump(gmsh: Any, job: dict[str, Any], size: float) -> bool:
         The job, as in `softcal.geometry.gmsh_worker`.
     size
         Target edge length, in the job's unit.
+    end
+        Processor time of the process [s] after which no further mesh is tried.
     """
     for factor in AROUND_A_JUMP:
+        if time.process_time() > end:
+            return False
         varied = dict(job)
         if job.get("refine"):
             # Increases with height, so that the circles do not all jump together.
@@ -350,7 +359,6 @@ def generate(gmsh: Any, job: dict[str, Any], size: float, algorithm: int, passes
         gmsh.clear()
         load_stl(gmsh, job)
     job["has_meshed"] = True
-    start_clock(most_expected(job))
     gmsh.option.setNumber("Mesh.Algorithm", algorithm)
     gmsh.option.setNumber("Mesh.MeshSizeMin", 0.0)
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)

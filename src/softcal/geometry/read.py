@@ -172,7 +172,7 @@ def _read_raw(path: Path) -> Any:
     said = io.StringIO()
     try:
         # meshio prints an error and exits.
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), _alone():
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), _as_one_deck():
             return meshio.read(path)
     except MemoryError:
         raise
@@ -188,29 +188,41 @@ def _read_raw(path: Path) -> Any:
         ) from error
 
 
-class IncludeError(Exception):
-    """A file that names another one to be read."""
+class DeckError(Exception):
+    """An .inp file that meshio would read otherwise than Abaqus does."""
 
 
 @contextlib.contextmanager
-def _alone() -> Generator[None]:
-    """Read one file alone: an .inp file can include others, which may be anywhere and are not kept with a run."""
+def _as_one_deck() -> Generator[None]:
+    """Refuse in an .inp file what meshio reads without a word: another file that it includes, which may be anywhere and
+    is not kept with a run; a second list of nodes, which replaces the first; a number of two nodes."""
     abaqus: Any = import_module("meshio.abaqus._abaqus")
+    lists: list[int] = []
 
     def refuse(path: object) -> None:
-        raise IncludeError(f"*INCLUDE of {str(path)[:60]}: a mesh is one file")
+        raise DeckError(f"*INCLUDE of {str(path)[:60]}: a mesh is one file")
+
+    def nodes(file: object) -> Any:
+        points, numbers, line = read_nodes(file)
+        lists.append(len(points))
+        if len(lists) > 1:
+            raise DeckError("a second *NODE: all nodes are in one list")
+        if len(numbers) < len(points):
+            raise DeckError(f"{len(points)} nodes with {len(numbers)} numbers: a node number is there twice")
+        return points, numbers, line
 
     with _reading:
-        before, abaqus.read = abaqus.read, refuse
+        read, read_nodes = abaqus.read, abaqus._read_nodes
+        abaqus.read, abaqus._read_nodes = refuse, nodes
         try:
             yield
         finally:
-            abaqus.read = before
+            abaqus.read, abaqus._read_nodes = read, read_nodes
 
 
 def _reason(error: BaseException, said: str) -> str:
     """Reason why meshio cannot read a file: its reader's message, the last line that it printed, or one of `FOUND`."""
-    if isinstance(error, IncludeError):
+    if isinstance(error, DeckError):
         return str(error)
     if isinstance(error, OSError) and error.strerror:
         return error.strerror

@@ -593,9 +593,9 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[
         if b.channel == "tension":  # contact from a place on, by which the force is larger than without
             for share in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8):
                 hinge = y - ((1 - share) * y.min() + share * y.max())
-                shapes[f"surfaces that meet{share}"] = np.where(hinge > 0, hinge, 0)
+                shapes[f"contact of surfaces{share}"] = np.where(hinge > 0, hinge, 0)
         shapes = {cause: shape / np.linalg.norm(shape) for cause, shape in shapes.items() if np.any(shape != 0)}
-        beside = sum(not cause.startswith("surfaces that meet") for cause in shapes)
+        beside = sum(not cause.startswith("contact of surfaces") for cause in shapes)
         C = averaged(np.column_stack(list(shapes.values())))
         J, r = averaged(b.J), averaged(b.r)
         X = span(np.column_stack([J / np.maximum(np.linalg.norm(J, axis=0), 1e-300), C[:, :beside]]))
@@ -620,12 +620,12 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[
                 after = r - whole * (whole @ r) / (whole @ whole)
                 t = abs(float(whole @ r)) / float(np.linalg.norm(whole))
                 one = t, 1.0 - float(np.sum(after[at] ** 2) / np.sum(r[at] ** 2))
-                if cause.startswith("surfaces that meet"):
-                    if whole @ r < 0 and one > worth.get("surfaces that meet", (0.0, 0.0)):
-                        worth["surfaces that meet"] = one
+                if cause.startswith("contact of surfaces"):
+                    if whole @ r < 0 and one > worth.get("contact of surfaces", (0.0, 0.0)):
+                        worth["contact of surfaces"] = one
                 else:
                     worth[cause], changes[cause] = one, along * (whole @ r) / (whole @ whole)
-        clearest = max((t for cause, (t, _) in worth.items() if cause != "surfaces that meet"), default=0.0)
+        clearest = max((t for cause, (t, _) in worth.items() if cause != "contact of surfaces"), default=0.0)
         worth = {cause: (min(t, clearest), share) for cause, (t, share) in worth.items()}
         found[channel] = clearest, worth, changes
     return found

@@ -435,7 +435,7 @@ def test_a_tile_and_the_sentence_are_of_the_same_error() -> None:
     report = content({"joint": replace(made, experiments={"a": of(10.0, 0.2), "b": of(20.0, 0.3)})})
     (tile,) = [one for one in key_numbers(report) if one.label.startswith("Force")]
     assert (tile.value, tile.unit, tile.remark) == ("0.200", "N", "2.0 % of its range; largest in a")
-    assert "the force within 2.0 % of its range (RMS; most in a)" in verdict(report).text
+    assert "the force with an RMS error of 2.0 % of its range at most (a)" in verdict(report).text
 
 
 def test_the_subject_counts_what_is_not_of_the_material() -> None:

@@ -118,7 +118,9 @@ def test_fits_whose_ratio_is_at_a_bound_are_compared_at_one_ratio() -> None:
     jointly = replace(joint, spreads={E_NAME: spread})
     of_E, of_ratio = (text for text, _ in agreement_sentences({**fits, "joint": jointly}))
     values = "3.530 (test1), 3.320 (test2) and 3.200 (test3) MPa"
-    assert of_E.endswith(f" With ν = 0.4999 in all, it is {values}, by the derivatives at the joint fit."), of_E
+    assert of_E.endswith(
+        f" With ν = 0.4999 in all, it is {values}, estimated from the derivatives at the joint fit."
+    ), of_E
     assert of_ratio == "No separate fit determines ν."
     free = replace(at, value=0.45, at_bound=False)
     apart = {label: replace(one, parameters={**one.parameters, NU_NAME: free}) for label, one in fits.items()}
@@ -182,7 +184,7 @@ def test_every_separate_fit_is_judged_and_the_worst_is_named() -> None:
     fits["test4"] = result("test4", made=fit(0.1, 2.2))
     report = content(fits)
     first = verdict(report)
-    assert "the pitch within 2.2 deg (RMS; most in test4)" in first.text
+    assert "the pitch with an RMS error of 2.2 deg at most (test4)" in first.text
     assert first.tone == "warning"
     sentence = "test4: the twin reproduces the force to 0.100 N RMS (1.2 % of its range) and the pitch to 2.20 deg RMS"
     assert sentence in told(report, "warning")
@@ -201,7 +203,7 @@ def test_channels_of_named_parts_are_judged_as_those_of_short_names_are() -> Non
     assert "the force of left to 0.100 N RMS (1.2 % of its range)" in told(report, "warning")
     assert "poor (the pitch of head above 10 % of its range)" in told(report, "warning")
     first = verdict(report)
-    assert "the force within 1.2 % of its range (RMS) and the pitch within 2.2 deg" in first.text
+    assert "the force with an RMS error of 1.2 % of its range and the pitch with an RMS error of 2.2 deg" in first.text
     assert first.tone == "warning"
     errors = errors_table(report)
     assert [column.label for column in errors.columns[3::2]] == ["left.tension RMSE", "head.pitch RMSE"]
@@ -394,7 +396,7 @@ def test_of_many_tests_the_report_rates_the_ten_worst_and_all_others_together():
     told = list(closeness_by_experiment(misses))
     assert [text.partition(":")[0] for text, _ in told] == [*(f"t{i}" for i in range(190, 200)), "190 more"]
     assert told[-1][0].startswith(
-        "190 more: the twin reproduces the force within 19 % of its range (RMS; most in t189)"
+        "190 more: the twin reproduces the force with an RMS error of 19 % of its range at most (t189)"
     )
     assert told[-1][1] == "warning"
     assert len(list(closeness_by_experiment(misses[:10]))) == 10

@@ -222,7 +222,7 @@ def test_the_headline_names_estimates_fit_and_gravest_doubt() -> None:
     found = verdict(small_content(parameters=wide))
     assert found.sentences[0] == "E = 2.300 ± 0.020 MPa and ν anywhere in 0.4 to 0.4999, from one test."
     assert found.sentences[1] == "The data do not determine ν: its interval covers nearly the whole allowed range."
-    assert found.sentences[-1] == "The twin reproduces the force within 5.0 % of its range (RMS)."
+    assert found.sentences[-1] == "The twin reproduces the force with an RMS error of 5.0 % of its range."
     assert found.warnings == ()  # its sentence says so
     assert found.tone == "warning"
     known = replace(wide[NU_NAME], standard_error=0.02)

@@ -47,7 +47,7 @@ P = (
 LABEL = r"(?:E|ν|\w+ \([^)]*\))"  # of a parameter
 LIST = rf"(?P<list>{V} \(\w+\)(?:(?:, | and ){V} \(\w+\))*)"  # of values and their tests
 ITEM = rf"(?P<channel>\w+) of (?P<of>\w+) by (?P<size>{V}) (?P<unit>\w+) \(RMS\), "
-CAUSE = rf"((?:an?|another) [\w ]+?|friction that reverses|surfaces that meet) alone (?:would explain )?{V} %"
+CAUSE = rf"((?:an?|another) [\w ]+?|friction that reverses|contact of surfaces) alone (?:would explain )?{V} %"
 UNITS = {"MPa": 1e6, "kPa": 1e3, "mm": 1e-3, "deg": math.pi / 180, "g": 1e-3, "N": 1.0, "%": 0.01, "": 1.0}
 
 Told = re.Match[str]
@@ -260,7 +260,7 @@ def spread_of_fits(case: Case, _: list[str], told: Told) -> None:
 
 @sentence(
     rf"With (?P<other>\S+) = (?P<at>{V}) in all, (?P<what>E|)(?:it)? ?is {LIST} (?P<unit>\w+), "
-    "by the derivatives at the joint fit"
+    "estimated from the derivatives at the joint fit"
 )
 def at_one_value(case: Case, _: list[str], told: Told) -> None:
     """One step from the joint fit; each test, fitted again by itself with the other parameter fixed there, is near."""
@@ -287,7 +287,7 @@ def corrected(told: Told, estimator: Estimator) -> None:
 
 @sentence(
     rf"(?P<what>{LABEL}) differs between the tests by more than their noise explains \({P}\): {LIST} "
-    r"(?P<unit>\w+), by the derivatives at the joint fit"
+    r"(?P<unit>\w+), estimated from the derivatives at the joint fit"
     r"(?P<fixed>, with the other shared parameters at their joint values)?"
 )
 def differing_tests(case: Case, labels: list[str], told: Told) -> None:
@@ -325,10 +325,7 @@ def mean_of_tests(case: Case, labels: list[str], told: Told) -> None:
     assert abs(mean - fit.p[name]["value"]) > 0.25 * half
 
 
-@sentence(
-    r"The 95 % interval is for the mean of many such tests; a single further test is expected to lie "
-    r"at (-?[\d.]+) to (-?[\d.]+) (\w+)"
-)
+@sentence(r"The 95 % interval (?P<same>also holds for|of) a single further test(?: is (-?[\d.]+) to (-?[\d.]+) (\w+))?")
 def further_test(case: Case, labels: list[str], told: Told) -> None:
     """The interval of one more test: the mean's, and the differences between tests once more."""
     label, name = case.last
@@ -344,10 +341,11 @@ def further_test(case: Case, labels: list[str], told: Told) -> None:
     t = float(stats.t.ppf(0.975, (shared + further) ** 2 / scatter))
     low, high = np.clip(profile_interval(estimator.minimum, covariance, j, t), 0.0, 1.0)
     within = 0.05 + ABOUT + 1 / math.sqrt(1 - case.mesh(label, name)) - 1
-    for printed, own in ((told[1], low), (told[2], high)):
-        place = fit.place(name, float(printed) * UNITS[told[3]])
+    ends = p["interval"] if told["same"].startswith("also") else [float(told[i]) * UNITS[told[4]] for i in (2, 3)]
+    for printed, own in zip(ends, (low, high), strict=True):
+        place = fit.place(name, printed)
         assert abs(place - own) <= within * (high - low) / 2, (
-            f"printed {printed}, recomputed {fit.value(name, own):.4g}"
+            f"printed {printed:.4g}, recomputed {fit.value(name, own):.4g}"
         )
 
 
@@ -503,7 +501,7 @@ def together(case: Case, labels: list[str], told: Told) -> None:
     assert after / before < 0.5
 
 
-@sentence(r"The intervals include the noise and its correlation along the records(.*?)(?=\. Errors)")
+@sentence(r"The intervals include the noise and its correlation along the records(.*?)(?=\. Not included)")
 def included(case: Case, labels: list[str], told: Told) -> None:
     for label in labels:
         estimator = case.estimator(label)
@@ -517,8 +515,8 @@ def included(case: Case, labels: list[str], told: Told) -> None:
 
 
 @sentence(
-    r"Errors (of the mesh, )?of the material law and of the (rest of the )?model of the rig that no residual shows "
-    r"are not included where all tests share them"
+    r"Not included: errors (of the mesh, )?of the material law and of the (rest of the )?model of the rig that are the "
+    r"same in all tests and leave no residual"
 )
 def not_included(case: Case, labels: list[str], told: Told) -> None:
     for label in labels:
@@ -613,7 +611,7 @@ SOURCES = {
     "the mesh": "mesh",
     "differences between the tests": "experiments",
     "what the model misses in the residuals": "misfit",
-    "other parameters, which the data leave open within their bounds": "bounds",
+    "ν, which the data leave open within the bounds": "bounds",
 }
 
 
@@ -638,7 +636,7 @@ def largest_source(case: Case, _: list[str], told: Told) -> None:
 REMEDIES = {
     "noise": "more independent measurements, or better ones, will reduce it",
     "mesh": "softcal mesh-study shows whether a finer mesh reduces it",
-    "bounds": "a measurement that tells them, or narrower bounds, will reduce it",
+    "bounds": "a measurement of ν, or narrower bounds, will reduce it",
 }
 
 
@@ -674,7 +672,7 @@ def reproduces(case: Case, _: list[str], told: Told) -> None:
             rms = math.sqrt(np.mean(b.r**2))
             rows.setdefault(b.channel, {})[b.experiment] = rms, rms / float(np.ptp(b.measured))
     for word, size, unit, where in re.findall(
-        rf"the (force|pitch) within {V} (%|deg)[^(]*\(RMS; most in (\w+)\)", told[0]
+        rf"the (force|pitch) with an RMS error of {V} (%|deg)[^(]* at most \((\w+)\)", told[0]
     ):
         by = {
             e: (one[1] if word == "force" else one[0])

@@ -23,7 +23,7 @@ from softcal.checks import Floats
 OFFSET, DRIFT, GAIN = "an offset", "a drift", "a gain"
 SLACK, FRICTION = "a slack", "friction that reverses"
 LAW = "another material law or friction in bends"  # of one shape along a record without reversal
-CONTACT = "surfaces that meet"
+CONTACT = "contact of surfaces"
 _ABSORBED = 1e-3  # of its size: with less left, the parameters can do what a cause would
 _BEGINS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)  # of the range of a force: where contact may begin
 _BRANCH = 0.1  # of the samples: a branch of a cycle

@@ -36,8 +36,8 @@ _TOGETHER = 0.5
 """Two parameters whose standard error falls below this share of itself when the other is known move together."""
 INCLUDED = "The intervals include"
 NOT_INCLUDED = (
-    INCLUDED + " the noise and its correlation along the records{}. Errors {}of the material law and of the "
-    "{}model of the rig that no residual shows are not included where all tests share them."
+    INCLUDED + " the noise and its correlation along the records{}. Not included: errors {}of the material law and of "
+    "the {}model of the rig that are the same in all tests and leave no residual."
 )
 MARKERS_DIFFER = (
     "The {} markers differ by more than the noise explains: the intervals are those found with one marker left out at "

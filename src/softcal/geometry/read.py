@@ -195,7 +195,8 @@ class DeckError(Exception):
 @contextlib.contextmanager
 def _as_one_deck() -> Generator[None]:
     """Refuse in an .inp file what meshio reads without a word: another file that it includes, which may be anywhere and
-    is not kept with a run; a second list of nodes, which replaces the first; a number of two nodes."""
+    is not kept with a run; a second list of nodes, which replaces the first; a number of two nodes.
+    """
     abaqus: Any = import_module("meshio.abaqus._abaqus")
     lists: list[int] = []
 
@@ -212,12 +213,12 @@ def _as_one_deck() -> Generator[None]:
         return points, numbers, line
 
     with _reading:
-        read, read_nodes = abaqus.read, abaqus._read_nodes
-        abaqus.read, abaqus._read_nodes = refuse, nodes
+        read, read_nodes = abaqus.read, abaqus._read_nodes  # noqa: SLF001
+        abaqus.read, abaqus._read_nodes = refuse, nodes  # noqa: SLF001
         try:
             yield
         finally:
-            abaqus.read, abaqus._read_nodes = read, read_nodes
+            abaqus.read, abaqus._read_nodes = read, read_nodes  # noqa: SLF001
 
 
 def _reason(error: BaseException, said: str) -> str:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from softcal.analysis.agreement import Agreement, agreements
 from softcal.analysis.trend import ENOUGH, Trend, trends
-from softcal.calibration.digits import display_unit, half_width, shown, value_text, with_unit
+from softcal.calibration.digits import display_unit, half_width, interval_text, shown, value_text, with_unit
 from softcal.calibration.random_effects import WORDS, Spread
 from softcal.calibration.residuals import SHOWN, ResidualRecord
 from softcal.calibration.result import Estimate, ExperimentFit, SearchResult
@@ -69,7 +69,8 @@ def _at_one_value(
     estimate, spread = joint.parameters[one.name], joint.spreads[one.name]
     at = joined(f"{parameter_label(n, names)} = {value_text(joint.parameters[n])}" for n in bound)
     values, others = _own_values(spread, estimate.value, lambda value: shown(estimate, value))
-    return f" With {at} in all, it is {with_unit(estimate, values)}{others}, by the derivatives at the joint fit."
+    at_bound = f" With {at} in all, it is {with_unit(estimate, values)}{others}"
+    return f"{at_bound}, estimated from the derivatives at the joint fit."
 
 
 def agreement_text(one: Agreement, name: str) -> str:
@@ -174,23 +175,21 @@ def _spread_text(result: SearchResult, name: str, label: str) -> str:
         f"{label} differs between the {who} by more than their noise explains ({chance}): "
         + f"{values} {scale.unit}".rstrip()
         + others
-        + ", by the derivatives at the joint fit"
+        + ", estimated from the derivatives at the joint fit"
         + fixed
     )
     if one.next_interval is None:
         return f"{text}. Two {who} are too few for a reliable interval of their mean."
-    low, high = (shown(replace(estimate, interval=one.next_interval), end) for end in one.next_interval)
+    further = interval_text(replace(estimate, interval=one.next_interval))
     mean, half = sum(weight * one.values[test] for test, weight in one.weights.items()), half_width(estimate)
     if one.weights and half and abs(mean - estimate.value) > _OFF * half:
         text += (
             f". {with_unit(estimate, shown(estimate, estimate.value))} minimises the joint loss, but the mean of the "
             f"{who} is {with_unit(estimate, shown(estimate, mean))}"
         )
-    return (
-        f"{text}. The 95 % interval is for the mean of many such {who}; a single further {who.removesuffix('s')} is "
-        f"expected to lie at {low} to {high} {scale.unit}".rstrip()
-        + "."
-    )
+    if further == interval_text(estimate):
+        return f"{text}. The 95 % interval also holds for a single further {who.removesuffix('s')}."
+    return f"{text}. The 95 % interval of a single further {who.removesuffix('s')} is {further}."
 
 
 def _own_values(one: Spread, mean: float, text: Callable[[float], str]) -> tuple[str, str]:

@@ -121,16 +121,16 @@ def worst(misses: Iterable[Miss], word: str) -> Miss | None:
 
 
 def worst_of(misses: Collection[Miss], word: str) -> str:
-    """The same in words: "the force within 2 % of its range (RMS; most in pull_20mm)"; "" without one."""
+    """The same in words: "the force with an RMS error of 2 % of its range at most (pull_20mm)"; "" without one."""
     found = worst(misses, word)
     if found is None:
         return ""
-    where = f"; most in {found.place}" if sum(miss.word == word for miss in misses) > 1 else ""
+    where = f" at most ({found.place})" if sum(miss.word == word for miss in misses) > 1 else ""
     scale = scale_of(found.unit)
     size = f"{number(found.error / scale.factor, 2)} {scale.unit}"
     if found.unit != "rad":
         size = f"{number(100 * (found.share or 0.0), 2)} % of its range"
-    return f"the {word} within {size} (RMS{where})"
+    return f"the {word} with an RMS error of {size}{where}"
 
 
 def miss_text(miss: Miss) -> str:

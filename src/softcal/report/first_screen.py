@@ -228,9 +228,12 @@ def _source_of(of: FirstScreen, one: Statement) -> str:
     lead = f"All of the known {of_what}" if share > _ALL else f"{words.replace('> ', 'More than ')} of the {of_what}"
     lead = f"{lead} of {one.label} comes"
     parts: list[str] = []
+    vague = joined(dict.fromkeys(other.label for other in of.statements if not other.is_determined))
     for source in (source for source, _, as_much in one.shares if as_much == words):  # several, if shown as equal
-        remedy = _remedy(source, of.study, [record for result in results for record in _records(result)])
-        parts.append(f"{'As much comes' if parts else lead} from {source.words}{remedy and f': {remedy}'}.")
+        remedy, cause = _remedy(source, of.study, [r for result in results for r in _records(result)]), source.words
+        if source.kind == BOUNDS and vague:
+            cause, remedy = cause.replace("other parameters", vague), remedy.replace("them", vague)
+        parts.append(f"{'As much comes' if parts else lead} from {cause}{remedy and f': {remedy}'}.")
     text = " ".join(parts)
     for result in results[:1]:
         if len(result.experiments) == len(of.judged) == 1:

@@ -78,9 +78,9 @@ SOURCES = (
     ErrorSource(MESH, "the mesh", "mesh", "softcal mesh-study shows whether a finer mesh reduces it"),
     ErrorSource(
         BOUNDS,
-        "other parameters, which the data leave open within their bounds",
+        "other parameters, which the data leave open within the bounds",
         "bounds",
-        "a measurement that tells them, or narrower bounds, will reduce it",
+        "a measurement of them, or narrower bounds, will reduce it",
     ),
 )
 

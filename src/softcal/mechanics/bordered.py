@@ -178,20 +178,16 @@ class BorderedTangent:
         Ritz values.
         """
         if self._unstable is None:
-            self._unstable = self._n_unstable() if self._is_certain() else -1
+            is_certain = True
+            if self._at is not None:
+                random = np.zeros((self.system.layout.n_unknowns, 1))
+                random[: len(self.unit), 0] = np.random.default_rng(3).standard_normal(len(self.unit)) / self.unit
+                is_certain = bool(self._iterated(random, CERTAIN)[1].min(initial=1.0) > SIGN)
+            self._unstable = self._n_unstable() if is_certain else -1
             if self._unstable != 0 and self._at is not None:
                 self.factorise(self._at)
                 self._unstable = self._n_unstable()
         return self._unstable
-
-    def _is_certain(self) -> bool:
-        """Whether the sign of the factors is that of the tangent."""
-        if self._at is None:
-            return True
-        random = np.zeros((self.system.layout.n_unknowns, 1))
-        random[: len(self.unit), 0] = np.random.default_rng(3).standard_normal(len(self.unit)) / self.unit
-        ritz = self._iterated(random, CERTAIN)[1]
-        return bool(ritz.min(initial=1.0) > SIGN)
 
     def release(self) -> None:
         """Release the factors' memory."""

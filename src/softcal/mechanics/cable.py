@@ -99,7 +99,16 @@ class CableTerm(ActuatorTerm):
             np.array([theta.get(name, otherwise) for name in names], dtype=np.float64)
             for names, otherwise in zip(self._of_lines, KINDS.values(), strict=True)
         )
-        return Lines(self.names, mu, 1.0 / stiffness, compliance, pretension, presliding, preload, self.remembers)
+        return Lines(
+            names=self.names,
+            mu=mu,
+            softness=1.0 / stiffness,
+            compliance=compliance,
+            pretension=pretension,
+            presliding=presliding,
+            preload=preload,
+            remembers=self.remembers,
+        )
 
     @cached_property
     def _of_lines(self) -> list[list[str]]:
@@ -311,22 +320,20 @@ class CableTerm(ActuatorTerm):
         """The tensions along the cables."""
         once = self._at(given)
         if once.found is None or once.theta is not given.theta:
-            once.theta, once.found = given.theta, self._tensions(given, once.shape)
+            order, shape = self.order, once.shape
+            course = Course(
+                ptr=self._ptr,
+                rest=self.rest[order],
+                longer=(shape.lengths - self.rest)[order],
+                slopes=shape.slopes[order],
+                moves=self.segments.places.moves[order],
+                turns=turns(shape.v[order], self._ptr),
+            )
+            viscous = self.viscous or Viscous(np.zeros(self.n_cables), np.zeros(len(order)))
+            pull, memory = given.state.effort[self.own], self._slips(given.memory)
+            once.found = tensions(self.lines(given.theta), course, pull, memory, viscous)
+            once.theta = given.theta
         return once.found
-
-    def _tensions(self, given: Given, shape: SegmentShape) -> Tensions:
-        order = self.order
-        course = Course(
-            self._ptr,
-            self.rest[order],
-            (shape.lengths - self.rest)[order],
-            shape.slopes[order],
-            self.segments.places.moves[order],
-            turns(shape.v[order], self._ptr),
-        )
-        viscous = self.viscous or Viscous(np.zeros(self.n_cables), np.zeros(len(order)))
-        pull, memory = given.state.effort[self.own], self._slips(given.memory)
-        return tensions(self.lines(given.theta), course, pull, memory, viscous)
 
     def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
         """With friction that increases with the speed, where it does."""

@@ -126,9 +126,12 @@ class ContactTerm(Term):
             parts.append((self._rubbing.points, self._rubbing.simplices, blocks))
         into.points[self.points] += self.weights.T @ gradient
         if into.data is not None:
+            ptr, of, weights = self._sums
             for points, simplices, part in parts:
                 if len(part):
-                    into.outside.append(self._on_points(points, simplices, part))
+                    vertices = np.column_stack([points, simplices])
+                    rows, columns, part = blocks_on_points(vertices, part, ptr, of, weights, len(self.points))
+                    into.outside.append((part, self.points[rows], self.points[columns]))
 
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
         rates = {name: rate for name, rate in self.stiffness.rates(given.theta).items() if name in into}
@@ -200,14 +203,6 @@ class ContactTerm(Term):
         if tangent and convex:
             make_convex(V, near.points, near.simplices, *pushed[2:])
         return near, *pushed
-
-    def _on_points(self, points: Ints, simplices: Ints, blocks: Floats) -> tuple[Floats, Ints, Ints]:
-        """Tangents (m, 12, 12) by a point and three corners, as blocks, rows and columns of the layout's points."""
-        ptr, of, weights = self._sums
-        rows, columns, blocks = blocks_on_points(
-            np.column_stack([points, simplices]), blocks, ptr, of, weights, len(self.points)
-        )
-        return blocks, self.points[rows], self.points[columns]
 
     @cached_property
     def _sums(self) -> tuple[Ints, Ints, Floats]:

@@ -215,9 +215,14 @@ class SuperLU:
 def _mkl_pardiso() -> Any:
     """MKL's function, or None where MKL is absent."""
     # Where pip installed it; pypardiso would search all installed files for it, which may take longer than a solve.
-    path = _mkl_file()
-    if path is not None:
-        return ctypes.CDLL(path)["pardiso"]
+    try:
+        files = distribution("mkl").files or []
+    except PackageNotFoundError:
+        files = []
+    libraries = [file for file in files if re.match(r"(lib)?mkl_rt\b", file.name) and "lib" not in file.suffix]
+    for path in (str(file.locate()) for file in libraries):
+        if os.path.exists(path):
+            return ctypes.CDLL(path)["pardiso"]
     try:
         from pypardiso import PyPardisoSolver
     except ImportError:
@@ -225,17 +230,6 @@ def _mkl_pardiso() -> Any:
     # Looked up by item, ctypes gives a function of our own: pypardiso's has argument types that only its arrays fit.
     library: Any = PyPardisoSolver().libmkl
     return library["pardiso"]
-
-
-def _mkl_file() -> str | None:
-    """MKL's run time as the package `mkl` installed it, or None."""
-    try:
-        files = distribution("mkl").files or []
-    except PackageNotFoundError:
-        return None
-    found = [file for file in files if re.match(r"(lib)?mkl_rt\b", file.name) and "lib" not in file.suffix]
-    paths = (str(file.locate()) for file in found)
-    return next((path for path in paths if os.path.exists(path)), None)
 
 
 def _pointer(array: np.ndarray) -> ctypes.c_void_p:

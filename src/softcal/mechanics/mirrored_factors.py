@@ -43,7 +43,14 @@ class MirroredPattern:
         for mirror in self._mirrors:
             entries = mirror.split(data, touch)
             if entries is not None:
-                return self._in_halves(mirror, entries)
+                halves = (mirror.even, mirror.odd)
+                if mirror not in self._halves:
+                    self._halves[mirror] = [
+                        TouchedPattern(half.triangle, self._unit[half.own], single=self._single) for half in halves
+                    ]
+                even, odd = (HalfFactors(*each) for each in zip(halves, self._halves[mirror], entries, strict=True))
+                even.factors  # noqa: B018 (where it is singular, so is the whole tangent)
+                return Halves(even, odd)
             for pattern in self._halves.pop(mirror, []):
                 pattern.release()
         if self._whole is None:
@@ -55,16 +62,6 @@ class MirroredPattern:
         halves = chain.from_iterable(self._halves.values())
         for pattern in (*halves, *([] if self._whole is None else [self._whole])):
             pattern.release()
-
-    def _in_halves(self, mirror: Mirror, entries: tuple[tuple[Floats, Any], ...]) -> Halves:
-        halves = (mirror.even, mirror.odd)
-        if mirror not in self._halves:
-            self._halves[mirror] = [
-                TouchedPattern(half.triangle, self._unit[half.own], single=self._single) for half in halves
-            ]
-        even, odd = (HalfFactors(*each) for each in zip(halves, self._halves[mirror], entries, strict=True))
-        even.factors  # noqa: B018 (where it is singular, so is the whole tangent)
-        return Halves(even, odd)
 
 
 @dataclass(frozen=True, eq=False)

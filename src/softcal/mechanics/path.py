@@ -151,7 +151,11 @@ class _Continuation:
             self.begun = key, self.statics.n_factorisations
             if self._is_guided:
                 return self._step_beside(key, step)
-        attempt, last = self._attempt(c, step), self.last
+        last = self.last
+        go_on_from(self.statics, last)
+        ahead = _predicted_step(self.statics.system.layout, [*self.before, *self.nodes], c)
+        guess = self.statics.reachable(last.state, ahead)
+        attempt = _Attempt(c, step, guess, _nearer(self.statics, self.line, c, last, guess))
         solved = self.statics.equilibrium(attempt.begin, self.line.at(attempt.c))
         node = None
         if solved.converged:
@@ -161,7 +165,8 @@ class _Continuation:
                 return ""
             node = node_at(self.statics, self.line, c, solved.state, self.names, mixed=self.mixed)
             if node.is_stable:
-                self._add(node, _next_length(step, solved.n_iterations))
+                n = solved.n_iterations
+                self._add(node, GROWTH * step if n <= EASY else 0.5 * step if n >= HARD else step)
                 return ""
         self.failing = None if node is not None else self.statics.system.failing(solved.state)
         self.tried.append(attempt if node is None else replace(attempt, begin=node.state))
@@ -216,14 +221,6 @@ class _Continuation:
         if self.unstable is not None:
             step = min(step, 0.5 * (self.unstable.c - last.c))
         return (self.end if abs(last.c + step - self.end) < 1e-12 * self.whole else last.c + step), step
-
-    def _attempt(self, c: float, step: float) -> _Attempt:
-        """The step to c, with its prediction."""
-        last = self.last
-        go_on_from(self.statics, last)
-        ahead = _predicted_step(self.statics.system.layout, [*self.before, *self.nodes], c)
-        guess = self.statics.reachable(last.state, ahead)
-        return _Attempt(c, step, guess, _nearer(self.statics, self.line, c, last, guess))
 
     def _settle(self) -> bool:
         """Relax the robot where modes are nearly free: once per few failed steps, at the first of them."""
@@ -312,13 +309,28 @@ def follow(  # noqa: PLR0913 (one keyword for each option)
     keeps: whether Ctrl-C ends the path, instead of being raised.
     """
     before, start = (start[:-1], start[-1]) if isinstance(start, tuple) else ((), start)
-    way = _Continuation(statics, line, names, before, [start], end, first_step, largest_step, mixed, guide)
+    way = _Continuation(
+        statics=statics,
+        line=line,
+        names=names,
+        before=before,
+        nodes=[start],
+        end=end,
+        first_step=first_step,
+        largest_step=largest_step,
+        mixed=mixed,
+        guide=guide,
+    )
     outer, statics.path_begin = statics.path_begin, statics.n_factorisations
     watch, reached = path_watch(), share or (lambda node: (node.c - start.c) / way.whole)
     try:
         while way.goes_on and (way.last is start or share is None or share(way.last) < 1.0):
             if status := way.advance():
-                return _ended(way, status)
+                # With the physical cause and the place, if there are such.
+                limit = statics.system.at_limit(way.last.state.x)
+                place = "" if way.failing is None else f"{statics.system.place(way.failing)}. {ADVICE}"
+                why = "; ".join(filter(None, (status, limit, place)))
+                return Path(tuple(way.nodes), False, why, names, way.is_cut)
             watch.tell(reached(way.last), statics.n_factorisations)
     except KeyboardInterrupt as stop:
         if not keeps:
@@ -329,24 +341,9 @@ def follow(  # noqa: PLR0913 (one keyword for each option)
     return Path(tuple(way.nodes), True, names=names)
 
 
-def _next_length(step: float, n_iterations: int) -> float:
-    """Length of the next step after one with this number of iterations."""
-    if n_iterations <= EASY:
-        return GROWTH * step
-    return 0.5 * step if n_iterations >= HARD else step
-
-
 def go_on_from(statics: Statics, node: Node) -> None:
     """Continue from a node: free modes appear with the first buckling, and are the node's until they are found anew."""
     statics.free_modes, statics.seeks_free_modes = node.free, node.has_snapped or node.is_snapped
-
-
-def _ended(way: _Continuation, status: str) -> Path:
-    """A path that ends early, with the physical cause, and the place, where they are known."""
-    system = way.statics.system
-    limit = system.at_limit(way.last.state.x)
-    place = "" if way.failing is None else f"{system.place(way.failing)}. {ADVICE}"
-    return Path(tuple(way.nodes), False, "; ".join(filter(None, (status, limit, place))), way.names, way.is_cut)
 
 
 def strays(statics: Statics, before: State, guess: State, found: State) -> bool:

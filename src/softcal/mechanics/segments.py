@@ -151,7 +151,10 @@ class Segments:
         apart = np.linalg.norm(v, axis=1)
         least = np.maximum(apart, self.met)
         square = (apart / least) ** 2
-        first, second = _rates(v, self.met)
+        # A length has the gradient `first` v and the second derivative `first` I - `second` v v^T.
+        squares = (v * v).sum(axis=1)
+        m = np.maximum(np.sqrt(squares), self.met)
+        first, second = (1.5 - 0.5 * squares / m**2) / m, 1.0 / m**3
         return SegmentShape(v, least * (3.0 + square * (6.0 - square)) / 8.0, first[:, None] * v, first, second)
 
     def lengths_by(self, motion: EndMotion, x: Floats, shape: SegmentShape) -> Floats:
@@ -219,13 +222,6 @@ def _spread(into: Floats, at: Ints, weights: Floats, vectors: Floats) -> None:
     for n in range(len(at)):
         for i in range(3):
             into[at[n], i] += weights[n] * vectors[n, i]
-
-
-def _rates(v: Floats, met: Floats) -> tuple[Floats, Floats]:
-    """a, b (n_segments,) with which a segment's length has the gradient a v and the second derivative a I - b v v^T."""
-    square = (v * v).sum(axis=1)
-    m = np.maximum(np.sqrt(square), met)
-    return (1.5 - 0.5 * square / m**2) / m, 1.0 / m**3
 
 
 @kernel(error_model="numpy")

@@ -117,7 +117,13 @@ class System:
             return at
         self.motion.reduce_tangent(state, total.gradient, total.data)
         data = total.data[: self.pattern.nnz]
-        border, touch = self._border(state, total), self._outside(state, total)
+        border, touch = self._border(state, total), None
+        if total.outside:
+            import scipy.sparse as sp
+
+            blocks, rows, columns = (np.concatenate(parts) for parts in zip(*total.outside, strict=True))
+            n = self.layout.first_effort_unknown
+            touch = sp.csr_matrix(self.motion.reduce_blocks(state, blocks, rows, columns), shape=(n, n))
         return replace(at, data=data, border=border, touch=touch, is_convex=convex)
 
     def gradient_by_parameters(self, given: Sequence[Given], names: tuple[str, ...]) -> Floats:
@@ -302,7 +308,7 @@ class System:
 
     def drive(self, state: State, i: int, theta: Theta) -> Border:
         """How one actuator borders the tangent where its coordinate is prescribed: one column and row."""
-        term = self._driver(i)
+        term = next(term for term in self.actuated if term.own.start <= i < term.own.stop)
         return self._drives(term, self._given_to(term, state, theta), np.array([i - term.first]))
 
     def _drives(self, term: ActuatorTerm, given: Given, which: Ints) -> Border:
@@ -332,10 +338,6 @@ class System:
         """Where one term's memory is among that of all."""
         return self._owned[next(k for k, one in enumerate(self.terms) if one is term)]
 
-    def _driver(self, i: int) -> ActuatorTerm:
-        """The term of one actuator."""
-        return next(term for term in self.actuated if term.own.start <= i < term.own.stop)
-
     def _why_not(self, known: Sequence[Any]) -> str:
         told = (term.why_not(own) for term, own in zip(self.terms, known, strict=True))
         return next(filter(None, told), "")
@@ -359,16 +361,6 @@ class System:
         own = np.concatenate([NO_BORDER.driven, *(one.driven for one in driven)])
         corner = np.concatenate([corner, -np.ones(columns.shape[1] - len(corner))])
         return Border(own, columns, rows, corner, has_moments=bool(total.rank_one_own))
-
-    def _outside(self, state: State, total: Sum) -> Any:
-        """The tangent outside the pattern, on the unknowns: upper triangle, or None where there is none."""
-        import scipy.sparse as sp
-
-        if not total.outside:
-            return None
-        blocks, rows, columns = (np.concatenate(parts) for parts in zip(*total.outside, strict=True))
-        n = self.layout.first_effort_unknown
-        return sp.csr_matrix(self.motion.reduce_blocks(state, blocks, rows, columns), shape=(n, n))
 
 
 def _millimetres(at: Floats) -> str:

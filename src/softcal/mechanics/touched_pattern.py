@@ -47,7 +47,10 @@ class TouchedPattern:
         whole = np.zeros(len(self._keys))
         whole[self._own] = data
         whole[places] += touch.data * self._unit[rows] * self._unit[touch.indices]
-        factors = self._factors or self._analysed()
+        factors = self._factors
+        if factors is None:
+            indptr = np.searchsorted(self._keys, np.arange(self._n + 1) * np.int64(self._n))
+            factors = factorisation(indptr.astype(np.int64), self._keys % self._n, single=self._single)
         factors.factorise(whole)
         self._factors = factors
         return factors
@@ -73,7 +76,3 @@ class TouchedPattern:
         self._keys = np.insert(self._keys, np.searchsorted(self._keys, fresh), fresh)
         self._own = np.searchsorted(self._keys, self._planned)
         return np.searchsorted(self._keys, keys)
-
-    def _analysed(self) -> Factorisation:
-        indptr = np.searchsorted(self._keys, np.arange(self._n + 1) * np.int64(self._n))
-        return factorisation(indptr.astype(np.int64), self._keys % self._n, single=self._single)

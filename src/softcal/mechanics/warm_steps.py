@@ -82,7 +82,14 @@ class WarmSteps:
         SimulationError
             Where there is no equilibrium, or none was found.
         """
-        self._release(aim.controls)
+        # Actuators that are commanded by their effort from now on begin at their present one.
+        state, controls = self.last.state, self.last.controls
+        released = aim.controls.is_held & ~controls.is_held
+        if released.any():
+            effort = np.where(released, state.effort, controls.effort)
+            controls = replace(controls, is_held=controls.is_held | released, effort=effort)
+            self.last = replace(self.last, controls=controls, commanded=None)
+            self._trail = self._begun(self.last)
         try:
             reached = self._warm(aim)
         except SimulationError:
@@ -90,7 +97,11 @@ class WarmSteps:
         if reached is None:
             reached = self._marched(aim)
             self.n_iterations = 0
-        self.last, self._trail = reached, self._followed(reached)
+        self.last = reached
+        # The trail begins anew where the robot snapped, where other actuators are driven, or where it has turned far.
+        leads_here = not reached.snaps and self._trail.leads_to(reached.controls)
+        if not leads_here or self.statics.limited(self._trail.add(reached.controls, reached.state)) < 1.0:
+            self._trail = self._begun(reached)
         return reached
 
     def factorise(self, state: State, controls: Controls) -> None:
@@ -125,16 +136,6 @@ class WarmSteps:
         if (is_due or self._serving(controls) is None) and self._judged(state, controls) is None:
             return None
         return remembered(statics, state, controls, aim, (False, last.has_snapped))
-
-    def _release(self, target: Controls) -> None:
-        """Hold at their present efforts the actuators that are commanded by these from now on."""
-        state, controls = self.last.state, self.last.controls
-        released = target.is_held & ~controls.is_held
-        if released.any():
-            effort = np.where(released, state.effort, controls.effort)
-            controls = replace(controls, is_held=controls.is_held | released, effort=effort)
-            self.last = replace(self.last, controls=controls, commanded=None)
-            self._trail = self._begun(self.last)
 
     def _marched(self, aim: Target) -> Reached:
         """The step along a load path: from the last equilibrium, or from the beginning where its line passes commands
@@ -194,7 +195,7 @@ class WarmSteps:
             return None
         state = statics.reachable(self.last.state, ahead)
         state = replace(state, effort=np.where(controls.is_held, controls.effort, state.effort))
-        correction = np.zeros_like(ahead)
+        correction, moving = np.zeros_like(ahead), slice(statics.system.layout.first_pressure_unknown)
         before = previous = np.inf
         for iteration in range(MOST):
             at = statics.system.linearise(state, controls, statics.theta, tangent=False)
@@ -202,7 +203,10 @@ class WarmSteps:
             is_slow = not residual < SLOW * before
             at_end = is_slow or iteration == MOST - 1
             if residual < ACCURATE * TOLERANCE or (at_end and residual < TOLERANCE):
-                if self._strays(state, ahead, correction):
+                # As `path.strays`, by the steps themselves.
+                way, off = (float(np.linalg.norm(dz[moving])) for dz in (ahead, correction))
+                is_reversed = any(term.is_reversed(self.last.state.x, state.x) for term in statics.system.actuated)
+                if is_reversed or off > way + SAME * statics.length:
                     return None
                 kept.way += statics.reach(ahead)
                 return state, iteration + 1
@@ -231,16 +235,6 @@ class WarmSteps:
         self._trail = self._begun(last)
         return tangent
 
-    def _followed(self, reached: Reached) -> Trail:
-        """The trail to an equilibrium; it begins there where the robot snapped, where other actuators are driven, or
-        where the robot has turned far from the first one.
-        """
-        controls = reached.controls
-        if reached.snaps or not self._trail.leads_to(controls):
-            return self._begun(reached)
-        step = self._trail.add(controls, reached.state)
-        return self._begun(reached) if self.statics.limited(step) < 1.0 else self._trail
-
     def _begun(self, reached: Reached) -> Trail:
         return Trail(self.statics.system.layout, reached.controls, reached.state)
 
@@ -253,11 +247,3 @@ class WarmSteps:
             return False
         gap = target.coordinate - self.statics.system.coordinates(state, self.statics.theta)
         return bool((at_limit & returning(self.statics, state.effort, gap)).any())
-
-    def _strays(self, found: State, ahead: Floats, correction: Floats) -> bool:
-        """As `path.strays`, by the steps themselves."""
-        statics = self.statics
-        moving = slice(statics.system.layout.first_pressure_unknown)
-        way, off = (float(np.linalg.norm(dz[moving])) for dz in (ahead, correction))
-        is_reversed = any(term.is_reversed(self.last.state.x, found.x) for term in statics.system.actuated)
-        return is_reversed or off > way + SAME * statics.length

@@ -72,7 +72,12 @@ def sensor_fault(robot: Robot, name: str, sensor: Sensor) -> Fault | None:
     if fault := _of_parts(name, sensor):
         return fault
     try:
-        read = np.asarray(sensor.sense(_at_rest(robot)), dtype=np.float64)
+        at_rest = _AtRest(
+            {marker.name: marker.place for marker in robot.markers},
+            {plate.name: plate.reference for plate in robot.plates},
+            {cable.name: cable for cable in robot.cables},
+        )
+        read = np.asarray(sensor.sense(at_rest), dtype=np.float64)
     except ParameterError as error:
         (fault,) = error.faults
         return Fault(fault.what, name, fault.got, fault.allowed, fault.attempt)
@@ -115,14 +120,6 @@ class _AtRest:
 
     def tension(self, cable: str) -> float:
         return self.shortening(cable)
-
-
-def _at_rest(robot: Robot) -> _AtRest:
-    return _AtRest(
-        {marker.name: marker.place for marker in robot.markers},
-        {plate.name: plate.reference for plate in robot.plates},
-        {cable.name: cable for cable in robot.cables},
-    )
 
 
 V = TypeVar("V")

@@ -136,7 +136,10 @@ class EquilibriumPath:
 
     def curve(self, nodes: tuple[Node, ...]) -> Curve:
         """The channels along some nodes."""
-        readings = [self._reading(node) for node in nodes]
+        for node in nodes:
+            if node not in self.readings:
+                self.readings[node] = read(self.twin, self.statics, node, self.names)
+        readings = [self.readings[node] for node in nodes]
         values = np.array([reading.values for reading in readings])
         # A neck may fold past half a turn: atan2's jump there is not the curve's.
         turns = angle_columns(self.twin)
@@ -147,12 +150,6 @@ class EquilibriumPath:
         c = np.array([node.c for node in nodes])
         snapped_to = np.array([node.is_snapped for node in nodes[1:]], dtype=bool)
         return Curve(c, values, slopes, by_parameter, mixed, snapped_to)
-
-    def _reading(self, node: Node) -> SensorReading:
-        """The reading of a node, cached."""
-        if node not in self.readings:
-            self.readings[node] = read(self.twin, self.statics, node, self.names)
-        return self.readings[node]
 
     def refined(self, path: Path, samples: Floats, *, of_tension: bool = False) -> tuple[Path, Curve]:
         """The path, refined until the curve is within tolerance at the samples (n,): shortenings [m], by nodes between
@@ -318,18 +315,14 @@ class EquilibriumPath:
     def sentence(self, path: Path, n: int, n_samples: int) -> str:
         """How the path ended, with n of the samples reached."""
         if path.reached:
-            solved = f"Solved: {len(path.nodes)} equilibria, {self.statics.n_factorisations} factorisations."
-            return solved + self._met(path)
+            sentence = f"Solved: {len(path.nodes)} equilibria, {self.statics.n_factorisations} factorisations."
+            for node in path.nodes:  # from where on via points coincide, unless the cable is wound up there
+                if node.c < self.wound_up * (1.0 - SAME) and (limit := self.twin.system.at_limit(node.state.x)):
+                    return f"{sentence} From {1e3 * node.c:.4g} mm of shortening of {self.cable} on {limit}."
+            return sentence
         end = f"{1e3 * path.nodes[-1].c:.4g} mm of shortening of {self.cable}"
         ended = path.ended[0].upper() + path.ended[1:]
         return f"{ended} {end} ({n} of {n_samples} samples reached): {path.status}."
-
-    def _met(self, path: Path) -> str:
-        """Sentence, after a blank, on the shortening from which on via points coincide; not for a wound-up cable."""
-        for node in path.nodes:
-            if node.c < self.wound_up * (1.0 - SAME) and (limit := self.twin.system.at_limit(node.state.x)):
-                return f" From {1e3 * node.c:.4g} mm of shortening of {self.cable} on {limit}."
-        return ""
 
 
 @contextmanager

@@ -51,7 +51,11 @@ def simulate_many(
     rates: list[Floats] = []
     shapes: list[Snapshot] = []
     instabilities, met, snaps_at = "", "", list[int]()
-    sizes, furthest = _sizes(protocol), 0.0
+    # How far each sample's commands are from none (n_samples,), each command over its largest.
+    sizes, furthest = np.zeros(protocol.n_samples), 0.0
+    for command in protocol.commands.values():
+        size = np.abs(command.values)
+        sizes += (size / max(float(size.max(initial=0.0)), 1e-300)) ** 2
     far: State | None = None
     solved: list[int] = []
     failed: dict[int, str] = {}
@@ -105,7 +109,11 @@ def simulate_many(
             values.append(sense(twin, state, statics.theta, _shortenings(protocol, i)))
             of_commands = by_command(statics, state, reached.controls, target, numbers)
             dz, by = np.hstack([reached.by_parameter, of_commands]), (*names, *("" for _ in cables))
-            commanded_rates = _shortening_rates(protocol, i, labels)
+            commanded_rates = dict[str, Floats]()  # a shortening depends on its own command alone
+            for cable in _shortenings(protocol, i):
+                own = {name: float(rate[i]) for name, rate in protocol.commands[cable].by.items()}
+                own[str(ChannelName(SHORTENING, cable))] = 1.0
+                commanded_rates[cable] = np.array([own.get(label, 0.0) for label in labels])
             rates.append(sense_rates(twin, state, statics.theta, dz, by, commanded_rates))
             if snapshots:
                 shapes.append(snapshot(twin, state, protocol.at(i), i + 1, ""))
@@ -146,15 +154,6 @@ def simulate_many(
     )
 
 
-def _sizes(protocol: Protocol) -> Floats:
-    """How far each sample's commands are from none (n_samples,), each command over its largest."""
-    total = np.zeros(protocol.n_samples)
-    for command in protocol.commands.values():
-        size = np.abs(command.values)
-        total += (size / max(float(size.max(initial=0.0)), 1e-300)) ** 2
-    return total
-
-
 def _beyond(protocol: Protocol, i: int, failed: Collection[int], *, remembers: bool) -> str:
     """Why a sample is not tried: it lies beyond a sample without an equilibrium, on the same line from zero commands,
     or comes after one in a robot that remembers; else "".
@@ -189,16 +188,6 @@ def _shortenings(protocol: Protocol, i: int) -> dict[str, float]:
     """The shortenings [m] of the cables that are commanded by it: a slack one's is its command too."""
     each = protocol.commands.items()
     return {cable: float(command.values[i]) for cable, command in each if command.control == SHORTENING.name}
-
-
-def _shortening_rates(protocol: Protocol, i: int, labels: tuple[str, ...]) -> dict[str, Floats]:
-    """Their rates by parameters and commands: each depends on its own command alone."""
-    out = dict[str, Floats]()
-    for cable in _shortenings(protocol, i):
-        by = {name: float(rate[i]) for name, rate in protocol.commands[cable].by.items()}
-        by[str(ChannelName(SHORTENING, cable))] = 1.0
-        out[cable] = np.array([by.get(label, 0.0) for label in labels])
-    return out
 
 
 def _pulls(protocol: Protocol, i: int) -> str:

@@ -2,11 +2,27 @@
 
 Where commands change little, so does the tangent. The chord method with a kept tangent K0,
 
-    z <- z - K0^-1 r(z),    from what the last equilibria predict (see `Trail`),
+    z <- z - K0^-1 r(z),    |r| -> q |r| with q about |1 - K0^-1 K|,
 
 shrinks the residual by about the relative change of the tangent in each iteration, and an iteration needs neither a
-tangent nor a factorisation. A new factorisation is made where the residual shrinks too slowly, and where the robot has
-moved on since its stability was judged, which needs one. What such steps do not reach, the march does.
+tangent nor a factorisation. A step from commands u_n to u (`WarmSteps._warm`):
+
+1. *Tangent.* The kept K0, if it is still the one factorised last and the same actuators are driven; else that of the
+   last equilibrium, factorised, judged and kept with dz/du (`_judged`). If that is unstable, the march does the step.
+2. *Prediction* (`_ahead`). Along the tangent, dz = (dz/du) (u - u_n); or, from the polynomial through the last
+   equilibria (`trail.py`), if it is off that by at most `BENT` of its way: a kink is no polynomial, and the trail
+   begins anew there.
+3. *Chord iterations* (`_solved`), until |r| < `ACCURATE` * `TOLERANCE`, or, where it shrinks no further, `TOLERANCE`:
+   so a state does not depend on the step to it. If two iterations do not shrink it to `SLOW`, or after `KEPT` of them,
+   the tangent of the iterate is factorised, once in a step; if that is slow too, or after `MOST`, the march does it.
+4. *Branch.* As on a path, the corrections together must be no longer than the prediction, and no actuator reversed.
+5. *Taut and slack* (`_switches`). Efforts stay within their limits, and an actuator at a limit does not return; if one
+   must switch, the march does the step, with its active set.
+6. *Stability* is judged, by a new factorisation, where the robot moved by more than `JUDGED` of its extent since it
+   was last, where the step took more than `MANY` iterations or replaced the tangent, and where derivatives are wanted.
+
+The march (`march.py`) follows the load path from the last equilibrium or, where that line passes commands without an
+equilibrium, from the beginning; a warm step to the same commands then makes the result as accurate as others.
 """
 
 from __future__ import annotations
@@ -169,7 +185,7 @@ class WarmSteps:
         return kept if np.all(kept.is_held == controls.is_held) else None
 
     def _judged(self, state: State, controls: Controls) -> _Kept | None:
-        """The tangent of an equilibrium, factorised and kept; None where it is not stable.
+        """The tangent of an equilibrium, factorised and kept; None where that is unstable.
 
         Raises
         ------

@@ -78,7 +78,7 @@ class WireContactTerm(Term):
         return self.stiffness.parameters
 
     def add(self, into: Sum, given: Given) -> None:
-        """The set of contacts is found anew at every state, so the tangent is outside the pattern."""
+        """What touches changes from state to state, so the tangent is outside the pattern."""
         import scipy.sparse as sp
 
         for potential, contacts, at in self._pushing(given):

@@ -15,7 +15,6 @@ from softcal.mechanics.term import Theta
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensor import Posture
 from softcal.twin.build import Twin
-from softcal.twin.loads import Weights
 from softcal.twin.markers import MarkerPlace
 from softcal.twin.parameters import MARKER_OFFSETS
 
@@ -123,7 +122,14 @@ class _StateRates:
         if name in self.twin.frame:
             return self._of_frame(name)[:3]
         place = self.twin.markers[name]
-        rates, R = _point_rates(self.twin, self.state, place.points) @ self._dq, _turned(self.twin, self.state, place)
+        layout, R = self.twin.system.layout, _turned(self.twin, self.state, place)
+        rows: list[Floats] = []  # d(weighted point)/dz, by axis (n_unknowns - n_cables,)
+        for axis in range(3):
+            gradient = np.zeros(3 * layout.n_points + layout.n_pressures)
+            for point, weight in place.points:
+                gradient[3 * point + axis] += weight
+            rows.append(self.twin.system.motion.reduce_gradient(self.state, gradient))
+        rates = np.array(rows) @ self._dq
         if place.turns:
             rates += np.cross(self.rotation(place.marker.on), R @ place.marker.offset, axis=0)
         # An offset moves its marker at fixed unknowns.
@@ -163,15 +169,3 @@ class _StateRates:
 def _turned(twin: Twin, state: State, place: MarkerPlace) -> Floats:
     """The rotation (3, 3) of a marker's plate; none for one on a body."""
     return state.rotation[twin.frame[place.marker.on]] if place.turns else np.eye(3)
-
-
-def _point_rates(twin: Twin, state: State, weights: Weights) -> Floats:
-    """d(weighted point)/dz, shape (3, n_unknowns - n_cables)."""
-    layout = twin.system.layout
-    rows: list[Floats] = []
-    for axis in range(3):
-        gradient = np.zeros(3 * layout.n_points + layout.n_pressures)
-        for point, weight in weights:
-            gradient[3 * point + axis] += weight
-        rows.append(twin.system.motion.reduce_gradient(state, gradient))
-    return np.array(rows)

@@ -159,25 +159,12 @@ def respond(  # noqa: PLR0913 (one keyword for each option)
     response = at_moduli(twin, response, s)
     if modulus in names:
         response = with_modulus(response, modulus, theta[modulus], names)
-    return _with_commands(response, driven, commanded)
-
-
-def _with_commands(response: Response, driven: Sequence[str], commanded: Mapping[str, str]) -> Response:
-    """The response with its slopes as derivatives by the driven cable's command; that of a slack cable has no
-    effect.
-    """
     if not commanded:
         return response
-    sensitivities = {
-        channel: {
-            **response.sensitivities.get(channel, {}),
-            **{
-                name: response.slopes[channel]
-                if cable in driven and channel in response.slopes
-                else np.zeros(len(values))
-                for name, cable in commanded.items()
-            },
-        }
-        for channel, values in response.channels.items()
-    }
-    return replace(response, sensitivities=sensitivities)
+    # Slopes are the derivatives by the driven cable's command; that of a slack cable has no effect.
+    rates = {channel: dict(response.sensitivities.get(channel, {})) for channel in response.channels}
+    for channel, values in response.channels.items():
+        for name, cable in commanded.items():
+            is_driven = cable in driven and channel in response.slopes
+            rates[channel][name] = response.slopes[channel] if is_driven else np.zeros(len(values))
+    return replace(response, sensitivities=rates)

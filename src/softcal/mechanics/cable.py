@@ -178,6 +178,15 @@ class CableTerm(ActuatorTerm):
     def add_transmission(self, into: Sum, given: Given, transmission: Tensions) -> None:
         """The tensions change with the angles and slips at the via points: for each segment that moves a column, its
         force, and a row, the gradient of the logarithm of its tension.
+
+        Parameters
+        ----------
+        into
+            The sum.
+        given
+            The arguments of the term.
+        transmission
+            What `transmission` returned there.
         """
         along = transmission
         if len(changing := along.changing) == 0:

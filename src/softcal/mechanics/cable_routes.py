@@ -23,12 +23,20 @@ def build_cables(
     stated: tuple[str, ...] = (),
     slowness: Floats | None = None,
 ) -> CableTerm:
-    """The term of cables given, by name and via point, as weighted points [(point, weight), ...].
+    """The cables' term. The rest length of a cable is that of its polyline on the undeformed robot.
 
-    The rest length is the polyline's on the undeformed robot, X (n_points, 3) [m]. pulled_last (n_cables,): whether a
-    cable is pulled at its last via point, or else at its first. placed: by cable and parameter, the derivatives of its
-    via points by that, as points with weights whose sum is zero. stated, slowness: see
-    `CableTerm`.
+    Parameters
+    ----------
+    X
+        Points of the undeformed robot (n_points, 3) [m].
+    supports
+        Cable -> its via points, each as weighted points [(point, weight), ...].
+    pulled_last
+        Whether a cable is pulled at its last via point, else at its first (n_cables,).
+    placed
+        Cable -> parameter -> derivatives of its via points by that, as weighted points whose weights sum to zero.
+    stated, slowness
+        As of `CableTerm`.
     """
     ptr, support, sigma, cable, order = [0], [], [], [], list[int]()
     for c, via in enumerate(supports.values()):

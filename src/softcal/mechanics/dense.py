@@ -66,7 +66,16 @@ class Dense:
 def dense_tangent(pattern: Pattern, data: Floats, touch: Any, border: Border) -> tuple[Floats, Border]:
     """The tangent (n, n) with its products of low rank, and the border that remains, of the driven actuators.
 
-    data: its sparse upper triangle; touch: the part outside of the pattern, or None.
+    Parameters
+    ----------
+    pattern
+        Sparsity of the tangent.
+    data
+        The sparse upper triangle (nnz,).
+    touch
+        The part outside of the pattern, or None.
+    border
+        The border of driven actuators and of products of low rank.
     """
     import scipy.sparse as sp
 

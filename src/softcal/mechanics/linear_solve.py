@@ -45,9 +45,14 @@ class Factorisation(Factors, Protocol):
 
 
 def factorisation(indptr: Ints, indices: Ints, *, single: bool = False) -> Factorisation:
-    """The fastest available factorisation, for a fixed pattern (upper triangle, compressed rows, sorted).
+    """The fastest available factorisation for a fixed pattern.
 
-    single: in single precision where that is available, 1.7 times faster in half the memory.
+    Parameters
+    ----------
+    indptr, indices
+        The upper triangle in compressed rows, sorted (n + 1,) (nnz,).
+    single
+        Whether in single precision where that is available: 1.7 times faster in half the memory.
     """
     if _mkl_pardiso() is not None:
         return Pardiso(indptr, indices, single=single)

@@ -72,7 +72,17 @@ class Links:
         return out
 
     def place(self, x: Floats, position: Floats, rotation: Floats) -> None:
-        """Write the followers' positions into x (n_points, 3)."""
+        """Write the followers' positions.
+
+        Parameters
+        ----------
+        x
+            Positions of all points (n_points, 3) [m], changed.
+        position
+            References of the frames (n_frames, 3) [m].
+        rotation
+            Their rotation matrices (n_frames, 3, 3).
+        """
         if len(self.followers) == 0:
             return
         _place(
@@ -92,6 +102,19 @@ class Links:
 
 def compose(X: Floats, rider: Ints, is_free: np.ndarray, references: Floats, ties: Ties) -> Links:
     """The links of every point on a frame and every tied point.
+
+    Parameters
+    ----------
+    X
+        Points at rest (n_points, 3) [m].
+    rider
+        Frame that each point follows, or other support (n_points,), as of `Layout`.
+    is_free
+        Whether a point is an unknown of its own (n_points,).
+    references
+        References of the frames at rest (n_frames, 3) [m].
+    ties
+        The masters of tied points.
 
     Raises
     ------

@@ -101,6 +101,15 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
     of its effort, as before (cables: taut or slack); hold those whose effort passes a limit, drive those at a limit
     again that must be, and repeat until unchanged.
 
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    last
+        The sample before.
+    aim
+        The commands, and the derivatives that are wanted.
+
     Raises
     ------
     SimulationError
@@ -238,7 +247,17 @@ def _fallen(statics: Statics, last: Reached, aim: Target) -> Reached:
 
 
 def held_at(target: Controls, is_held: np.ndarray, effort: Floats) -> Controls:
-    """The target with some of the actuators that are commanded by their coordinate held at these efforts instead."""
+    """The target with some of the actuators that are commanded by their coordinate at prescribed efforts instead.
+
+    Parameters
+    ----------
+    target
+        The commands.
+    is_held
+        Which actuators have a prescribed effort (n_actuators,).
+    effort
+        Efforts of those that are not commanded by it (n_actuators,), each in its own unit.
+    """
     return replace(target, is_held=is_held, effort=np.where(target.is_held, target.effort, effort))
 
 
@@ -250,8 +269,22 @@ def remembered(
     snaps: tuple[bool, bool],
     commanded: CommandPath | None = None,
 ) -> Reached:
-    """The sample that ends at an equilibrium: converged, and remembered. Its derivatives are by the tangent factorised
-    last. snaps: as `Reached.snaps` and `has_snapped`.
+    """The sample that ends at an equilibrium. Its derivatives are by the tangent factorised last.
+
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    state
+        The equilibrium.
+    controls
+        The controls there.
+    aim
+        The commands, and the derivatives that are wanted.
+    snaps
+        `Reached.snaps` and `has_snapped`.
+    commanded
+        The line to the equilibrium, from which the next sample may continue.
 
     Raises
     ------
@@ -269,7 +302,21 @@ def remembered(
 
 
 def by_command(statics: Statics, state: State, now: Controls, target: Controls, which: Ints) -> Floats:
-    """dz / d command of some actuators, by the tangent factorised last: (n_unknowns, number of `which`)."""
+    """dz / d command (n_unknowns, k) of some actuators, by the tangent factorised last.
+
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    state
+        The state.
+    now
+        The controls of the equilibrium.
+    target
+        The commands; an actuator that is commanded by its coordinate may be at a limit of its effort now.
+    which
+        Numbers of the actuators (k,).
+    """
     system = statics.system
     first = system.layout.first_effort_unknown
     right = np.zeros((system.layout.n_unknowns, len(which)))

@@ -24,8 +24,19 @@ N_SERIES = 28
 
 
 def flexibility(section: CrossSection, shares: Floats, xi: Floats, length: Floats) -> tuple[Floats, Floats, Floats]:
-    """E times the elements' flexibility: what does not depend on Poisson's ratio, and what goes with 1 + nu; and the
-    elements' mean areas (n,) [m^2]. shares: of the rod's arc length, at both ends of each (n, 2).
+    """E times the elements' flexibility (n, 6, 6): what does not depend on Poisson's ratio, and what goes with 1 + nu;
+    and the elements' mean areas (n,) [m^2].
+
+    Parameters
+    ----------
+    section
+        The rod's section.
+    shares
+        Of the rod's arc length, at both ends of each element (n, 2) [-].
+    xi
+        Coordinates (rho, theta) of the elements at rest (n, 6) [m; rad].
+    length
+        Their lengths (n,) [m].
     """
     X = _bracket(xi)
     parts, area = np.zeros((2, len(xi), 6, 6)), np.zeros(len(xi))

@@ -24,6 +24,23 @@ def build_solid(
 ) -> tuple[SolidTerm, Ints]:
     """The term of some tets of a body, and the nodes that have its pressures, in the order of their numbers.
 
+    Parameters
+    ----------
+    name
+        First part of its parameters' names.
+    law
+        The law.
+    element
+        The element.
+    points
+        Nodes of the body (n_points, 3) [m].
+    tets
+        Its tets, by the body's nodes (n_tets, n_a).
+    first_point, first_pressure
+        Numbers of the body's first point, and of the first pressure.
+    motion
+        How a parameter moves the undeformed mesh.
+
     Raises
     ------
     MeshError

@@ -60,12 +60,19 @@ Switched = Callable[[State, Controls], Controls]
 def overdamped_equilibrium(
     statics: Statics, state: State, controls: Controls, switched: Switched = lambda state, controls: controls
 ) -> Equilibrium:
-    """The stable equilibrium that an overdamped robot reaches from a state under these controls.
+    """The stable equilibrium that an overdamped robot reaches from a state, see the top of this file. Never raises:
+    where there is none, the status says why.
 
-    An unstable equilibrium is perturbed in its most unstable direction, always with the same sign: of a symmetric
-    robot's two branches one is taken. Implicit Euler steps with drag, g(z) + drag (z - z before) = 0, decrease the
-    energy; the drag is as small as Newton's method allows. Never raises: the status says why where none is found.
-    switched: the controls to continue with from a state, with cables taut or slack as they are there.
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    state
+        The state at the begin.
+    controls
+        The controls.
+    switched
+        The controls to continue with from a state, with cables taut or slack as they are there.
     """
     statics.free_modes = NO_MODES
     residual, tried, work = np.inf, np.inf, 0.0

@@ -101,7 +101,21 @@ class System:
     def linearise(
         self, state: State, controls: Controls, theta: Theta, *, tangent: bool = True, convex: bool = False
     ) -> Linearisation:
-        """Gradient and, on demand, tangent (convex: see `Sum`). Where the state is inadmissible they are empty."""
+        """Gradient and, on demand, tangent. Where the state is inadmissible they are empty.
+
+        Parameters
+        ----------
+        state
+            The state.
+        controls
+            The controls.
+        theta
+            Parameter values by dotted name [SI].
+        tangent
+            Whether the tangent is wanted.
+        convex
+            Whether ridges of contact count as flat, see `Sum`.
+        """
         known = tuple(term.kinematics(state) for term in self.terms)
         if why_not := self._why_not(known):
             return Linearisation(controls, known, why_not)
@@ -146,7 +160,17 @@ class System:
         return out
 
     def gradient_by_load(self, state: State, controls: Controls, theta: Theta) -> Floats:
-        """d reduced gradient / d factor on the dead loads (n_unknowns,)."""
+        """d reduced gradient / d factor on the dead loads (n_unknowns,).
+
+        Parameters
+        ----------
+        state
+            The state.
+        controls
+            The controls.
+        theta
+            Parameter values by dotted name [SI].
+        """
         total = Sum(self.layout)
         for term, given in zip(self.terms, self.given(state, controls, theta), strict=True):
             term.add_by_load(total, given)
@@ -170,7 +194,19 @@ class System:
     def given(
         self, state: State, controls: Controls, theta: Theta, known: Sequence[Any] | None = None
     ) -> tuple[Given, ...]:
-        """The arguments of each term; known: their `kinematics` where these are there already."""
+        """The arguments of each term.
+
+        Parameters
+        ----------
+        state
+            The state.
+        controls
+            The controls.
+        theta
+            Parameter values by dotted name [SI].
+        known
+            The terms' `kinematics`; None: they are computed.
+        """
         known = [term.kinematics(state) for term in self.terms] if known is None else known
         memory = self._first_memory if state.memory is None else state.memory.values
         each = zip(known, self._owned, strict=True)
@@ -186,8 +222,18 @@ class System:
     ) -> State:
         """A converged sample's state with the memory that it leaves to the next one.
 
-        by_parameter: dz/dtheta (n_unknowns, k) of the sample by the parameters `names` (k,), by which the memory then
-        has derivatives too.
+        Parameters
+        ----------
+        state
+            The state.
+        controls
+            The controls.
+        theta
+            Parameter values by dotted name [SI].
+        by_parameter
+            dz/dtheta (n_unknowns, k) of the sample, by which the memory then has derivatives too.
+        names
+            Parameters (k,) by dotted name.
         """
         if not self.remembers:
             return state
@@ -277,8 +323,18 @@ class System:
         return np.concatenate([NOTHING, *(term.coordinates(given, term.transmission(given)) for term, given in each)])
 
     def coordinate_rates(self, state: State, theta: Theta, dz: Floats, names: Sequence[str]) -> Floats:
-        """Rates (n_actuators, k) of the actuators' coordinates at rates dz (n_unknowns, k) of the unknowns; names (k,):
-        the parameters of which these are derivatives, or "".
+        """Rates (n_actuators, k) of the actuators' coordinates.
+
+        Parameters
+        ----------
+        state
+            The state.
+        theta
+            Parameter values by dotted name [SI].
+        dz
+            Rates of the unknowns (n_unknowns, k).
+        names
+            Parameters of which these are derivatives (k,), or "".
         """
         n, remembered = self.layout.first_effort_unknown, {} if state.memory is None else state.memory.by_parameter
         out = np.zeros((len(self.actuators), len(names)))
@@ -307,7 +363,17 @@ class System:
         return ", ".join(filter(None, (term.at_limit(x) for term in self.actuated)))
 
     def drive(self, state: State, i: int, theta: Theta) -> Border:
-        """How one actuator borders the tangent where its coordinate is prescribed: one column and row."""
+        """How one actuator borders the tangent where its coordinate is prescribed: one column and row.
+
+        Parameters
+        ----------
+        state
+            The state.
+        i
+            Number of the actuator.
+        theta
+            Parameter values by dotted name [SI].
+        """
         term = next(term for term in self.actuated if term.own.start <= i < term.own.stop)
         return self._drives(term, self._given_to(term, state, theta), np.array([i - term.first]))
 
@@ -368,7 +434,17 @@ def _millimetres(at: Floats) -> str:
 
 
 def build_system(layout: Layout, terms: Sequence[Term], landmarks: Mapping[str, Floats] | None = None) -> System:
-    """Plan the pattern of all terms together; landmarks as of `System`."""
+    """The system of some terms, with the pattern of all together.
+
+    Parameters
+    ----------
+    layout
+        Numbering of points, frames and unknowns.
+    terms
+        Summands of the potential.
+    landmarks
+        Points (3,) [m] at rest on which forces act, by what they are called.
+    """
     terms = numbered(terms, layout)
     connected = [term.connectivity(layout) for term in terms]
     none = np.zeros((0, 2), dtype=np.int64)

@@ -262,11 +262,31 @@ class Term(ABC):
         return given.memory
 
     def add_by_memory(self, into: Sum, given: Given, rate: Floats) -> None:  # noqa: B027
-        """Add d gradient / d memory times a rate (n,) of the memory."""
+        """Add d gradient / d memory times a rate of the memory.
+
+        Parameters
+        ----------
+        into
+            The sum.
+        given
+            The arguments of the term.
+        rate
+            The rate (n,).
+        """
 
     def advance_rate(self, given: Given, parameter: str, rate: State, memory_rate: Floats) -> Floats:
-        """The derivative (n,) of `advance` by a parameter, with those of the state's arrays (such as dx/dtheta in
-        `rate.x`) and of the memory (n,).
+        """The derivative (n,) of `advance` by a parameter.
+
+        Parameters
+        ----------
+        given
+            The arguments of the term.
+        parameter
+            Its dotted name.
+        rate
+            Derivatives of the state's arrays, such as dx/dtheta in `rate.x`.
+        memory_rate
+            Derivatives of the memory (n,).
         """
         return memory_rate
 

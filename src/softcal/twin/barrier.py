@@ -52,7 +52,13 @@ class Contact(Declared):
     depth: Size = FITTED
 
     def fitted(self, bodies: Sequence[Body], rods: Sequence[Rod], plates: Sequence[Plate]) -> Contact:
-        """With the lengths that are omitted chosen for the parts of a robot."""
+        """The contact with the lengths that are omitted, chosen for the parts of a robot.
+
+        Parameters
+        ----------
+        bodies, rods, plates
+            The parts.
+        """
         depth, gap = self.depth, self.gap
         if depth is FITTED:
             thick = [plate.disc.thickness for plate in plates if plate.disc is not None]

@@ -101,8 +101,18 @@ class RoutingAxis(Declared):
         }
 
     def moved(self, at: Floats, offset: float, angle: float, twist: float) -> Floats:
-        """Points (n, 3) [m], moved away from the axis by an offset [m], and turned around it by an angle [rad] and by a
-        twist [rad/m].
+        """Points (n, 3) [m], moved away from the axis and turned around it.
+
+        Parameters
+        ----------
+        at
+            The points (n, 3) [m].
+        offset
+            Distance by which they move away [m].
+        angle
+            Angle by which they turn [rad].
+        twist
+            Angle by which they turn for each metre along the axis [rad/m].
         """
         away, distances = self.away(at)
         angles = (angle + twist * self._along(at))[:, None]

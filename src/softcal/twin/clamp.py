@@ -75,7 +75,18 @@ class Zone:
 
 
 def clamp_zone(mesh: TetMesh, fixed: Ints, clamp: Clamp, *, where: str = "") -> Zone:
-    """Where a clamp can move a mesh [m] whose nodes `fixed` (n,) do not move; its depth is within.
+    """Where a clamp can move a mesh; its depth is within.
+
+    Parameters
+    ----------
+    mesh
+        The mesh [m].
+    fixed
+        Nodes that do not move (n,).
+    clamp
+        The clamp.
+    where
+        What an error names as the place.
 
     Raises
     ------

@@ -49,8 +49,18 @@ def build_contacts(
     """The contact of all bodies and discs with each other and themselves, of all rods of one diameter with each other
     and themselves, and of these with the discs.
 
-    first: the first point of each body, of each rod, and of the skin of each plate with a disc; drawn: the bodies'
-    meshes before their shapes were changed.
+    Parameters
+    ----------
+    robot
+        The robot.
+    layout
+        Numbering of points, frames and unknowns.
+    meshes
+        Body -> the mesh of its elements [m].
+    first
+        The first point of each body, of each rod, and of the skin of each plate with a disc.
+    drawn
+        Body -> its mesh before shapes were changed [m].
 
     Raises
     ------
@@ -120,6 +130,19 @@ def pressing_skins(
     """The contact of skins by the layout's points: every point on a surface presses, and has a core below it.
 
     bonded: pairs of the skin's points that do not touch (n, 2).
+
+    Parameters
+    ----------
+    skin
+        The skins.
+    contact
+        Settings of the contact.
+    stiffness
+        The contact's stiffness [Pa].
+    layout
+        Numbering of points, frames and unknowns.
+    bonded
+        Pairs of the skin's points that do not touch (n, 2).
     """
     import scipy.sparse as sp
 
@@ -239,8 +262,17 @@ def _around(rod: Rod, nodes: Ints, distance: float) -> Ints:
 
 
 def bonded_pairs(robot: Robot, on_skin: dict[str, Ints], X: Floats) -> Ints:
-    """Pairs of points of skins (n, 3) [m] that are bonded, and do not touch: of tied bodies close to their bond, and of
-    a disc and the bodies that its plate is tied to. on_skin: the points of each body and disc.
+    """Pairs (n, 2) of points of skins that are bonded, and do not touch: of tied bodies close to their bond, and of a
+    disc and the bodies that its plate is tied to.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    on_skin
+        Body or disc -> the numbers of its points.
+    X
+        Points of the skins (n, 3) [m].
     """
     from scipy.spatial import KDTree
 

@@ -151,7 +151,17 @@ def body_skin(mesh: TetMesh, drawn: TetMesh | None = None) -> CoredSkin:
 
 
 def joined(skins: Mapping[str, CoredSkin], first: Mapping[str, int], n_points: int) -> CoredSkin:
-    """All skins as one, by the points of a layout; first: that of each part's nodes."""
+    """All skins as one, by the points of a layout.
+
+    Parameters
+    ----------
+    skins
+        Part -> its skin.
+    first
+        Part -> the number of its first point.
+    n_points
+        Number of the layout's points.
+    """
     import scipy.sparse as sp
 
     def on_layout(name: str, matrix: Any) -> Any:

@@ -27,7 +27,19 @@ Pair = tuple[str, str]
 
 
 def build_skins(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first: dict[str, int]) -> Skins | None:
-    """The skins that are checked for crossings; None where there is no body, or contact prevents crossings."""
+    """The skins that are checked for crossings; None where there is no body, or contact prevents crossings.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    layout
+        Numbering of points, frames and unknowns.
+    meshes
+        Body -> the mesh of its elements [m].
+    first
+        Part -> the number of its first point.
+    """
     if robot.contact is not None or not meshes:
         return None
     contact = Contact().fitted(robot.bodies, (), ())
@@ -60,7 +72,21 @@ def build_skins(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first:
 
 
 def crossed_on_path(skins: Skins | None, layout: Layout, nodes: Sequence[Node], end: float, cable: str) -> str:
-    """The sentences on crossings along a path of one cable's shortening, up to `end` [m]."""
+    """The sentences on crossings along a path of one cable's shortening.
+
+    Parameters
+    ----------
+    skins
+        The skins; None: nothing is checked.
+    layout
+        Numbering of points, frames and unknowns.
+    nodes
+        The nodes of the path.
+    end
+        Shortening up to which crossings count [m].
+    cable
+        Name of the cable.
+    """
     if skins is None:
         return ""
     found = [skins.pairs(node.state.x) for node in nodes]
@@ -86,7 +112,15 @@ def crossed_on_path(skins: Skins | None, layout: Layout, nodes: Sequence[Node], 
 
 
 def span_in_words(begin: float | None, stop: float | None, cable: str) -> str:
-    """The range of shortening [m] with the crossing, in words; None: from the start, and to the end."""
+    """The range of shortening with a crossing, in words.
+
+    Parameters
+    ----------
+    begin, stop
+        Its ends [m]; None: from the start, and to the end.
+    cable
+        Name of the cable.
+    """
     of = f" mm of shortening of {cable}"
     if begin is None:
         return "from the start on" if stop is None else f"from the start to {1e3 * stop:.3g}{of}"

@@ -48,7 +48,19 @@ class Samples:
 
 
 def by_shortening(along: EquilibriumPath, start: Node, d: Floats, *, ends_there: bool = False) -> Samples:
-    """The samples of shortenings d (n,) [m]. ends_there: whether the path ends at the last of them, and not beyond."""
+    """The samples of shortenings.
+
+    Parameters
+    ----------
+    along
+        The path of the driven cable.
+    start
+        Its first node.
+    d
+        Shortenings (n,) [m].
+    ends_there
+        Whether the path ends at the last sample, and not beyond.
+    """
     end, taut = float(d.max()), d > start.c
     # Solved first, with the factors of the start: the same tangent.
     still = None if taut.all() else along.curve((along.slack_node(start),))
@@ -106,7 +118,19 @@ def by_shortening(along: EquilibriumPath, start: Node, d: Floats, *, ends_there:
 
 
 def by_tension(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: bool) -> Samples:
-    """The samples of tensions T (n,) [N]. ends_there: whether the path ends at the last of them, and not beyond."""
+    """The samples of tensions.
+
+    Parameters
+    ----------
+    along
+        The path of the driven cable.
+    start
+        Its first node.
+    T
+        Tensions (n,) [N].
+    ends_there
+        Whether the path ends at the last sample, and not beyond.
+    """
     i_tension, largest = along.column(TENSION), float(T.max())
     path = Path((start,), True, names=along.names)
     if largest > 0.0:

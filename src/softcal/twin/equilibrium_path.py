@@ -152,10 +152,19 @@ class EquilibriumPath:
         return Curve(c, values, slopes, by_parameter, mixed, snapped_to)
 
     def refined(self, path: Path, samples: Floats, *, of_tension: bool = False) -> tuple[Path, Curve]:
-        """The path, refined until the curve is within tolerance at the samples (n,): shortenings [m], by nodes between
-        many or at some of them, or tensions [N], wherever it may reach them. It stays as it is where it was stopped.
+        """The path, refined until the curve is within tolerance at the samples. It stays as it is where it was stopped.
 
         A kink, as where surfaces meet, is within no tolerance: there every shortening becomes a node.
+
+        Parameters
+        ----------
+        path
+            The path.
+        samples
+            Shortenings (n,) [m], by nodes between many or at some of them, or tensions (n,) [N], wherever the curve may
+            reach them.
+        of_tension
+            Whether they are tensions.
         """
         if path.stopped_by is None:
             try:
@@ -253,8 +262,20 @@ class EquilibriumPath:
         past: float = np.inf,
         guide: tuple[Node, ...] = (),
     ) -> Path:
-        """The path from a node to a shortening [m], or to where the tension reaches `until` [N], or to its first node
-        from a shortening `past` [m] on. guide: as in `softcal.mechanics.path.follow`.
+        """The path from a node.
+
+        Parameters
+        ----------
+        start
+            The node.
+        end
+            Shortening at which it ends [m].
+        until
+            Tension at which it ends [N].
+        past
+            Shortening [m] from which on it ends at the next node.
+        guide
+            As of `softcal.mechanics.path.follow`.
         """
         i = self.number
         step = FIRST_STEP * self.length
@@ -313,7 +334,17 @@ class EquilibriumPath:
         return path.nodes if path.is_smooth else ()
 
     def sentence(self, path: Path, n: int, n_samples: int) -> str:
-        """How the path ended, with n of the samples reached."""
+        """How the path ended.
+
+        Parameters
+        ----------
+        path
+            The path.
+        n
+            Number of samples reached.
+        n_samples
+            Number of all samples.
+        """
         if path.reached:
             sentence = f"Solved: {len(path.nodes)} equilibria, {self.statics.n_factorisations} factorisations."
             for node in path.nodes:  # from where on via points coincide, unless the cable is wound up there
@@ -327,7 +358,17 @@ class EquilibriumPath:
 
 @contextmanager
 def statics_of(twin: Twin, theta: Mapping[str, float], kept: KeptNodes | None = None) -> Generator[Statics]:
-    """Statics whose factors are released at the end."""
+    """Statics whose factors are released at the end.
+
+    Parameters
+    ----------
+    twin
+        The twin.
+    theta
+        Parameter values by dotted name [SI].
+    kept
+        Nodes of other paths at theta, where these are kept.
+    """
     statics = Statics(twin.system, theta, twin.robot.limits, kept)
     try:
         yield statics
@@ -341,6 +382,15 @@ def guide_of(twin: Twin, theta: Mapping[str, float], cable: str | None) -> Gener
 
     Where points meet surfaces a path turns, and its last nodes say little of the next one; a path at other parameters
     turns there too. Not one of another shape at rest: in that, the guide's surfaces may have passed through each other.
+
+    Parameters
+    ----------
+    twin
+        The twin.
+    theta
+        Parameter values by dotted name [SI].
+    cable
+        The driven cable; None: none is.
     """
     own = parameter_values(twin.robot)
     if cable is None or not twin.system.contacts or dict(theta) == own:

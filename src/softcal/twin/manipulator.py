@@ -236,7 +236,17 @@ class Manipulator(Declared):
         return self.base.thickness + (number - 1) * (self.spring_length + self.discs.thickness)
 
     def on_disc(self, number: int, radius: float, azimuth: float) -> Floats:
-        """A point in the middle plane of a disc [m]."""
+        """A point in the middle plane of a disc (3,) [m].
+
+        Parameters
+        ----------
+        number
+            Of the disc: 0 is the base, 1 the first that moves.
+        radius
+            Distance from the axis [m].
+        azimuth
+            About +z from +x [rad].
+        """
         return np.array([radius * math.cos(azimuth), radius * math.sin(azimuth), 0.0]) + self.outwards * (
             self.disc_middle(number)
         )

@@ -41,8 +41,25 @@ def simulate_many(
     crossings: bool = True,
     commanded: Mapping[str, str],
 ) -> Response:
-    """See `simulate`. Slopes are not given, since there is no single control, but derivatives by the commands of the
-    cables in `commanded`, by their names as channels.
+    """See `simulate`. There are no slopes, since there is no single control, but derivatives by the commands of some
+    cables.
+
+    Parameters
+    ----------
+    twin
+        The twin.
+    statics
+        The system at its parameters, with the factors of its tangent.
+    protocol
+        The protocol.
+    names
+        Parameters of the sensitivities (k,).
+    snapshots
+        Which shapes are kept.
+    crossings
+        Whether crossings of bodies are searched for.
+    commanded
+        Channel -> the cable by whose command, as that channel, there are derivatives.
     """
     units, cables = channel_units(twin), tuple(commanded.values())
     labels, actuators = (*names, *commanded), [actuator.name for actuator in twin.system.actuators]

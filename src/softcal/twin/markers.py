@@ -60,6 +60,16 @@ class MarkerPlace:
 
 
 def directions_in(mesh: TetMesh, marker: Marker, first: int) -> tuple[Weights, ...]:
-    """`MarkerPlace.directions` in a body whose first point has a number in the system."""
+    """`MarkerPlace.directions` in a body.
+
+    Parameters
+    ----------
+    mesh
+        The body's mesh [m].
+    marker
+        The marker.
+    first
+        Number of the body's first point in the system.
+    """
     nodes, rates = attach_directions(mesh, marker.at, where=marker.name)
     return tuple([(first + int(n), float(r)) for n, r in zip(nodes, column, strict=True)] for column in rates.T)

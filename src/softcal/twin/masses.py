@@ -20,10 +20,19 @@ from softcal.twin.time_settings import MassMatrix
 
 
 def robot_inertia(twin: Twin, robot: Robot, masses: MassMatrix = "consistent") -> Inertia:
-    """The inertia of `robot`, of which `twin` is the twin but for parameters.
+    """The inertia of a robot.
 
     A body's mass is consistent or lumped. A rod's is lumped at its nodes, with the rotary inertia of its section. A
     plate has its mass, its inertia tensor (see `Plate`) and the mass of whatever tets lie on it whole.
+
+    Parameters
+    ----------
+    twin
+        The twin of the robot, but for parameters.
+    robot
+        The robot.
+    masses
+        Whether masses of bodies are consistent or lumped.
     """
     layout = twin.system.layout
     carried = no_frame_masses(layout)

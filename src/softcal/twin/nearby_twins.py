@@ -20,6 +20,15 @@ def neighbours_of(robot: Robot, theta: Mapping[str, float], build: Build) -> dic
     """By the name of each length, the twins next to that of a robot at theta; built when they are needed.
 
     What theta states of its shape stays as one length changes; other lengths follow it, as in the robot at theta.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    theta
+        Parameter values by dotted name [SI].
+    build
+        Robot -> its twin, or a part of it.
     """
     own = {name: info.value for name, info in robot_parameters(robot).items() if info.shapes}
     stated = {name: theta[name] for name, value in own.items() if theta.get(name, value) != value}

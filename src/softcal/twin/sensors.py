@@ -35,9 +35,18 @@ def angle_columns(twin: Twin) -> list[int]:
 
 
 def sense(twin: Twin, state: State, theta: Theta, shortenings: Mapping[str, float] | None = None) -> Floats:
-    """The channels' values (n_channels,) at a state and theta, in the order of `channel_units`.
+    """The channels' values (n_channels,) at a state, in the order of `channel_units`.
 
-    shortenings: of the cables that are commanded by it, which read as commanded, taut or slack [m].
+    Parameters
+    ----------
+    twin
+        The twin.
+    state
+        The state.
+    theta
+        Parameter values by dotted name [SI].
+    shortenings
+        Of the cables that are commanded by it, which read as commanded, taut or slack [m].
     """
     return read_all(twin, _StatePosture(twin, state, theta, shortenings or {}))
 
@@ -55,12 +64,22 @@ def sense_rates(
     names: Sequence[str] = (),
     shortenings: Mapping[str, Floats] | None = None,
 ) -> Floats:
-    """The channels' rates (n_channels, k) for rates dz (n_unknowns, k) of the unknowns.
+    """The channels' rates (n_channels, k).
 
+    Parameters
+    ----------
+    twin
+        The twin.
+    state
+        The state.
+    theta
+        Parameter values by dotted name [SI].
+    dz
+        Rates of the unknowns (n_unknowns, k).
     names
         Parameters (k,) of which dz is the derivative, or "": they may change a channel at fixed unknowns too.
     shortenings
-        Rates (k,) of the cables that are commanded by it.
+        Rates (k,) of the cables that are commanded by it [m].
     """
     if dz.shape[1] == 0:
         return np.zeros((len(twin.columns), 0))

@@ -125,10 +125,24 @@ def respond(  # noqa: PLR0913 (one keyword for each option)
     guided: bool = False,
     crossings: bool = True,
 ) -> Response:
-    """The response of a twin that is built, at the values theta of all its parameters. See `simulate`; guided: by the
-    path at the robot's own parameters, see `guide_of`.
+    """The response of a twin that is built, at the values of all its parameters. See `simulate`.
 
     Where a term remembers, every sample is solved, in the order of the protocol.
+
+    Parameters
+    ----------
+    twin
+        The twin.
+    theta
+        Values of all parameters by dotted name [SI].
+    protocol
+        The protocol.
+    sensitivities
+        Parameters of the derivatives, and cables' channels for those by their commands.
+    snapshots, curve_tolerance, shared, crossings
+        As of `simulate`.
+    guided
+        Whether paths are guided by that at the robot's own parameters, see `guide_of`.
 
     Raises
     ------

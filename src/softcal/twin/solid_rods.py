@@ -69,6 +69,15 @@ def with_solid_rods(
 def solid_body(rod: Rod, *, rings: int = 1, element: str = DEFAULT.name) -> Body:
     """A rod as a body, its fixed end faces among the fixed nodes; see `with_solid_rods`.
 
+    Parameters
+    ----------
+    rod
+        The rod.
+    rings
+        Number of tets from the axis to the surface.
+    element
+        Name of the element.
+
     Raises
     ------
     MeshError

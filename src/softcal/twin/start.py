@@ -47,8 +47,16 @@ class Start:
 
 
 def loaded(twin: Twin, statics: Statics, names: tuple[str, ...] = ()) -> Start:
-    """The stable equilibrium under the dead loads, applied in adaptive steps. names: of the parameters by which its
-    memory has derivatives.
+    """The stable equilibrium under the dead loads, applied in adaptive steps.
+
+    Parameters
+    ----------
+    twin
+        The twin.
+    statics
+        The system at its parameters, with the factors of its tangent.
+    names
+        Parameters (k,) by which its memory has derivatives.
 
     Raises
     ------
@@ -85,6 +93,15 @@ def pretensioned(twin: Twin, statics: Statics, slack: Collection[str]) -> Start:
     """The stable equilibrium under the dead loads with all cables that have a pretension at zero shortening, but for
     some that are slack.
 
+    Parameters
+    ----------
+    twin
+        The twin.
+    statics
+        The system at its parameters, with the factors of its tangent.
+    slack
+        Names of these.
+
     Raises
     ------
     SimulationError
@@ -102,7 +119,21 @@ def pretensioned(twin: Twin, statics: Statics, slack: Collection[str]) -> Start:
 
 
 def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float, unit: str) -> Snapshot:
-    """The shape of a state, to draw."""
+    """The shape of a state, to draw.
+
+    Parameters
+    ----------
+    twin
+        The twin.
+    state
+        The state.
+    controls
+        Cable -> its command [m; N].
+    drive
+        Place in an animation, see `Snapshot`.
+    unit
+        Unit of the drive.
+    """
     robot = twin.robot
     points = {
         name: state.x[first : first + twin.meshes[name].n_points].copy()

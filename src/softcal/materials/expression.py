@@ -67,9 +67,16 @@ class Measure:
 
 
 def measured(text: object, where: str, scope: Mapping[str, Measure | None]) -> tuple[Measure, list[Fault]]:
-    """The measure of a text and what is wrong with it, without SymPy, which is slow to import.
+    """The measure of a text and its faults, without SymPy, which is slow to import.
 
-    scope: symbol -> its measure, or None for an abbreviation that is not yet filled in.
+    Parameters
+    ----------
+    text
+        The text.
+    where
+        What an error names as the place.
+    scope
+        Symbol -> its measure, or None for an abbreviation that is not yet filled in.
     """
     such = "text such as 'mu/2*(I1 - 3)'"
     if not isinstance(text, str):
@@ -124,7 +131,8 @@ def _measured(node: ast.expr, scope: Mapping[str, Measure | None], faults: list[
     parts = [_measured(one, scope, faults) for one in inner]
     if len(faults) > before:
         return Measure()
-    if called == "Rational" and not all(map(_is_whole, parts)):
+    are_whole = all(one.value is not None and not one.names and one.value.is_integer() for one in parts)
+    if called == "Rational" and not are_whole:
         return wrong("Rational is of two whole numbers", "such as Rational(2, 3)")
     names = frozenset([called] if called else []).union(*(one.names for one in parts))
     bits = sum(one.bits for one in parts) + (function in (operator.add, operator.sub))
@@ -163,12 +171,8 @@ def _named(name: str, scope: Mapping[str, Measure | None], faults: list[Fault]) 
     return scope.get(name) or Measure()
 
 
-def _is_whole(one: Measure) -> bool:
-    return one.value is not None and not one.names and one.value.is_integer()
-
-
 def _value(function: Callable[..., float], of: list[float | None]) -> float | None:
-    """That of a function: infinite where it overflows, NaN where there is no real one; None where one is not known."""
+    """The value of a function: infinite where it overflows, NaN where it is not real, None if an argument is."""
     if None in of:
         return None
     try:

@@ -150,7 +150,17 @@ def _returned(strain: Floats, form: Floats, d: float, constants: Constants) -> _
     above = np.where(flows, q, 1.0)
     rho = np.where(flows, d + (1.0 - d) * Y / above, 1.0)
     stored = np.where(flows, 0.5 * d * q**2 + (1.0 - d) * (Y * q - 0.5 * Y**2), 0.5 * q**2)
-    return _Returned(strain, s, q, flows, above, d, rho, rho[:, None] * strain, stored)
+    return _Returned(
+        strain=strain,
+        s=s,
+        q=q,
+        flows=flows,
+        above=above,
+        d=d,
+        rho=rho,
+        remains=rho[:, None] * strain,
+        stored=stored,
+    )
 
 
 def _returned_rates(

@@ -90,9 +90,18 @@ class Inelastic(ABC):
 
     @abstractmethod
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        """The material as it changes it, a time `elapsed` [s] after the sample that left the memory (n, size).
+        """The material as the part changes it, with the memory that it leaves.
 
-        Infinity: so long that nothing changes any more.
+        Parameters
+        ----------
+        at
+            The material without the part: energy, stress and tangent at points (n,).
+        memory
+            Memory of the sample before (n, size).
+        elapsed
+            Time since the sample before [s]; infinity: so long that nothing changes any more.
+        constants
+            Constants by name [SI].
         """
 
     @abstractmethod
@@ -104,10 +113,21 @@ class Inelastic(ABC):
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
-        """The rates of what `respond` leaves: of W and S, and of the memory.
+        """The rates of the energy and the stress that `respond` leaves, and of the memory. A rate is one number, or one
+        at each point (n,).
 
-        memory: the one before, and its rates; constants: their values, and their rates, those that are missing zero;
-        a rate is one number, or one at each point (n,).
+        Parameters
+        ----------
+        at
+            The material without the part: energy, stress and tangent at points (n,).
+        by
+            Rates of strain, energy and stress without the part.
+        memory
+            Memory of the sample before (n, size), and its rates.
+        elapsed
+            Time since the sample before [s]; infinity: so long that nothing changes any more.
+        constants
+            Constants by name [SI], and their rates; those that are missing are zero.
         """
 
     def faults(self, constants: Constants) -> str:
@@ -136,7 +156,19 @@ class History:
         return sum(part.size for part in self.parts)
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        """As `Inelastic.respond`, of all parts."""
+        """As `Inelastic.respond`, of all parts.
+
+        Parameters
+        ----------
+        at
+            The material without the part: energy, stress and tangent at points (n,).
+        memory
+            Memory of the sample before (n, size).
+        elapsed
+            Time since the sample before [s]; infinity: so long that nothing changes any more.
+        constants
+            Constants by name [SI].
+        """
         left: list[Floats] = []
         for part, own in zip(self.parts, self._split(memory), strict=True):
             at, kept = part.respond(at, own, elapsed, constants)
@@ -151,7 +183,21 @@ class History:
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
-        """As `Inelastic.rates`, of all parts."""
+        """As `Inelastic.rates`, of all parts.
+
+        Parameters
+        ----------
+        at
+            The material without the part: energy, stress and tangent at points (n,).
+        by
+            Rates of strain, energy and stress without the parts.
+        memory
+            Memory of the sample before (n, size), and its rates.
+        elapsed
+            Time since the sample before [s]; infinity: so long that nothing changes any more.
+        constants
+            Constants by name [SI], and their rates.
+        """
         left: list[Floats] = []
         for part, own, rates in zip(self.parts, *(self._split(one) for one in memory), strict=True):
             by, kept = part.rates(at, by, (own, rates), elapsed, constants)

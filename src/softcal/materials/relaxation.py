@@ -70,7 +70,9 @@ class Relaxation(Inelastic):
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
         values, changes = constants
-        beta, dbeta = self._weights(values), self._weight_rates(values, changes)
+        g, dg = stacked(values, self._shares), stacked(changes, self._shares)
+        rest = 1.0 - g.sum()
+        beta, dbeta = g / rest, dg / rest + g * dg.sum(axis=-1, keepdims=True) / rest**2
         kept = self._kept.follow(at.S, memory[0], elapsed, values)
         rates = self._kept.rates((at.S, by.S), memory, elapsed, constants)
         S = by.S + (dbeta[..., None] * kept.h + beta[:, None] * rates.h).sum(axis=1)
@@ -91,11 +93,6 @@ class Relaxation(Inelastic):
     def _weights(self, constants: Constants) -> Floats:
         g = stacked(constants, self._shares)
         return g / (1.0 - g.sum())
-
-    def _weight_rates(self, constants: Constants, changes: Constants) -> Floats:
-        g, dg = stacked(constants, self._shares), stacked(changes, self._shares)
-        rest = 1.0 - g.sum()
-        return dg / rest + g * dg.sum(axis=-1, keepdims=True) / rest**2
 
 
 def share_of(branch: int) -> str:

@@ -63,31 +63,31 @@ def build_cables(
         for parameter, ways in (placed or {}).get(name, {}).items()
     }
     return CableTerm(
-        tuple(supports),
-        segments,
-        of_cable,
-        np.array(order, dtype=np.int64),
-        segments.shape(X).lengths,
-        stated,
-        end_motions,
-        slowness,
+        names=tuple(supports),
+        segments=segments,
+        cable=of_cable,
+        order=np.array(order, dtype=np.int64),
+        rest=segments.shape(X).lengths,
+        stated=stated,
+        end_motions=end_motions,
+        slowness=slowness,
     )
 
 
 def _end_motion(cable: int, first: int, ways: list[Weights], segments: Segments, X: Floats) -> EndMotion:
-    """The motion of a cable whose first segment and whose via points' derivatives are given."""
+    """The motion of a cable from the number of its first segment and its via points' derivatives."""
     changes = [
         (first + k, point, rate) for k, ends in enumerate(pairwise(ways)) for point, rate in _difference(*ends).items()
     ]
     segment, support, rate = zip(*changes, strict=True) if changes else ((), (), ())
-    found = EndMotion(
+    motion = EndMotion(
         cable,
         np.array(segment, dtype=np.int64),
         np.array(support, dtype=np.int64),
         np.array(rate, dtype=np.float64),
         np.zeros(len(segments)),
     )
-    return replace(found, rest=segments.lengths_by(found, X, segments.shape(X)))
+    return replace(motion, rest=segments.lengths_by(motion, X, segments.shape(X)))
 
 
 def _difference(start: Weights, end: Weights) -> dict[int, float]:

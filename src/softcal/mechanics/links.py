@@ -158,7 +158,15 @@ def compose(X: Floats, rider: Ints, is_free: np.ndarray, references: Floats, tie
     np.subtract.at(anchor, keys // n_frames, frame_weight[:, None] * references[keys % n_frames] + arms)
     anchor[: len(riders)] = 0.0  # exactly: the remainder there is rounding error
     return Links(
-        followers, anchor, follower, master, master_weight, keys // n_frames, keys % n_frames, frame_weight, arms
+        followers=followers,
+        anchor=anchor,
+        follower=follower,
+        master=master,
+        weight=master_weight,
+        frame_follower=keys // n_frames,
+        frame=keys % n_frames,
+        frame_weight=frame_weight,
+        arm=arms,
     )
 
 

@@ -38,13 +38,13 @@ class CommandPath:
         held = line.is_held
         start = np.where(held, line.effort, line.coordinate)
         rate = np.where(held, line.effort_rate, line.coordinate_rate)
-        wanted = np.where(held, target.effort, target.coordinate)
+        end = np.where(held, target.effort, target.coordinate)
         if not np.any(rate):
             return None
-        c = float((wanted - start) @ rate / (rate @ rate))
+        c = float((end - start) @ rate / (rate @ rate))
         here = self.nodes[-1].c
-        off = np.abs(start + c * rate - wanted).max() if c > here else np.inf
-        return c if off <= SAME * np.abs(wanted).max() else None
+        off = np.abs(start + c * rate - end).max() if c > here else np.inf
+        return c if off <= SAME * np.abs(end).max() else None
 
 
 @dataclass(frozen=True)
@@ -204,8 +204,8 @@ def _at_once(statics: Statics, line: Line, state: State, last: Reached) -> Node 
 
 
 def _settled(statics: Statics, line: Line, state: State) -> tuple[State, str]:
-    """The equilibrium at the begin of a line: a material may have relaxed or flowed since the sample whose state this
-    is. Or that state, and why there is none.
+    """The equilibrium at the begin of a line, since a material may have relaxed or flowed meanwhile; on failure the
+    state as it is, and the reason.
     """
     if not statics.system.remembers:
         return state, ""
@@ -225,7 +225,7 @@ def _fallen(statics: Statics, last: Reached, aim: Target) -> Reached:
     system, by_coordinate = statics.system, ~target.is_held
     least, most = system.effort_limits
 
-    def with_held(is_held: np.ndarray, state: State) -> Controls:
+    def within_limits(is_held: np.ndarray, state: State) -> Controls:
         return held_at(target, is_held, np.clip(state.effort, least, most))
 
     def switched(state: State, controls: Controls) -> Controls:
@@ -233,14 +233,14 @@ def _fallen(statics: Statics, last: Reached, aim: Target) -> Reached:
             statics, state.effort, target.coordinate - system.coordinates(state, statics.theta)
         )
         is_held = np.where(controls.is_held, ~returns, pushing(system, state))
-        return controls if np.all(is_held == controls.is_held) else with_held(is_held, state)
+        return controls if np.all(is_held == controls.is_held) else within_limits(is_held, state)
 
-    snapped = overdamped_equilibrium(statics, last.state, with_held(last.controls.is_held, last.state), switched)
+    snapped = overdamped_equilibrium(statics, last.state, within_limits(last.controls.is_held, last.state), switched)
     if not snapped.converged:
         raise SimulationError(f"{SWITCHING}: {snapped.status}.")
     state = snapped.state
     at_limit = (state.effort == least) | (state.effort == most)
-    controls = switched(state, with_held(~by_coordinate | at_limit, state))
+    controls = switched(state, within_limits(~by_coordinate | at_limit, state))
     statics.seeks_free_modes = True
     node = stable_node_at(statics, _line(controls, controls), 1.0, state, ())
     return remembered(statics, node.state, controls, aim, (True, True))
@@ -298,7 +298,15 @@ def remembered(
     state = statics.system.advanced(state, controls, statics.theta, by_parameter, aim.names)
     # The nodes on the line there have the memory of its start, and are no part of what follows.
     commanded = None if statics.system.remembers else commanded
-    return Reached(state, controls, by_parameter, *snaps, commanded, statics.tangent.n_tangents)
+    return Reached(
+        state=state,
+        controls=controls,
+        by_parameter=by_parameter,
+        snaps=snaps[0],
+        has_snapped=snaps[1],
+        commanded=commanded,
+        tangent=statics.tangent.n_tangents,
+    )
 
 
 def by_command(statics: Statics, state: State, now: Controls, target: Controls, which: Ints) -> Floats:

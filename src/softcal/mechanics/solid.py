@@ -374,11 +374,20 @@ class SolidTerm(Term):
             lmbda, mu = (step.share * modulus for modulus in self.rest_moduli(before.theta))
             F = before.known[0]
             C_n = np.swapaxes(F, 2, 3) @ F
-            viscous = ViscousTerm(self.conn, self.dN, self.w, lmbda, mu, C_n, self.motion, self.places.displacement)
+            viscous = ViscousTerm(
+                conn=self.conn,
+                dN=self.dN,
+                w=self.w,
+                lmbda=lmbda,
+                mu=mu,
+                C_n=C_n,
+                motion=self.motion,
+                places=self.places.displacement,
+            )
             return self, viscous
-        held = Sum(step.layout)
-        self.add(held, before)
-        return replace(self, w=(1.0 + step.share) * self.w), Loads(step.share * held.points, {})
+        at_start = Sum(step.layout)
+        self.add(at_start, before)
+        return replace(self, w=(1.0 + step.share) * self.w), Loads(step.share * at_start.points, {})
 
     def rest_moduli(self, theta: Theta) -> tuple[float, float]:
         """Lamé's moduli [Pa] of the undeformed body; with pressures, those of psi_d alone."""

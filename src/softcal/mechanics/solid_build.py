@@ -57,14 +57,14 @@ def build_solid(
     number = number.reshape(own.shape)
     order = np.argsort(number, axis=1)
     term = SolidTerm(
-        name,
-        law,
-        compile_law(law),
-        conn,
-        np.ascontiguousarray(dN),
-        w,
-        np.take_along_axis(number, order, axis=1) + first_pressure,
-        np.ascontiguousarray(np.swapaxes(element.pressure_functions().T[order], 1, 2)),
+        name=name,
+        law=law,
+        compiled=compile_law(law),
+        conn=conn,
+        dN=np.ascontiguousarray(dN),
+        w=w,
+        pressure_conn=np.take_along_axis(number, order, axis=1) + first_pressure,
+        N_p=np.ascontiguousarray(np.swapaxes(element.pressure_functions().T[order], 1, 2)),
         motion=motion,
     )
     return term, nodes

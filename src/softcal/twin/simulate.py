@@ -168,7 +168,15 @@ def respond(  # noqa: PLR0913 (one keyword for each option)
     cable = driven[0] if driven else None
     with statics_of(twin, own, twin.kept.at(own)) as statics, guide_of(twin, own, cable if guided else None) as guide:
         tolerance = 0.0 if snapshots == "samples" else curve_tolerance
-        along = EquilibriumPath(twin, statics, solved, cable, tolerance, shared, guide)
+        along = EquilibriumPath(
+            twin=twin,
+            statics=statics,
+            names=solved,
+            cable=cable,
+            tolerance=tolerance,
+            is_shared=shared,
+            guide=guide,
+        )
         response = Sweep(along, snapshots, crossings).response(protocol)
     response = at_moduli(twin, response, s)
     if modulus in names:

@@ -50,7 +50,7 @@ class Branches:
 
     @property
     def size(self) -> int:
-        """How many numbers are remembered at each point."""
+        """Numbers in the memory of each point."""
         return 6 * (1 + len(self.times))
 
     def follow(self, y: Floats, memory: Floats, elapsed: float, constants: Constants) -> Kept:

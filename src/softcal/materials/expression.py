@@ -45,7 +45,7 @@ MOST_SECONDS = 10.0  # of symbolic work on one law; softcal's own take half a se
 
 @dataclass(frozen=True)
 class Measure:
-    """What an expression comes to with all symbols filled in.
+    """The measure of an expression with all symbols filled in.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a material adds to an elastic law: stresses that depend on what it went through.
+"""Additions to an elastic law: stresses that depend on the history of the material.
 
 A part takes energy, stress and tangent at points, as the law or the part before it leaves them, changes them, and
 leaves numbers of its own at every point, its memory, to the next converged sample (`mechanics.memory`). Several follow
@@ -58,7 +58,7 @@ class PointRates(NamedTuple):
 
 
 class Left(NamedTuple):
-    """What a part leaves: the material as changed, and its memory (n, size)."""
+    """The material as a part changes it, and the memory (n, size) that this leaves."""
 
     at: Stressed
     memory: Floats
@@ -76,7 +76,7 @@ class Inelastic(ABC):
     @property
     @abstractmethod
     def size(self) -> int:
-        """How many numbers it remembers at each point."""
+        """Numbers in its memory of each point."""
 
     @property
     def needs_time(self) -> bool:
@@ -131,7 +131,7 @@ class Inelastic(ABC):
         """
 
     def faults(self, constants: Constants) -> str:
-        """What is wrong with the constants together; "" where nothing is."""
+        """The fault of the constants together; "" where there is none."""
         return ""
 
 
@@ -147,12 +147,12 @@ class History:
         return tuple(one for part in self.parts for one in part.parameters)
 
     def constants(self, given: Constants) -> Constants:
-        """Those of the parts, of a material's constants."""
+        """The constants of the parts, among those of a material."""
         return {one.name: given[one.name] for one in self.parameters}
 
     @property
     def size(self) -> int:
-        """How many numbers all of them remember at each point."""
+        """Numbers in the memory of each point, of all parts."""
         return sum(part.size for part in self.parts)
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:

@@ -21,7 +21,7 @@ def polynomial(name: str, label: str, typical: float) -> Parameter:
     name
         Its name.
     label
-        Its name in words.
+        Its symbol, to be printed.
     typical
         A typical value [Pa].
     """

@@ -19,7 +19,7 @@ def mooney_rivlin(name: str, terms: tuple[str, ...], reference: str, volumetric_
     terms
         Names of its coefficients, C10 the first.
     reference
-        Where it is published.
+        The programs that have the law.
     volumetric_strain
         g(J), as text.
     """

@@ -39,7 +39,7 @@ class Actuator:
 
 
 class Drives(NamedTuple):
-    """How actuators whose coordinate is prescribed border the tangent.
+    """The border of the tangent by actuators whose coordinate is prescribed.
 
     Attributes
     ----------

@@ -226,11 +226,11 @@ def _connected(mesh: TetMesh, centre: Floats, radius: float, seed: Ints) -> TetM
     tets = mesh.tets[has_seed | (np.linalg.norm(beyond, axis=1) <= radius)]
     reached = np.isin(np.arange(mesh.n_points), seed)
     while True:
-        found = reached[tets].any(axis=1)
+        joins = reached[tets].any(axis=1)
         before = int(reached.sum())
-        reached[tets[found]] = True
+        reached[tets[joins]] = True
         if int(reached.sum()) == before:
-            return TetMesh(mesh.points, tets[found])
+            return TetMesh(mesh.points, tets[joins])
 
 
 def _require_inside(mesh: TetMesh, point: Floats, where: str) -> None:

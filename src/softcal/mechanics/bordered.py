@@ -196,7 +196,7 @@ class BorderedTangent:
         self._factors = None
 
     def _n_unstable(self) -> int:
-        """As `n_unstable`, of the factors and the border."""
+        """The number of unstable directions by the factors and the border."""
         border = self._border
         n_negative = self._own_factors.n_negative
         if len(border.corner):
@@ -222,17 +222,17 @@ class BorderedTangent:
         left = affordable - self._spent
         most = MOST if self._is_own else int(at_least + left / cost)
         if most >= FIRST and (left > 0.0 or self._is_own):
-            found = gmres(
+            solution = gmres(
                 lambda x: self.system.tangent_times(at, self._scale * x),
                 lambda r: self._substituted(r) / self._scale,
                 b,
                 accuracy,
                 most,
             )
-            self.n_iterations += found.n_iterations
-            self._spent += cost * max(found.n_iterations - at_least, 0.0)
-            if found.converged:
-                return self._scale * found.x, found.ritz
+            self.n_iterations += solution.n_iterations
+            self._spent += cost * max(solution.n_iterations - at_least, 0.0)
+            if solution.converged:
+                return self._scale * solution.x, solution.ritz
         if self._is_own:
             self.factorise(at)
         else:

@@ -47,7 +47,7 @@ class Dense:
 
     @property
     def n_negative(self) -> int:
-        """How many eigenvalues have a negative real part: none where the symmetric part is positive definite."""
+        """The number of eigenvalues with a negative real part: none where the symmetric part is positive definite."""
         try:
             np.linalg.cholesky(self._matrix + self._matrix.T)
         except np.linalg.LinAlgError:

@@ -136,7 +136,7 @@ class Dynamics:
         raise SimulationError(f"{SWITCHING}.")
 
     def _gap(self, state: State, wanted: Controls) -> Floats:
-        """What each coordinate lacks to the prescribed one (n_actuators,): of a cable, the excess of its length [m]."""
+        """The prescribed coordinates less the present ones (n_actuators,): of a cable, the excess of its length [m]."""
         return wanted.coordinate - self.system.coordinates(state, self.theta)
 
     def _one_solve(self, now: Instant, step: float, wanted: Controls) -> Instant:

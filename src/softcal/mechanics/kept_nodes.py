@@ -26,7 +26,7 @@ class KeptNode(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Of its arrays [bytes]."""
+        """The size of its arrays [bytes]."""
         node, state = self.node, self.node.state
         arrays = (state.x, state.pressure, node.slope, node.by_parameter, node.mixed, node.free)
         return sum(array.nbytes for array in arrays)

@@ -27,12 +27,12 @@ class Factors(Protocol):
 
     @property
     def n_negative(self) -> int:
-        """How many eigenvalues of the matrix factorised last are negative (Sylvester's law of inertia)."""
+        """The number of negative eigenvalues of the matrix factorised last (Sylvester's law of inertia)."""
         ...
 
     @property
     def solves_per_factorisation(self) -> float:
-        """How many solutions by iteration cost as much as a factorisation, about."""
+        """The number of solutions by iteration that cost about as much as a factorisation."""
         ...
 
 
@@ -116,12 +116,12 @@ class Pardiso:
 
     @property
     def n_negative(self) -> int:
-        """How many eigenvalues of the matrix factorised last are negative."""
+        """The number of negative eigenvalues of the matrix factorised last."""
         return int(self._handle.options[22])
 
     @property
     def solves_per_factorisation(self) -> float:
-        """How many solutions by iteration cost as much as a factorisation, about."""
+        """The number of solutions by iteration that cost about as much as a factorisation."""
         return SOLVES * int(self._handle.options[17]) / (len(self._handle.indptr) - 1)
 
     def release(self) -> None:
@@ -200,7 +200,7 @@ class SuperLU:
 
     @property
     def n_negative(self) -> int:
-        """How many eigenvalues of the matrix factorised last are negative."""
+        """The number of negative eigenvalues of the matrix factorised last."""
         lu = self._lu
         if np.any(lu.perm_r != lu.perm_c):  # its pivots give the inertia only where all are on the diagonal
             lu = self._factors(0.0)
@@ -208,7 +208,7 @@ class SuperLU:
 
     @property
     def solves_per_factorisation(self) -> float:
-        """How many solutions by iteration cost as much as a factorisation, about."""
+        """The number of solutions by iteration that cost about as much as a factorisation."""
         return SOLVES * self._lu.nnz / self._lu.shape[0]
 
     def release(self) -> None:

@@ -39,7 +39,7 @@ NO_TIES = Ties(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zero
 
 @dataclass(frozen=True)
 class Links:
-    """What the positions of the points that follow depend on.
+    """The links between followers, which are points, and what they follow.
 
     Attributes
     ----------

@@ -1,5 +1,25 @@
-"""From one set of commands to the next, with an active-set method for efforts within their limits: of an actuator that
-is driven by its coordinate, either that is as commanded, or its effort is at a limit (a cable: taut, or slack).
+"""From one set of commands to the next, with an active-set method for efforts within their limits.
+
+Of an actuator that is commanded by its coordinate q, with the effort e within its limits, one of two holds:
+
+    driven:       q = q_commanded,    least < e < most        (a cable: taut)
+    at a limit:   e = least, q >= q_commanded, or e = most, q <= q_commanded      (a cable: slack, e = 0)
+
+Which, is the active set. The march from a sample to the next commands begins with that of the sample, and repeats
+(`reach`):
+
+1. *Line* (`_line`). Each driven actuator moves from its present coordinate to the commanded one, each that is commanded
+   by its effort from that of the sample; those at a limit stay there. If the commands lie on the line that
+   led to the sample, that line goes on, with its nodes and their curvature.
+2. *Way.* One step with a tangent predictor (`_at_once`); where it does not converge or may lead to another branch,
+   the path along the line (`path.py`). Where the line moves nothing, as when time alone has passed, the equilibrium.
+3. *Check* at the end. Driven actuators whose effort passes a limit (`node.pushing`) are put at it, first by one solve,
+   else along a path on which what is beyond decreases to zero (`_released`). Those at a limit whose coordinate
+   commands that they leave it (`node.returning`) are driven. Without either the sample is reached.
+
+A path that ends early at efforts beyond their limits goes on from the first node that has some, with these at their
+limit. After a snap-through that was followed with a fixed set, switching would end elsewhere; then, and where the sets
+do not settle, the robot moves overdamped from the last sample, and the set follows its state (`_fallen`).
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from softcal.materials.components import doubled, full
 
 @dataclass(frozen=True)
 class MeshMotion:
-    """How a parameter moves the undeformed mesh of a body.
+    """The motion of the undeformed mesh of a body by a parameter.
 
     Attributes
     ----------

@@ -129,8 +129,8 @@ def mirrors_of(layout: Layout, pattern: Pattern) -> tuple[Mirror, ...]:
     """The planes, normal to an axis, by which free points, frames, pressures and the entries of their tangent come in
     pairs.
     """
-    found = (_mirror(layout, pattern, axis) for axis in range(3))
-    return tuple(one for one in found if one is not None)
+    mirrors = (_mirror(layout, pattern, axis) for axis in range(3))
+    return tuple(one for one in mirrors if one is not None)
 
 
 def _mirror(layout: Layout, pattern: Pattern, axis: int) -> Mirror | None:

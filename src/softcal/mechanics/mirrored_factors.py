@@ -74,7 +74,7 @@ class HalfFactors:
 
     @cached_property
     def factors(self) -> Factors:
-        """Its factors."""
+        """The factors of this half."""
         return self.pattern.factorise(*self.entries)
 
 
@@ -102,16 +102,16 @@ class Halves:
 
     @property
     def n_negative(self) -> int:
-        """How many eigenvalues of the matrix are negative."""
+        """The number of negative eigenvalues of the matrix."""
         return self._even.factors.n_negative + self._odd.factors.n_negative
 
     @property
     def solves_per_factorisation(self) -> float:
-        """How many solutions by iteration cost as much as a factorisation, about."""
+        """The number of solutions by iteration that cost about as much as a factorisation."""
         return self._even.factors.solves_per_factorisation
 
     def _parts(self, b: Floats, accuracy: float) -> Iterator[tuple[HalfFactors, Floats, np.ndarray]]:
-        """Of each half, its part of the forces b (n, k), and which are more than `accuracy` of the other half's."""
+        """Each half with its part of the forces b (n, k), and whether columns are above `accuracy` of the other's."""
         both = (self._even, self._odd)
         parts = [each.half.reduced(b) for each in both]
         sizes = [np.abs(part).max(axis=0, initial=0.0) for part in parts]

@@ -196,7 +196,7 @@ def by_parameters(statics: Statics, state: State, controls: Controls, names: tup
 
 
 def _moving(statics: Statics, state: State, names: tuple[str, ...]) -> list[int]:
-    """Which parameters an equilibrium depends on; others, such as the offset of a marker, leave it as it is."""
+    """The columns of the parameters that an equilibrium depends on; the offset of a marker leaves it as it is."""
     remembered = () if state.memory is None else state.memory.by_parameter
     return [k for k, name in enumerate(names) if name in statics.system.parameters or name in remembered]
 

@@ -34,7 +34,7 @@ Law = TypeVar("Law", bound=ElasticAt)
 
 @dataclass(frozen=True)
 class Passed(Generic[Law]):
-    """What a material with a history goes through from one sample to the next.
+    """A material with a history, from one sample to the next.
 
     Attributes
     ----------

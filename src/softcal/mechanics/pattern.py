@@ -45,7 +45,7 @@ class Triangle:
 
 @dataclass(frozen=True)
 class Pattern(Triangle):
-    """Where the tangent's entries are in the long array `data`.
+    """Places of the tangent's entries in the long array `data`.
 
     Attributes
     ----------

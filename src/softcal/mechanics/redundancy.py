@@ -50,7 +50,7 @@ def require_independent(system: System, border: Border, unit: Floats, solved: Fl
 
 
 def redundant(gradients: Floats, elastic: Floats) -> Ints:
-    """Which columns take part in a combination that is zero; none where all are independent.
+    """The columns that take part in a combination that is zero; none where all are independent.
 
     gradients: of each coordinate by the unknowns, (n_unknowns, n_driven). elastic (n_driven,): the share of line and
     machine in what a coordinate changes by its effort, zero without stretch. Elastic lines share a load.

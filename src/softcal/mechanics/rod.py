@@ -190,7 +190,7 @@ class RodTerm(Term):
         )
 
     def _most_stretched(self, state: State) -> tuple[float, float]:
-        """Of the element with the largest share: its stretch, and the one that it bears [-]."""
+        """The stretch of the element that comes nearest to the stretch that it bears, and the latter [-]."""
         flexibility = np.einsum("nii->ni", self.by_bending + 4.0 / 3.0 * self.by_shear)
         stretch = self.strains(state.position, state.rotation)[:, 2]
         bears = flexibility[:, 2] / flexibility[:, :2].max(axis=1)
@@ -256,7 +256,7 @@ class RodTerm(Term):
         self.blocks.add_gradient(into.own, self._gradient(given.state.position, given.state.rotation, forces))
 
     def _coordinate_rates(self, state: State, rate: State) -> Floats:
-        """Those of (rho, theta) (n, 6) at rates of the frames."""
+        """Rates of (rho, theta) (n, 6) at rates of the frames."""
         spin = rate.rotation @ np.swapaxes(state.rotation, 1, 2)
         turning = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
         moves = np.concatenate([rate.position, turning], axis=1)[self.frames].reshape(-1, 12)

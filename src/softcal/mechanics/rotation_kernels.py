@@ -77,7 +77,7 @@ def rotation_vector(Q: Floats, out: Floats) -> None:
 
 @kernel(error_model="numpy")
 def coefficients(theta: Floats) -> tuple[float, float, float]:
-    """Of A: beta, b1, b2."""
+    """The coefficients beta, b1 and b2 of A."""
     t = theta[0] * theta[0] + theta[1] * theta[1] + theta[2] * theta[2]
     if t < 1.0:
         beta = 0.0

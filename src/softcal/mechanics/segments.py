@@ -69,7 +69,7 @@ UNPLANNED = SegmentPlaces(np.zeros((0, 3), dtype=np.int64), np.zeros(1, dtype=np
 
 @dataclass(frozen=True)
 class EndMotion:
-    """How the vectors of segments follow a parameter that moves their ends on what carries them.
+    """Rates of segments' vectors by a parameter that moves their ends on what carries them.
 
     Attributes
     ----------

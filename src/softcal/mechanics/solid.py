@@ -224,7 +224,7 @@ class SolidTerm(Term):
         return Points(F.reshape(-1, 3, 3), I1.ravel(), I2.ravel(), J.ravel(), self.direction)
 
     def _stress(self, given: Given, volume: _Volume, *, tangent: bool) -> Stress:
-        """That of the displacements' part of the potential, at given pressures."""
+        """The stress of the displacements' part of the potential, at fixed pressures."""
         passed = self._passed(given)
         law = passed.law
         if not self.history.parts:

@@ -145,7 +145,7 @@ class Statics:
 
     @property
     def shared_end(self) -> float:
-        """As of `KeptNodes`."""
+        """`KeptNodes.shared_end`; infinity where nodes are not kept."""
         return np.inf if self._kept is None else self._kept.shared_end
 
     @shared_end.setter

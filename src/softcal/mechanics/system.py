@@ -188,7 +188,7 @@ class System:
 
     @cached_property
     def remembers(self) -> bool:
-        """Whether a term does: then a protocol's samples are a way, and solved in their order."""
+        """Whether a term does: then a protocol's samples form a load path, and are solved in their order."""
         return len(self._first_memory) > 0
 
     def given(
@@ -256,7 +256,7 @@ class System:
 
     @cached_property
     def _owned(self) -> tuple[slice, ...]:
-        """Where each term's memory is among that of all."""
+        """The place of each term's memory among that of all."""
         ends = np.cumsum([0, *(len(term.first_memory()) for term in self.terms)]).tolist()
         return tuple(slice(*ends) for ends in pairwise(ends))
 
@@ -363,7 +363,7 @@ class System:
         return ", ".join(filter(None, (term.at_limit(x) for term in self.actuated)))
 
     def drive(self, state: State, i: int, theta: Theta) -> Border:
-        """How one actuator borders the tangent where its coordinate is prescribed: one column and row.
+        """The border of the tangent by an actuator whose coordinate is prescribed: one column and row.
 
         Parameters
         ----------
@@ -401,12 +401,12 @@ class System:
         return Given(state, controls, theta, term.kinematics(state), memory[self._own(term)])
 
     def _own(self, term: Term) -> slice:
-        """Where one term's memory is among that of all."""
+        """The place of a term's memory among that of all."""
         return self._owned[next(k for k, one in enumerate(self.terms) if one is term)]
 
     def _why_not(self, known: Sequence[Any]) -> str:
-        told = (term.why_not(own) for term, own in zip(self.terms, known, strict=True))
-        return next(filter(None, told), "")
+        reasons = (term.why_not(own) for term, own in zip(self.terms, known, strict=True))
+        return next(filter(None, reasons), "")
 
     def _on_unknowns(self, state: State, total: Sum) -> Floats:
         """The gradient (n_unknowns,) of a sum."""

@@ -137,7 +137,7 @@ def turns(v: Floats, ptr: Ints) -> Turns:
 
 
 class Course(NamedTuple):
-    """Where cables run; segments of one cable after the other, each cable's from its pulled end on.
+    """The courses of the cables: segments of one cable after the other, each cable's from its pulled end on.
 
     Attributes
     ----------

@@ -33,7 +33,7 @@ NOTHING: Floats = np.zeros(0)
 
 @dataclass(frozen=True)
 class Controls:
-    """What is prescribed.
+    """The prescribed efforts, coordinates and loads.
 
     Attributes
     ----------
@@ -320,7 +320,7 @@ Of = TypeVar("Of")
 
 
 class ByTheta(Generic[Of]):
-    """What a term works out from the parameters' values alone: once for as long as these are the same."""
+    """A function of the parameters' values alone, evaluated once for as long as these are the same."""
 
     def __init__(self, of: Callable[[Theta], Of]) -> None:
         self._of = of

@@ -102,6 +102,6 @@ def wire_diameter(rod: Rod) -> float:
 
 
 def edge_lengths(mesh: TetMesh) -> Floats:
-    """Of the surface's edges from corner to corner [m]."""
+    """Lengths of the surface's edges from corner to corner [m]."""
     edges = edges_of(boundary_faces(mesh)[:, :3])
     return np.linalg.norm(mesh.points[edges[:, 0]] - mesh.points[edges[:, 1]], axis=1)

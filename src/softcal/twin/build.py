@@ -213,20 +213,20 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
     def placed(cable: Cable) -> dict[str, list[Weights]]:
         """Derivatives of the via points by each parameter that moves them."""
         size = 0.1 * cable.length
-        found: dict[str, list[Weights]] = {}
+        rates_of: dict[str, list[Weights]] = {}
         for name, ways in cable.ways().items():
-            found[name] = []
+            rates_of[name] = []
             for i, (point, way) in enumerate(zip(cable.via_points, ways, strict=True)):
                 if not way.any():
-                    found[name].append([])
+                    rates_of[name].append([])
                 elif point.on in meshes:
                     where = f"{cable.name}, via point {i + 1}"
                     nodes, rates = attach_rate(meshes[point.on], point.at, way, point.radius, where=where)
                     first = builder.first[point.on]
-                    found[name].append([(first + int(n), float(r)) for n, r in zip(nodes, rates, strict=True)])
+                    rates_of[name].append([(first + int(n), float(r)) for n, r in zip(nodes, rates, strict=True)])
                 else:
-                    found[name].append(beside(point.at, point.on, way, size, point.at - point.offset))
-        return found
+                    rates_of[name].append(beside(point.at, point.on, way, size, point.at - point.offset))
+        return rates_of
 
     def offsets(marker: Marker) -> tuple[Weights, ...]:
         """Derivatives of a marker's place by its offsets, on a body or rod."""

@@ -120,7 +120,7 @@ class RoutingAxis(Declared):
         return at + (distances + offset)[:, None] * turned - distances[:, None] * away
 
     def _along(self, at: Floats) -> Floats:
-        """How far along the axis from its point the feet of points (n, 3) are (n,) [m]."""
+        """Distances (n,) [m] along the axis, from its point, of the feet of points (n, 3)."""
         return (at - np.asarray(self.point)) @ np.asarray(self.direction) / float(np.linalg.norm(self.direction))
 
 
@@ -364,7 +364,7 @@ class Cable(NamedPart):
         return {**own, **named}
 
     def ways(self) -> dict[str, Floats]:
-        """How each via point moves (n_via, 3) with each of the parameters of `placing`."""
+        """Rates of the via points (n_via, 3) by each of the parameters of `placing`."""
         if self.routing_axis is not None:
             rates = self.routing_axis.routing_rates(self._points)
             return {f"{self.name}.{kind}": ways for kind, ways in rates.items()}

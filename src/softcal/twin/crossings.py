@@ -89,22 +89,22 @@ def crossed_on_path(skins: Skins | None, layout: Layout, nodes: Sequence[Node], 
     """
     if skins is None:
         return ""
-    found = [skins.pairs(node.state.x) for node in nodes]
+    crossing = [skins.pairs(node.state.x) for node in nodes]
     sentences: list[str] = []
-    for pair in sorted({pair for one in found for pair in one}):
+    for pair in sorted({pair for one in crossing for pair in one}):
 
         def crosses(a: Node, b: Node, c: float, pair: Pair = pair) -> bool:
             return pair in skins.pairs(interpolated(layout, a, b, c).x)
 
         spans = [
             span_in_words(begin if begin > nodes[0].c else None, stop, cable)
-            for begin, stop in _spans(nodes, [pair in one for one in found], crosses)
+            for begin, stop in _spans(nodes, [pair in one for one in crossing], crosses)
             if begin <= end
         ]
         if len(nodes) == 1 and spans:
             spans = ["under the loads"]
         if spans:
-            i = max(i for i, one in enumerate(found) if pair in one)
+            i = max(i for i, one in enumerate(crossing) if pair in one)
             beyond = nodes[i].c > end and i > 0
             shape = interpolated(layout, nodes[i - 1], nodes[i], end) if beyond else nodes[i].state
             sentences.append(_sentence(pair, " and ".join(spans), skins.crossings(shape.x).get(pair, 0.0)))

@@ -248,7 +248,7 @@ class EquilibriumPath:
         return replace(path, nodes=tuple(sorted([*path.nodes, *extra], key=lambda node: node.c)))
 
     def missing(self, path: Path, c: Floats) -> Floats:
-        """Those values of c without a node."""
+        """The values of c that have no node."""
         have = np.array([node.c for node in path.nodes])
         unique = np.unique(c)
         return unique[np.abs(unique[:, None] - have[None, :]).min(axis=1) > SAME * self.length]
@@ -334,7 +334,7 @@ class EquilibriumPath:
         return path.nodes if path.is_smooth else ()
 
     def sentence(self, path: Path, n: int, n_samples: int) -> str:
-        """How the path ended.
+        """The sentence on the path's end.
 
         Parameters
         ----------

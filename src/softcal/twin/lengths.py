@@ -58,7 +58,7 @@ def _with_body(robot: Robot, old: Body, new: Body) -> Robot:
     _require_free(robot, old, shifts)
 
     def place(at: Floats, on: str, *, beside: bool = False) -> Floats:
-        """Where a point (3,) [m] on a part is then; beside: it may be outside the material."""
+        """The new place of a point (3,) [m] on a part; beside: it may be outside the material."""
         if on != old.name:
             return at + shifts.get(on, 0.0)
         attached = attach_point(old.mesh, at, may_stand_off=beside, where=old.name)
@@ -95,8 +95,8 @@ def _with_body(robot: Robot, old: Body, new: Body) -> Robot:
 
 
 def _shift(plate: Plate, old: Body, mesh: TetMesh) -> Floats:
-    """How far a plate moves (3,) [m]: as the affine motion of its nodes does at the point of their box that is nearest
-    to its reference.
+    """Displacement of a plate (3,) [m]: that of the affine motion of its nodes, where their box is nearest to its
+    reference.
     """
     if plate.fixed or old.name not in plate.nodes:
         return np.zeros(3)

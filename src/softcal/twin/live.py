@@ -37,7 +37,7 @@ from softcal.units import format_quantity
 
 @runtime_checkable
 class HasRobot(Shape):
-    """What has a robot: a project, or a run with its calibrated values."""
+    """A project, or a run with its calibrated values: both have a robot."""
 
     @property
     def robot(self) -> Robot: ...

@@ -142,7 +142,7 @@ class Cables(Declared):
 
 @dataclass(frozen=True)
 class DiscMarkers(Declared):
-    """Where the marker of each disc is, in its middle plane.
+    """Places of the markers of discs, in their middle planes.
 
     Attributes
     ----------
@@ -253,13 +253,13 @@ class Manipulator(Declared):
 
     @property
     def disc_volume(self) -> float:
-        """Of a disc less its holes [m^3]."""
+        """Volume of a disc less its holes [m^3]."""
         holes = len(self.cable_azimuths) * self.discs.hole_diameter**2
         return 0.25 * math.pi * (self.discs.diameter**2 - holes) * self.discs.thickness
 
     @property
     def coil(self) -> Coil:
-        """How the wire of every spring winds."""
+        """The winding of every spring's wire."""
         springs = self.springs
         return Coil(
             coil_diameter=springs.coil_diameter,

@@ -149,17 +149,17 @@ def simulate_many(
     if snaps_at:
         later = f" and {len(snaps_at) - 1} later ones" if len(snaps_at) > 1 else ""
         instabilities += instability(f"before sample {snaps_at[0] + 1}{_pulls(protocol, snaps_at[0])}{later}")
-    told, slid = crossed_at(crossed), drawn_out_at(out)
+    overlaps, slid = crossed_at(crossed), drawn_out_at(out)
     remarks = "" if far is None else twin.system.remarks(far, statics.theta)
     table = np.array(values).reshape(len(values), len(units))
     by_parameter = np.array(rates).reshape(len(values), len(units), len(labels))
     return Response(
         channels=by_column(units, table),
         units=units,
-        status=status + instabilities + told + slid + remarks,
+        status=status + instabilities + overlaps + slid + remarks,
         succeeded=not failed and stopped is None,
         instabilities=instabilities.strip(),
-        crossings=told.strip(),
+        crossings=overlaps.strip(),
         drawn_out=slid.strip(),
         remarks=remarks.strip(),
         n_factorisations=statics.n_factorisations,
@@ -190,15 +190,17 @@ def _beyond(protocol: Protocol, i: int, failed: Collection[int], *, remembers: b
 def _not_reached(protocol: Protocol, failed: Mapping[int, str], n_solved: int) -> str:
     """The sentences on samples without an equilibrium: the first few with their reasons, the others by number."""
     n = protocol.n_samples
-    told = [
+    sentences = [
         f"Sample {i + 1} of {n} was not reached{_pulls(protocol, i)}: {failed[i]}" for i in list(failed)[:SENTENCES]
     ]
     numbers = [str(i + 1) for i in list(failed)[SENTENCES:]]
     if numbers:
-        told.append(f"Nor was sample {numbers[0]}." if len(numbers) == 1 else f"Nor were samples {', '.join(numbers)}.")
+        sentences.append(
+            f"Nor was sample {numbers[0]}." if len(numbers) == 1 else f"Nor were samples {', '.join(numbers)}."
+        )
     if n_solved:
-        told.append("The other one is solved." if n_solved == 1 else f"The other {n_solved} are solved.")
-    return " ".join(told)
+        sentences.append("The other one is solved." if n_solved == 1 else f"The other {n_solved} are solved.")
+    return " ".join(sentences)
 
 
 def _shortenings(protocol: Protocol, i: int) -> dict[str, float]:
@@ -210,5 +212,5 @@ def _shortenings(protocol: Protocol, i: int) -> dict[str, float]:
 def _pulls(protocol: Protocol, i: int) -> str:
     """The pulled cables of a sample, in brackets after a blank; "" where none is pulled."""
     commands = {name: (command.values[i], kinds()[command.control].unit) for name, command in protocol.commands.items()}
-    told = ", ".join(f"{name} {format_quantity(float(v), unit)}" for name, (v, unit) in commands.items() if v != 0.0)
-    return f" ({told})" if told else ""
+    pulled = ", ".join(f"{name} {format_quantity(float(v), unit)}" for name, (v, unit) in commands.items() if v != 0.0)
+    return f" ({pulled})" if pulled else ""

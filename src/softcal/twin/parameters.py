@@ -145,7 +145,7 @@ def parameter_values(robot: Robot, theta: Mapping[str, float] | None = None) -> 
 
 
 def value_faults(known: Mapping[str, ParameterInfo], theta: Mapping[str, float]) -> list[Fault]:
-    """What is wrong with values given by name: an unknown name (with the nearest known one), a value out of range."""
+    """The faults of values by name: an unknown name (with the nearest that exists), a value out of range."""
     return [
         fault
         for name, value in theta.items()

@@ -83,7 +83,7 @@ def off_bore(cable: Cable, meshes: Mapping[str, TetMesh]) -> dict[str, OffBore]:
 
     meshes [m]: by body's name. What `route: straight` leaves straight between two points in one body is not counted.
     """
-    found: dict[str, OffBore] = {}
+    lengths_of: dict[str, OffBore] = {}
     stated = [i for i, via in enumerate(cable.via_points) if via.share is None]
     for i, j in pairwise(stated):
         start, end = cable.via_points[i], cable.via_points[j]
@@ -95,8 +95,8 @@ def off_bore(cable: Cable, meshes: Mapping[str, TetMesh]) -> dict[str, OffBore]:
                 more = OffBore(guided=passage.in_material if 0.0 < bore < passage.in_material else 0.0)
             else:
                 more = OffBore(passage.in_material, passage.spacing * int(passage.in_bore.sum()))
-            found[name] = OffBore(*(a + b for a, b in zip(found.get(name, OffBore()), more, strict=True)))
-    return {name: lengths for name, lengths in found.items() if any(lengths)}
+            lengths_of[name] = OffBore(*(a + b for a, b in zip(lengths_of.get(name, OffBore()), more, strict=True)))
+    return {name: lengths for name, lengths in lengths_of.items() if any(lengths)}
 
 
 def _between(at: Floats, on: str, start: ViaPoint, end: ViaPoint) -> ViaPoint:
@@ -149,7 +149,7 @@ class _Passage:
 
     @cached_property
     def in_bore(self) -> NDArray[np.bool_]:
-        """Which of the points the wall of a bore surrounds (n,)."""
+        """Whether the wall of a bore surrounds each point (n,)."""
         outside = ~self.in_tets
         outside[outside] = [wall_around(self.mesh, at) is not None for at in self.points[outside]]
         return outside

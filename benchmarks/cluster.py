@@ -26,8 +26,8 @@ from benchmarks.section import table
 from benchmarks.written_page import written_page
 from softcal.executors.each import results
 from softcal.executors.executor import Executor
-from softcal.executors.kinds.cluster import DaskExecutor
 from softcal.geometry.neck import Neck
+from softcal.plugins.cluster.dask_executor import DaskExecutor
 from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate

@@ -484,8 +484,8 @@ def page(found: Sequence[Coverage]) -> str:
     for loss in (LIKELIHOOD.name, PAPERS.name):
         drifting, steady = (slack.get(f"{loss}-{name}") for name in ("drift-3", "steady"))
         known = drifting and steady and drifting.times
-        told[f"times {loss}"] = f"{drifting.times:.1f}" if known else "(not run)"
-        told[f"long {loss}"] = f"{drifting.times * steady.ratio:.1f}" if known else "(not run)"
+        told[f"times {loss}"] = f"{drifting.times:.2f}" if known else "(not run)"
+        told[f"long {loss}"] = f"{drifting.times * steady.ratio:.2f}" if known else "(not run)"
     return written_page(TEXT, told)
 
 

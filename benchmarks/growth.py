@@ -19,11 +19,11 @@ import numpy as np
 from benchmarks.neck_case import PULL, TENSION, neck_robot, pull
 from benchmarks.section import Goal, Section, run_alone
 from softcal.errors import SimulationError
-from softcal.export.calculix import calculix_deck, in_its_law
-from softcal.export.calculix_run import find_calculix, run_calculix
-from softcal.export.load_path import load_path
 from softcal.geometry.neck import Neck
 from softcal.mechanics.bordered import BorderedTangent
+from softcal.plugins.calculix.deck import calculix_deck, in_its_law
+from softcal.plugins.calculix.load_path import load_path
+from softcal.plugins.calculix.run import find_calculix, run_calculix
 from softcal.twin.build import twin_of
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate

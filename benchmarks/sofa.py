@@ -23,8 +23,8 @@ from benchmarks.timing import interleaved
 from softcal.calibration.problem import Problem
 from softcal.calibration.run import calibrate
 from softcal.errors import InputError
-from softcal.export.sofa_engine import SofaEngine, sofa_engine
-from softcal.export.sofa_export import write_sofa
+from softcal.plugins.sofa.simulator import SofaEngine, sofa_engine
+from softcal.plugins.sofa.writing import write_sofa
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot

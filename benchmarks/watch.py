@@ -26,8 +26,8 @@ import psutil
 from benchmarks.machine import load as machine_load
 from benchmarks.section import table
 from benchmarks.written_page import written_page
+from softcal.plugins.watch.trials import TrialReader
 from softcal.processes import beside
-from softcal.watch.trials import TrialReader
 
 HERE = Path(__file__).resolve().parent
 PAGE, TEXT = HERE.parent / "docs" / "watch.md", HERE / "watch.md"

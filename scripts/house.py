@@ -144,11 +144,15 @@ def main() -> None:
         sums = [sum(getattr(one, name) for one in own) for name in ("n_lines", "n_code", "n_docstrings", "n_imports")]
         rows.append((room or "(root)", len(own), *sums, sum(len(one.called_once) for one in own)))
     rows.append(("all", *(sum(row[k] for row in rows) for k in range(1, len(heads)))))
-    lines = [f"{row[0]:22}" + "".join(f"{value:>{len(head) + 2}}" for value, head in zip(row[1:], heads[1:])) for row in rows]
-    print(f"{heads[0]:22}" + "".join(f"  {head}" for head in heads[1:]), *lines, sep="\n")
-    print("", *(f"{name}: {value:g}" for name, value in stands.figures.items()), sep="\n")
+    widths = [max(len(str(row[k])) for row in (heads, *rows)) for k in range(len(heads))]
+    lines = [
+        "  ".join([f"{row[0]:{widths[0]}}", *(f"{row[k]:>{widths[k]}}" for k in range(1, len(heads)))])
+        for row in (heads, *rows)
+    ]
+    lines += ["", *(f"{name}: {value:g}" for name, value in stands.figures.items())]
     if "-v" in sys.argv:
-        print("", *(name for one in stands.modules for name in one.without_parameters), sep="\n")
+        lines += ["", *(name for one in stands.modules for name in one.without_parameters)]
+    sys.stdout.write("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from mechanics_cases import SHARED, elastic
 
-from softcal.export.sofa_robot import linear_robot
-from softcal.export.sofa_scene import scene_parameters, write_scene
-from softcal.export.sofa_visual import visual_parameters
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.read import read_mesh
+from softcal.plugins.sofa.robot import linear_robot
+from softcal.plugins.sofa.scene import scene_parameters, write_scene
+from softcal.plugins.sofa.visual import visual_parameters
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Body, Cable, Disc, Marker, Plate, PointLoad, Robot, SurfaceLoad, Tie, ViaPoint

@@ -27,13 +27,13 @@ from scipy.spatial.transform import Rotation
 
 from softcal.checks import Floats
 from softcal.geometry.pose import Pose
+from softcal.plugins.markers.camera import Camera, Image
+from softcal.plugins.markers.fiducials import CharucoBoard, board_texture, marker_modules, marker_texture
 from softcal.twin.manipulator import Cables, Manipulator, Springs, manipulator
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Marker, Robot
 from softcal.twin.simulate import simulate
 from softcal.units import parse_quantity
-from softcal.vision.camera import Camera, Image
-from softcal.vision.fiducials import CharucoBoard, board_texture, marker_modules, marker_texture
 
 HERE = Path(__file__).parent
 DICTIONARY = "DICT_4X4_50"

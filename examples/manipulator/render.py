@@ -13,7 +13,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.geometry.pose import Pose
-from softcal.vision.camera import Camera, Image
+from softcal.plugins.markers.camera import Camera, Image
 
 _CHUNK = 20_000  # pixels at edges seen to at a time, to bound the memory
 

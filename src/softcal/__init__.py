@@ -5,7 +5,8 @@
     found = softcal.calibrate(project, out="run")
     softcal.write_report("run")
 
-The public names below are imported when they are first used, so that the package itself loads at once.
+The public names below are imported when they are first used, so that the package itself loads at once. A package adds
+names, as softcal's plugins do, by entry points of the group `softcal.names`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
     __version__: str
     from softcal.analysis.candidate import Candidate as Candidate
     from softcal.analysis.record import RecordFit as RecordFit
@@ -30,10 +33,7 @@ if TYPE_CHECKING:
     from softcal.calibration.result import SweepResult as SweepResult
     from softcal.calibration.settings import SearchSettings as SearchSettings
     from softcal.calibration.uncertain import UncertainParameter as UncertainParameter
-    from softcal.coupons.comparison import LawComparison as LawComparison
-    from softcal.coupons.comparison import compare_laws as compare_laws
-    from softcal.coupons.coupon import Coupon as Coupon
-    from softcal.coupons.reading import read_coupons as read_coupons
+    from softcal.cli.command import register_command as register_command
     from softcal.errors import CalibrationError as CalibrationError
     from softcal.errors import DatasetError as DatasetError
     from softcal.errors import Fault as Fault
@@ -121,8 +121,6 @@ if TYPE_CHECKING:
     from softcal.workflows.export import ExportRequest as ExportRequest
     from softcal.workflows.export import register_export as register_export
     from softcal.workflows.export import write_export as write_export
-    from softcal.workflows.fleet import Fleet as Fleet
-    from softcal.workflows.fleet import fleet as fleet
     from softcal.workflows.importance import importance as importance
     from softcal.workflows.intervals import intervals as intervals
     from softcal.workflows.mesh_study import mesh_study as mesh_study
@@ -151,7 +149,6 @@ _HOMES = {
     "Clamp": "softcal.twin.clamp",
     "Command": "softcal.twin.protocol",
     "Contact": "softcal.twin.barrier",
-    "Coupon": "softcal.coupons.coupon",
     "Dataset": "softcal.experiments.dataset",
     "DatasetError": "softcal.errors",
     "Disc": "softcal.twin.robot",
@@ -163,13 +160,11 @@ _HOMES = {
     "ExportOption": "softcal.workflows.export",
     "ExportRequest": "softcal.workflows.export",
     "Fault": "softcal.errors",
-    "Fleet": "softcal.workflows.fleet",
     "FreeParameter": "softcal.calibration.parameters",
     "GivenSection": "softcal.geometry.section",
     "InputError": "softcal.errors",
     "Jacobian": "softcal.twin.live",
     "Law": "softcal.materials.law",
-    "LawComparison": "softcal.coupons.comparison",
     "Limit": "softcal.limits",
     "LiveState": "softcal.twin.live",
     "LiveTwin": "softcal.twin.live",
@@ -224,10 +219,8 @@ _HOMES = {
     "box_mesh": "softcal.geometry.primitives",
     "calibrate": "softcal.workflows.calibration",
     "check": "softcal.workflows.checking",
-    "compare_laws": "softcal.coupons.comparison",
     "compare_records": "softcal.workflows.whole_record",
     "executor_on": "softcal.executors.chosen",
-    "fleet": "softcal.workflows.fleet",
     "helix": "softcal.geometry.centreline",
     "importance": "softcal.workflows.importance",
     "intervals": "softcal.workflows.intervals",
@@ -240,8 +233,8 @@ _HOMES = {
     "pull": "softcal.workflows.simulation",
     "quantity": "softcal.quantities",
     "ramp": "softcal.twin.schedule",
-    "read_coupons": "softcal.coupons.reading",
     "read_mesh": "softcal.geometry.read",
+    "register_command": "softcal.cli.command",
     "register_engine": "softcal.export.engine",
     "register_executor": "softcal.executors.executor",
     "register_export": "softcal.workflows.export",
@@ -276,7 +269,6 @@ __all__ = [
     "Clamp",
     "Command",
     "Contact",
-    "Coupon",
     "Dataset",
     "DatasetError",
     "Disc",
@@ -288,13 +280,11 @@ __all__ = [
     "ExportOption",
     "ExportRequest",
     "Fault",
-    "Fleet",
     "FreeParameter",
     "GivenSection",
     "InputError",
     "Jacobian",
     "Law",
-    "LawComparison",
     "Limit",
     "LiveState",
     "LiveTwin",
@@ -349,10 +339,8 @@ __all__ = [
     "box_mesh",
     "calibrate",
     "check",
-    "compare_laws",
     "compare_records",
     "executor_on",
-    "fleet",
     "helix",
     "importance",
     "intervals",
@@ -365,8 +353,8 @@ __all__ = [
     "pull",
     "quantity",
     "ramp",
-    "read_coupons",
     "read_mesh",
+    "register_command",
     "register_engine",
     "register_executor",
     "register_export",
@@ -394,12 +382,22 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("softcal")
-    if name not in _HOMES:
+    if name in _HOMES:
+        value = getattr(importlib.import_module(_HOMES[name]), name)
+    elif name in (brought := {} if name.startswith("_") else _brought()):
+        value = brought[name].load()
+    else:
         raise AttributeError(f"module 'softcal' has no attribute '{name}'")
-    value = getattr(importlib.import_module(_HOMES[name]), name)
     globals()[name] = value
     return value
 
 
+def _brought() -> dict[str, EntryPoint]:
+    """The names that plugins and other packages add."""
+    from softcal.catalogue import plugin_points
+
+    return {point.name: point for point in plugin_points("softcal.names")}
+
+
 def __dir__() -> list[str]:
-    return __all__
+    return sorted({*__all__, *_brought()})

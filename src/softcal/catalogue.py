@@ -8,7 +8,8 @@ import pkgutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from importlib.metadata import Distribution, EntryPoint, entry_points
+from pathlib import Path
 from typing import Any, Generic, TypeVar, cast
 
 from softcal.errors import Fault, InputError, ParameterError, unknown
@@ -17,6 +18,7 @@ T = TypeVar("T")
 M = TypeVar("M")
 
 
+PLUGINS = Path(__file__).parent / "plugins"
 _MEMBER = "catalogue_member"  # of a function that was registered, which is what an entry point names
 
 
@@ -45,6 +47,17 @@ class FunctionMember:
     def module(self) -> str:
         """Where the function is defined; "" for one that was typed or executed as text."""
         return self.function.__module__ or ""
+
+
+def plugin_points(group: str) -> list[EntryPoint]:
+    """The entry points of a group: those of softcal's plugins, and those of the installed packages.
+
+    A plugin in softcal's own wheel is a folder with the file `entry_points.txt` that an installed package has in its
+    metadata, in the same format, so that it is found without an installation too.
+    """
+    folders = sorted(file.parent for file in PLUGINS.glob("*/entry_points.txt"))
+    own = [point for folder in folders for point in Distribution.at(folder).entry_points if point.group == group]
+    return [*own, *entry_points(group=group)]
 
 
 class Catalogue(Mapping[str, T], Generic[T]):
@@ -81,6 +94,7 @@ class Catalogue(Mapping[str, T], Generic[T]):
         self._faults = faults
         self._members: dict[str, T] = {}
         self._own: set[str] = set()
+        self._points: list[EntryPoint] = []  # whose members are not loaded yet
         self._asked = True
         for member in own:
             self.add(member)
@@ -125,10 +139,10 @@ class Catalogue(Mapping[str, T], Generic[T]):
         ParameterError
             Where another one has its name, or something is wrong with it.
         """
-        # One of softcal's own registers while its module is imported: the others may need that module themselves.
+        # Many register while their module is imported: the modules of others may need that one themselves.
         module = getattr(member, "module", getattr(member, "__module__", ""))
         is_own = bool(self._home) and module.startswith(f"{self._home}.")
-        known = self._members if is_own else self._all()
+        known = self._members if is_own else self._begun() if _is_being_imported(module) else self._all()
         if faults := self._faults(member, known):
             raise ParameterError(faults)
         name = _name(member)
@@ -207,16 +221,29 @@ class Catalogue(Mapping[str, T], Generic[T]):
             raise ParameterError(Fault(f"softcal's own {self.what} cannot be removed", where=self.what, got=name))
         known.pop(name, None)
 
-    def _all(self) -> dict[str, T]:
+    def _begun(self) -> dict[str, T]:
+        """softcal's own members and those that are registered; what brings the others is listed."""
         if not self._asked:
             self._asked = True
             if self._home:
                 for module in pkgutil.iter_modules(importlib.import_module(self._home).__path__):
                     importlib.import_module(f"{self._home}.{module.name}")
-            for plugin in entry_points(group=self._group):
-                found = plugin.load()
-                self.add(getattr(found, _MEMBER, found))
+            self._points = plugin_points(self._group)
         return self._members
+
+    def _all(self) -> dict[str, T]:
+        self._begun()
+        # A module that is being imported has its member later.
+        ready = [point for point in self._points if not _is_being_imported(point.module)]
+        self._points = [point for point in self._points if point not in ready]
+        for point in ready:
+            member = point.load()
+            self.add(getattr(member, _MEMBER, member))
+        return self._members
+
+
+def _is_being_imported(module: str) -> bool:
+    return getattr(getattr(sys.modules.get(module), "__spec__", None), "_initializing", False)
 
 
 def _name(member: Any) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from operator import length_hint
 from typing import Any, TypeVar
 
 import numpy as np
@@ -84,13 +85,21 @@ def _numbers(
         attempt = "drop these rows, or .filled(value)" + (", NaN for a missing one" if missing else "")
         raise InputError(Fault("masked values are no numbers", name, f"{n_masked} masked", of, attempt))
     try:
-        array = np.asarray(values)
+        n = length_hint(values)  # before it is made, such as of a range
+        array = np.asarray(values if n <= _MOST else np.broadcast_to(0, n))
     except (ValueError, TypeError, OverflowError):
         raise InputError(Fault("this is no array", name, "rows of different lengths", of)) from None
+    except Exception as error:  # noqa: BLE001 (whatever an object does that NumPy asks for an array)
+        raise InputError(Fault("this is no array", name, f"a {type(error).__name__}", of)) from None
+    if array.size > _MOST:
+        raise InputError(Fault("there are too many numbers", name, str(array.size), f"at most {_MOST}"))
     if array.size and array.dtype.kind not in kinds:
         kind, attempt = _OTHERS.get(array.dtype.kind, (f"values of the type {array.dtype}", ""))
         raise InputError(Fault(f"these are not {of}", name, kind, attempt=attempt))
     return array
+
+
+_MOST = 50_000_000  # numbers in an array, of which the largest mesh has a fifth
 
 
 # Kind of NumPy's types -> what it is, and what makes numbers of it.
@@ -104,13 +113,15 @@ _OTHERS = {
 }
 
 
-def _n_masked(values: object) -> int:
-    """How many values are masked; NumPy drops the masks of the entries of a list in silence."""
+def _n_masked(values: object, levels: int = 64) -> int:
+    """How many values are masked; NumPy drops the masks of the entries of a list in silence. levels: of lists in lists,
+    of which NumPy takes no more.
+    """
     if isinstance(values, np.ma.MaskedArray):
         return int(np.ma.count_masked(values))
-    if isinstance(values, list | tuple):
+    if isinstance(values, list | tuple) and levels:
         entries: Sequence[object] = values
-        return sum(map(_n_masked, entries))
+        return sum(_n_masked(one, levels - 1) for one in entries)
     return 0
 
 

@@ -170,12 +170,17 @@ def _kept(value: Any, hint: Any, where: str, faults: list[Fault], *, has_range: 
                 except InputError as error:
                     faults += error.faults
         return kept
+    if (hint is Path or Path in of) and (fault := _path_fault(value)):
+        faults.append(Fault(fault, where, shown(value)))
+        return value
     if origin in _UNIONS and (member := next((one for one in of if _fits(value, one)), None)) is not None:
         return _kept(value, member, where, faults)
     if origin in _LISTS and (entries := _entries(value, _kinds(origin, of))) is not None:
         return tuple(_kept(one, kind, f"{where}[{i}]", faults) for i, (one, kind) in enumerate(entries))
     if origin is Mapping and isinstance(value, Mapping):
         given: Mapping[Any, Any] = value
+        if of[0] is str and (others := [key for key in given if not isinstance(key, str)]):
+            faults.append(Fault("a name is of the wrong kind", where, shown(others[0]), "text"))
         return {key: _kept(one, of[1], f"{where}.{key}", faults) for key, one in given.items()}
     if not _fits(value, hint):
         faults.append(Fault("this is of the wrong kind", where, shown(value), _in_words(hint)))
@@ -184,6 +189,18 @@ def _kept(value: Any, hint: Any, where: str, faults: list[Fault], *, has_range: 
     elif hint is str and "\0" in value:
         faults.append(Fault("a zero byte is no text", where, shown(value)))
     return value
+
+
+def _path_fault(value: object) -> str:
+    """Why no system has a file of this path; "" where one may, or where it is none."""
+    if not isinstance(value, str | os.PathLike):
+        return ""
+    try:
+        raw = os.fsencode(value)
+    except UnicodeEncodeError:
+        return "half a character is no text"
+    is_long = len(raw) >= 4096 or max(map(len, raw.replace(b"\\", b"/").split(b"/"))) > 255
+    return "a zero byte is no text" if b"\0" in raw else "this path is too long" * is_long
 
 
 _UNIONS = (Union, UnionType)
@@ -386,7 +403,10 @@ def listed(value: object) -> object:
 
 def shown(value: object) -> str:
     """A value as messages show it, shortened where it is long."""
-    text = repr(value)
+    try:
+        text = repr(value)
+    except Exception:  # noqa: BLE001 (whatever an object of a caller's does, or lists of too many levels)
+        text = f"a {type(value).__name__}"
     return text if len(text) <= 60 else text[:57] + "…"
 
 

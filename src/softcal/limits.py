@@ -115,7 +115,8 @@ LIMITS: Mapping[str, Limit] = {
         Limit("edges around a bore", 100, 3),
         Limit("tets", 1_000_000, 1, "check the unit of the model and of the size, or a larger size"),
         # The bench
-        Limit("specimens", 100_000),
+        Limit("specimens", 10_000),
+        Limit("columns of a fleet", 1000),
         Limit("experiments", 1000, 0),
         Limit("files of an experiment", 1000),
         Limit("rows to skip", 1_000_000, 0),

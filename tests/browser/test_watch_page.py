@@ -22,7 +22,7 @@ from browser.conftest import Seen, Server
 from project_case import write_project
 from watch_case import RESULT, add_trials, live_record, write_json, write_run
 
-from softcal.watch.twin_panel import STILL, TURNED
+from softcal.plugins.watch.twin_panel import STILL, TURNED
 
 SCRIPT = "<script>document.title='owned'</script><img src=x onerror=document.title='owned'>"
 GL_NOISE = ("GPU stall due to ReadPixels", "GroupMarkerNotSet", "swiftshader", "SwiftShader")

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from softcal.bench.case import CASES, BenchmarkCase
-from softcal.bench.page import read_scores, write_page
-from softcal.bench.predictions import Predictions, read_predictions
-from softcal.bench.project_case import ProjectCase
-from softcal.bench.record import PREDICT, CaseRecord
-from softcal.bench.run import run_case, score_file
-from softcal.bench.score import Score, score
 from softcal.cli import app
 from softcal.errors import DatasetError, StorageError
+from softcal.plugins.bench.case import CASES, BenchmarkCase
+from softcal.plugins.bench.page import read_scores, write_page
+from softcal.plugins.bench.predictions import Predictions, read_predictions
+from softcal.plugins.bench.project_case import ProjectCase
+from softcal.plugins.bench.record import PREDICT, CaseRecord
+from softcal.plugins.bench.run import run_case, score_file
+from softcal.plugins.bench.score import Score, score
 from softcal.project.project import Project
 from softcal.workflows.run_folder import load_run
 
@@ -66,7 +66,7 @@ def test_a_case_that_fits_something_to_its_predicted_samples_says_so(name: str) 
 def test_without_the_examples_their_cases_are_refused_and_the_others_are_listed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("softcal.bench.project_case.EXAMPLES", tmp_path / "absent")
+    monkeypatch.setattr("softcal.plugins.bench.project_case.EXAMPLES", tmp_path / "absent")
     listed = CliRunner().invoke(app, ["bench", "list"])
     assert listed.exit_code == 0, listed.output
     lines = {line.split(":")[0]: line for line in listed.output.splitlines() if "Licence:" in line}
@@ -349,7 +349,7 @@ def test_what_a_case_leaves_out_is_neither_fitted_nor_to_be_predicted(monkeypatc
     def asked(project: Project, **settings: Any) -> None:
         raise AskedError(sorted(settings["hold_out"]), sorted(project.calibration.hold_out))
 
-    monkeypatch.setattr("softcal.bench.project_case.calibrate", asked)
+    monkeypatch.setattr("softcal.plugins.bench.project_case.calibrate", asked)
     with pytest.raises(AskedError) as found:
         CASES["opencr-v4"].run(progress=lambda told: None)
     assert found.value.args == (["predict", "pulls"], ["predict", "pulls"])

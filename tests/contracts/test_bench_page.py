@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from softcal.bench.case import CASES, BenchmarkCase
-from softcal.bench.page import INTRODUCTION, write_page
+from softcal.plugins.bench.case import CASES, BenchmarkCase
+from softcal.plugins.bench.page import INTRODUCTION, write_page
 
 PAGE = Path(__file__).parents[2] / "docs" / "benchmark.md"
 
@@ -30,7 +30,7 @@ def row_of(name: str, method: str) -> list[str]:
 
 
 def test_a_bar_in_what_a_file_says_leaves_the_table_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("softcal.bench.page._pictures", lambda case, found: {})
+    monkeypatch.setattr("softcal.plugins.bench.page._pictures", lambda case, found: {})
     kept = {"case": "beam", "method": "mine | yours", "evaluations": 3, "wall_s": 1.0, "parameters": {"E": "1 | 2"}}
     (tmp_path / "score.json").write_text(json.dumps({**kept, "splits": {}}), encoding="utf-8")
     write_page(tmp_path, tmp_path / "page.md")
@@ -74,7 +74,7 @@ def test_what_is_said_of_opencrs_score_is_what_the_score_is() -> None:
 
 
 def test_markup_of_a_table_from_elsewhere_is_shown_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("softcal.bench.page._pictures", lambda case, found: {})
+    monkeypatch.setattr("softcal.plugins.bench.page._pictures", lambda case, found: {})
     method, value = "<script>alert(1)</script> [x](javascript:a) `b` **c**\n# d", "<img src=x onerror=a> ![y](z)"
     kept = {"case": "beam", "method": method, "evaluations": 3, "wall_s": 1.0, "parameters": {"_E_": value}}
     (tmp_path / "score.json").write_text(json.dumps({**kept, "splits": {}}), encoding="utf-8")

@@ -20,7 +20,6 @@ from softcal.declare import Declared
 from softcal.errors import InputError, ProjectFileError
 from softcal.experiments.synchronise import CommonMotion
 from softcal.experiments.table_format import ColumnSpec, TableFormat
-from softcal.export.sofa_settings import Engines, Rest, SofaSettings
 from softcal.geometry.coil import Coil
 from softcal.geometry.disc import GuideHoles, SolidDisc
 from softcal.geometry.neck import Neck
@@ -33,6 +32,7 @@ from softcal.geometry.varied_section import VariedSection
 from softcal.geometry.wire import SolidRod, SolidSpring
 from softcal.materials.infill import PrintInfill
 from softcal.mechanics.path_limits import PathLimits
+from softcal.plugins.sofa.settings import Rest, SofaSettings
 from softcal.project.bench_schema import BenchFile
 from softcal.project.document import Document, Findings
 from softcal.project.robot_schema import (
@@ -102,7 +102,6 @@ STATED: list[tuple[str, Declared]] = [
         SofaSettings(600.0, 6, (0.02, 0.004), 0.01, 3.0, 0.02, Rest(hold=0.05)),
     ),
     ("{time_steps: 1 ms}", SofaSettings(time_steps=(0.001,))),
-    ("{sofa: {states: 3}}", Engines(SofaSettings(states=3))),
     (
         "{bulk_youngs_modulus: [8 MPa, 12 MPa], infill: 30 %, exponent: [1.2, 1.6]}",
         PrintInfill((8e6, 12e6), 0.3, (1.2, 1.6)),
@@ -409,11 +408,11 @@ def test_a_number_out_of_range_is_refused_alike_by_the_name_of_its_field():
 
 def test_what_python_refuses_stands_at_its_key():
     with pytest.raises(ProjectFileError) as error:
-        read(Engines, "{sofa: {time_steps: [1 ms, 2 ms], settle: {hold: 1 s, longest: 2 s}}}")
-    assert error.value.faults[0].where == "project.yaml:1: sofa.time_steps"
+        read(SofaSettings, "{time_steps: [1 ms, 2 ms], settle: {hold: 1 s, longest: 2 s}}")
+    assert error.value.faults[0].where == "project.yaml:1: time_steps"
     with pytest.raises(ProjectFileError) as error:
-        read(Engines, "{sofa: {ramp: 5 kg, settle: {hold: 2 s, longest: 1 s}}}")
-    assert [fault.where for fault in error.value.faults] == ["project.yaml:1: sofa.ramp", "project.yaml:1: sofa.settle"]
+        read(SofaSettings, "{ramp: 5 kg, settle: {hold: 2 s, longest: 1 s}}")
+    assert [fault.where for fault in error.value.faults] == ["project.yaml:1: ramp", "project.yaml:1: settle"]
 
 
 @pytest.mark.parametrize(("section", "made", "otherwise"), MADE_OF)

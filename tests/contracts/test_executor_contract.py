@@ -16,8 +16,8 @@ from softcal.errors import CalibrationError, ParameterError
 from softcal.executors.chosen import executor_on
 from softcal.executors.each import LostCall, each, results
 from softcal.executors.executor import EXECUTORS, Executor, Patience, WorkerLost, register_executor
-from softcal.executors.kinds.cluster import DaskExecutor
 from softcal.executors.kinds.local import LocalExecutor
+from softcal.plugins.cluster.dask_executor import DaskExecutor
 
 NUMBERS = [(k,) for k in range(6)]
 

@@ -49,7 +49,7 @@ GIVEN = {"reduced": {"reach": "2mm", "samples": 3}}
 def test_it_says_what_it_writes_and_lists_it(name: str, tmp_path: Path) -> None:
     export = EXPORTS[name]
     assert export.summary.endswith(".")
-    assert export.module == f"softcal.workflows.exports.{name}"
+    assert export.module in (f"softcal.workflows.exports.{name}", f"softcal.plugins.{name}.export")
     project, out = load(write_project(tmp_path / "p")), tmp_path / "deep" / "out"
     written = write_export(
         name, ExportRequest(project, ["front=1mm"] if export.pulled else []), out, **GIVEN.get(name, {})

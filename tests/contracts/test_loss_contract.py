@@ -25,6 +25,6 @@ def test_so_does_what_a_search_goes_by(check: Callable[[Loss], None]) -> None:
 def test_every_loss_but_the_surrogates_is_registered() -> None:
     """Those of robots: the loss of coupon tests serves these alone."""
     mine = [one for one in Loss.__subclasses__() if one.__module__.startswith("softcal.")]
-    own = [one for one in mine if not one.__module__.startswith("softcal.coupons.")]
+    own = [one for one in mine if not one.__module__.startswith("softcal.plugins.coupons.")]
     assert len(own) == 4
     assert {one.name for one in own} == {name for name in LOSSES if LOSSES[name] in own} | {"relative squares"}

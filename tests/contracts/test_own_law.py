@@ -13,9 +13,9 @@ from project_case import PROJECT, bar_robot, write_project
 
 from softcal import Law, Parameter, calibrate, load, quantity, register_law, robot_parameters
 from softcal.errors import InputError, ParameterError, ProjectFileError
-from softcal.export.calculix import in_its_law
-from softcal.export.sofa_robot import linear_robot
 from softcal.materials.catalogue import LAWS
+from softcal.plugins.calculix.deck import in_its_law
+from softcal.plugins.sofa.robot import linear_robot
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 from softcal.workflows.checking import check
@@ -188,7 +188,7 @@ def test_a_law_that_is_none_at_rest_is_refused_as_it_is_registered(
         ({"parameters": None}, "parameters: this is of the wrong kind; got None"),
         ({"parameters": (5,)}, "parameters.* wrong kind"),
         ({"symbols": ["a"]}, "symbols: this is of the wrong kind"),
-        ({"symbols": {5: "J"}}, "law wrong: this cannot be a name; got 5"),
+        ({"symbols": {5: "J"}}, "symbols: a name is of the wrong kind; got 5"),
         ({"volumetric_strain": 3}, "volumetric_strain: this is of the wrong kind; got 3"),
     ],
 )

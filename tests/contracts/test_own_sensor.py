@@ -16,9 +16,9 @@ from sensor_checks import CHECKS, robot_with
 
 from softcal import ChannelKind, NamedSensor, Sensor, calibrate, load, register_sensor, with_parameters
 from softcal.errors import ParameterError, ProjectFileError
-from softcal.export.crosscheck import crosscheck
 from softcal.export.engine import ENGINES, Engine, register_engine, state_of
-from softcal.export.sofa_response import RecordPosture
+from softcal.plugins.calculix.crosscheck import crosscheck
+from softcal.plugins.sofa.response import RecordPosture
 from softcal.sensing.channel import kinds
 from softcal.sensing.sensor import SENSORS
 from softcal.sensing.sensors.cable import TENSION

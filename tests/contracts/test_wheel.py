@@ -40,7 +40,7 @@ def test_an_installed_wheel_lists_all_cases_and_scores_one(wheel: Path, tmp_path
     run = [str(tmp_path / "fresh" / "bin" / "python"), "-I", "-m", "softcal", "bench"]
     listed = subprocess.run([*run, "list"], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
     assert "not in this installation" not in listed
-    assert str(site / "softcal" / "bench") in listed.replace("\n", "")
+    assert str(site / "softcal" / "plugins" / "bench") in listed.replace("\n", "")
     beam = ["run", "beam", "--out", "beam"]
     ran = subprocess.run([*run, *beam], cwd=tmp_path, check=False, capture_output=True, text=True)
     assert ran.returncode == 0, ran.stdout + ran.stderr

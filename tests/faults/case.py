@@ -30,7 +30,7 @@ _PATIENCE = 4  # times SECONDS after which a case is stopped, on a machine that 
 _HASHED = 64_000_000  # bytes of a file up to which its content is compared; beyond, when it was last changed
 # What softcal imports within its functions; what it imports at the top of its modules comes with these.
 _LATE = ("meshio", "optuna", "pint", "pydantic", "ruamel.yaml", "scipy.optimize", "scipy.stats", "sympy")
-_NOT_IMPORTED = ("softcal.__main__", "softcal.export.sofa_files")
+_NOT_IMPORTED = ("softcal.__main__", "softcal.plugins.sofa.sofa_files")
 _DEFECTS = {
     "a traceback": re.compile(r"Traceback \(most recent call last\)|^\w+(?:Error|Exception): ", re.MULTILINE),
     "a warning of a library": re.compile(r"(?:Runtime|Complex|Deprecation|User)Warning"),

@@ -671,14 +671,15 @@ URLS = (
     f"{MYSQL}?init_command={SECRET}", f"{MYSQL}?ssl_ca=/dev/zero",
     f"{MYSQL}?read_default_file=/etc/passwd", f"{MYSQL}?unix_socket=/dev/zero",
 )  # fmt: skip
-# What answers at the address of a database: bytes sent again and again, or None for silence. (Packets that are said to
-# be longer are taken in by the drivers, for the ten seconds that they have.)
+# What answers at the address of a database: bytes sent again and again, or None for silence.
 SERVERS: Mapping[str, bytes | None] = {
     "silence": None,
     "an end at once": b"",
     "a page": b"HTTP/1.1 400 Bad Request\r\n\r\n",
     "NUL": bytes(1 << 16),
     "noise": np.random.default_rng(1).bytes(1 << 16),
+    "a message of 2 GB": b"NR\x7f\xff\xff\xff" + bytes(1 << 24),
+    "a parameter of 2 GB": b"NS\x7f\xff\xff\xff" + bytes(1 << 24),
     "a packet of 16 MB": b"\xff\xff\xff\x00\x0a" + b"5" * (1 << 16),
 }
 DRIVERS = ("postgresql+pg8000", "mysql+pymysql")

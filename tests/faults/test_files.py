@@ -7,7 +7,9 @@ import re
 import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from coupon_case import mooney_coupon, write_coupon
 from faults.case import Case, End, assert_proper, parts
@@ -84,6 +86,15 @@ def test_what_is_no_such_file_is_refused(case: Case, tmp_path: Path) -> None:
     assert_proper(case, tmp_path)
 
 
+def wide(folder: Path) -> None:
+    columns = "".join(f",c{k}" for k in range(50_000))
+    write_fleet(folder, (1.0,), f"specimen,{FILE}{columns}\np1,p1.csv{',1' * 50_000}\n")
+
+
+def test_a_fleet_of_many_columns_is_refused(tmp_path: Path) -> None:
+    assert_proper(Case("fleet", "many columns", DOORS["fleet"][2], files=wide, says="too many columns"), tmp_path)
+
+
 # Small meshes that say that they are large, or that take long to read.
 VTK = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET "
 VTK_POINT = VTK + "UNSTRUCTURED_GRID\nPOINTS 1 double\n0 0 0\nCELLS 1 5\n4 0 0 0 0\nCELL_TYPES 1\n10\n"
@@ -125,6 +136,44 @@ def bomb(name: str, text: str) -> Case:
 @pytest.mark.parametrize("case", parts([bomb(*one) for one in MESH_BOMBS.items()], every=4))
 def test_a_small_mesh_that_takes_much_is_refused(case: Case, tmp_path: Path) -> None:
     importlib.import_module("meshio")
+    assert_proper(case, tmp_path)
+
+
+def solid(*tets: np.ndarray) -> str:
+    """Tetrahedra by their corners (4, 3) as surfaces of triangles in one .stl file."""
+    faces = [tet[list(face)] for tet in tets for face in ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))]
+    facets = ("".join(f"vertex {x:g} {y:g} {z:g}\n" for x, y, z in face) for face in faces)
+    return "solid a\n" + "".join(f"facet normal 0 0 0\nouter loop\n{one}endloop\nendfacet\n" for one in facets)
+
+
+FOIL = np.array([[0, 0, 0], [1e4, 0, 0], [0, 1e4, 0], [3e3, 3e3, 1e-3]])
+CLOUD = 100 * np.random.default_rng(0).random((300, 4, 3))
+# Surfaces of triangles, and the sizes [m] or counts that are asked of them.
+SURFACES: Mapping[str, tuple[str, dict[str, Any]]] = {
+    "a foil by size": (solid(FOIL), {"size": 0.002}),
+    "a cloud of tetrahedra by size": (solid(*CLOUD), {"size": 0.005}),
+    "a cloud of tetrahedra by count": (solid(*CLOUD), {"tets": 5000}),
+    "a size of an atom": (solid(100 * np.eye(4, 3)), {"size": 1e-9}),
+    "a surface twice": (solid(*[100 * np.eye(4, 3)] * 2), {"size": 0.02}),
+    "a needle by count": (solid(np.array([1e-4, 1e-4, 1e4]) * np.eye(4, 3)), {"tets": 5000}),
+}
+
+
+def meshed(what: str) -> Case:
+    text, target = SURFACES[what]
+
+    def run() -> object:
+        from softcal.geometry.generate import mesh_file
+
+        return mesh_file("a.stl", **target)
+
+    ends: tuple[End, ...] = ("refused", "failed")
+    return Case("a surface to be meshed", what, run, ends, lambda f: (f / "a.stl").write_text(text), says="stl")
+
+
+@pytest.mark.parametrize("case", parts([meshed(what) for what in SURFACES], every=5))
+def test_a_surface_that_takes_much_to_mesh_is_refused(case: Case, tmp_path: Path) -> None:
+    pytest.importorskip("gmsh", reason="Gmsh is not installed")
     assert_proper(case, tmp_path)
 
 

@@ -281,8 +281,8 @@ PLACES: Mapping[str, tuple[Callable[[Path], None], str]] = {
 
 def looked_at() -> None:
     """Reads the present folder as the page does, with the trials of each search, and its report."""
-    from softcal.watch.reading import Unreadable, read_file
-    from softcal.watch.run_reader import RunReader
+    from softcal.plugins.watch.reading import Unreadable, read_file
+    from softcal.plugins.watch.run_reader import RunReader
 
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     reader = RunReader(Path())

@@ -150,7 +150,7 @@ SURROUNDINGS: Mapping[str, Around] = {
             "vtkmodules/__init__.py", "optuna/__init__.py", "scipy/__init__.py", "encodings/__init__.py", "site.py",
         )
     },
-    # `python -m softcal` takes these before any line of softcal runs; the command `softcal` does not (docs/security.md).
+    # `python -m softcal` runs these before any line of softcal; the command `softcal` does not (docs/security.md).
     **{
         f"{name} beside the project": Around(files={name: OWNED}, options=("-P",))
         for name in ("softcal.py", "softcal/__init__.py")

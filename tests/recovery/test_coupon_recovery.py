@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softcal.coupons.coupon import Coupon
-from softcal.coupons.free_constants import free_constants
-from softcal.coupons.kind import KINDS
-from softcal.coupons.law_fit import fit_law
-from softcal.coupons.response import LawResponse
 from softcal.materials.catalogue import LAWS
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.free_constants import free_constants
+from softcal.plugins.coupons.kind import KINDS
+from softcal.plugins.coupons.law_fit import fit_law
+from softcal.plugins.coupons.response import LawResponse
 
 # Law -> constants [SI], the bulk modulus last where the law has one.
 TRUE = {

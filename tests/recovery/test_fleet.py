@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.fleet import NU, E, neck_mesh, neck_twin, rows_of_populations, run_until, write_fleet
-from softcal.workflows.fleet import fleet
+from softcal.plugins.fleet.workflow import fleet
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "fleet"
 

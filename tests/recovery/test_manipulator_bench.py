@@ -13,10 +13,10 @@ import pytest
 
 from softcal.calibration.result import CalibrationResult
 from softcal.errors import ParameterError
+from softcal.plugins.markers.workflow import measure_markers
 from softcal.project.project import Project
 from softcal.units import parse_quantity
 from softcal.workflows.calibration import calibrate
-from softcal.workflows.markers import measure_markers
 from softcal.workflows.sweep import sweep
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "manipulator"

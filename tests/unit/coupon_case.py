@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.coupons.coupon import Coupon
+from softcal.plugins.coupons.coupon import Coupon
 
 # Mooney and Rivlin: nominal stress by the test, at C10, C01 and the stretch (or the amount of shear).
 MOONEY_RIVLIN: Mapping[str, Callable[[float, float, Floats], Floats]] = {

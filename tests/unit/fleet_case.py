@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from project_case import bench_values, write_project
 
-from softcal.analysis.specimen import Factor, Specimen
 from softcal.calibration.parameters import Scale
 from softcal.calibration.result import Estimate
+from softcal.plugins.fleet.specimen import Factor, Specimen
 
 E, SLACK = "bar.youngs_modulus", "front.slack[pull]"
 FILE = "experiments.pull.file"

@@ -12,9 +12,9 @@ from test_motion_capture import MARKERS, positions, written
 from softcal.cli import main
 from softcal.errors import DatasetError, InputError, StorageError
 from softcal.experiments.motion_capture import read_c3d
+from softcal.plugins.markers.camera_file import read_camera
+from softcal.plugins.markers.shots import read_image
 from softcal.project.base_file import read_base
-from softcal.project.camera_file import read_camera
-from softcal.vision.shots import read_image
 
 CAMERA = """\
 camera: 1

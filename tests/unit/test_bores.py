@@ -17,7 +17,6 @@ from project_case import write_project
 
 from softcal.cli import main
 from softcal.errors import InputError, MeshError
-from softcal.export.sofa_robot import scene_faults
 from softcal.geometry import faces
 from softcal.geometry.bore import wall_around
 from softcal.geometry.generate import mesh_file
@@ -27,6 +26,7 @@ from softcal.geometry.quadratic import to_quadratic
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.write import write_mesh
 from softcal.mechanics.attachment import attach_point
+from softcal.plugins.sofa.robot import scene_faults
 from softcal.project.project import load
 from softcal.twin.bores import bores
 from softcal.workflows.checking import check

@@ -16,9 +16,9 @@ from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.rig import Rig
 from softcal.errors import InputError, ParameterError, ProjectFileError
 from softcal.experiments.dataset import Channel, Dataset
-from softcal.export.calculix import deck_faults
 from softcal.export.reduced import Reach, reduced
-from softcal.export.sofa_robot import scene_faults
+from softcal.plugins.calculix.deck import deck_faults
+from softcal.plugins.sofa.robot import scene_faults
 from softcal.project.project import load
 from softcal.twin.cables import Cable, CableLine
 from softcal.twin.parameters import robot_parameters, with_parameters

@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 
 from softcal.cli import app
 from softcal.errors import SimulationError
-from softcal.export.calculix import Deck
-from softcal.export.calculix_run import run_calculix
+from softcal.plugins.calculix.deck import Deck
+from softcal.plugins.calculix.run import run_calculix
+from softcal.plugins.calculix.workflow import crosscheck_project
 from softcal.project.project import load
 from softcal.workflows.cases import PULL, cases
-from softcal.workflows.crosschecking import crosscheck_project
 
 DECK = Deck("** a deck", {}, 2)
 TABLE = """

@@ -103,9 +103,9 @@ def test_the_closing_sentences_name_them_and_files_keep_them(tmp_path: Path) -> 
     problem = make_problem(fake_robot(), tests, FREE, LOSSES["papers"], fake_simulate)
     best = calibrate(problem, store=tmp_path / "run")
     text = sentences(best)
-    one = best.parameters[NU if "ν shifts to an end" in text else E]
-    assert "shifts by half its interval where front.tension_offset is off by " in text
+    one = best.parameters[NU if "ν shifts by half" in text else E]
+    assert " shifts by half the length of its interval where front.tension_offset is off by " in text
     assert all(f"{error} is off by " in text for error in one.moved_by)
     assert load_result(tmp_path / "run").parameters == best.parameters
     quiet = {name: replace(held, moved_by={}) for name, held in best.parameters.items()}
-    assert "shifts to an end" not in sentences(replace(best, parameters=quiet))
+    assert "shifts by half" not in sentences(replace(best, parameters=quiet))

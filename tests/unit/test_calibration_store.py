@@ -65,6 +65,8 @@ def test_result_json_holds_what_is_promised_in_si(run: tuple[Path, CalibrationRe
         "scale": "log",
         "shares": dict(result.parameters[E].shares),
         "dof": result.parameters[E].dof,
+        "of": [],
+        "beyond": None,
     }
     for key in ("loss", "method", "seed", "n_solves", "n_factorisations", "wall_s", "status", "n_failed_trials"):
         assert held[key] == getattr(result, key)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 from report_example import E_NAME, bench_experiment, tpe_result
 
 from softcal.calibration.digits import interval_text
 from softcal.calibration.outcome import bound_note
-from softcal.calibration.result import Estimate
+from softcal.calibration.result import Distance, Estimate, Note
 from softcal.cli.calibration_table import print_results, value_text
 
 
@@ -85,6 +86,13 @@ def test_of_many_tests_the_ten_worst_have_a_line_and_the_others_are_counted(caps
     notes = [replace(note, text=f"{note.text} {i}") for i in range(60)]
     many = replace(one, experiments=fits, parameters={**one.parameters, **own}, notes=tuple(notes))
     print_results({"joint": many})
+    short = capsys.readouterr().out
+    assert len(short.splitlines()) < 25
+    (line,) = [line for line in short.splitlines() if "front.tension_offset" in line]
+    assert " 0 to 0.199 N" in line
+    (line,) = [line for line in short.splitlines() if "RMSE of tension" in line]
+    assert "at most 0.199 N" in line
+    print_results({"joint": many}, verbose=True)
     told = capsys.readouterr()
     lines = told.out.splitlines()
     assert len(lines) < 60
@@ -96,3 +104,44 @@ def test_of_many_tests_the_ten_worst_have_a_line_and_the_others_are_counted(caps
     assert "Warning: 50 more such warnings are in the report." in told.err
     print_results({f"t{i}": replace(one, loss=float(i)) for i in range(30)})
     assert "20 more calibrations, of smaller losses" in capsys.readouterr().out
+
+
+def test_by_default_what_decides_on_the_answer_is_printed_and_the_rest_is_counted(capsys):
+    one = tpe_result([bench_experiment("20mm", 0.02, 1.2e6)], 1.2e6, 0.45, n_trials=12)
+    remark, warning = Note("remark"), Note("warning of the answer", "warning")
+    other = replace(one, notes=(Note("warning of another fit", "warning"),))
+    both = dict.fromkeys(("a", "b"), one.experiments["20mm"])
+    results = {"a": other, "b": other, "joint": replace(one, experiments=both, notes=(remark, warning))}
+    print_results(results)
+    short = capsys.readouterr()
+    assert short.err.splitlines() == ["Warning: joint: warning of the answer"]
+    n = int(re.findall(r"^(\d+) more remarks: --verbose, or the report.$", short.out, re.MULTILINE)[0])
+    print_results(results, verbose=True)
+    long = capsys.readouterr()
+    assert long.err.splitlines() == ["Warning: joint: warning of the answer", "Warning: a, b: warning of another fit"]
+    assert "Note (joint): remark" in long.out
+    after = long.out[long.out.rindex("└") :].splitlines()[1:]
+    assert n == len(after) - len(short.out[short.out.rindex("└") :].splitlines()[2:]) + 1  # and the warning
+    assert "more remarks" not in long.out
+
+
+def test_the_largest_distances_of_several_tests_are_each_the_largest(capsys):
+    """The test whose mean is largest need not have the largest distance."""
+    one = tpe_result([bench_experiment("20mm", 0.02, 1.2e6)], 1.2e6, 0.45, n_trials=12)
+    fit = one.experiments["20mm"]
+    far = {"a": Distance(0.003, 0.004, 0.002, 10), "b": Distance(0.002, 0.009, 0.002, 10)}
+    fits = {name: replace(fit, distances={"m": distance}, length=0.1) for name, distance in far.items()}
+    print_results({"joint": replace(one, experiments=fits)})
+    assert "at most 3 and 9 mm (3 and 9 %)" in capsys.readouterr().out
+
+
+def test_a_fit_without_the_values_of_other_tests_has_an_empty_cell(capsys):
+    """Of more tests than have a line, a separate fit has its own value and none of those that are put together."""
+    one = tpe_result([bench_experiment("20mm", 0.02, 1.2e6)], 1.2e6, 0.45, n_trials=12)
+    fits = dict.fromkeys([f"t{i}" for i in range(12)], one.experiments["20mm"])
+    slacks = {f"front.slack[t{i}]": Estimate(1e-3, "m", False, 0.0, 1e-2, 1e-4 * (i + 1)) for i in range(12)}
+    alone = replace(one, parameters={**one.parameters, "front.slack[t11]": slacks["front.slack[t11]"]})
+    joint = replace(one, experiments=fits, parameters={**one.parameters, **slacks})
+    print_results({"t11": alone, "joint": joint}, verbose=True)
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "front.slack, 2 more" in line]
+    assert [cell.strip() for cell in line.split("│")[2:4]] == ["", "1.00 to 1.00 mm"]

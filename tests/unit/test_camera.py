@@ -13,10 +13,10 @@ from marker_bench import BOARD, SMALL, WEBCAM, board_poses, photograph_board, sa
 
 from softcal.cli import main
 from softcal.errors import DatasetError, InputError, ProjectFileError, StorageError
-from softcal.project.camera_file import camera_text, read_camera
-from softcal.vision.camera import Camera, Image
-from softcal.vision.charuco import BoardView, Calibration, calibrate_camera, find_board
-from softcal.vision.fiducials import CharucoBoard
+from softcal.plugins.markers.camera import Camera, Image
+from softcal.plugins.markers.camera_file import camera_text, read_camera
+from softcal.plugins.markers.charuco import BoardView, Calibration, calibrate_camera, find_board
+from softcal.plugins.markers.fiducials import CharucoBoard
 
 directions = st.tuples(st.floats(-0.7, 0.7), st.floats(-0.4, 0.4)).map(lambda xy: np.array([xy]))
 

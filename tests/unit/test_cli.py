@@ -109,6 +109,10 @@ def test_simulate_writes_channels_with_units(
     code, printed, _ = run(capsys, "simulate", path, *held, "--out", out)
     assert code == 0
     assert "pull: Solved" in printed
+    tension = bench_values()[2]
+    row = next(line for line in printed.splitlines() if "front.tension" in line)
+    low, high = re.findall(r"-?[\d.]+", row.partition("tension")[2])
+    assert [float(low), float(high)] == pytest.approx([tension.min(), tension.max()], abs=2e-4)
     found = table(out / "response-pull.csv")
     np.testing.assert_allclose(found["front.tension [N]"], bench_values()[2], atol=2e-5)
     np.testing.assert_allclose(found["plate.pitch [rad]"], np.deg2rad(bench_values()[3]), atol=1e-6)

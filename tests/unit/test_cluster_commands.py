@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from softcal.calibration.result_reading import load_result
 from softcal.cli.app import app
 from softcal.executors.chosen import executor_on
-from softcal.workflows.fleet import fleet
+from softcal.plugins.fleet.workflow import fleet
 
 pytest.importorskip("distributed")
 

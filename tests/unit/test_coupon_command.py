@@ -15,13 +15,13 @@ from typer.testing import CliRunner
 
 from softcal.calibration.loss import gradient, total
 from softcal.cli import app
-from softcal.coupons.comparison import compare_laws
-from softcal.coupons.coupon import Coupon
-from softcal.coupons.free_constants import free_constants
-from softcal.coupons.held_out import folds
-from softcal.coupons.problem import CouponProblem, coupon_loss
 from softcal.materials.catalogue import LAWS as MATERIALS
-from softcal.project.material_block import material_block, priors
+from softcal.plugins.coupons.comparison import compare_laws
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.free_constants import free_constants
+from softcal.plugins.coupons.held_out import folds
+from softcal.plugins.coupons.material_block import material_block, priors
+from softcal.plugins.coupons.problem import CouponProblem, coupon_loss
 from softcal.project.project import load
 
 C10, C01 = 2e5, 5e4

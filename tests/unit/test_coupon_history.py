@@ -15,14 +15,14 @@ from typer.testing import CliRunner
 
 from softcal.checks import Floats
 from softcal.cli import app
-from softcal.coupons.comparison import compare_laws
-from softcal.coupons.coupon import Coupon
-from softcal.coupons.free_constants import free_constants
-from softcal.coupons.held_out import folds
-from softcal.coupons.history_response import response_of
 from softcal.materials.catalogue import LAWS
 from softcal.materials.histories import history_of
-from softcal.project.material_block import material_block
+from softcal.plugins.coupons.comparison import compare_laws
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.free_constants import free_constants
+from softcal.plugins.coupons.held_out import folds
+from softcal.plugins.coupons.history_response import response_of
+from softcal.plugins.coupons.material_block import material_block
 from softcal.project.project import load
 from softcal.twin.build import build_twin
 from softcal.twin.robot import Body, Robot

@@ -8,14 +8,14 @@ from coupon_case import MOONEY_RIVLIN as BY_HAND
 from coupon_case import OGDEN as OGDEN_BY_HAND
 from coupon_case import mooney_coupon, strains_of
 
-from softcal.coupons.free_constants import free_constants
-from softcal.coupons.kind import KINDS, principal_states
-from softcal.coupons.response import LawResponse
-from softcal.coupons.stability import stability
 from softcal.errors import InputError
 from softcal.materials.catalogue import LAWS
 from softcal.materials.drucker import stiffness
 from softcal.materials.law import Law, compile_law
+from softcal.plugins.coupons.free_constants import free_constants
+from softcal.plugins.coupons.kind import KINDS, principal_states
+from softcal.plugins.coupons.response import LawResponse
+from softcal.plugins.coupons.stability import stability
 
 C10, C01 = 2e5, 5e4
 TERMS = ((6.2e5, 1.3), (-1e4, -2.0))

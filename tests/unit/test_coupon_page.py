@@ -16,12 +16,12 @@ from typer.testing import CliRunner
 
 from softcal.calibration.digits import interval_text, value_text
 from softcal.cli import app
-from softcal.coupons.comparison import LawComparison, compare_laws
-from softcal.coupons.coupon import Coupon
-from softcal.project.material_block import material_block
-from softcal.report.coupon_page import CouponCharts, render_coupon_page
-from softcal.report.coupon_sentences import verdict
-from softcal.report.coupon_tables import typical_rate
+from softcal.plugins.coupons.comparison import LawComparison, compare_laws
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.material_block import material_block
+from softcal.plugins.coupons.page import CouponCharts, render_coupon_page
+from softcal.plugins.coupons.sentences import verdict
+from softcal.plugins.coupons.tables import typical_rate
 from softcal.report.figure import Picture
 
 C10, C01 = 2e5, 5e4

@@ -15,12 +15,12 @@ from typer.testing import CliRunner
 
 from softcal.checks import Floats
 from softcal.cli import app
-from softcal.coupons.comparison import compare_laws
-from softcal.coupons.coupon import Coupon
-from softcal.coupons.fitted_material import PredictedCoupon
-from softcal.coupons.free_constants import free_constants
-from softcal.coupons.history_response import response_of
 from softcal.materials.catalogue import LAWS
+from softcal.plugins.coupons.comparison import compare_laws
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.fitted_material import PredictedCoupon
+from softcal.plugins.coupons.free_constants import free_constants
+from softcal.plugins.coupons.history_response import response_of
 
 PARTS = ("maxwell-1",)
 TRUE = {"youngs_modulus": 3e5, "branch_modulus1": 8e4, "branch_time1": 6.0, "branch_exponent": 0.8}

@@ -10,8 +10,8 @@ from coupon_case import write_coupon
 from typer.testing import CliRunner
 
 from softcal.cli import app
-from softcal.coupons.plausibility import implausible
-from softcal.coupons.reading import read_coupons
+from softcal.plugins.coupons.plausibility import implausible
+from softcal.plugins.coupons.reading import read_coupons
 
 STRETCH = np.linspace(1.1, 2.3, 9)
 NOMINAL = STRETCH - STRETCH**-2  # [MPa], a neo-Hookean body

@@ -103,7 +103,7 @@ def test_report_and_print_have_them_where_they_are(folder: Path, capsys: pytest.
     assert len(list(loops_figure(content))) == 1
     said = f"{name}: 3 cycles lose "
     assert any(one.text.startswith(said) for one in conclusions(content))
-    print_results({name: result})
+    print_results({name: result}, verbose=True)
     assert said in " ".join(capsys.readouterr().out.split())
     bare = replace(result, experiments={name: replace(result.experiments[name], cycles=())})
     content = replace(content, results={name: bare})

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed
 
-from softcal.export import load_path as module
-from softcal.export.load_path import load_path, positions, shortenings
+from softcal.plugins.calculix import load_path as module
+from softcal.plugins.calculix.load_path import load_path, positions, shortenings
 from softcal.twin.build import twin_of
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate

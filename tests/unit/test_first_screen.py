@@ -290,7 +290,7 @@ def test_tests_that_contradict_one_value_stand_before_it() -> None:
         Spread({"a": 2.7e6, "b": 3.6e6, "c": 3.1e6}, 20.0, 2, chance, 4e5, (1.7e6, 5.4e6)) for chance in (1e-3, 0.2)
     )
     (first, *_) = sentences(fitted("a", "b", "c", estimates={E_NAME: E}, spreads={E_NAME: differ}))
-    assert first.startswith("The tests contradict one value of E (they range from 2.700 to 3.600 MPa); E = ")
+    assert first.startswith("No single E fits the tests (2.700 to 3.600 MPa); E = ")
     (first, *_) = sentences(fitted("a", "b", "c", estimates={E_NAME: E}, spreads={E_NAME: alike}))
     assert first.startswith("E = ")
     near = replace(differ, values={"a": 1.91e6, "b": 1.93e6, "c": 1.95e6})  # less than half the interval
@@ -476,9 +476,10 @@ def test_the_terminal_says_which_intervals_are_without_the_mesh(capsys: pytest.C
         made = result(*experiments, estimates={E_NAME: replace(E, shares=shares)})
         return replace(made, notes=(Note(not_included([MESH_ERROR] if mesh else [])),))
 
-    print_results({"a": of("a", mesh=False), "b": of("b", mesh=False), "joint": of("a", "b", mesh=True)})
+    separate = {"a": of("a", mesh=False), "b": of("b", mesh=False)}
+    print_results({**separate, "joint": of("a", "b", mesh=True)}, verbose=True)
     assert "Those of a, b do not include the error of the mesh." in capsys.readouterr().out
-    print_results({"a": of("a", mesh=True), "joint": of("a", "b", mesh=True)})
+    print_results({"a": of("a", mesh=True), "joint": of("a", "b", mesh=True)}, verbose=True)
     assert "do not include the error of the mesh" not in capsys.readouterr().out
 
 
@@ -519,6 +520,7 @@ def test_no_number_of_a_result_has_more_digits_than_its_interval_allows(capsys: 
     report = content(results, mesh_study=study)
     page = re.sub(r"<[^>]*>", " ", re.sub(r"(?s)<style>.*?</style>", "", render(report)))
     assert "1.932" in page
+    print_results(results, verbose=True)
     print_results(results)
     drawn = report_pictures(report, ("parameter", "loss", "mesh-study", "overview"))
     assert drawn
@@ -534,3 +536,12 @@ def test_every_source_of_error_has_a_colour() -> None:
     style = (Path(softcal.__file__).parent / "report" / "templates" / "report.css").read_text(encoding="utf-8")
     for source in SOURCES:
         assert f".of-{source.kind} {{ background" in style
+
+
+def test_where_tests_contradict_one_value_the_cause_comes_before_the_largest_share() -> None:
+    differ, alike = (Spread({"a": 2.7e6, "b": 3.6e6}, 20.0, 1, chance, 4e5, (1.7e6, 5.4e6)) for chance in (1e-3, 0.2))
+    budget = replace(E, shares={"noise": 1.0})
+    (_, source, *_) = sentences(fitted("a", "b", estimates={E_NAME: budget}, spreads={E_NAME: differ}))
+    assert source.startswith("First find why the tests differ. All of the known variance of E comes from")
+    (_, source, *_) = sentences(fitted("a", "b", estimates={E_NAME: budget}, spreads={E_NAME: alike}))
+    assert source.startswith("All of")

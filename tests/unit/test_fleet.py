@@ -19,14 +19,14 @@ from softcal.calibration import problem
 from softcal.cli import main
 from softcal.errors import InputError, ProjectFileError, SimulationError, StorageError
 from softcal.executors.kinds.local import LocalExecutor
+from softcal.plugins.fleet import workflow as fleets
+from softcal.plugins.fleet.folder import read_specimen
+from softcal.plugins.fleet.report import write_fleet_report
+from softcal.plugins.fleet.workflow import Fleet, fleet
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
-from softcal.workflows import fleet as fleets
-from softcal.workflows.fleet import Fleet, fleet
-from softcal.workflows.fleet_folder import read_specimen
-from softcal.workflows.fleet_report import write_fleet_report
 from softcal.workflows.run_folder import load_run
 
 FACTORS = (1.0, 1.1, 0.9, 1.05, 0.95, 1.02)
@@ -333,7 +333,7 @@ def test_the_command_and_the_page_name_what_was_counted_twice(
     with pytest.raises(SystemExit) as end:
         main(["fleet", str(folder)])
     assert end.value.code in (0, None)
-    said = "The same measured files stand for several specimens, and each counts as one of its own: s1, s3."
+    said = "Specimens share data files but are counted separately: s1, s3."
     assert said in capsys.readouterr().out
     assert said in (folder / "fleet" / "report.html").read_text(encoding="utf-8")
 

@@ -11,10 +11,10 @@ from fleet_case import FILE, write_fleet
 
 from softcal.cli import main
 from softcal.errors import ProjectFileError, StorageError
-from softcal.workflows import fleet_check
-from softcal.workflows.fleet import Fleet, fleet
-from softcal.workflows.fleet_folder import LOCK, held_fleet
-from softcal.workflows.fleet_report import write_fleet_report
+from softcal.plugins.fleet import check as fleet_check
+from softcal.plugins.fleet.folder import LOCK, held_fleet
+from softcal.plugins.fleet.report import write_fleet_report
+from softcal.plugins.fleet.workflow import Fleet, fleet
 
 NOISE = "    noise: {tension: 0.05 N, pitch: 0.2 deg}\n"
 AGAIN = f"""{NOISE}  again:

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from fleet_case import estimates
 
-from softcal.analysis.fleet_statement import FleetStatement, fleet_statement
-from softcal.analysis.fleet_verdict import fleet_sentences, spread_text
-from softcal.analysis.specimen import Specimen, own_error
 from softcal.calibration.mixed_effects import mixed_effects
 from softcal.calibration.result import Estimate
+from softcal.plugins.fleet.specimen import Specimen, own_error
+from softcal.plugins.fleet.statement import FleetStatement, fleet_statement
+from softcal.plugins.fleet.verdict import fleet_sentences, spread_text
 
 MEAN, DOF = 3.0, 28
 
@@ -239,8 +239,8 @@ def test_a_modulus_without_a_law_does_not_hide_that_of_another() -> None:
             ]
             assert [law.label for law in stated(two, ["infill"]).laws] == ["a"]
             said = text(two, ["infill"])
-            assert f"b against the infill cannot be told: {why}." in said
-            assert "a against the infill cannot be told" not in said
+            assert f"The law of b against the infill cannot be fitted: {why}." in said
+            assert "The law of a against the infill cannot be fitted" not in said
 
 
 def test_of_a_modulus_that_specimens_do_not_determine_it_is_not_said_that_there_is_none() -> None:
@@ -251,12 +251,12 @@ def test_of_a_modulus_that_specimens_do_not_determine_it_is_not_said_that_there_
     ]
     said = text(at_bound, ["infill"])
     assert "x: nothing is said of the specimens together: 3 of 12 specimens do not determine it (at a bound)." in said
-    assert "against the infill cannot be told" not in said
+    assert "against the infill cannot be fitted" not in said
     linear = [replace(s, parameters={"x": replace(s.parameters["x"], scale="linear")}) for s in specimens]
-    none = "E against the infill cannot be told: no modulus is searched by its logarithm."
+    none = "The law of E against the infill cannot be fitted: no modulus is searched by its logarithm."
     assert none in text(linear, ["infill"])
     assert none in text([replace(s, parameters={"x": replace(s.parameters["x"], unit="1")}) for s in specimens])
-    assert "cannot be told" not in text(specimens, ["infill"])
+    assert "cannot be fitted" not in text(specimens, ["infill"])
 
 
 RESIDUALS = "The residuals of {} are {} times the noise of the records: the model is incomplete. Errors are increased."
@@ -296,14 +296,14 @@ def test_specimens_with_the_same_measured_files_are_named() -> None:
     measured = {f"s{k}": (f"p{k}.csv", "both.csv") for k in range(6)}
     found = fleet_statement(specimens, [], measured)
     assert found.same_data == (("s0", "s2"), ("s1", "s4"))
-    said = [one for one in fleet_sentences(specimens, found) if "same measured files" in one.text]
+    said = [one for one in fleet_sentences(specimens, found) if "share data files" in one.text]
     assert [one.tone for one in said] == ["warning"]
-    assert said[0].text.endswith("each counts as one of its own: s0, s2; s1, s4.")
+    assert said[0].text.endswith("but are counted separately: s0, s2; s1, s4.")
     assert not fleet_statement([specimens[k] for k in (0, 1, 3, 5)], [], measured).same_data
     failed = [replace(one, state="FAILED") if one.name in ("s2", "s4") else one for one in specimens]
     assert not fleet_statement(failed, [], measured).same_data
     assert not fleet_statement([replace(one, hashes={}) for one in specimens], [], measured).same_data  # an older fleet
-    assert "same measured files" not in text(specimens)
+    assert "share data files" not in text(specimens)
 
 
 def test_filaments_are_compared_at_equal_infill() -> None:
@@ -338,7 +338,7 @@ def test_factors_that_go_together_are_named() -> None:
 
 
 def test_one_specimen_is_no_population() -> None:
-    assert text(estimates([1.0], [0.1])) == "There is one specimen: how specimens differ cannot be told."
+    assert text(estimates([1.0], [0.1])) == "There is one specimen: differences between specimens cannot be estimated."
 
 
 def test_two_specimens_have_a_mean_and_a_spread() -> None:

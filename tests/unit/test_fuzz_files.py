@@ -37,8 +37,8 @@ from softcal.geometry.read import read_mesh
 from softcal.geometry.stl import checked_stl
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.write import write_mesh
+from softcal.plugins.markers.camera_file import read_camera
 from softcal.project.base_file import read_base
-from softcal.project.camera_file import read_camera
 from softcal.workflows.mesh_study_files import read_study
 from softcal.workflows.run_folder import load_run
 

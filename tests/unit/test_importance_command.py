@@ -13,7 +13,8 @@ from project_case import write_project
 
 import softcal
 from softcal.analysis.importance import SIMULATIONS
-from softcal.cli import importance_command, main
+from softcal.cli import main
+from softcal.cli.commands import importance_command
 from softcal.errors import StorageError
 from softcal.report.all_tables import all_tables
 from softcal.report.figure import report_pictures

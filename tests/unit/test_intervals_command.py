@@ -12,7 +12,8 @@ import pytest
 from project_case import bench_values, write_project
 
 import softcal
-from softcal.cli import intervals_command, main
+from softcal.cli import main
+from softcal.cli.commands import intervals_command
 from softcal.cli.printing import shown_path
 from softcal.errors import StorageError
 from softcal.workflows.intervals import METHODS, WITHOUT_MESH, intervals

@@ -14,11 +14,11 @@ from typer.testing import CliRunner
 
 from softcal.cli import app
 from softcal.errors import ParameterError
-from softcal.export.calculix import deck_faults, in_its_law
-from softcal.export.crosscheck import crosscheck
 from softcal.export.engine import ENGINES, Engine, EngineState, state_of
-from softcal.export.sofa_export import write_sofa
-from softcal.export.sofa_robot import linear_robot
+from softcal.plugins.calculix.crosscheck import crosscheck
+from softcal.plugins.calculix.deck import deck_faults, in_its_law
+from softcal.plugins.sofa.robot import linear_robot
+from softcal.plugins.sofa.writing import write_sofa
 from softcal.twin.barrier import Contact
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate

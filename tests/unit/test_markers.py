@@ -31,16 +31,16 @@ from examples.manipulator.render import Optics, Panel, render
 from softcal.cli import main
 from softcal.errors import DatasetError, InputError, ProjectFileError, StorageError
 from softcal.geometry.pose import Pose
+from softcal.plugins.markers.aruco import detect_markers
+from softcal.plugins.markers.camera import Camera
+from softcal.plugins.markers.camera_file import camera_text
+from softcal.plugins.markers.charuco import Calibration, find_board
+from softcal.plugins.markers.edges import refine_corners
+from softcal.plugins.markers.fiducials import find_dictionary, marker_texture
+from softcal.plugins.markers.pattern_sheet import board_sheet, marker_sheet
+from softcal.plugins.markers.shots import find_shots
+from softcal.plugins.markers.workflow import make_camera_file, measure_markers
 from softcal.project.base_file import read_base
-from softcal.project.camera_file import camera_text
-from softcal.vision.aruco import detect_markers
-from softcal.vision.camera import Camera
-from softcal.vision.charuco import Calibration, find_board
-from softcal.vision.edges import refine_corners
-from softcal.vision.fiducials import find_dictionary, marker_texture
-from softcal.vision.pattern_sheet import board_sheet, marker_sheet
-from softcal.vision.shots import find_shots
-from softcal.workflows.markers import make_camera_file, measure_markers
 
 NAMES = "0=base,1=S1,2=S2,3=S3,4=S4"
 

@@ -9,14 +9,14 @@ import pytest
 from project_text import changed
 
 from softcal.errors import InputError
-from softcal.export.calculix import calculix_deck, in_its_law
-from softcal.export.load_path import load_path
-from softcal.export.sofa_robot import scene_faults
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.write import write_mesh
 from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.stress import cauchy_stress
+from softcal.plugins.calculix.deck import calculix_deck, in_its_law
+from softcal.plugins.calculix.load_path import load_path
+from softcal.plugins.sofa.robot import scene_faults
 from softcal.project.project import load
 from softcal.report.format import parameter_label
 from softcal.twin.parameters import robot_parameters, with_parameters

@@ -15,7 +15,8 @@ from project_case import MODULUS, write_project
 
 import softcal
 from softcal.analysis.mesh_study import UNKNOWNS
-from softcal.cli import main, mesh_study_command
+from softcal.cli import main
+from softcal.cli.commands import mesh_study_command
 from softcal.report.all_tables import all_tables
 from softcal.report.figure import report_pictures
 from softcal.report.figures.mesh_study import drawn_parameters
@@ -150,7 +151,9 @@ def test_a_study_of_other_values_is_not_told_as_this_runs(
     shutil.copytree(studied, copied)
     path = copied / MESH_STUDY / "mesh-study.json"
     record = json.loads(path.read_text(encoding="utf-8"))
-    record["study"]["parameters"]["bar.youngs_modulus"]["value"] *= 1.01
+    modulus = record["study"]["parameters"]["bar.youngs_modulus"]
+    modulus["value"] *= 1.01
+    modulus["interval"] = [1.01 * end for end in modulus["interval"]]
     path.write_text(json.dumps(record), encoding="utf-8")
     content = report_content(load_run(copied))
     assert content.mesh_study is None

@@ -144,7 +144,7 @@ def test_distances_are_told_in_millimetres_and_per_cent_of_the_length(capsys):
     distances = {"m1": Distance(0.001, 0.004, 0.002, 10), "m2": Distance(0.003, 0.005, 0.004, 10)}
     for length, text in ((None, "2 and 5 mm "), (0.5, "2 and 5 mm (0.4 and 1 %)")):
         seen = replace(fit, distances=distances, length=length)
-        print_results({"20mm": replace(result, experiments={"20mm": seen})})
+        print_results({"20mm": replace(result, experiments={"20mm": seen})}, verbose=True)
         (line,) = [line for line in capsys.readouterr().out.splitlines() if "distance, mean and largest, 20mm" in line]
         assert text in line
 

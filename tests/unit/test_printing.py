@@ -59,7 +59,7 @@ def with_intervals(result: CalibrationResult) -> CalibrationResult:
 
 def test_calibrations_side_by_side_as_far_as_they_fit(printed: Printed) -> None:
     results = {label: with_intervals(result) for label, result in example_content(n_trials=5).results.items()}
-    print_results(results)
+    print_results(results, verbose=True)
     lines = printed()
     assert {"neck.youngs_modulus", "1.90 ± 0.02 MPa", "1.08 to 1.32 MPa", "front.slack[20 mm, 2 mm/s]"} <= cells(lines)
     (labels, *of_each), joint = rows(lines, 4), rows(lines, 2)

@@ -139,7 +139,7 @@ STARTING = re.compile(
     r"|from (subprocess|multiprocessing)\b(?! import resource_tracker)"
 )
 # The pool of workers, and the question which Python SOFA's bindings are for.
-ELSEWHERE = {"executors/kinds/local.py", "export/sofa_install.py"}
+ELSEWHERE = {"executors/kinds/local.py", "plugins/sofa/install.py"}
 
 
 def test_processes_are_started_in_one_place():

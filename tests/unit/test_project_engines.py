@@ -14,12 +14,12 @@ from typer.testing import CliRunner
 
 from softcal.cli import app
 from softcal.errors import ProjectFileError, StorageError
-from softcal.export import sofa_engine as sofa_engine_module
-from softcal.export.sofa_settings import Rest, SofaSettings
+from softcal.plugins.sofa import simulator as sofa_engine_module
+from softcal.plugins.sofa.export import write_scene
+from softcal.plugins.sofa.settings import Rest, SofaSettings
 from softcal.project.project import load
 from softcal.workflows.calibration import calibrate
 from softcal.workflows.cases import Case
-from softcal.workflows.exports.sofa import write_scene
 
 ALL = """\
 engines:
@@ -43,9 +43,9 @@ def project_with(folder: Path, text: str, *changes: tuple[str, str]) -> Path:
 
 
 def test_every_setting_and_its_default(tmp_path: Path):
-    assert load(project_with(tmp_path / "all", ALL)).engines.sofa == SETTINGS
-    assert load(write_project(tmp_path / "none")).engines.sofa == SofaSettings()
-    one = load(project_with(tmp_path / "one", "engines: {sofa: {time_steps: 1 ms}}\n")).engines.sofa
+    assert load(project_with(tmp_path / "all", ALL)).engines == {"sofa": SETTINGS}
+    assert load(write_project(tmp_path / "none")).engines == {}
+    one = load(project_with(tmp_path / "one", "engines: {sofa: {time_steps: 1 ms}}\n")).engines["sofa"]
     assert one == SofaSettings(time_steps=(0.001,))
 
 

@@ -12,8 +12,8 @@ from robot_case import write_robot
 from softcal import load
 from softcal.calibration.observation import protocol_told
 from softcal.errors import ParameterError, ProjectFileError
-from softcal.export.calculix import deck_faults
-from softcal.export.sofa_robot import linear_robot
+from softcal.plugins.calculix.deck import deck_faults
+from softcal.plugins.sofa.robot import linear_robot
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.simulate import simulate
 from softcal.twin.solid_rods import with_solid_rods

@@ -168,9 +168,9 @@ def test_slacks_and_tests_of_several_experiments_are_not_compared() -> None:
 
 
 def test_the_command_line_says_it_too(capsys: pytest.CaptureFixture[str]) -> None:
-    print_results(separate(*SHIPPED))
+    print_results(separate(*SHIPPED), verbose=True)
     assert "E differs between the separate fits by 9.4 %" in capsys.readouterr().out
-    print_results(separate((3.3, 0.15)))
+    print_results(separate((3.3, 0.15)), verbose=True)
     assert "differs" not in capsys.readouterr().out
 
 

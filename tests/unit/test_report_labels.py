@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from fleet_case import estimates
 
-from softcal.analysis.fleet_statement import fleet_statement
 from softcal.calibration.result import Distance, ExperimentFit
+from softcal.plugins.fleet.figures import draw_specimens
+from softcal.plugins.fleet.statement import fleet_statement
 from softcal.report.comparison import NominalComparison
 from softcal.report.figures.distances import draw_distances
 from softcal.report.figures.nominal_and_tuned import draw_comparison
-from softcal.report.fleet_figures import draw_specimens
 from softcal.report.positions import Place
 from softcal.report.style import encode, house_style, new_figure, overlapping, plain_log_ticks
 

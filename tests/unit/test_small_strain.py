@@ -10,14 +10,14 @@ import pytest
 from coupon_case import OGDEN, mooney_coupon, strains_of
 from robot_case import write_robot
 
-from softcal.coupons.comparison import LawComparison, compare_laws
-from softcal.coupons.coupon import Coupon
 from softcal.errors import InputError, ParameterError
 from softcal.materials.catalogue import LAWS
-from softcal.project.material_block import material_block
+from softcal.plugins.coupons.comparison import LawComparison, compare_laws
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.material_block import material_block
+from softcal.plugins.coupons.sentences import moduli
+from softcal.plugins.coupons.tables import moduli_table, modulus_texts
 from softcal.project.project import load
-from softcal.report.coupon_sentences import moduli
-from softcal.report.coupon_tables import moduli_table, modulus_texts
 from softcal.twin.robot import Rod
 from softcal.workflows.checking import check
 

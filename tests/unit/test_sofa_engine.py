@@ -16,13 +16,13 @@ from sofa_case import FAKE, scene_modules, use_fake
 
 from softcal.cli import main
 from softcal.errors import InputError, ParameterError
-from softcal.export import sofa_install
-from softcal.export.sofa_engine import SofaEngine, sofa_engine
-from softcal.export.sofa_install import find_sofa
-from softcal.export.sofa_process import _last_error, run_states
-from softcal.export.sofa_robot import linear_robot
-from softcal.export.sofa_scene import scene_parameters, write_scene
-from softcal.export.sofa_settings import Rest, SofaSettings
+from softcal.plugins.sofa import install as sofa_install
+from softcal.plugins.sofa.install import find_sofa
+from softcal.plugins.sofa.process import _last_error, run_states
+from softcal.plugins.sofa.robot import linear_robot
+from softcal.plugins.sofa.scene import scene_parameters, write_scene
+from softcal.plugins.sofa.settings import Rest, SofaSettings
+from softcal.plugins.sofa.simulator import SofaEngine, sofa_engine
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 
@@ -236,7 +236,7 @@ def test_only_a_reported_error_is_given_as_a_cause():
 
 def test_failed_derivative_is_a_failure(engine, monkeypatch):
     ran = []
-    from softcal.export import sofa_engine as module
+    from softcal.plugins.sofa import simulator as module
 
     real = module.run_states
 

@@ -9,13 +9,13 @@ import pytest
 from mechanics_cases import elastic, tensed
 from sofa_case import recorded, scene_modules, use_fake
 
-from softcal.export.sofa_export import write_sofa
-from softcal.export.sofa_robot import linear_robot
-from softcal.export.sofa_rods import SEGMENTS, finer, linear_rod, node_volumes, rod_parameters
-from softcal.export.sofa_scene import ASSUMED_DENSITY, scene_parameters
 from softcal.geometry.centreline import Centreline, helix, straight
 from softcal.geometry.section import RectangularBar, RoundBar
 from softcal.mechanics.rod import build_rod
+from softcal.plugins.sofa.robot import linear_robot
+from softcal.plugins.sofa.rods import SEGMENTS, finer, linear_rod, node_volumes, rod_parameters
+from softcal.plugins.sofa.scene import ASSUMED_DENSITY, scene_parameters
+from softcal.plugins.sofa.writing import write_sofa
 from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Cable, Disc, Marker, Plate, PointLoad, Robot, Rod, ViaPoint
 

@@ -16,10 +16,10 @@ from mechanics_cases import column_robot, elastic, pulled, shared_json, side_cab
 from sofa_case import beam_robot, many_parts, neck_robot, recorded, scene_modules, use_fake
 
 from softcal.errors import InputError, ParameterError
-from softcal.export.sofa_export import furthest, write_sofa
-from softcal.export.sofa_robot import linear_robot
-from softcal.export.sofa_scene import legacy_vtk, package_name, scene_parameters, schedule_csv
 from softcal.geometry.quadratic import to_quadratic
+from softcal.plugins.sofa.robot import linear_robot
+from softcal.plugins.sofa.scene import legacy_vtk, package_name, scene_parameters, schedule_csv
+from softcal.plugins.sofa.writing import furthest, write_sofa
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import SurfaceLoad
 from softcal.twin.simulate import simulate

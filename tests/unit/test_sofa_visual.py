@@ -14,14 +14,14 @@ from scipy.spatial.transform import Rotation
 from sofa_case import many_parts, recorded, scene_modules, use_fake
 from test_sofa_rods import hung
 
-from softcal.export.sofa_export import write_sofa
-from softcal.export.sofa_robot import linear_robot
-from softcal.export.sofa_rods import SEGMENTS, finer
-from softcal.export.sofa_scene import scene_parameters, write_scene
-from softcal.export.sofa_visual import MARKER, SEE_THROUGH, SIDES, skins, visual_parameters, write_surfaces
-from softcal.export.wavefront import split_at_edges
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.surface import boundary_triangles
+from softcal.plugins.sofa.robot import linear_robot
+from softcal.plugins.sofa.rods import SEGMENTS, finer
+from softcal.plugins.sofa.scene import scene_parameters, write_scene
+from softcal.plugins.sofa.visual import MARKER, SEE_THROUGH, SIDES, skins, visual_parameters, write_surfaces
+from softcal.plugins.sofa.wavefront import split_at_edges
+from softcal.plugins.sofa.writing import write_sofa
 from softcal.twin.contacts import RIM, disc_skin
 from softcal.twin.facing import plate_radius
 from softcal.twin.protocol import Command, Protocol

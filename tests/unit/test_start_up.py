@@ -70,16 +70,18 @@ def test_the_probe_sees_what_is_loaded():
     assert heavy_after("import sympy") == ["sympy"]
 
 
-TOLD = """
+TOLD = '''
 import rich.console, typer
-from softcal.cli import app, main
-@app.command("told")
+from softcal import register_command
+from softcal.cli import main
+@register_command("data")
 def told() -> None:
+    """Text that not every terminal can write."""
     typer.echo("\\u03bd 0.4 \\u00b1 1 \\u00b0, 3 cm\\u00b3, \\u03bb\\u2081 \\u2026 \\u2013 \\u4e2d")
     rich.console.Console().print("\\u03a8 \\u00e4 \\u2265 \\udcff")
     typer.echo("\\u03bd", err=True)
 main(["told"])
-"""
+'''
 
 
 @pytest.mark.parametrize(

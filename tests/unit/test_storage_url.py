@@ -33,6 +33,15 @@ from softcal.errors import StorageError
         ("postgresql:u:s3cret@h/d", "no storage that processes can share"),
         ("postgresql+pg8000://u:s3@cret@h:port/d", r"postgresql\+pg8000://…"),
         ("postgresql+pg8000://u:s3cret", r"postgresql\+pg8000://…"),
+        *(
+            (f"{url}@h/d?{option}", "has an option that it may not have; got .*; allowed: application_name, charset")
+            for url, option in (
+                ("mysql+pymysql://u:s3cret", "read_default_file=/etc/s3cret"),
+                ("mysql+pymysql://u:s3cret", "charset=utf8&local_infile=1"),
+                ("mysql+pymysql://u:s3cret", "init_command=s3cret"),
+                ("postgresql+pg8000://u:s3cret", "startup_params=s3cret"),
+            )
+        ),
         ("journal:", "names no file"),
         ("journal:.", r"journal:\. \(a folder\)"),
         ("journal:/dev/null", r"journal:/dev/null \(a device\)"),

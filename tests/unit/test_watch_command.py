@@ -24,8 +24,8 @@ from watch_case import write_run
 
 import softcal
 from softcal.cli.app import app
+from softcal.plugins.watch import server
 from softcal.processes import beside
-from softcal.watch import server
 from softcal.workflows import watching
 from softcal.workflows.calibration import Calibrations
 from softcal.workflows.run import CalibrationRun

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from watch_case import write_json, write_run
 
+from softcal.plugins.watch.report_figures import figure_bytes, report_figures
+from softcal.plugins.watch.run_reader import RunReader
 from softcal.report.style import encode, new_figure
-from softcal.watch.report_figures import figure_bytes, report_figures
-from softcal.watch.run_reader import RunReader
 
 PNG = b"\x89PNG\r\n\x1a\nand more"
 

@@ -9,12 +9,12 @@ import pytest
 from project_case import write_project
 
 from softcal.errors import Fault, InputError
+from softcal.plugins.watch import fit_drawing
+from softcal.plugins.watch.fit_drawing import MOST, fit_drawings, fits_at
+from softcal.plugins.watch.twin import FitPicture, TwinShape
+from softcal.plugins.watch.twin_panel import fit_text
 from softcal.project.project import Project, load
 from softcal.twin.response import Response
-from softcal.watch import fit_drawing
-from softcal.watch.fit_drawing import MOST, fit_drawings, fits_at
-from softcal.watch.twin import FitPicture, TwinShape
-from softcal.watch.twin_panel import fit_text
 from softcal.workflows.calibration import make_problem, project_at
 
 THETA = {"bar.youngs_modulus": 1.1e6, "front.slack[pull]": 1e-3}

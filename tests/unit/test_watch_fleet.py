@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 from watch_case import HOST, NOW, RESULT, add_trials, gone, live_record, write_fleet, write_json, write_run
 
-from softcal.watch.charts import fleet_chart
-from softcal.watch.live import live_sign
-from softcal.watch.run_reader import RunReader
-from softcal.watch.time_left import fleet_time_left
-from softcal.watch.twin import ParameterFacts, run_of
-from softcal.watch.watched import WatchedRun
-from softcal.watch.words import (
+from softcal.plugins.watch.charts import fleet_chart
+from softcal.plugins.watch.live import live_sign
+from softcal.plugins.watch.run_reader import RunReader
+from softcal.plugins.watch.time_left import fleet_time_left
+from softcal.plugins.watch.twin import ParameterFacts, run_of
+from softcal.plugins.watch.watched import WatchedRun
+from softcal.plugins.watch.words import (
     best_rows,
     fleet_text,
     run_state,
@@ -189,6 +189,7 @@ DAMAGED = {
     "no text as its unit": ({"unit": [3]}, "unit"),
     "an interval beyond any number": ({"interval": [-1e308, 1e308]}, "interval"),
     "an interval that is turned": ({"interval": [2.0, 1.0]}, "interval"),
+    "an interval beside its value": ({"interval": [2e6, 3e6]}, "interval"),
     "an interval of texts": ({"interval": ["a", "b"]}, "interval"),
     "an interval of three": ({"interval": [1.0, 2.0, 3.0]}, "interval"),
     "a value that is none": ({"value": "x"}, "value"),

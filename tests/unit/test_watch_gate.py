@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from softcal.watch.gate import ELSEWHERE, LARGE, REFUSED, Gate, is_loopback, new_token
+from softcal.plugins.watch.gate import ELSEWHERE, LARGE, REFUSED, Gate, is_loopback, new_token
 
 TOKEN = new_token()
 COOKIE = f"softcal-8085={TOKEN}"

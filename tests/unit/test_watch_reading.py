@@ -13,14 +13,14 @@ import pytest
 from watch_case import HOST, NOW, RESULT, add_trials, gone, live_record, write_fleet, write_json, write_run
 
 from softcal.calibration.result import Trial
-from softcal.watch import trials
-from softcal.watch.charts import MOST_POINTS, loss_chart, parameter_chart
-from softcal.watch.live import live_sign, process_exists, process_start
-from softcal.watch.reading import Unreadable, clean, read_record
-from softcal.watch.run_reader import RunReader
-from softcal.watch.twin import ParameterFacts, run_of
-from softcal.watch.watched import WatchedResult, WatchedSearch
-from softcal.watch.words import (
+from softcal.plugins.watch import trials
+from softcal.plugins.watch.charts import MOST_POINTS, loss_chart, parameter_chart
+from softcal.plugins.watch.live import live_sign, process_exists, process_start
+from softcal.plugins.watch.reading import Unreadable, clean, read_record
+from softcal.plugins.watch.run_reader import RunReader
+from softcal.plugins.watch.twin import ParameterFacts, run_of
+from softcal.plugins.watch.watched import WatchedResult, WatchedSearch
+from softcal.plugins.watch.words import (
     best_rows,
     failed_rows,
     run_state,
@@ -385,7 +385,7 @@ def test_the_end_of_the_page_does_not_wait_for_a_folder_that_is_read(tmp_path: P
     code = f"""
 import asyncio, time
 from pathlib import Path
-from softcal.watch.watch import Watch
+from softcal.plugins.watch.watch import Watch
 watch = Watch(Path({str(tmp_path)!r}))
 watch.reader.read = lambda: time.sleep(60)
 async def page():

@@ -15,15 +15,15 @@ import pytest
 from project_case import bar_robot, write_project
 from watch_case import add_trials
 
+from softcal.plugins.watch import twin
+from softcal.plugins.watch.run_reader import RunReader
+from softcal.plugins.watch.twin import SHORTEST, TwinKeeper, TwinShape
+from softcal.plugins.watch.twin_panel import caption
+from softcal.plugins.watch.watched import WatchedSearch
 from softcal.project.files import sha256
 from softcal.project.project import load
 from softcal.report.scene import Ball, FlatDisc, Surface, Tube
 from softcal.report.scene_glb import scene_glb
-from softcal.watch import twin
-from softcal.watch.run_reader import RunReader
-from softcal.watch.twin import SHORTEST, TwinKeeper, TwinShape
-from softcal.watch.twin_panel import caption
-from softcal.watch.watched import WatchedSearch
 from softcal.workflows.calibration import plan
 from softcal.workflows.run_folder import begin_run
 
@@ -177,7 +177,7 @@ def test_the_twin_is_simulated_again_when_the_best_changed_and_after_a_rest(
         place = tmp_path / f"{len(losses)}"
         place.mkdir(exist_ok=True)
         add_trials(place, losses)
-        from softcal.watch.trials import TrialReader
+        from softcal.plugins.watch.trials import TrialReader
 
         return WatchedSearch("joint", "calibrations/joint", trials=TrialReader(place).read())
 

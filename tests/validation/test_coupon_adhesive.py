@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softcal.coupons.comparison import ComparedLaw, compare_laws
-from softcal.coupons.coupon import Coupon
-from softcal.coupons.fitted_material import FittedMaterial, PredictedCoupon
-from softcal.coupons.free_constants import free_constants
-from softcal.coupons.reading import read_coupons
 from softcal.materials.catalogue import LAWS
+from softcal.plugins.coupons.comparison import ComparedLaw, compare_laws
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.fitted_material import FittedMaterial, PredictedCoupon
+from softcal.plugins.coupons.free_constants import free_constants
+from softcal.plugins.coupons.reading import read_coupons
 from softcal.units import plain
 
 FILES = {

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softcal.coupons.comparison import LawComparison, compare_laws
-from softcal.coupons.coupon import Coupon
-from softcal.coupons.free_constants import free_constants
-from softcal.coupons.problem import CouponProblem, coupon_loss
-from softcal.coupons.reading import read_coupons
-from softcal.coupons.stability import stability
 from softcal.materials.catalogue import LAWS
+from softcal.plugins.coupons.comparison import LawComparison, compare_laws
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.free_constants import free_constants
+from softcal.plugins.coupons.problem import CouponProblem, coupon_loss
+from softcal.plugins.coupons.reading import read_coupons
+from softcal.plugins.coupons.stability import stability
 
 KGF_PER_CM2 = 98066.5
 # Ogden, Proc. R. Soc. Lond. A 326 (1972) 565: mu [kgf/cm^2] and alpha.

@@ -372,7 +372,7 @@ def agreeing_tests(case: Case, labels: list[str], told: Told) -> None:
     rf"Here each test has its own (?P<own>{LABEL}) too; with (?P<at>{LABEL}) at its joint value, in the joint fit, "
     rf"the tests differ \({P}\)"
 )
-def tests_differ_at_the_joint_value(case: Case, labels: list[str], told: Told) -> None:
+def differ_at_the_joint_value(case: Case, labels: list[str], told: Told) -> None:
     assert told["own"] == told["at"]
     assert all(named(case.fits[label], told["own"]) in case.fits[label].names for label in case.fits)
     (one,) = (one for one in case.estimator("joint").between.values() if one.differs)
@@ -553,7 +553,7 @@ def not_measured(case: Case, _: list[str], told: Told) -> None:
     assert found == expected
 
 
-@sentence(r"The tests contradict one value of (\S+) \(they range from ([\d.]+) to ([\d.]+) (\w+)\)")
+@sentence(r"No single (\S+) fits the tests \(([\d.]+) to ([\d.]+) (\w+)\)")
 def contradict(case: Case, _: list[str], told: Told) -> None:
     fit, estimator = case.joint, case.estimator("joint")
     name = named(fit, told[1])
@@ -564,6 +564,13 @@ def contradict(case: Case, _: list[str], told: Told) -> None:
         like(printed, end / UNITS[told[4]])
     assert one.differs
     assert np.ptp(ends) > np.ptp(fit.p[name]["interval"]) / 2
+
+
+@sentence(r"First find why the tests differ")
+def first(case: Case, labels: list[str], told: Told) -> None:
+    """It follows where no single value fits the tests, which is printed and checked."""
+    (found,) = re.finditer(r"No single (\S+) fits the tests \(([\d.]+) to ([\d.]+) (\w+)\)", case.text)
+    contradict(case, labels, found)
 
 
 @sentence(rf"(?P<what>E) = (?P<value>{V}) (?P<unit>\w+) \(95 %: (?P<ends>[\d.]+ to [\d.]+) (?P=unit)\)")
@@ -636,8 +643,8 @@ REMEDIES = {
 
 
 @sentence(
-    r"(?P<what>\S+) shifts by half its interval where (?P<errors>\S+ is off by [\d.]+ \S+?(?: or "
-    r"\S+ is off by [\d.]+ \S+?)*)(?=\.(?: |$))"
+    r"Not included: (?P<what>\S+) shifts by half the length of its interval where "
+    r"(?P<errors>\S+ is off by [\d.]+ \S+?(?: or \S+ is off by [\d.]+ \S+?)*)(?=\.(?: |$))"
 )
 def shifts(case: Case, _: list[str], told: Told) -> None:
     """An error c of the readings moves the minimum by -H^-1 J^T W c, parameters at their bounds staying there: by
@@ -745,7 +752,7 @@ def fault_of(check: Callable[..., None], *of: Any) -> str:
 def printed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, list[Check]]:
     """An example, and every check of what a calibration of it prints."""
     project, run = ROOT / "examples" / request.param / "project.yaml", tmp_path_factory.mktemp("run") / "run"
-    words = [sys.executable, "-m", "softcal", "calibrate", str(project), "--no-report", "--out", str(run)]
+    words = [sys.executable, "-m", "softcal", "calibrate", str(project), "--verbose", "--no-report", "--out", str(run)]
     done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=True, env=WIDE)
     return request.param, list(checked(Case(run, done.stdout, softcal.load(project))))
 

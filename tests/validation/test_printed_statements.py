@@ -24,7 +24,7 @@ def printed(example: str, folder: Path, *options: str) -> str:
 def quoted(example: str) -> str:
     """The statement in the README of an example: its one quotation that begins with E or a doubt of it, in one line."""
     text = (ROOT / "examples" / example / "README.md").read_text(encoding="utf-8")
-    (found,) = re.findall(r"^> (?:The tests contradict .*\n|E = .*\n)(?:> .*\n)*", text, re.MULTILINE)
+    (found,) = re.findall(r"^> (?:No single E fits .*\n|E = .*\n)(?:> .*\n)*", text, re.MULTILINE)
     return " ".join(found.replace("\n> ", " ").removeprefix("> ").split())
 
 

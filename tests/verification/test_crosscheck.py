@@ -15,17 +15,17 @@ from project_case import write_project
 from typer.testing import CliRunner
 
 from softcal.cli import app
-from softcal.cli.crosscheck_command import _table
 from softcal.cli.printing import print_table
 from softcal.errors import SimulationError
-from softcal.export.crosscheck import Difference, EngineComparison, crosscheck
 from softcal.export.engine import ENGINES, Engine, EngineState, Running, state_of
-from softcal.export.engines import sofa as sofa_module
-from softcal.export.engines.calculix import _fitted_pose, _needed
-from softcal.export.load_path import LoadPath, load_path
-from softcal.export.sofa_settings import SofaSettings
 from softcal.geometry.centreline import straight
 from softcal.geometry.section import RoundBar
+from softcal.plugins.calculix.command import _table
+from softcal.plugins.calculix.crosscheck import Difference, EngineComparison, crosscheck
+from softcal.plugins.calculix.engine import _fitted_pose, _needed
+from softcal.plugins.calculix.load_path import LoadPath, load_path
+from softcal.plugins.sofa import engine as sofa_module
+from softcal.plugins.sofa.settings import SofaSettings
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol, furthest_state
 from softcal.twin.robot import Cable, Plate, PointLoad, Robot, Rod, ViaPoint
@@ -153,10 +153,9 @@ def test_an_engine_is_run_as_it_is_asked_to_and_named_while_it_works(monkeypatch
     monkeypatch.setitem(ENGINES._members, "same", replace(softer(1.0), solve=solve))
     monkeypatch.setitem(ENGINES._members, "absent", replace(softer(1.0), missing=lambda: "get it"))
     at_work: list[str] = []
-    running = Running(timeout=12.0)
-    found = crosscheck(ROBOT, pulled(0.006), ["absent", "same"], running=running, progress=at_work.append)
+    found = crosscheck(ROBOT, pulled(0.006), ["absent", "same"], timeout=12.0, progress=at_work.append)
     assert found.agrees
-    assert seen == [running]
+    assert seen == [Running(12.0)]
     assert at_work == ["same"]
 
 

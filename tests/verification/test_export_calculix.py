@@ -12,11 +12,11 @@ import pytest
 from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed
 
 from softcal.errors import ParameterError, SimulationError
-from softcal.export.calculix import calculix_deck, in_its_law, write_calculix
-from softcal.export.calculix_run import run_calculix
-from softcal.export.load_path import load_path
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
+from softcal.plugins.calculix.deck import calculix_deck, in_its_law, write_calculix
+from softcal.plugins.calculix.load_path import load_path
+from softcal.plugins.calculix.run import run_calculix
 from softcal.twin.build import build_twin
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, Robot, Tie, ViaPoint

@@ -33,13 +33,13 @@ from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import make_problem
 from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Channel, Dataset
-from softcal.export.sofa_engine import SofaEngine, sofa_engine
-from softcal.export.sofa_export import write_sofa
-from softcal.export.sofa_install import find_sofa
-from softcal.export.sofa_robot import linear_robot
-from softcal.export.sofa_scene import scene_parameters, write_scene
 from softcal.geometry.centreline import straight
 from softcal.geometry.section import RoundBar
+from softcal.plugins.sofa.install import find_sofa
+from softcal.plugins.sofa.robot import linear_robot
+from softcal.plugins.sofa.scene import scene_parameters, write_scene
+from softcal.plugins.sofa.simulator import SofaEngine, sofa_engine
+from softcal.plugins.sofa.writing import write_sofa
 from softcal.project.project import load
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Cable, Plate, Robot, Rod, ViaPoint

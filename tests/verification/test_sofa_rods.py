@@ -10,10 +10,10 @@ import pytest
 from manipulator_case import manipulator
 from mechanics_cases import column_robot, elastic, pulled, tensed
 
-from softcal.export.crosscheck import crosscheck
-from softcal.export.sofa_engine import sofa_engine
 from softcal.geometry.centreline import helix, straight
 from softcal.geometry.section import CrossSection, GivenSection, RectangularBar, RoundBar
+from softcal.plugins.calculix.crosscheck import crosscheck
+from softcal.plugins.sofa.simulator import sofa_engine
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Cable, Marker, Plate, PointLoad, Robot, Rod, ViaPoint

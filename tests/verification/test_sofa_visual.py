@@ -15,12 +15,12 @@ from scipy.spatial.transform import Rotation
 from sofa_case import many_parts
 from test_sofa_rods import hung
 
-from softcal.export.sofa_export import write_sofa
-from softcal.export.sofa_install import find_sofa
-from softcal.export.sofa_robot import linear_robot
-from softcal.export.sofa_visual import skins
-from softcal.export.wavefront import split_at_edges
 from softcal.geometry.surface import boundary_triangles
+from softcal.plugins.sofa.install import find_sofa
+from softcal.plugins.sofa.robot import linear_robot
+from softcal.plugins.sofa.visual import skins
+from softcal.plugins.sofa.wavefront import split_at_edges
+from softcal.plugins.sofa.writing import write_sofa
 from softcal.twin.robot import Robot
 
 pytestmark = pytest.mark.skipif("SOFA_ROOT" not in os.environ, reason="SOFA is not installed: SOFA_ROOT is not set")

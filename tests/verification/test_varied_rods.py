@@ -10,11 +10,11 @@ from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 
 from softcal.errors import InputError, MeshError
-from softcal.export.sofa_robot import scene_faults
 from softcal.geometry.centreline import straight
 from softcal.geometry.quality import check_quality
 from softcal.geometry.section import RoundBar
 from softcal.geometry.varied_section import VariedSection
+from softcal.plugins.sofa.robot import scene_faults
 from softcal.twin.barrier import Contact
 from softcal.twin.material import Material
 from softcal.twin.protocol import Command, Protocol

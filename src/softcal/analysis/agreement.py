@@ -41,7 +41,7 @@ class Agreement:
 
     @property
     def differs(self) -> bool:
-        """Whether the fits differ by more than their noise explains."""
+        """True if the fits differ by more than their noise explains."""
         return self.chance is not None and self.chance < LIMIT
 
     @property

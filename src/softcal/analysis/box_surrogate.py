@@ -65,14 +65,14 @@ class BoxSurrogate:
         return {LOSS: self._loss(held), **{kind: held[kind] for kind in self.kinds}}
 
     def turned_outputs(self, z: Floats) -> dict[str, Floats]:
-        """As `outputs`, but the residuals turned into fewer values, with the same variances by any parameters."""
+        """The outputs, with the residuals projected on fewer values that have the same variance by any parameters."""
         n = len(z)
         losses = [self._loss(self._predicted(z[i : i + _CHUNK])) for i in range(0, n, _CHUNK)]
         held = self._predicted(z, turned=True)
         return {LOSS: np.concatenate(losses), **{kind: held[kind] for kind in self.kinds}}
 
     def varies(self, name: str, values: Floats) -> bool:
-        """Whether values (n, m) of an output differ by more than rounding."""
+        """True if values (n, m) of an output differ by more than rounding."""
         return _scatter(values) > self.rounding(name)
 
     def rounding(self, name: str) -> float:
@@ -106,7 +106,7 @@ class BoxSurrogate:
 
 @dataclass
 class _BoxPoints:
-    """Simulated points of the box, and those that cannot be simulated: theta and reason."""
+    """Simulated points of the box, and points that cannot be simulated, with theta and reason."""
 
     problem: Problem
     evaluator: Evaluator
@@ -119,7 +119,7 @@ class _BoxPoints:
     failures: list[tuple[Floats, str]] = field(default_factory=list[tuple[Floats, str]])
 
     def add(self, z: Floats) -> int:
-        """Simulate points z (n, size); how many of them could be."""
+        """Simulate points z (n, size); returns the number of successes."""
         before = len(self.z)
         proposals = [Proposal(self.n + i, self.problem.space.to_model(one)) for i, one in enumerate(z)]
         for one, (_, found) in zip(z, self.evaluator.evaluate(proposals), strict=True):
@@ -173,7 +173,7 @@ class _BoxPoints:
 
 @dataclass(frozen=True)
 class CheckedBox:
-    """A surrogate that was accurate at points which it had not seen.
+    """A surrogate that is accurate at points to which it was not fitted.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ class CheckedBox:
     failures
         theta [SI by label] of each point that cannot be simulated, with the reason.
     facts
-        What was counted, by name.
+        Counts, by name.
     """
 
     surrogate: BoxSurrogate
@@ -245,8 +245,10 @@ def _rounds(size: int, simulations: int, chance: np.random.Generator, checks: in
     """Points to fit and points to check, round by round; every round doubles the points."""
     n, seen = max(fewest_points(size), 2 * size), 0
     while seen + n + checks <= simulations:
+        places = np.array([chance.permutation(n) for _ in range(size)]).T
+        hypercube = (places + chance.random((n, size))) / n
         # Denser at the bounds, where a polynomial is least sure.
-        yield 0.5 - 0.5 * np.cos(np.pi * _latin(size, n, chance)), chance.random((checks, size))
+        yield 0.5 - 0.5 * np.cos(np.pi * hypercube), chance.random((checks, size))
         seen += n + checks
         n = seen
 
@@ -254,12 +256,6 @@ def _rounds(size: int, simulations: int, chance: np.random.Generator, checks: in
 def _scatter(values: Floats) -> float:
     """The standard deviation over points of values (n, m)."""
     return float(np.sqrt(np.mean((values - values.mean(axis=0)) ** 2)))
-
-
-def _latin(size: int, n: int, chance: np.random.Generator) -> Floats:
-    """A Latin hypercube (n, size) in the unit box."""
-    places = np.array([chance.permutation(n) for _ in range(size)]).T
-    return (places + chance.random((n, size))) / n
 
 
 def kind_of(block: Block) -> str:

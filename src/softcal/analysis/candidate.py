@@ -1,4 +1,4 @@
-"""A bench test that could be made: like one of the calibration's, but for what is stated of it."""
+"""A candidate test: a bench test that could be made, like one of the calibration except for what it states."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Candidate(Checked):
     settings
         Parameter of the robot or rig -> its value [SI] in the test, such as the force of a hanging mass.
     repeats
-        How many times it is made.
+        Number of repetitions.
     """
 
     name: str
@@ -88,7 +88,8 @@ def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:
     if candidate.reach is not None and largest > 0.0:
         values = {name: one * (candidate.reach / largest) for name, one in values.items()}
     n = candidate.samples or like.dataset.n_samples
-    values = {name: _resampled(one, n) for name, one in values.items()}
+    share = np.linspace(0.0, 1.0, n)
+    values = {name: np.interp(share, np.linspace(0.0, 1.0, len(old)), old) for name, old in values.items()}
     kept = [_renamed(channel, candidate, like) for channel in like.compared]
     if others:
         # The cable's other channel is compared, in the place of the one that now drives it.
@@ -112,17 +113,28 @@ def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:
 
 
 def own_parameters(candidate: Candidate, like: Experiment, known: tuple[P, ...]) -> dict[str, P]:
-    """Label in the calibration -> the test's own parameter of the same kind: its slack, its offsets.
+    """Label in the calibration -> the test's own parameter of the same kind, such as its slack or its offsets.
 
-    Those of a set-up are shared with the test, and so are all others, but for those of the rig of a cable that is
-    pulled instead of another, where the calibration does not know that one too. known: free or uncertain parameters.
+    The test shares all other parameters with the calibration, those of a set-up too. If it pulls a cable that the
+    calibration does not have, the parameters of that cable's rig are its own.
+
+    Parameters
+    ----------
+    candidate
+        The candidate test.
+    like
+        The experiment that the candidate resembles.
+    known
+        Free or uncertain parameters of the calibration.
     """
     old = _cable(like)
     shared = {target for p in known if p.serves(candidate.name) for target in p.targets}
     found: dict[str, P] = {}
     for p in known:
         is_own = p.experiment == like.name and not p.members
-        of_cable = bool(candidate.cable) and all(_is_of_rig(target, old) for target in p.targets)
+        of_cable = bool(candidate.cable) and all(
+            parameter_name(target).owner == old and rig_kind(target) is not None for target in p.targets
+        )
         if not p.serves(like.name) or not (is_own or of_cable):
             continue
         names = {t: t.replace(f"{old}.", f"{candidate.cable}.", 1) if of_cable else t for t in p.targets}
@@ -135,22 +147,28 @@ def own_parameters(candidate: Candidate, like: Experiment, known: tuple[P, ...])
 
 
 def noise_like(candidate: Candidate, like: Experiment, channel: str) -> str:
-    """The channel of `like` from the same instrument, or ""."""
+    """Channel of `like` from the same instrument; "" if there is none.
+
+    Parameters
+    ----------
+    candidate
+        The candidate test.
+    like
+        The experiment that the candidate resembles.
+    channel
+        Channel of the candidate.
+    """
     return next((old for old in like.compared if _renamed(old, candidate, like) == channel), "")
 
 
-def _is_of_rig(target: str, cable: str) -> bool:
-    return parameter_name(target).owner == cable and rig_kind(target) is not None
-
-
 def _cable(like: Experiment) -> str:
-    """The one cable that is pulled; "" where there is none, or several."""
+    """The cable that is pulled; "" if none or several are."""
     carriers = {like.twin_channel(channel).carrier for channel in like.drives}
     return carriers.pop() if len(carriers) == 1 else ""
 
 
 def _renamed(channel: str, candidate: Candidate, like: Experiment, *, is_drive: bool = False) -> str:
-    """A channel of `like` as that of the candidate's cable; is_drive: with its control."""
+    """A channel of `like` under the name of the candidate's cable; is_drive: and of its control."""
     name = channel_name(channel)
     if candidate.cable and name.carrier == _cable(like) != "":
         name = replace(name, carrier=candidate.cable)
@@ -160,7 +178,7 @@ def _renamed(channel: str, candidate: Candidate, like: Experiment, *, is_drive: 
 
 
 def _commands(candidate: Candidate, like: Experiment, old: str, new: str) -> Floats:
-    """The values of the control: those of `like`, or evenly from nothing to what was measured of it there."""
+    """Values of the control: those of `like`, or evenly spaced from zero to the largest one measured in `like`."""
     values = like.dataset.values(old)
     if channel_name(old).kind == channel_name(new).kind:
         return values
@@ -179,7 +197,3 @@ def _commands(candidate: Candidate, like: Experiment, old: str, new: str) -> Flo
             )
         )
     return np.linspace(0.0, most, len(values) + 1)[1:]
-
-
-def _resampled(values: Floats, n: int) -> Floats:
-    return np.interp(np.linspace(0.0, 1.0, n), np.linspace(0.0, 1.0, len(values)), values)

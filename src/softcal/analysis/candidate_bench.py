@@ -39,7 +39,7 @@ NO_MESH = "The error of the mesh is not included, as in the calibration."
 class Plan:
     """A candidate as an experiment.
 
-    own: label of the calibration -> the test's own parameter of that kind; errs: the same of uncertain parameters.
+    own: label of the calibration -> the test's own parameter of that kind; errs: the same for uncertain parameters.
     """
 
     candidate: Candidate
@@ -65,7 +65,16 @@ class Simulated:
 
 
 def planned(problem: Problem, theta: Mapping[str, float], candidate: Candidate) -> Plan:
-    """A candidate as an experiment, for a problem at theta [SI by label].
+    """A candidate as an experiment, checked to be possible.
+
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    theta
+        Values [SI] by label of the free parameters.
+    candidate
+        The candidate test.
 
     Raises
     ------
@@ -86,14 +95,31 @@ def planned(problem: Problem, theta: Mapping[str, float], candidate: Candidate) 
             allowed = f"noise: {{{channel}: …}}"
             raise InputError(Fault(f"the noise of '{channel}' is not known", candidate.name, allowed=allowed))
     whole, values = joined(problem, theta, [plan])
-    _require_possible(whole, values, test)
+    fixed = whole.space.values_for(test.name, values)
+    rig = {name: fixed.get(name, value) for name, value in test.rig_values().items()}
+    known = robot_parameters(whole.robot)
+    robot = with_shape(whole.robot, {k: v for k, v in {**test.settings, **fixed}.items() if k in known})
+    faults = command_faults(robot, protocol_told(robot, test, rig))
+    if any(test.twin_channel(channel).kind == SHORTENING for channel in test.drives):
+        faults += slack_faults(replace(test, settings={**test.settings, **rig}))
+    if faults:
+        raise InputError(faults)
     return plan
 
 
 def joined(problem: Problem, theta: Mapping[str, float], plans: Sequence[Plan]) -> tuple[Problem, dict[str, float]]:
-    """The problem with the candidates among its experiments, and theta with their own parameters.
+    """Problem with the candidates among its experiments, and theta with their own parameters.
 
-    It is judged by a loss that accepts every channel: only the derivatives are of interest.
+    Its loss accepts every channel: only the derivatives are of interest.
+
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    theta
+        Values [SI] by label of the free parameters.
+    plans
+        The candidates as experiments.
     """
 
     def shared(known: Sequence[P]) -> tuple[P, ...]:
@@ -117,8 +143,20 @@ def simulated(
     mesh_error: bool = True,
     workers: int | Executor = 1,
 ) -> Simulated:
-    """The problem's experiments and all candidates, at once; mesh_error: with the error of the mesh in each; workers:
-    an executor, or a number of processes, which share the trajectories.
+    """Simulate the problem's experiments and all candidates, at once.
+
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    theta
+        Values [SI] by label of the free parameters.
+    plans
+        The candidates as experiments.
+    mesh_error
+        Include the error of the mesh, by one more simulation on a finer mesh.
+    workers
+        Executor, or number of processes, which share the trajectories.
 
     Raises
     ------
@@ -202,7 +240,7 @@ def _estimated(
 
 
 def _with_changes(rows: Mapping[str, Sequence[Row]], changes: Mapping[tuple[str, str], Floats]) -> dict[str, list[Row]]:
-    """The rows with the change on the finer mesh as that of one more uncertain parameter."""
+    """Rows with the change on the finer mesh as the derivative by one more uncertain parameter."""
 
     def changed(block: Block) -> Block:
         change = changes[block.experiment, block.channel][:, None]
@@ -213,7 +251,17 @@ def _with_changes(rows: Mapping[str, Sequence[Row]], changes: Mapping[tuple[str,
 
 
 def base_blocks(problem: Problem, theta: Mapping[str, float], rows: Mapping[str, Sequence[Row]]) -> list[Block]:
-    """The blocks of the problem's own experiments and priors, with their jacobians."""
+    """Blocks of the problem's own experiments and priors, with their jacobians.
+
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    theta
+        Values [SI] by label of the free parameters.
+    rows
+        Blocks and derivatives of each experiment and candidate.
+    """
     labels = problem.space.labels
     found = [
         replace(block, jacobian=np.column_stack([by[label] for label in labels]))
@@ -224,7 +272,19 @@ def base_blocks(problem: Problem, theta: Mapping[str, float], rows: Mapping[str,
 
 
 def added_test(problem: Problem, slopes: Floats, plan: Plan, rows: Sequence[Row]) -> AddedTest:
-    """A simulated candidate in the unit box of the search, where d theta / dz is `slopes`."""
+    """A simulated candidate in the unit box of the search.
+
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    slopes
+        d theta / dz (size,) of the parameters by the unit box.
+    plan
+        The candidate as an experiment.
+    rows
+        Blocks and derivatives of the candidate.
+    """
     space, own = problem.space, plan.own
     per = dict(zip(space.labels, slopes, strict=True))
     # A parameter without an effect, such as the offset of an angle that is not measured, is none of the test.
@@ -236,16 +296,16 @@ def added_test(problem: Problem, slopes: Floats, plan: Plan, rows: Sequence[Row]
         known, sigma = _noise(problem, plan, block.channel) or (None, None)
         channels.append(
             AddedChannel(
-                block.channel,
-                np.column_stack([by.get(label, zeros) * slope for label, slope in per.items()]),
-                np.column_stack([zeros, *(by[own[old].label] * per[old] for old in held)])[:, 1:],
-                known,
-                sigma,
-                plan.candidate.better.get(block.channel, 1.0),
-                counts(problem, plan, block.channel),
-                block.systematic,
-                np.column_stack([zeros, *(by[p.label] for p in own_errs)])[:, 1:],
-                block.drift,
+                name=block.channel,
+                answer=np.column_stack([by.get(label, zeros) * slope for label, slope in per.items()]),
+                own=np.column_stack([zeros, *(by[own[old].label] * per[old] for old in held)])[:, 1:],
+                like=known,
+                sigma=sigma,
+                better=plan.candidate.better.get(block.channel, 1.0),
+                counted=counts(problem, plan, block.channel),
+                systematic=block.systematic,
+                own_systematic=np.column_stack([zeros, *(by[p.label] for p in own_errs)])[:, 1:],
+                drift=block.drift,
             )
         )
     priors = [
@@ -257,15 +317,25 @@ def added_test(problem: Problem, slopes: Floats, plan: Plan, rows: Sequence[Row]
 
 
 def counts(problem: Problem, plan: Plan, channel: str) -> bool:
-    """Whether the loss has a weight for a channel; a position is judged with the other coordinates of its point."""
+    """True if the loss has a weight for a channel; a position counts together with the other coordinates of its point.
+
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    plan
+        The candidate as an experiment.
+    channel
+        Channel of the candidate.
+    """
     test = plan.test
     point = test.point_of(channel)
     return not problem.loss.faults([replace(test, compared=test.parts_of(point) if point else (channel,))])
 
 
 def _noise(problem: Problem, plan: Plan, channel: str) -> tuple[tuple[str, str] | None, float | None] | None:
-    """The experiment and channel whose noise a channel has, and its own [SI] where that is another; None where neither
-    is known.
+    """Experiment and channel with the same instrument, and the stated noise [SI] if it differs from theirs; None if
+    neither is known.
     """
     sigma = plan.candidate.noise.get(channel)
     own = noise_like(plan.candidate, plan.like, channel)
@@ -280,16 +350,3 @@ def _noise(problem: Problem, plan: Plan, channel: str) -> tuple[tuple[str, str] 
     stated = [c.sigma for name, c in plan.like.dataset.channels.items() if plan.like.twin_channel(name) == twin]
     sigma = sigma or max(stated, default=0.0) or twin.kind.noise
     return (None, sigma) if sigma else None
-
-
-def _require_possible(problem: Problem, theta: Mapping[str, float], test: Experiment) -> None:
-    """Raise an InputError where no cable can follow the commands of a test."""
-    own = problem.space.values_for(test.name, theta)
-    rig = {name: own.get(name, value) for name, value in test.rig_values().items()}
-    known = robot_parameters(problem.robot)
-    robot = with_shape(problem.robot, {k: v for k, v in {**test.settings, **own}.items() if k in known})
-    faults = command_faults(robot, protocol_told(robot, test, rig))
-    if any(test.twin_channel(channel).kind == SHORTENING for channel in test.drives):
-        faults += slack_faults(replace(test, settings={**test.settings, **rig}))
-    if faults:
-        raise InputError(faults)

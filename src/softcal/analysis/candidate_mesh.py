@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softcal.calibration.experiment import Experiment
+from softcal.calibration.local_model import jacobian_of
 from softcal.calibration.loss import Block
 from softcal.calibration.mesh_error import on_finer_mesh, unknown
 from softcal.calibration.problem import Evaluation, Problem
@@ -29,7 +30,7 @@ _UNIFORM = 12.0  # one over the variance of a uniform distribution over the unit
 
 @dataclass(frozen=True)
 class MeshChange:
-    """How predictions change on a finer mesh.
+    """Change of predictions on a finer mesh.
 
     Attributes
     ----------
@@ -48,7 +49,19 @@ class MeshChange:
 
 
 def mesh_change(whole: Problem, theta: Mapping[str, float], found: Evaluation, candidates: Sequence[str]) -> MeshChange:
-    """The change of the predictions `found` of a problem whose experiments include candidates, on a finer mesh."""
+    """Change of the predictions on a finer mesh.
+
+    Parameters
+    ----------
+    whole
+        Problem whose experiments include the candidates.
+    theta
+        Values [SI] by label of the free parameters.
+    found
+        Its evaluation at theta.
+    candidates
+        Names of the candidates.
+    """
     own = [e.name for e in whole.experiments if e.name not in candidates]
     plain = _on_paths_of(own, whole, theta)
     turned = {
@@ -80,12 +93,20 @@ def mesh_change(whole: Problem, theta: Mapping[str, float], found: Evaluation, c
 def step_of_parameters(
     blocks: Sequence[Block], weights: Sequence[Floats], changes: Sequence[Floats], slopes: Floats
 ) -> Floats:
-    """The step (size,) [SI] of the parameters with the effect of the finer mesh on the experiments.
+    """Step (size,) [SI] of the parameters by the effect of the finer mesh on the experiments.
 
-    blocks: of the experiments, with jacobians; weights: of their squares by the loss; changes: on the finer mesh;
-    slopes: d theta / dz.
+    Parameters
+    ----------
+    blocks
+        Blocks of the experiments, with jacobians.
+    weights
+        Weights (n,) of the squares in the loss, by block.
+    changes
+        Changes (n,) of the predictions on the finer mesh, by block.
+    slopes
+        d theta / dz (size,) of the parameters by the unit box.
     """
-    rows = [np.sqrt(w)[:, None] * _jacobian(block) * slopes for block, w in zip(blocks, weights, strict=True)]
+    rows = [np.sqrt(w)[:, None] * jacobian_of(block) * slopes for block, w in zip(blocks, weights, strict=True)]
     answer = np.concatenate(rows)
     wanted = np.concatenate([np.sqrt(w) * change for w, change in zip(weights, changes, strict=True)])
     bounds = _UNIFORM * _UNEXPLAINED**2 * float(wanted @ wanted) * np.eye(len(slopes))
@@ -99,7 +120,7 @@ def _on_paths_of(own: Sequence[str], problem: Problem, theta: Mapping[str, float
 
 
 def _by_other_control(test: Experiment, predicted: Mapping[str, Floats]) -> Experiment | None:
-    """A pull by the shortening that a prescribed tension leads to, or the reverse; None where that is not unique."""
+    """Pull by the shortening that a prescribed tension causes, or the reverse; None if that is not unique."""
     if len(test.drives) != 1:
         return None
     driver = test.drives[0]
@@ -125,7 +146,7 @@ def _by_other_control(test: Experiment, predicted: Mapping[str, Floats]) -> Expe
 def _at_equal_control(
     test: Experiment, predicted: Mapping[str, Floats], turned: Experiment, finer: Mapping[str, Floats]
 ) -> dict[tuple[str, str], Floats]:
-    """The changes of a test at equal values of what drives it; finer: the predictions for the turned test."""
+    """Changes of a test at equal values of its drive; finer: predictions for the turned test."""
     from scipy.interpolate import PchipInterpolator
 
     driver = test.drives[0]
@@ -137,9 +158,3 @@ def _at_equal_control(
         (test.name, channel): PchipInterpolator(along, path[channel])(values) - predicted[channel]
         for channel in test.compared
     }
-
-
-def _jacobian(block: Block) -> Floats:
-    if block.jacobian is None:
-        raise ValueError(f"the block '{block.channel}' has no jacobian")
-    return block.jacobian

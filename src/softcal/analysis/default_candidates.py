@@ -22,11 +22,11 @@ HANGING = 0.1  # of the largest tension
 
 
 def default_candidates(problem: Problem) -> list[Candidate]:
-    """Tests that a bench like the one of the problem could make next.
+    """Tests that the problem's bench could make next.
 
-    Of the furthest pull of each cable: again, further, less far. Of the furthest of all besides: by the cable's other
-    control; with a sensor more, of those that the robot's parts have; with a sensor five times better; with heavier
-    loads. And the cables that were not pulled, as far as that one.
+    For the furthest pull of each cable: again, further, less far. For the furthest pull of all: by the cable's other
+    control; with an additional sensor of the kinds that the robot's parts have; with a sensor five times better; with
+    heavier loads. And cables that were not pulled, as far as that pull.
     """
     references = _references(problem.experiments)
     found = [one for like in references for one in _pulls(like)]
@@ -70,7 +70,7 @@ def _pulls(like: Experiment) -> Iterable[Candidate]:
 
 
 def _other_control(like: Experiment) -> Iterable[Candidate]:
-    """By tension instead of shortening, or the reverse, where the bench has measured how far that goes."""
+    """The pull by tension instead of shortening, or the reverse, if the bench has measured how far that goes."""
     if len(like.drives) != 1:
         return
     driven = like.twin_channel(like.drives[0])
@@ -80,7 +80,9 @@ def _other_control(like: Experiment) -> Iterable[Candidate]:
 
 
 def _more_sensors(robot: Robot, like: Experiment) -> Iterable[Candidate]:
-    """A channel of each driven cable, the angles of each plate and the positions of all markers, where not compared."""
+    """Pulls with a channel of each driven cable, the angles of each plate and the positions of all markers, unless
+    compared.
+    """
     seen = {like.twin_channel(channel) for channel in (*like.compared, *like.drives)}
     for channel in like.drives:
         driven = like.twin_channel(channel)
@@ -103,7 +105,7 @@ def _measured(name: str, like: Experiment, channels: Sequence[ChannelName]) -> C
 
 
 def _better_sensors(like: Experiment) -> Iterable[Candidate]:
-    """Each instrument five times better: that of positions, or of any other kind of channel."""
+    """Pulls with an instrument five times better: that of positions, or of any other kind of channel."""
     kinds: dict[str, list[str]] = {}
     for channel in like.compared:
         kind = like.twin_channel(channel).kind
@@ -114,7 +116,9 @@ def _better_sensors(like: Experiment) -> Iterable[Candidate]:
 
 
 def _heavier(problem: Problem, like: Experiment) -> Iterable[Candidate]:
-    """Twice the largest load of the experiments, or a mass on the last plate of a tenth of the largest tension."""
+    """A pull with twice the largest load of the experiments, or with a mass on the last plate, of a tenth of the
+    largest tension.
+    """
     free = set(problem.space.targets)
     names = [f"{load.name}.force" for load in problem.robot.loads if isinstance(load, PointLoad)]
     known = robot_parameters(problem.robot)
@@ -137,7 +141,7 @@ def _heavier(problem: Problem, like: Experiment) -> Iterable[Candidate]:
 
 
 def _other_cables(problem: Problem, pulled: Sequence[Experiment], like: Experiment) -> Iterable[Candidate]:
-    """Cables that no experiment pulls."""
+    """Pulls of cables that no experiment pulls."""
     if len(like.drives) != 1:
         return
     known = {experiment.twin_channel(channel).carrier for experiment in pulled for channel in experiment.drives}

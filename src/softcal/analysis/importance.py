@@ -1,4 +1,4 @@
-"""Which parameter decides which output over the search box: Sobol indices of the loss and of every kind of channel.
+"""Importance of parameters over the search box: Sobol indices of the loss and of every kind of channel.
 
 The parameters are independent and uniform within their bounds, on the scale of the search, as they are for fANOVA
 (`calibration/fanova.py`), which explains the losses of the trials. The twin is evaluated by its surrogate over the box.
@@ -10,7 +10,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from softcal.analysis.box_surrogate import CheckedBox, checked_box
+from softcal.analysis.box_surrogate import checked_box
 from softcal.analysis.sobol import Index, box_points, sobol_indices
 from softcal.calibration.likelihood_points import Observer
 from softcal.calibration.parameters import Scale
@@ -80,7 +80,7 @@ class ImportanceStudy:
     notes
         Remarks, sentences.
     facts
-        What was counted, by name.
+        Counts, by name.
     wall_s
         Wall time [s].
     fanova
@@ -149,27 +149,22 @@ def importance_study(
     box = checked_box(problem, simulations=simulations, seed=seed, workers=workers, progress=progress)
     outputs: dict[str, OutputImportance] = {}
     points = box_points(space.size, seed)
-    still: list[str] = []
+    notes: list[str] = []
     for name, values in box.surrogate.turned_outputs(points).items():
         if not box.surrogate.varies(name, values):
-            still.append(f"The {name} does not change with any of the parameters.")
+            notes.append(f"The {name} does not change with any of the parameters.")
             continue
         found = sobol_indices(values, space.size, box.error[name])
         pairs = tuple(Pair((space.labels[i], space.labels[j]), index) for i, j, index in found.pairs)
         first, total = (dict(zip(space.labels, held, strict=True)) for held in (found.first, found.total))
         outputs[name] = OutputImportance(first, total, pairs, box.error[name])
     ranges = {p.label: Range(p.lower, p.upper, p.unit, p.scale) for p in space.parameters}
+    if box.failures:
+        theta, reason = box.failures[0]
+        at = ", ".join(f"{label} {format_quantity(value, ranges[label].unit)}" for label, value in theta.items())
+        notes.append(
+            f"The twin cannot be simulated at {len(box.failures)} of {box.facts['evaluations']:.0f} points within the "
+            f"bounds, where its surrogate is extrapolated. The first is {at}: {reason}"
+        )
     facts = {**box.facts, "points of the surrogate": float(len(points))}
-    return ImportanceStudy(outputs, ranges, (*still, *_failed(box, ranges)), facts, time.perf_counter() - began)
-
-
-def _failed(box: CheckedBox, ranges: Mapping[str, Range]) -> tuple[str, ...]:
-    """The note on points that cannot be simulated."""
-    if not box.failures:
-        return ()
-    theta, reason = box.failures[0]
-    at = ", ".join(f"{label} {format_quantity(value, ranges[label].unit)}" for label, value in theta.items())
-    return (
-        f"The twin cannot be simulated at {len(box.failures)} of {box.facts['evaluations']:.0f} points within the "
-        f"bounds, and there counts as its surrogate continues it. The first is {at}: {reason}",
-    )
+    return ImportanceStudy(outputs, ranges, tuple(notes), facts, time.perf_counter() - began)

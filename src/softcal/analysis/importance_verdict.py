@@ -1,4 +1,4 @@
-"""Sentences on what decides each output, and how indices are written."""
+"""Sentences on the importance of parameters, and Sobol indices as text."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _NAMED = 3  # parameters of a sentence
 
 
 def index_text(index: Index) -> str:
-    """An index with its error, or below what it is where it cannot be distinguished from zero."""
+    """An index with its error; an upper bound if it cannot be distinguished from zero."""
     if not index.is_known or index.most < _SHOWN:
         return f"< {_up(index.most, _places(index.most))}"
     places = _places(index.error)
@@ -22,7 +22,7 @@ def index_text(index: Index) -> str:
 
 
 def importance_sentences(study: ImportanceStudy) -> tuple[str, ...]:
-    """What decides each output; which parameters act only together; which have no effect worth a word."""
+    """Sentences on the parameters that decide each output, act only together, or have no effect worth a word."""
     found = tuple(text for name, output in study.outputs.items() for text in _of_output(name, output))
     inert = [
         label

@@ -12,9 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment
 from softcal.calibration.fingerprint import fingerprint
-from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Problem, Simulate
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
@@ -43,20 +41,15 @@ class LossGrid:
 
 
 def scales_with_modulus(problem: Problem) -> bool:
-    """Whether tensions are proportional to the single Young's modulus and all other channels independent of it."""
+    """True if tensions are proportional to the single Young's modulus and all other channels independent of it."""
     robot = problem.robot
     return (
         len(robot.bodies) == 1
         and not robot.rods
         and robot.bodies[0].law in PROPORTIONAL_LAWS
         and is_proportional(robot, parameter_values(robot))
-        and all(_is_pulled_in(experiment) for experiment in problem.experiments)
+        and all([test.twin_channel(c).kind for c in test.drives] == [SHORTENING] for test in problem.experiments)
     )
-
-
-def _is_pulled_in(experiment: Experiment) -> bool:
-    """Whether a single cable is driven, by its shortening."""
-    return [experiment.twin_channel(c).kind for c in experiment.drives] == [SHORTENING]
 
 
 def loss_over(problem: Problem, theta: Mapping[str, float], x: str, y: str, shape: tuple[int, int]) -> LossGrid:
@@ -74,7 +67,11 @@ def loss_over(problem: Problem, theta: Mapping[str, float], x: str, y: str, shap
     KeyError
         For a label that is no free parameter.
     """
-    xs, ys = (_axis(problem.space, label, n) for label, n in ((x, shape[0]), (y, shape[1])))
+    parameters = {p.label: p for p in problem.space.parameters}
+    xs, ys = (
+        (np.geomspace if p.scale == "log" else np.linspace)(p.lower, p.upper, n)
+        for p, n in zip((parameters[x], parameters[y]), shape, strict=True)
+    )
     loss = np.full((len(ys), len(xs)), np.nan)
     for i, value_y in enumerate(ys):
         for j, value_x in enumerate(xs):
@@ -111,46 +108,28 @@ class ProportionalTwin:
         ParameterError
             For a protocol or sensitivities that cannot be obtained by scaling.
         """
+        from scipy.interpolate import CubicHermiteSpline
+
         values = parameter_values(robot, theta)
         modulus = values[f"{robot.bodies[0].name}.youngs_modulus"]
         if sensitivities or snapshots or [c.control for c in protocol.commands.values()] != ["shortening"]:
             raise ParameterError(Fault("only the channels of one cable driven by shortening can be scaled"))
         ((cable, command),) = protocol.commands.items()
-        solved_at, response = self._shape(robot, cable, values)
+        key = fingerprint([cable, {k: value for k, value in values.items() if not k.endswith("youngs_modulus")}])
+        if key not in self.solved:
+            pull = Command("shortening", np.linspace(0.0, self.reach, SAMPLES))
+            self.solved[key] = modulus, self.solve(robot, Protocol({cable: pull}), values)
+        solved_at, response = self.solved[key]
         if not response.succeeded:  # its samples are not those of the protocol
             return replace(response, channels={}, slopes={}, samples=())
         grid = response.channels[str(ChannelName(SHORTENING, cable))]
         channels: dict[str, Floats] = {}
         for name, values in response.channels.items():
             slopes = response.slopes.get(name)
-            read = (
-                np.interp(command.values, grid, values) if slopes is None else _hermite(grid, values, slopes, command)
-            )
-            channels[name] = read * (modulus / solved_at) if channel_name(name).kind.is_force else read
+            if slopes is None:
+                at_command = np.interp(command.values, grid, values)
+            else:
+                spline = CubicHermiteSpline(grid, values, slopes)
+                at_command = np.asarray(spline(command.values), dtype=np.float64)
+            channels[name] = at_command * (modulus / solved_at) if channel_name(name).kind.is_force else at_command
         return replace(response, channels=channels, slopes={})
-
-    def _shape(self, robot: Robot, cable: str, values: Mapping[str, float]) -> tuple[float, Response]:
-        others = {name: value for name, value in values.items() if not name.endswith("youngs_modulus")}
-        key = fingerprint([cable, others])
-        if key not in self.solved:
-            command = Command("shortening", np.linspace(0.0, self.reach, SAMPLES))
-            self.solved[key] = (
-                values[f"{robot.bodies[0].name}.youngs_modulus"],
-                self.solve(robot, Protocol({cable: command}), values),
-            )
-        return self.solved[key]
-
-
-def _hermite(grid: Floats, values: Floats, slopes: Floats, command: Command) -> Floats:
-    from scipy.interpolate import CubicHermiteSpline
-
-    return np.asarray(CubicHermiteSpline(grid, values, slopes)(command.values), dtype=np.float64)
-
-
-def _axis(space: SearchSpace, label: str, n: int) -> Floats:
-    parameter = next((p for p in space.parameters if p.label == label), None)
-    if parameter is None:
-        raise KeyError(label)
-    if parameter.scale == "log":
-        return np.geomspace(parameter.lower, parameter.upper, n)
-    return np.linspace(parameter.lower, parameter.upper, n)

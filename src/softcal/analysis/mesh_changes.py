@@ -65,7 +65,19 @@ def grouped(blocks: Sequence[Block]) -> dict[tuple[str, str], list[int]]:
 def changes_between(
     problem: Problem, old: Sequence[Block], new: Sequence[Block], orders: Mapping[tuple[str, str], float]
 ) -> tuple[Change, ...]:
-    """Changes by another discretisation's blocks; orders: orders of convergence by experiment and channel."""
+    """Changes of all channels by another discretisation.
+
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    old
+        Blocks of the original discretisation.
+    new
+        Blocks of the other one.
+    orders
+        Orders of convergence by experiment and channel.
+    """
     units = {(e.name, channel): e.dataset.channels[channel].unit for e in problem.experiments for channel in e.compared}
     found: list[Change] = []
     for (experiment, name), members in grouped(old).items():
@@ -77,16 +89,16 @@ def changes_between(
         size_squared = float(np.sum(before**2))
         found.append(
             Change(
-                experiment,
-                name,
-                units[experiment, old[members[0]].channel],
-                _distance(change),
-                None if is_place or size_squared == 0.0 else float(np.sum(change * before)) / size_squared,
-                _distance(noise) if np.all(np.isfinite(noise)) and np.any(noise > 0.0) else None,
-                _distance(residual),
-                _distance(before),
-                change.shape[1],
-                orders.get((experiment, name)),
+                experiment=experiment,
+                name=name,
+                unit=units[experiment, old[members[0]].channel],
+                rms=_distance(change),
+                share=None if is_place or size_squared == 0.0 else float(np.sum(change * before)) / size_squared,
+                noise=_distance(noise) if np.all(np.isfinite(noise)) and np.any(noise > 0.0) else None,
+                residual=_distance(residual),
+                magnitude=_distance(before),
+                n=change.shape[1],
+                order=orders.get((experiment, name)),
             )
         )
     return tuple(found)

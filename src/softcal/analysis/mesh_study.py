@@ -265,7 +265,7 @@ _Plan = tuple[str, str, Robot, int]
 
 @dataclass(frozen=True)
 class _Plans:
-    """What the discretisations of a study have in common, and the plan of each."""
+    """Model common to all discretisations of a study, and the plan of each."""
 
     model: _Model
     plans: Sequence[_Plan]
@@ -273,12 +273,30 @@ class _Plans:
     max_unknowns: int
 
     def simulated(self, k: int, observer: Callable[[int, int | None], None]) -> tuple[Finer, Evaluation | None]:
-        """Discretisation k."""
-        return _simulated(self.model, self.plans[k], self.theta, self.max_unknowns, observer)
+        """Simulate discretisation k."""
+        plan = self.plans[k]
+        name, what, robot, n = plan
+        one = Finer(name, what, size(robot, n))
+        if one.size is not None and one.size.unknowns > self.max_unknowns:
+            failure = f"It would have {one.size.unknowns:,} unknowns, more than the limit of {self.max_unknowns:,}."
+            return replace(one, failure=failure), None
+        began = time.perf_counter()
+        try:
+            for _ in range(n):
+                robot = halved(robot)
+            found = _evaluated(self.model.problem, robot, self.theta, observer, self.model.base.n_solves)
+        except MeshError as error:
+            return replace(one, failure=str(error)), None
+        cost = replace(one, n_factorisations=found.n_factorisations, seconds=time.perf_counter() - began)
+        if found.loss is None:
+            return replace(cost, failure=found.failure), None
+        return self.model.judged(found.blocks, cost, {}), found
 
 
 def _each_simulated(executor: Executor, plans: _Plans, observer: Observer) -> list[tuple[Finer, Evaluation | None]]:
-    """Every discretisation; the observer is told of each trajectory here, and of whole ones where others work."""
+    """Simulate every discretisation; the observer is called for each trajectory in this process, or for each
+    discretisation with other workers.
+    """
     names = [name for name, *_ in plans.plans]
     if executor.alone:
         return [plans.simulated(k, partial(observer, name)) for k, name in enumerate(names)]
@@ -292,31 +310,6 @@ def _each_simulated(executor: Executor, plans: _Plans, observer: Observer) -> li
 
 def _simulated_there(plans: _Plans, k: int) -> tuple[Finer, Evaluation | None]:
     return plans.simulated(k, lambda done, of: None)
-
-
-def _simulated(
-    model: _Model,
-    plan: _Plan,
-    theta: Mapping[str, float],
-    max_unknowns: int,
-    observer: Callable[[int, int | None], None],
-) -> tuple[Finer, Evaluation | None]:
-    name, what, robot, n = plan
-    one = Finer(name, what, size(robot, n))
-    if one.size is not None and one.size.unknowns > max_unknowns:
-        failure = f"It would have {one.size.unknowns:,} unknowns, more than the limit of {max_unknowns:,}."
-        return replace(one, failure=failure), None
-    began = time.perf_counter()
-    try:
-        for _ in range(n):
-            robot = halved(robot)
-        found = _evaluated(model.problem, robot, theta, observer, model.base.n_solves)
-    except MeshError as error:
-        return replace(one, failure=str(error)), None
-    cost = replace(one, n_factorisations=found.n_factorisations, seconds=time.perf_counter() - began)
-    if found.loss is None:
-        return replace(cost, failure=found.failure), None
-    return model.judged(found.blocks, cost, {}), found
 
 
 def _evaluated(
@@ -366,7 +359,7 @@ def _limit(model: _Model, once: Evaluation, twice: Evaluation) -> Finer | None:
 
 
 def _extrapolated(before: Block, after: Block, share: float) -> Block:
-    """The last block plus a share of the last change; the same for its derivatives."""
+    """The last block plus a share of the last change; likewise its derivatives."""
     jacobian = after.jacobian
     if jacobian is not None and before.jacobian is not None:
         jacobian = jacobian + share * (jacobian - before.jacobian)

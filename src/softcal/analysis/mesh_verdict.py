@@ -36,7 +36,15 @@ def mesh_verdicts(study: MeshStudy) -> tuple[MeshVerdict, ...]:
     if not found:
         found = [MeshVerdict("No parameter of the robot was free, so none is biased by the mesh.", "note")]
     if any(one.tone == "warning" for one in found):
-        found.append(MeshVerdict(_advice(study), "warning"))
+        remedies: list[str] = []
+        if any(element != study.element for element in study.elements):
+            remedies.append(f"{study.element} elements")
+        if study.elements:
+            remedies.append("a finer mesh")
+        if study.size.rod_elements:
+            remedies.append("more elements along the rods")
+        text = f"This error exceeds the noise: use {' or '.join(remedies)}, and calibrate again."
+        found.append(MeshVerdict(text, "warning"))
     return tuple(found)
 
 
@@ -101,14 +109,3 @@ def _verdict(label: str, study: MeshStudy, best: Finer) -> MeshVerdict:
     size = abs(errors)
     tone: Tone = "warning" if size > DECIDES else "note"
     return MeshVerdict(f"{text} That is {times_text(size)} times its standard error {_COUNTS}.", tone)
-
-
-def _advice(study: MeshStudy) -> str:
-    what: list[str] = []
-    if any(element != study.element for element in study.elements):
-        what.append(f"{study.element} elements")
-    if study.elements:
-        what.append("a finer mesh")
-    if study.size.rod_elements:
-        what.append("more elements along the rods")
-    return f"This error exceeds the noise: use {' or '.join(what)}, and calibrate again."

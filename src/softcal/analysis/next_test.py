@@ -31,7 +31,7 @@ from softcal.units import format_quantity
 @displayed
 @dataclass(frozen=True)
 class Outlook:
-    """What is expected of a candidate.
+    """Expected effect of a candidate test on the estimates.
 
     Attributes
     ----------
@@ -67,9 +67,9 @@ class NextTests:
     parameter, unit, value, interval
         Label, SI unit, estimate, and present 95 % interval (None: it has none).
     outlooks
-        What is expected of each candidate; those that cannot be simulated come last.
+        Expected effect of each candidate; candidates that cannot be simulated come last.
     notes
-        What the intervals assume.
+        Assumptions of the intervals.
     n_solves
         Number of simulated trajectories.
     """
@@ -108,11 +108,22 @@ def next_tests(
     mesh_error: bool = True,
     workers: int | Executor = 1,
 ) -> NextTests:
-    """Rank candidates for a problem at its minimum theta [SI by label].
+    """Rank candidates for a problem at its minimum theta.
 
-    parameter: label of the one whose interval counts; by default the first of the robot. mesh_error: whether the
-    intervals include the error of the mesh, by one more simulation on a finer one. workers: an executor, or a number of
-    processes, which share the trajectories.
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    theta
+        Values [SI] by label of the free parameters.
+    candidates
+        The candidate tests.
+    parameter
+        Label of the parameter whose interval counts; by default the first parameter of the robot.
+    mesh_error
+        Include the error of the mesh, by one more simulation on a finer mesh.
+    workers
+        Executor, or number of processes, which share the trajectories.
 
     Raises
     ------
@@ -143,13 +154,13 @@ def next_tests(
     ]
     ranked = sorted(found, key=lambda one: (bool(one[0].failure), one[1]))
     return NextTests(
-        label,
-        problem.space.parameters[labels.index(label)].unit,
-        theta[label],
-        present.interval,
-        tuple(one for one, _ in ranked),
-        tuple(present.notes([plan for name, plan in plans.items() if name not in failures])),
-        seen.n_solves,
+        parameter=label,
+        unit=problem.space.parameters[labels.index(label)].unit,
+        value=theta[label],
+        interval=present.interval,
+        outlooks=tuple(one for one, _ in ranked),
+        notes=tuple(present.notes([plan for name, plan in plans.items() if name not in failures])),
+        n_solves=seen.n_solves,
     )
 
 
@@ -163,7 +174,7 @@ def _is_of_robot(parameter: FreeParameter) -> bool:
 
 
 class _Present:
-    """The calibration as it is, in the unit box, with the parameter in column j."""
+    """The present calibration, in the unit box, with the parameter in column j."""
 
     def __init__(self, problem: Problem, theta: Mapping[str, float], seen: Simulated, j: int) -> None:
         space = problem.space
@@ -182,7 +193,7 @@ class _Present:
         self.interval, self._length = self._reach(self._found, self._found.minimum)
 
     def outlook(self, plan: Plan) -> tuple[Outlook, float]:
-        """What is expected of a candidate, and the length of the interval in the unit box."""
+        """Expected effect of a candidate, and the length of its interval in the unit box."""
         added = added_test(self._problem, self._slopes, plan, self._rows[plan.test.name])
         after = with_added_test(
             self._problem.loss, self._blocks, self._slopes, self._serves, self._found, added, self._uncertain
@@ -192,7 +203,7 @@ class _Present:
         return Outlook(plan.candidate, interval, share, self._joint(after)), length
 
     def notes(self, plans: Sequence[Plan]) -> Iterable[str]:
-        """What the intervals assume."""
+        """Assumptions of the intervals."""
         parameter = self._problem.space.parameters[self._j]
         between = next((one for one in self._found.between if one.column == self._j), None)
         if len(self._problem.experiments) == 1:
@@ -248,7 +259,7 @@ class _Present:
         return interval, float(2.0 * student(one.dof[known])[at] * errors[at])
 
     def _joint(self, after: ExpectedEstimates) -> float | None:
-        """The robot's parameters together: standard errors expected over those of the present."""
+        """Expected standard errors of all the robot's parameters over the present ones."""
         known = ~(_mixed(self._found) | _mixed(after))
         columns = [j for j, p in enumerate(self._problem.space.parameters) if _is_of_robot(p) and known[j]]
         if not columns:

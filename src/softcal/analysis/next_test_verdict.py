@@ -1,4 +1,4 @@
-"""Which test to make next, in words."""
+"""Sentences on the test to make next."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ _LITTLE = 0.95  # of the present length: a shorter interval is worth a sentence
 
 
 def interval_text(interval: tuple[float, float], unit: str) -> str:
-    """Ends of an interval [SI] in words, with four digits, or as many as tell them apart."""
+    """Ends of an interval [SI] as text, with four digits, or as many as distinguish them."""
     return format_range(*interval, unit, digits=digits_that_tell(*interval))
 
 
 def verdict(found: NextTests) -> str:
-    """The best candidate, and what is expected of it."""
+    """The best candidate and its expected interval, as a sentence."""
     best = found.best
     if best is None:
         return f"No candidate would give {found.parameter} an interval."

@@ -49,7 +49,8 @@ def nominal(problem: Problem) -> Nominal:
     """
     held, theta = _as_it_is(problem)
     found = held.evaluate(theta)
-    present = _present(problem)
+    values = {p.label: {problem.known[target].value for target in p.targets} for p in problem.space.parameters}
+    present = {label: targets.pop() for label, targets in values.items() if len(targets) == 1}
     if found.loss is None:
         return Nominal(None, found.failure, present)
     fits = {e.name: experiment_fit(e, found.observations[e.name]) for e in problem.experiments}
@@ -57,7 +58,7 @@ def nominal(problem: Problem) -> Nominal:
 
 
 def _as_it_is(problem: Problem) -> tuple[Problem, dict[str, float]]:
-    """The problem with a single free parameter of one experiment, and its present value."""
+    """The problem with a single free parameter of one experiment, and its nominal value."""
     of_robot = parameter_values(problem.robot)
     for p in problem.space.parameters:
         for experiment in problem.experiments:
@@ -67,9 +68,3 @@ def _as_it_is(problem: Problem) -> tuple[Problem, dict[str, float]]:
                 own = FreeParameter(target, p.unit, p.lower, p.upper, experiment=experiment.name)
                 return replace(problem, space=SearchSpace((own,))), {own.label: values[target]}
     raise ValueError("no experiment has any of the free parameters")
-
-
-def _present(problem: Problem) -> dict[str, float]:
-    known = problem.known
-    values = {p.label: {known[target].value for target in p.targets} for p in problem.space.parameters}
-    return {label: held.pop() for label, held in values.items() if len(held) == 1}

@@ -44,7 +44,7 @@ class RecordFit:
     failure
         Why there is no fit, or "".
     remembers
-        Whether the twin does, its material, its cables or their pulleys; else it is elastic, and has no loops.
+        True if the twin has a memory: its material, its cables or their pulleys; else it is elastic, without loops.
     """
 
     fit: ExperimentFit | None

@@ -37,7 +37,7 @@ class Index:
 
     @property
     def is_known(self) -> bool:
-        """Whether it can be distinguished from zero."""
+        """True if the index can be distinguished from zero."""
         return self.value > self.error
 
     @property
@@ -98,7 +98,7 @@ def sobol_indices(values: Floats, size: int, error: float = 0.0) -> Indices:
 
 
 def _one(components: Floats, size: int) -> Floats:
-    """All indices by one randomisation, in a row: first order, total, pairs."""
+    """All indices from one randomisation, in a row: first order, total, pairs."""
     from SALib.analyze.sobol import analyze
 
     found = np.zeros(2 * size + len(_pairs(size)))
@@ -115,8 +115,8 @@ def _pairs(size: int) -> list[tuple[int, int]]:
 
 
 def _index(value: float, sampling: float, error: float) -> Index:
-    """An index is the squared cosine of the angle between the output and its part by some parameters, and the
-    surrogate's error turns the output by an angle of that sine at most.
+    """An index and its error. The index is the squared cosine of the angle between the output and its part by some
+    parameters; the surrogate's error turns the output by an angle of that sine at most.
     """
     inside = min(max(value, 0.0), 1.0)
     return Index(value, sampling + error * (2 * math.sqrt(inside * (1 - inside)) + error))

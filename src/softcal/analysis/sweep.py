@@ -15,7 +15,7 @@ import numpy as np
 from softcal.analysis.nominal import Nominal
 from softcal.calibration.loss import LOSSES
 from softcal.calibration.outcome import bound_note
-from softcal.calibration.result import ExperimentFit, SearchResult, SweepResult, Trial
+from softcal.calibration.result import SearchResult, SweepResult, Trial
 from softcal.display import displayed
 from softcal.units import format_quantity
 
@@ -54,7 +54,7 @@ class ErrorSection:
         return error if self.length is None else 100 * error / self.length
 
     def text(self, error: float | None) -> str:
-        """An error [unit] in words; "" where there is none."""
+        """An error [unit] as text; "" without an error."""
         if error is None:
             return ""
         shown = self.shown(error)
@@ -88,7 +88,7 @@ class BestCell:
 
     @property
     def reduction(self) -> float | None:
-        """Reduction of the error from the nominal one [%]; None if that is unknown or zero."""
+        """Reduction of the error from the nominal one [%]; None if the nominal error is unknown or zero."""
         return None if not self.nominal else reduction(self.nominal, self.error)
 
     @property
@@ -122,12 +122,13 @@ def sections(result: SearchResult) -> tuple[ErrorSection, ...]:
 
 def section_errors(result: SearchResult, errors: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     """Error [SI] of every section over all experiments, from those of each (`Trial.errors`)."""
-    counts = {(e, name): n for e, fit in result.experiments.items() for name, n in _counts(fit).items()}
     squares: dict[str, float] = {}
     totals: dict[str, int] = {}
-    for experiment, held in errors.items():
-        for name, error in held.items():
-            n = counts[experiment, name]
+    for experiment, by_section in errors.items():
+        fit = result.experiments[experiment]
+        for name, error in by_section.items():
+            distance = fit.distances.get(name)
+            n = int(np.isfinite(fit.measured[name]).sum()) if distance is None else distance.n
             squares[name] = squares.get(name, 0.0) + n * error**2
             totals[name] = totals.get(name, 0) + n
     return {name: math.sqrt(squares[name] / totals[name]) for name in squares}
@@ -156,11 +157,6 @@ def least_cell(cells: Sequence[Trial], errors: Sequence[float]) -> tuple[Trial, 
     """The first cell whose error equals the least one up to rounding, and its error."""
     limit = min(errors) * (1 + _ROUNDING)
     return next((cell, error) for cell, error in zip(cells, errors, strict=True) if error <= limit)
-
-
-def _counts(fit: ExperimentFit) -> dict[str, int]:
-    points = {point: distance.n for point, distance in fit.distances.items()}
-    return {**{c: int(np.isfinite(fit.measured[c]).sum()) for c in fit.rmse}, **points}
 
 
 def _at_ends(result: SweepResult, trial: Trial) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Whether the values that differ between the experiments of a joint fit follow how the experiments were made.
+"""Trend of values that differ between the experiments of a joint fit with the conditions of the experiments.
 
 A value as a power of the amplitude is a straight line of logarithms, with one slope and no choice of a form after the
 fact:
@@ -71,7 +71,7 @@ class Trend:
 
 
 def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -> tuple[Trend, ...]:
-    """The clearest trend of each parameter in which the experiments differ, where it has one.
+    """The clearest trend of each parameter that differs between the experiments, if it has one.
 
     records: experiment -> its record with times, for the speeds.
     """
@@ -86,7 +86,8 @@ def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -
         differ: dict[Condition, Floats] = {
             c: x for c, at in known.items() if (x := _logarithms(spread, at)) is not None
         }
-        y, weights = np.array(list(spread.values.values())), _weights(spread)
+        y = np.array(list(spread.values.values()))
+        weights = np.array([spread.weights.get(experiment, 1.0) for experiment in spread.values])
         slopes: dict[Condition, tuple[float, float]] = {
             c: slope(x, np.log(y) if np.all(y > 0) else y, weights) for c, x in differ.items()
         }
@@ -94,30 +95,43 @@ def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -
         if clearest is None or len(slopes) * slopes[clearest][1] >= LIMIT:
             continue
         power, chance = slopes[clearest]
-        together = {c: abs(_correlation(x, differ[clearest], weights)) > _TOGETHER for c, x in differ.items()}
-        along: tuple[Condition, ...] = tuple(c for c in differ if together[c] and c != clearest)
-        found.append(Trend(name, clearest, power, len(slopes) * chance, len(slopes), along, len(y)))
+        along: list[Condition] = []
+        for c, x in differ.items():
+            (xx, xy), (_, yy) = np.cov(x, differ[clearest], aweights=weights, ddof=0)
+            if c != clearest and abs(float(xy / np.sqrt(xx * yy))) > _TOGETHER:
+                along.append(c)
+        found.append(
+            Trend(
+                name=name,
+                condition=clearest,
+                power=power,
+                chance=len(slopes) * chance,
+                tested=len(slopes),
+                along=tuple(along),
+                n_tests=len(y),
+            )
+        )
     return tuple(found)
 
 
 def _logarithms(spread: Spread, at: Mapping[str, float]) -> Floats | None:
-    """Those of a condition of the experiments; None where they do not differ in it, or it is not known of all."""
+    """Log of a test condition for each experiment (k,); None if the condition is constant, or unknown for some."""
     x = np.array([at.get(experiment, 0.0) for experiment in spread.values])
     return np.log(x) if x.min() > 0.0 and x.max() >= _ALIKE * x.min() else None
 
 
-def _weights(spread: Spread) -> Floats:
-    return np.array([spread.weights.get(experiment, 1.0) for experiment in spread.values])
-
-
-def _correlation(x: Floats, y: Floats, weights: Floats) -> float:
-    """Of two conditions over the experiments."""
-    (xx, xy), (_, yy) = np.cov(x, y, aweights=weights, ddof=0)
-    return float(xy / np.sqrt(xx * yy))
-
-
 def slope(x: Floats, y: Floats, weights: Floats) -> tuple[float, float]:
-    """Slope of a weighted straight line through k > 2 points, and the chance of one as steep without any trend."""
+    """Slope of a weighted straight line, and the probability of a slope as steep without any trend.
+
+    Parameters
+    ----------
+    x
+        Abscissae (k,), k > 2.
+    y
+        Ordinates (k,).
+    weights
+        Weights (k,).
+    """
     from scipy.special import stdtr
 
     away, off = x - np.average(x, weights=weights), y - np.average(y, weights=weights)
@@ -131,7 +145,7 @@ def slope(x: Floats, y: Floats, weights: Floats) -> tuple[float, float]:
 
 
 def _amplitudes(result: SearchResult) -> dict[str, float]:
-    """The largest magnitude of what drove each experiment [SI]; empty where they were not driven alike."""
+    """Largest magnitude of each experiment's drive [SI]; empty if they were driven by different channels."""
     drives = {name: _drives(fit) for name, fit in result.experiments.items()}
     kinds = [{channel_name(drive).kind.name for drive in held} for held in drives.values()]
     if any(kind != kinds[0] or len(kind) != 1 for kind in kinds):
@@ -141,7 +155,7 @@ def _amplitudes(result: SearchResult) -> dict[str, float]:
 
 
 def _speeds(result: SearchResult, records: Mapping[str, Dataset]) -> dict[str, float]:
-    """The usual rate of what drove each experiment [SI]; none of an experiment without times."""
+    """Usual rate of each experiment's drive [SI]; experiments without times are left out."""
     found: dict[str, float] = {}
     for name, fit in result.experiments.items():
         channels = records[name].channels if name in records else {}
@@ -158,7 +172,7 @@ def _rate(record: Dataset, drive: str) -> float:
 
 
 def _drives(fit: ExperimentFit) -> tuple[str, ...]:
-    """The measured channels that drove the twin: those of a kind that can, and that were not compared."""
+    """Measured channels that drove the twin: of a kind that can, and not compared."""
     return tuple(
         channel
         for channel in fit.measured

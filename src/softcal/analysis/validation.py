@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from functools import partial
 
 import numpy as np
 
@@ -87,7 +88,7 @@ def pooled_errors(fits: Sequence[ExperimentFit]) -> dict[str, float]:
 
 
 def _error_cells(fit: ExperimentFit) -> list[tuple[str, str]]:
-    """What was predicted, and its error in words."""
+    """Channels that were predicted, each with its error as text."""
     return [
         (name, format_quantity(error, "m" if name == "distance" else fit.units[name], digits=3))
         for name, error in pooled_errors([fit]).items()
@@ -136,7 +137,20 @@ def leave_out(
 ) -> tuple[Prediction, ...]:
     """Fit without each fold in turn, and predict it; ends before the first fold for which `stopped` is true.
 
-    Settings as for `softcal.calibration.run.calibrate`, but for what is held out.
+    Parameters
+    ----------
+    problem
+        The calibration's problem.
+    folds
+        Names of the experiments to leave out, fold by fold.
+    settings
+        Settings of the search, as for `softcal.calibration.run.calibrate`.
+    workers
+        Executor, or number of processes, which share the trajectories.
+    progress
+        Called with the fold's names and the state of its search.
+    stopped
+        Returns true to end.
 
     Raises
     ------
@@ -147,7 +161,7 @@ def leave_out(
     for fold in folds:
         if stopped():
             break
-        observer = None if progress is None else _labelled(progress, ", ".join(fold))
+        observer = None if progress is None else partial(progress, ", ".join(fold))
         result = calibrate(problem, settings, workers=workers, progress=observer, hold_out=tuple(fold))
         predictions.append(Prediction(tuple(fold), result))
     return tuple(predictions)
@@ -162,7 +176,3 @@ def with_split(problem: Problem, label: str) -> Problem:
         If nothing is tied under that label.
     """
     return replace(problem, space=split(problem.space, label, problem.known))
-
-
-def _labelled(progress: Callable[[str, Progress], None], label: str) -> Callable[[Progress], None]:
-    return lambda state: progress(label, state)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import numpy as np
+from pydantic import AfterValidator
 
 from softcal.calibration.budget import BOUNDS
 from softcal.calibration.left_out import LeftOut
@@ -16,14 +17,31 @@ from softcal.calibration.noise import DRIFT
 from softcal.calibration.parameters import Scale
 from softcal.calibration.random_effects import Spread
 from softcal.calibration.residuals import ResidualRecord
+from softcal.calibration.stored import IN_TABLE, PERHAPS_IN_TABLE, Amount, Count, Schema
 from softcal.calibration.uncertain import EACH
 from softcal.checks import Floats, ReadOnly
 from softcal.display import displayed
 from softcal.experiments.hysteresis import Loop
 from softcal.sensing.channel import channel_name
 
+if TYPE_CHECKING:
+    from pydantic_core import CoreSchema
+
 BEYOND = 2.0  # standard errors
 """The data contradict a bound where the best value without it lies further beyond it than this."""
+
+_SAME = 1e-6  # relative to the bounds; of places that were computed from them
+_SETTINGS = {"importance_kind": str, "method": str, "hold_out": list, "trials": int, "seed": int, "batch": int}
+
+
+def _of_its_kind(settings: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Validate the settings of a search; the options of its optimiser are numbers."""
+    for key, value in settings.items():
+        kind = _SETTINGS.get(key, (int, float))
+        if not isinstance(value, kind) or (kind is int and cast("int", value) < 0):
+            raise ValueError(f"{key}: input is of another kind")
+    return settings
+
 
 TrialState = Literal["COMPLETE", "FAILED"]
 
@@ -166,6 +184,42 @@ class Estimate:
         if self.interval is not None:
             object.__setattr__(self, "interval", (self.interval[0], self.interval[1]))
 
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:
+        """Whatever stored file it is read from, its numbers agree with each other."""
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_after_validator_function(_possible, handler(source))
+
+
+def _possible(one: Estimate) -> Estimate:
+    """The estimate, where a search may have found it."""
+    from pydantic_core import PydanticCustomError
+
+    slack = _SAME * (one.lower if one.scale == "log" else one.upper - one.lower)
+    low, high = one.lower - slack, one.upper + slack
+    begin, end = one.interval or (one.value, one.value)
+    why = next(
+        (
+            why
+            for is_wrong, why in (
+                (not one.lower <= one.value <= one.upper, f"{one.value:g} is outside its bounds"),
+                (one.scale == "log" and not one.lower > 0, f"its bound {one.lower:g} has no logarithm"),
+                (not low <= begin <= one.value <= end <= high, f"{begin:g} to {end:g} is no interval of {one.value:g}"),
+                (one.standard_error is not None and one.interval is None, "it has a standard error and no interval"),
+                ((one.standard_error or 0.0) < 0.0, "its standard error is below zero"),
+                (one.dof is not None and not one.dof > 0.0, "its degrees of freedom are not above zero"),
+                (not all(-_SAME <= s <= 1 + _SAME for s in one.shares.values()), "its shares are no parts of one"),
+                (not all(low <= place <= high for place, _ in one.profile), "its profile is outside its bounds"),
+            )
+            if is_wrong
+        ),
+        "",
+    )
+    if why:
+        raise PydanticCustomError("impossible", "{why}", {"why": why})
+    return one
+
 
 @dataclass(frozen=True)
 class Distance:
@@ -229,15 +283,15 @@ class ExperimentFit(ReadOnly):
 
     rmse: Mapping[str, float]  # channel ("tension", "pitch", "m4.x") -> RMSE
     rmse_detrended: Mapping[str, float]
-    measured: Mapping[str, Floats]
-    simulated: Mapping[str, Floats]
-    units: Mapping[str, str]
-    response: Mapping[str, Floats] = field(default_factory=dict)
+    measured: Annotated[Mapping[str, Floats], IN_TABLE]
+    simulated: Annotated[Mapping[str, Floats], IN_TABLE]
+    units: Annotated[Mapping[str, str], IN_TABLE]
+    response: Annotated[Mapping[str, Floats], PERHAPS_IN_TABLE] = field(default_factory=dict)
     distances: Mapping[str, Distance] = field(default_factory=dict[str, Distance])
-    length: float | None = None
-    missing: Mapping[str, int] = field(default_factory=dict[str, int])
-    bands: Mapping[str, Floats] = field(default_factory=dict[str, Floats])
-    repeats: Mapping[str, Floats] = field(default_factory=dict[str, Floats])
+    length: Amount | None = None
+    missing: Mapping[str, Count] = field(default_factory=dict[str, int])
+    bands: Annotated[Mapping[str, Floats], PERHAPS_IN_TABLE] = field(default_factory=dict[str, Floats])
+    repeats: Annotated[Mapping[str, Floats], PERHAPS_IN_TABLE] = field(default_factory=dict[str, Floats])
     cycles: tuple[CycleFit, ...] = ()
 
     @property
@@ -284,7 +338,7 @@ class HeldOut:
 
 
 @dataclass(frozen=True, repr=False)
-class SearchResult(ABC):
+class SearchResult(Schema, ABC):
     """The outcome of a search: the theta of the lowest loss, the twin there, and every evaluation.
 
     Attributes
@@ -333,19 +387,21 @@ class SearchResult(ABC):
     loss: float
     loss_name: str
     method: str
-    seed: int
-    n_solves: int
-    n_factorisations: int
-    wall_s: float
+    seed: Count
+    n_solves: Count
+    n_factorisations: Count
+    wall_s: Amount
     status: str
     experiments: Mapping[str, ExperimentFit]
     importance: Mapping[str, float]
-    trials: tuple[Trial, ...]
-    n_failed_trials: int
+    trials: Annotated[tuple[Trial, ...], IN_TABLE]
+    n_failed_trials: Count
     hashes: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
-    extra: Mapping[str, Any] = field(default_factory=dict)
+    extra: Annotated[Mapping[str, str | int | float | list[str]], AfterValidator(_of_its_kind)] = field(
+        default_factory=dict
+    )
     held_out: Mapping[str, HeldOut] = field(default_factory=dict[str, HeldOut])
     spreads: Mapping[str, Spread] = field(default_factory=dict[str, Spread])
     left_out: Mapping[str, LeftOut] = field(default_factory=dict[str, LeftOut])

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from softcal.calibration.result import CalibrationResult, Distance, ExperimentFit, HeldOut, SearchResult, SweepResult
+from softcal.calibration.result import ExperimentFit, SearchResult
 from softcal.calibration.store import RESULT, write_text
+from softcal.calibration.stored import as_json
 from softcal.checks import Floats
 from softcal.csv_text import csv_text
 
 FORMAT = 1
+_ONLY_WHERE_ANY = ("held_out", "spreads", "left_out", "warnings")
 TRIALS = "trials.csv"
 TRIAL_COLUMNS = ("number", "state", "loss", "seconds [s]", "n_factorisations", "reason")
 
@@ -34,69 +35,25 @@ def write_result(result: SearchResult, folder: Path) -> None:
 
 
 def result_json(result: SearchResult) -> dict[str, Any]:
-    """The contents of result.json.
+    """The contents of result.json: the record, its errors by channel (`tension_rmse`) and its remarks as sentences.
 
     An experiment of one cable and one plate (paper A's) always has the errors of tension and pitch, null where they
     were not compared; any other has those alone that were.
     """
-    warnings = [note.text for note in result.notes if note.level == "warning"]
     document: dict[str, Any] = {
         "format": FORMAT,
-        "parameters": {
-            name: {
-                "value": p.value,
-                "unit": p.unit,
-                "at_bound": p.at_bound,
-                "lower": p.lower,
-                "upper": p.upper,
-                "standard_error": p.standard_error,
-                "interval": None if p.interval is None else list(p.interval),
-                "scale": p.scale,
-                **({"of": list(p.of)} if p.of else {}),
-                **({"shares": dict(p.shares)} if p.shares else {}),
-                **({} if p.dof is None else {"dof": p.dof}),
-                **({} if p.beyond is None else {"beyond": p.beyond}),
-                **({"profile": [list(pair) for pair in p.profile]} if p.profile else {}),
-                **({"moved_by": dict(p.moved_by)} if p.moved_by else {}),
-            }
-            for name, p in result.parameters.items()
-        },
-        "loss": result.loss,
-        "loss_name": result.loss_name,
-        "method": result.method,
-        "seed": result.seed,
-        "n_solves": result.n_solves,
-        "n_factorisations": result.n_factorisations,
-        "n_failed_trials": result.n_failed_trials,
-        "wall_s": result.wall_s,
-        "status": result.status,
         "converged": None,  # of a search that looks for no minimum
-        "experiments": {name: _errors(name, fit) for name, fit in result.experiments.items()},
-        **(
-            {"held_out": {name: _held_out_json(name, one) for name, one in result.held_out.items()}}
-            if result.held_out
-            else {}
-        ),
-        **({"spreads": {name: asdict(one) for name, one in result.spreads.items()}} if result.spreads else {}),
-        **({"left_out": {name: asdict(one) for name, one in result.left_out.items()}} if result.left_out else {}),
-        "residuals": {
-            name: {channel: asdict(one) for channel, one in held.items()} for name, held in result.residuals.items()
-        },
-        "importance": dict(result.importance),
-        "notes": [note.text for note in result.notes],
-        **({"warnings": warnings} if warnings else {}),
-        "extra": dict(result.extra),
-        "versions": dict(result.versions),
-        "hashes": dict(result.hashes),
+        **as_json(result),
     }
-    match result:
-        case CalibrationResult():
-            document["converged"] = result.converged
-        case SweepResult():
-            document["extra"]["axes"] = {name: list(values) for name, values in result.axes.items()}
-        case _:
-            raise TypeError(f"there is no file of a {type(result).__name__}")
-    return document
+    document["experiments"] = {name: _errors(name, fit) for name, fit in document["experiments"].items()}
+    document["held_out"] = {
+        name: {**entry, **_errors(name, entry.pop("fit"))} for name, entry in document["held_out"].items()
+    }
+    if "axes" in document:
+        document["extra"]["axes"] = document.pop("axes")
+    document["warnings"] = [note["text"] for note in document["notes"] if note["level"] == "warning"]
+    document["notes"] = [note["text"] for note in document["notes"]]
+    return {key: value for key, value in document.items() if value or key not in _ONLY_WHERE_ANY}
 
 
 def response_file(experiment: str) -> str:
@@ -109,33 +66,17 @@ def fits_of(result: SearchResult) -> dict[str, ExperimentFit]:
     return {**result.experiments, **{name: one.fit for name, one in result.held_out.items()}}
 
 
-def _errors(name: str, fit: ExperimentFit) -> dict[str, Any]:
-    of_paper_a = any("." not in channel for channel in fit.rmse)
-    channels = dict.fromkeys(("tension", "pitch", *fit.rmse) if of_paper_a else fit.rmse)
+def _errors(name: str, fit: dict[str, Any]) -> dict[str, Any]:
+    by_channel, detrended = fit.pop("rmse"), fit.pop("rmse_detrended")
+    of_paper_a = any("." not in channel for channel in by_channel)
     errors: dict[str, Any] = {}
-    for channel in channels:
-        errors[f"{channel}_rmse"] = fit.rmse.get(channel)
-        errors[f"{channel}_rmse_detrended"] = fit.rmse_detrended.get(channel)
-    if fit.distances:
-        errors["distances"] = {point: _distance_json(d, fit.length) for point, d in fit.distances.items()}
-    if fit.length is not None:
-        errors["length"] = fit.length
-    if fit.missing:
-        errors["missing"] = dict(fit.missing)
-    if fit.cycles:
-        errors["cycles"] = [asdict(cycle) for cycle in fit.cycles]
-    return {**errors, "file": response_file(name)}
-
-
-def _distance_json(distance: Distance, length: float | None) -> dict[str, float | int]:
-    entry: dict[str, float | int] = asdict(distance)
-    if length is not None:
-        entry |= {f"{key}_percent": 100 * entry[key] / length for key in ("mean", "max", "rms")}
-    return entry
-
-
-def _held_out_json(name: str, held: HeldOut) -> dict[str, Any]:
-    return {"loss": held.loss, "own": dict(held.own), **_errors(name, held.fit)}
+    for channel in dict.fromkeys(("tension", "pitch", *by_channel) if of_paper_a else by_channel):
+        errors[f"{channel}_rmse"] = by_channel.get(channel)
+        errors[f"{channel}_rmse_detrended"] = detrended.get(channel)
+    if (length := fit["length"]) is not None:
+        for distance in fit["distances"].values():
+            distance |= {f"{key}_percent": 100 * distance[key] / length for key in ("mean", "max", "rms")}
+    return {**errors, **fit, "file": response_file(name)}
 
 
 def _response_csv(fit: ExperimentFit) -> str:

@@ -4,97 +4,36 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import to_json
 
-from softcal.calibration.left_out import LeftOut
 from softcal.calibration.loss import rms
-from softcal.calibration.random_effects import Spread
-from softcal.calibration.residuals import ResidualRecord
-from softcal.calibration.result import (
-    CalibrationResult,
-    CycleFit,
-    Distance,
-    Estimate,
-    ExperimentFit,
-    HeldOut,
-    Note,
-    SearchResult,
-    SweepResult,
-    Trial,
-)
+from softcal.calibration.result import CalibrationResult, ExperimentFit, SearchResult, SweepResult, Trial
 from softcal.calibration.result_files import FORMAT, TRIAL_COLUMNS, TRIALS, response_file
 from softcal.calibration.store import RESULT
-from softcal.calibration.stored import Amount, Count, Record, contradiction, damaged, read_record, read_rows
+from softcal.calibration.stored import (
+    Amount,
+    Count,
+    Record,
+    as_record,
+    contradiction,
+    damaged,
+    read_document,
+    read_rows,
+)
 from softcal.checks import Floats
 from softcal.errors import Fault, StorageError
 from softcal.sensing.channel import channel_name
 
 _WHAT = "the result"
+# Keys of every file, whose fields a result in Python may leave out.
+_ALWAYS = ("converged", "notes", "extra", "versions", "hashes")
 _SAME = 1e-6  # relative; of an error that is computed again from its table
-
-
-class _Fit(Record):
-    """The errors of one experiment; those by channel (`tension_rmse`) are extra keys."""
-
-    model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, float | None]  # pyright: ignore[reportIncompatibleVariableOverride]
-
-    file: str
-    distances: dict[str, Distance] = Field(default_factory=dict[str, Distance])
-    length: Amount | None = None
-    missing: dict[str, Count] = Field(default_factory=dict[str, int])
-    cycles: tuple[CycleFit, ...] = ()
-
-
-class _HeldOut(_Fit):
-    loss: float
-    own: dict[str, float]
-
-
-class _Extra(Record):
-    """Settings of the search and options of its optimiser; a sweep alone has the values of every axis."""
-
-    model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, float]  # pyright: ignore[reportIncompatibleVariableOverride]
-
-    importance_kind: str = ""
-    method: str | None = None
-    trials: Count | None = None
-    seed: Count | None = None
-    batch: Count | None = None
-    axes: dict[str, list[float]] | None = None
-    hold_out: list[str] | None = None
-
-
-class _Result(Record):
-    format: Annotated[int, Field(ge=FORMAT, le=FORMAT)] = FORMAT
-    parameters: dict[str, Estimate]
-    loss: float
-    loss_name: str
-    method: str
-    seed: Count
-    n_solves: Count
-    n_factorisations: Count
-    n_failed_trials: Count
-    wall_s: Amount
-    status: str
-    converged: bool | None
-    experiments: dict[str, _Fit]
-    held_out: dict[str, _HeldOut] = Field(default_factory=dict[str, _HeldOut])
-    spreads: dict[str, Spread] = Field(default_factory=dict[str, Spread])
-    left_out: dict[str, LeftOut] = Field(default_factory=dict[str, LeftOut])
-    residuals: dict[str, dict[str, ResidualRecord]] = Field(default_factory=dict[str, dict[str, ResidualRecord]])
-    importance: dict[str, float]
-    notes: tuple[str, ...]
-    warnings: tuple[str, ...] = ()  # those of the notes that are; earlier files have none
-    extra: _Extra
-    versions: dict[str, str]
-    hashes: dict[str, str]
 
 
 def load_result(folder: Path) -> CalibrationResult | SweepResult:
@@ -110,42 +49,53 @@ def load_result(folder: Path) -> CalibrationResult | SweepResult:
         raise StorageError(
             Fault("there is no result", where=str(path), attempt="softcal calibrate with this folder, or --resume")
         )
-    held = read_record(_Result, path, _WHAT)
-    shared: dict[str, Any] = {
-        "parameters": held.parameters,
-        "loss": held.loss,
-        "loss_name": held.loss_name,
-        "method": held.method,
-        "seed": held.seed,
-        "n_solves": held.n_solves,
-        "n_factorisations": held.n_factorisations,
-        "wall_s": held.wall_s,
-        "status": held.status,
-        "experiments": {name: _fit(folder, name, entry) for name, entry in held.experiments.items()},
-        "spreads": held.spreads,
-        "left_out": held.left_out,
-        "residuals": held.residuals,
-        "importance": held.importance,
-        "trials": _trials(folder / TRIALS),
-        "n_failed_trials": held.n_failed_trials,
-        "hashes": held.hashes,
-        "versions": held.versions,
-        "notes": tuple(Note(text, "warning" if text in held.warnings else "note") for text in held.notes),
-        "extra": held.extra.model_dump(exclude_none=True, exclude={"axes"}),
-        "held_out": {
-            name: HeldOut(entry.loss, _fit(folder, name, entry), entry.own) for name, entry in held.held_out.items()
-        },
-    }
-    if held.extra.axes is None:
-        result = CalibrationResult(**shared, converged=held.converged)
-    else:
-        result = SweepResult(**shared, axes={name: tuple(values) for name, values in held.extra.axes.items()})
+    document = read_document(path, _WHAT)
+    if missing := [f"{key}: field required" for key in _ALWAYS if key not in document]:
+        raise contradiction(path, _WHAT, ", ".join(missing))
+    kind = _record(document)
+    record = as_record(kind, to_json(document), path, _WHAT, FORMAT)
+    for name, entry in {**document["experiments"], **document.get("held_out", {})}.items():
+        if entry.get("file") != response_file(name):
+            raise contradiction(path, _WHAT, f"the table of {name} is named '{entry.get('file')}'")
+    result = replace(
+        record,
+        experiments={name: _fit(folder, name, fit) for name, fit in record.experiments.items()},
+        held_out={name: replace(one, fit=_fit(folder, name, one.fit)) for name, one in record.held_out.items()},
+        trials=_trials(folder / TRIALS),
+    )
+    if isinstance(result, SweepResult):
         _check_cells(path, result)
     _check(path, result)
     header, _ = read_rows(folder / TRIALS, _WHAT)
     if others := {f"{name} [{one.unit}]" for name, one in result.parameters.items()} - {*header}:
         raise contradiction(path, _WHAT, f"{TRIALS} has no {min(others)}")
     return result
+
+
+def _record(document: dict[str, Any]) -> type[CalibrationResult | SweepResult]:
+    """The kind of result of a document, in which the changes of `result_json` to its record are undone."""
+    document.setdefault("format", FORMAT)  # earlier files have none
+    for part in ("experiments", "held_out"):
+        for entry in _mappings(document.get(part)):
+            for kind in ("rmse", "rmse_detrended"):
+                errors = {key: value for key, value in entry.items() if key.endswith(f"_{kind}") and value is not None}
+                entry[kind] = {key.removesuffix(f"_{kind}"): value for key, value in errors.items()}
+            if part == "held_out":
+                entry["fit"] = {**entry}
+    notes, warnings = document.get("notes"), document.get("warnings", [])
+    if isinstance(notes, list) and isinstance(warnings, list):
+        document["notes"] = [{"text": text, "level": "warning" if text in warnings else "note"} for text in notes]
+    extra = document.get("extra")
+    if not isinstance(extra, dict):
+        return CalibrationResult
+    document["extra"] = {key: value for key, value in extra.items() if value is not None}
+    document["axes"] = document["extra"].pop("axes", None)
+    return CalibrationResult if document["axes"] is None else SweepResult
+
+
+def _mappings(value: object) -> list[dict[str, Any]]:
+    """The mappings in a mapping; none where it is another thing, which its schema refuses."""
+    return [entry for entry in value.values() if isinstance(entry, dict)] if isinstance(value, dict) else []
 
 
 def _check_cells(path: Path, result: SweepResult) -> None:
@@ -157,21 +107,9 @@ def _check_cells(path: Path, result: SweepResult) -> None:
 
 
 def _check(path: Path, result: SearchResult) -> None:
-    """Whether the parts of a result agree: estimates within their bounds, and the best of the trials."""
+    """Check that the estimates of a result are those of its best trial."""
     if not result.parameters or not result.experiments:
         raise contradiction(path, _WHAT, "it has no parameters or no experiments")
-    for name, one in result.parameters.items():
-        if not (one.lower <= one.value <= one.upper):
-            raise contradiction(path, _WHAT, f"{name} is {one.value:g}, outside its bounds")
-        if one.scale == "log" and not one.lower > 0:
-            raise contradiction(path, _WHAT, f"{name} has no logarithm at its bound {one.lower:g}")
-        if (one.dof is not None and not one.dof > 0) or not all(-_SAME <= s <= 1 + _SAME for s in one.shares.values()):
-            raise contradiction(path, _WHAT, f"{name} has a variance that no parameter has")
-        slack = _SAME * (one.lower if one.scale == "log" else one.upper - one.lower)
-        if any(not one.lower - slack <= place <= one.upper + slack for place, _ in one.profile):
-            raise contradiction(path, _WHAT, f"{name} has a profile outside its bounds")
-        if (one.standard_error or 0) < 0 or (one.interval is not None and one.interval[0] > one.interval[1]):
-            raise contradiction(path, _WHAT, f"{name} has an interval that no parameter has")
     values = {name: one.value for name, one in result.parameters.items()}
     if not any(trial.loss == result.loss and dict(trial.theta) == values for trial in result.trials):
         raise contradiction(path, _WHAT, f"no trial in {TRIALS} has its values and its loss")
@@ -181,29 +119,22 @@ def _check(path: Path, result: SearchResult) -> None:
         raise contradiction(path, _WHAT, f"{TRIALS} has another number of failed trials")
 
 
-def _fit(folder: Path, name: str, entry: _Fit) -> ExperimentFit:
-    if entry.file != response_file(name):
-        raise contradiction(folder / RESULT, _WHAT, f"the table of {name} is named '{entry.file}'")
-    path = folder / entry.file
+def _fit(folder: Path, name: str, errors: ExperimentFit) -> ExperimentFit:
+    """The fit of an experiment, from its errors and its table."""
+    path = folder / response_file(name)
     parts, units = _response(path)
-    errors: Mapping[str, Any] = entry.model_extra or {}
-    fit = ExperimentFit(
-        rmse={c: _error(path, errors, f"{c}_rmse") for c in parts["simulated"]},
-        rmse_detrended={c: _error(path, errors, f"{c}_rmse_detrended") for c in parts["simulated"]},
+    compared = errors.rmse.keys()
+    if not compared or not compared == errors.rmse_detrended.keys() == parts["simulated"].keys():
+        raise contradiction(path, _WHAT, f"its simulated channels are not those of {RESULT}")
+    fit = replace(
+        errors,
         measured=parts["measured"],
         simulated=parts["simulated"],
         units=units,
         response=parts[""],
-        distances=entry.distances,
-        length=entry.length,
-        missing=entry.missing,
         bands=parts["band"],
         repeats=parts["repeat"],
-        cycles=entry.cycles,
     )
-    compared = {key for key, error in errors.items() if error is not None and key.endswith("_rmse")}
-    if not compared or compared != {f"{channel}_rmse" for channel in fit.simulated}:
-        raise contradiction(path, _WHAT, f"its simulated channels are not those of {RESULT}")
     for channel, simulated in fit.simulated.items():
         measured = fit.measured.get(channel)
         if measured is None or np.isnan(measured).any():
@@ -212,13 +143,6 @@ def _fit(folder: Path, name: str, entry: _Fit) -> ExperimentFit:
         if not math.isclose(again, fit.rmse[channel], rel_tol=_SAME, abs_tol=1e-12):
             raise contradiction(path, _WHAT, f"its {channel} is off by {again:.6g}, and in {RESULT} by another number")
     return fit
-
-
-def _error(path: Path, errors: Mapping[str, float | None], key: str) -> float:
-    found = errors.get(key)
-    if found is None:
-        raise contradiction(path.with_name(RESULT), _WHAT, f"there is no {key} for {path.name}")
-    return found
 
 
 def _response(path: Path) -> tuple[dict[str, dict[str, Floats]], dict[str, str]]:

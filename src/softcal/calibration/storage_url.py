@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from softcal.bounded_work import memory_limit
 from softcal.calibration.shared_journal import ANOTHER, NO_JOURNAL, is_new_journal, open_journal
 from softcal.calibration.trial_journal import BROKEN
 from softcal.errors import Fault, SoftcalError, StorageError
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     import optuna
 
 _JOURNAL = "journal"
+_MEMORY = 2.5e8  # [B] beyond what there is before it is connected
 _LONGEST, _TABLES = 10.0, 60.0  # [s] that a server may take to answer, and after that, to make or read its tables
 _TRIES, _PAUSE = 5, 0.2  # of tables that another process is making; [s] between two
 # Database -> its drivers in Python -> the module, and what pip installs.
@@ -42,6 +44,12 @@ _DRIVERS: dict[str, dict[str, tuple[str, str]]] = {
 }
 _WITHOUT = {"postgresql": "pg8000", "mysql": "pymysql"}  # those in pure Python, advised where there is none
 _SECRET = ("password", "passwd")  # options of a URL
+# Those that a URL may have: others of the drivers read files, send files to the server, or run statements.
+_OPTIONS = {
+    *("user", *_SECRET, "host", "port", "unix_socket", "charset", "application_name"),
+    *("connect_timeout", "connection_timeout", "sslmode", "sslrootcert", "sslcert", "sslkey", "ssl", "ssl_ca"),
+    *("ssl_cert", "ssl_key", "ssl_check_hostname", "ssl_verify_cert", "ssl_verify_identity", "ssl_disabled"),
+}
 _ALLOWED = (
     "journal:FILE, postgresql://USER:PASSWORD@HOST/DATABASE, mysql://USER:PASSWORD@HOST/DATABASE, each database also "
     "with a driver, as in postgresql+pg8000://…"
@@ -117,17 +125,20 @@ class StorageUrl:
                 _reach(self.url)
                 answered.set()
                 opened.append(_database(self.url))
+            except MemoryError:
+                failed.append(self._silent(f"its answer takes more than {_MEMORY / 1e6:.0f} MB"))
             except BaseException as error:  # noqa: BLE001 (raised again below)
                 failed.append(error)
             finally:
                 answered.set()
 
-        # No driver has a limit for every way in which a server can be silent.
+        # No driver has a limit for every way in which a server can be silent, or for what it says.
         thread = threading.Thread(target=connect, daemon=True)
-        thread.start()
-        if not answered.wait(_LONGEST):
-            raise self._silent(f"it does not answer within {_LONGEST:.0f} s")
-        thread.join(_TABLES)
+        with memory_limit(_MEMORY):
+            thread.start()
+            if not answered.wait(_LONGEST):
+                raise self._silent(f"it does not answer within {_LONGEST:.0f} s")
+            thread.join(_TABLES)
         if not opened and not failed:
             raise self._silent(f"its tables are not there after {_TABLES:.0f} s")
         with self.answering():
@@ -214,6 +225,11 @@ def storage_url(text: str) -> StorageUrl:
         if "@" in _UP_TO_HOST.sub("", rest, count=1):
             raise ValueError("the rest of a password would be taken for the host, the database or an option")
         url = sqlalchemy.make_url(text).set(drivername=f"{database}+{driver or installed[0]}")
+        if set(url.query) - _OPTIONS:
+            options = ", ".join(sorted(_OPTIONS))
+            raise StorageError(
+                Fault("the URL of the database has an option that it may not have", where, shown, options)
+            )
         return StorageUrl(shown, url=url.render_as_string(hide_password=False))
     except (ValueError, sqlalchemy.exc.ArgumentError):
         attempt = "%-codes for special characters in the password, such as %40 for @"

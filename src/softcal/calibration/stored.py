@@ -1,17 +1,19 @@
 """One reader for every file that softcal has stored: a record of a known format, or its faults.
 
-A record is JSON by a schema (pydantic): its own types and no others, no NaN, no infinity. A table is CSV with the same
-number of cells in every row.
+A record is the JSON of a frozen dataclass, which is its schema both ways (pydantic): its own types and no others, no
+NaN, no infinity; keys that it does not name are left alone, for readers. A table is CSV with the same number of cells
+in every row.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+from functools import cache
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from softcal.csv_text import plain
 from softcal.errors import Fault, StorageError
@@ -30,22 +32,62 @@ class Record(BaseModel):
     model_config = ConfigDict(frozen=True, strict=True, allow_inf_nan=False)
 
 
+class Schema:
+    """Base of a frozen dataclass that is the schema of its record, those within it included; rules as of `Record`."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(
+        strict=True, allow_inf_nan=False, arbitrary_types_allowed=True
+    )
+
+
+IN_TABLE = Field(exclude=True, default=())
+"""Annotates a field whose values are in a table beside the record, from which its reader fills it."""
+PERHAPS_IN_TABLE = Field(exclude=True)
+"""The same of a field with a default."""
+
+
 class _Header(Record):
     format: Count
 
 
-R = TypeVar("R", bound=Record)
+_DOCUMENT = TypeAdapter(dict[str, Any])
+R = TypeVar("R", bound=Record | Schema)
 
 
-def read_record(model: type[R], path: Path, what: str, form: int | None = None) -> R:
-    """The record in a file. what: its name, as in "the result"; form: the number of its format, None where it has none.
+@cache
+def _adapter(kind: type[R]) -> TypeAdapter[R]:
+    return TypeAdapter(kind)
+
+
+def as_json(record: Schema) -> dict[str, Any]:
+    """The JSON of a record, without what is in tables."""
+    return _adapter(type(record)).dump_python(record, mode="json", warnings="error")
+
+
+def read_record(kind: type[R], path: Path, what: str, form: int | None = None) -> R:
+    """The record in a file; arguments and errors as of `as_record`."""
+    return as_record(kind, read_bytes(path, what), path, what, form)
+
+
+def as_record(kind: type[R], text: bytes, path: Path, what: str, form: int | None = None) -> R:
+    """A record from its JSON.
+
+    Parameters
+    ----------
+    kind
+        Its class.
+    text
+        The JSON.
+    path, what
+        Its file, and its name as in "the result" (for messages).
+    form
+        The number of its format, None where it has none.
 
     Raises
     ------
     StorageError
-        Where it cannot be read, is of another format, or is damaged: every fault that was found.
+        Where it cannot be read, is of another format, or is damaged: every fault of it.
     """
-    text = read_bytes(path, what)
     try:
         if form is not None:
             found = _Header.model_validate_json(text).format
@@ -55,7 +97,15 @@ def read_record(model: type[R], path: Path, what: str, form: int | None = None) 
                         f"{what} is of another format", str(path), str(found), str(form), "another version of softcal"
                     )
                 )
-        return model.model_validate_json(text)
+        return _adapter(kind).validate_json(text)
+    except ValidationError as error:
+        raise damaged(path, what, error) from error
+
+
+def read_document(path: Path, what: str) -> dict[str, Any]:
+    """The mapping in a JSON file, before its schema is known; arguments and errors as of `read_record`."""
+    try:
+        return _DOCUMENT.validate_json(read_bytes(path, what))
     except ValidationError as error:
         raise damaged(path, what, error) from error
 

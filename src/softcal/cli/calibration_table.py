@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import typer
@@ -23,58 +24,110 @@ def print_results(
     data: Mapping[str, Dataset] | None = None,
     records: Mapping[str, Dataset] | None = None,
     solved: Mapping[str, Response] | None = None,
+    *,
+    verbose: bool = False,
 ) -> None:
-    """Print the table of all calibrations, warnings, the agreement of separate fits, their status and notes, and the
-    three sentences of the report's first screen.
+    """Print the table of all calibrations, the warnings that concern the answer, and the three sentences of the
+    report's first screen.
 
-    data: the samples by experiment, for their noise; records: their records with times, for the speeds;
-    solved: label -> the twin's response where it is pulled furthest, for its warnings.
+    Parameters
+    ----------
+    results
+        Label -> its calibration.
+    data
+        Experiment -> its samples, for their noise.
+    records
+        Experiment -> its record with times, for the speeds.
+    solved
+        Label -> the twin's response where it is pulled furthest, for its warnings.
+    verbose
+        Print each test's values in a joint fit, every warning, how far the fits agree, their status and notes.
     """
     if not results:
         return
-    from softcal.calibration.sensitivity import INCLUDED
     from softcal.project.names import JOINT
+    from softcal.report.first_screen import FirstScreen, three_sentences
+    from softcal.report.format import worst
+    from softcal.report.judged import first_label, judged
+
+    first, others = worst(results.items(), lambda pair: math.inf if pair[0] == JOINT else pair[1].loss)
+    print_table(_result_table(dict(first), verbose=verbose))
+    if others:
+        typer.echo(f"{len(others)} more calibrations, of smaller losses, are in the report.")
+    label = first_label(results)
+    remarks = list(_remarks(results, judged(results, label), data or {}, records, solved or {}))
+    for remark in remarks:
+        if verbose or remark.decides:
+            typer.echo(f"{'Warning: ' * remark.is_warning}{remark.text}", err=remark.is_warning)
+    if more := 0 if verbose else sum(not remark.decides for remark in remarks):
+        typer.echo(f"{more} more remark{'s' * (more > 1)}: --verbose, or the report.")
+    doubts = solved[label].doubts if solved and label in solved else ""
+    lead = f"the solved shapes are in doubt ({doubts}); " if doubts else ""
+    for text in three_sentences(FirstScreen(results, label, data or {}, records or {}, lead=lead)):
+        typer.echo(text)
+
+
+@dataclass(frozen=True)
+class _Remark:
+    """A sentence on the calibrations; decides: it is a warning on the answer, and always printed."""
+
+    text: str
+    is_warning: bool = False
+    decides: bool = False
+
+
+def _warnings(texts: Iterable[tuple[bool, str]]) -> Iterator[_Remark]:
+    """Warnings of one kind, each with whether it decides; of many the first."""
+    from softcal.report.format import MANY
+
+    every = list(texts)
+    for decides in (True, False):
+        own = [text for on_answer, text in every if on_answer == decides]
+        more = [f"{len(own) - MANY} more such warnings are in the report."] * (len(own) > MANY)
+        yield from (_Remark(text, is_warning=True, decides=decides) for text in [*own[:MANY], *more])
+
+
+def _remarks(
+    results: Mapping[str, CalibrationResult],
+    shown: Mapping[str, CalibrationResult],
+    data: Mapping[str, Dataset],
+    records: Mapping[str, Dataset] | None,
+    solved: Mapping[str, Response],
+) -> Iterator[_Remark]:
+    """All remarks on the calibrations; shown: those of the answer."""
+    from softcal.calibration.sensitivity import INCLUDED
     from softcal.report.agreement import agreement_sentences, residual_sentences, spread_sentences
     from softcal.report.closeness import closeness_by_experiment, misses_of
     from softcal.report.cycles import cycle_sentences
-    from softcal.report.first_screen import FirstScreen, three_sentences
-    from softcal.report.format import few, worst
-    from softcal.report.judged import first_label, judged
+    from softcal.report.format import few
 
-    _warn(f"{label}: {r.status} No intervals are given." for label, r in results.items() if r.converged is False)
-    first, others = worst(results.items(), lambda pair: math.inf if pair[0] == JOINT else pair[1].loss)
-    print_table(_result_table(dict(first)))
-    if others:
-        typer.echo(f"{len(others)} more calibrations, of smaller losses, are in the report.")
-    _warn(
-        text if text.startswith(f"{label}: ") else f"{label}, {text}"
+    failed = [label for label, result in results.items() if result.converged is False]
+    yield from _warnings((True, f"{label}: {results[label].status} No intervals are given.") for label in failed)
+    yield from _warnings(
+        (label in shown, text if text.startswith(f"{label}: ") else f"{label}, {text}")
         for label, result in results.items()
-        for text, tone in closeness_by_experiment(misses_of(data or {}, result))
+        for text, tone in closeness_by_experiment(misses_of(data, result))
         if tone == "warning"
     )
-    for text, _ in agreement_sentences(results):
-        typer.echo(text)
-    first = first_label(results)
-    shown = judged(results, first)
+    yield from (_Remark(text) for text, _ in agreement_sentences(results))
     for label, result in shown.items():
-        for text, differs in spread_sentences(result, records):
-            typer.echo(f"{'Warning: ' * differs}{label}: {text}", err=differs)
-        for text, misfits in residual_sentences(result):
-            typer.echo(f"{'Warning: ' * misfits}{label}: {text}", err=misfits)
+        for text, warns in (*spread_sentences(result, records), *residual_sentences(result)):
+            yield _Remark(f"{label}: {text}", is_warning=warns, decides=warns)
         for text in cycle_sentences(result):
-            typer.echo(text if text.startswith(f"{label}: ") else f"{label}, {text}")
+            yield _Remark(text if text.startswith(f"{label}: ") else f"{label}, {text}")
     notes: dict[Note, list[str]] = {}
     for label, result in results.items():
         for note in result.notes:
             if note.level == "warning" or label in shown:
                 notes.setdefault(note, []).append(label)
     warnings = {note: labels for note, labels in notes.items() if note.level == "warning"}
-    _warn(f"{', '.join(few(labels))}: {note}" for note, labels in warnings.items())
-    for label, response in (solved or {}).items():
-        for text in response.warnings:
-            typer.echo(f"Warning: {label}: {text}", err=True)
-    for text in _statuses(results):
-        typer.echo(text)
+    yield from _warnings(
+        (any(label in shown for label in labels), f"{', '.join(few(labels))}: {note}")
+        for note, labels in warnings.items()
+    )
+    for label, response in solved.items():
+        yield from (_Remark(f"{label}: {text}", is_warning=True, decides=True) for text in response.warnings)
+    yield from map(_Remark, _statuses(results))
     coarse = [label for label, result in results.items() if label not in shown and not _includes_mesh(result)]
     for note, labels in notes.items():
         if note in warnings:
@@ -82,22 +135,7 @@ def print_results(
         more = ""
         if note.text.startswith(INCLUDED) and coarse and any(_includes_mesh(results[label]) for label in labels):
             more = f" Those of {', '.join(few(coarse))} do not include the error of the mesh."
-        typer.echo(f"Note ({', '.join(few(labels))}): {note}{more}")
-    doubts = solved[first].doubts if solved and first in solved else ""
-    lead = f"the solved shapes are in doubt ({doubts}); " if doubts else ""
-    for text in three_sentences(FirstScreen(results, first, data or {}, records or {}, lead=lead)):
-        typer.echo(text)
-
-
-def _warn(texts: Iterable[str]) -> None:
-    """Warnings of one kind, of many the first."""
-    from softcal.report.format import MANY
-
-    every = list(texts)
-    for text in every[:MANY]:
-        typer.echo(f"Warning: {text}", err=True)
-    if len(every) > MANY:
-        typer.echo(f"Warning: {len(every) - MANY} more such warnings are in the report.", err=True)
+        yield _Remark(f"Note ({', '.join(few(labels))}): {note}{more}")
 
 
 def _includes_mesh(result: CalibrationResult) -> bool:
@@ -125,41 +163,45 @@ def result_line(label: str, result: CalibrationResult) -> str:
     return f"{label}: {', '.join(values)}; loss {result.loss:.4g}"
 
 
-def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
-    """Table with a column per calibration, and a line per parameter and error of an experiment, of many for the
-    largest, and one for all others.
-    """
+def _result_table(results: Mapping[str, CalibrationResult], *, verbose: bool) -> Table:
+    """Table with a column per calibration, and lines for parameters and errors; verbose: with those of each test."""
     from rich.table import Table
 
-    from softcal.report.format import worst
-
     table = Table("", *results)
-    found = [result.parameters for result in results.values()]
-    own: dict[str, list[str]] = {}
-    for name in dict.fromkeys(name for parameters in found for name in parameters):
-        own.setdefault(name.partition("[")[0], []).append(name)
-    for base, names in own.items():
-        vague, others = worst(names, lambda name: max(_vagueness(one.get(name)) for one in found))
-        for name in vague:
-            _add_parameter(table, name, [one.get(name) for one in found])
-        if others:
-            cells = (_range_text([one[name] for name in others if name in one]) for one in found)
-            table.add_row(f"{base}, {len(others)} more", *cells)
-    _add_errors(table, "", [result.experiments for result in results.values()])
+    _add_parameters(table, [result.parameters for result in results.values()], verbose=verbose)
+    _add_errors(table, "", [result.experiments for result in results.values()], verbose=verbose)
     held_out = [{name: held.fit for name, held in result.held_out.items()} for result in results.values()]
-    _add_errors(table, "held out: ", held_out)
+    _add_errors(table, "held out: ", held_out, verbose=verbose)
     table.add_section()
     table.add_row("loss", *(f"{result.loss:.4g}" for result in results.values()))
-    table.add_row("trials", *(_count(result) for result in results.values()))
+    failed = {
+        label: f", {result.n_failed_trials} failed" for label, result in results.items() if result.n_failed_trials
+    }
+    table.add_row("trials", *(f"{len(result.trials)}{failed.get(label, '')}" for label, result in results.items()))
     return table
 
 
-def _add_parameter(table: Table, name: str, found: Sequence[Estimate | None]) -> None:
+def _add_parameters(table: Table, fits: Sequence[Mapping[str, Estimate]], *, verbose: bool) -> None:
+    """A line for each parameter; of one that each test has by itself a line for all, and if verbose for the vaguest."""
     from softcal.calibration.digits import interval_text
+    from softcal.report.format import worst
 
-    table.add_row(name, *("" if estimate is None else value_text(estimate) for estimate in found))
-    if "[" not in name and any(estimate is not None and estimate.interval for estimate in found):
-        table.add_row("  95 % interval", *("" if estimate is None else interval_text(estimate) for estimate in found))
+    own: dict[str, list[str]] = {}
+    for name in dict.fromkeys(name for parameters in fits for name in parameters):
+        own.setdefault(name.partition("[")[0], []).append(name)
+    for base, names in own.items():
+        is_whole = verbose or names == [base]
+        alone, others = (
+            worst(names, lambda name: max(_vagueness(one.get(name)) for one in fits)) if is_whole else ([], names)
+        )
+        for name in alone:
+            found = [one.get(name) for one in fits]
+            table.add_row(name, *("" if one is None else value_text(one) for one in found))
+            if "[" not in name and any(one is not None and one.interval for one in found):
+                table.add_row("  95 % interval", *("" if one is None else interval_text(one) for one in found))
+        if others:
+            title = f"{base}, {len(others)} more" if alone else base
+            table.add_row(title, *(_range_text([one[name] for name in others if name in one]) for one in fits))
 
 
 def _vagueness(estimate: Estimate | None) -> float:
@@ -170,42 +212,39 @@ def _vagueness(estimate: Estimate | None) -> float:
 
 
 def _range_text(estimates: Sequence[Estimate]) -> str:
-    """The least and the largest of values."""
-    from softcal.units import format_quantity
+    """The least and the largest of several values, to the digits of the least certain."""
+    from softcal.calibration.digits import shown, with_unit
 
-    ordered = sorted(one.value for one in estimates)
-    return " to ".join(format_quantity(end, estimates[0].unit, digits=3) for end in (ordered[0], ordered[-1]))
+    if len(estimates) < 2:
+        return "".join(map(value_text, estimates))
+    values = [estimate.value for estimate in estimates]
+    vaguest = max(estimates, key=_vagueness)
+    return with_unit(vaguest, f"{shown(vaguest, min(values))} to {shown(vaguest, max(values))}")
 
 
-def _add_errors(table: Table, lead: str, fits: Sequence[Mapping[str, ExperimentFit]]) -> None:
-    """A section of errors: a line for each experiment and channel, of many for the largest, and one for all others."""
+def _add_errors(table: Table, lead: str, fits: Sequence[Mapping[str, ExperimentFit]], *, verbose: bool) -> None:
+    """A section of errors: for each channel a line for all experiments, and if verbose for those of the largest."""
     from softcal.report.format import worst
 
     def size(line: tuple[str, str]) -> float:
-        return max(_size(one.get(line[0]), line[1]) for one in fits)
+        """The largest error [SI] of an experiment's channel."""
+        name, channel = line
+        own = [one[name] for one in fits if name in one]
+        if channel:
+            return max(fit.rmse.get(channel, 0.0) for fit in own)
+        return max(fit.distance.mean if fit.distance else 0.0 for fit in own)
 
     lines = _error_lines(pair for one in fits for pair in one.items())
-    ranked = {c: worst((line for line in lines if line[1] == c), size) for c in dict.fromkeys(c for _, c in lines)}
-    shown = {line for first, _ in ranked.values() for line in first}
+    by_channel = {channel: [line for line in lines if line[1] == channel] for _, channel in lines}
+    ranked = {channel: worst(own, size) if verbose else ([], own) for channel, own in by_channel.items()}
+    alone = {line for first, _ in ranked.values() for line in first}
     table.add_section()
-    for name, channel in (line for line in lines if line in shown):
-        table.add_row(lead + _error_title(name, channel), *(_error(one.get(name), channel) for one in fits))
-    for channel, (_, others) in ranked.items():
+    for name, channel in (line for line in lines if line in alone):
+        table.add_row(lead + _error_title(channel, name), *(_error([one.get(name)], channel) for one in fits))
+    for channel, (first, others) in ranked.items():
         if others:
-            title = lead + _error_title(f"{len(others)} more", channel)
-            table.add_row(title, *(_largest([one.get(name) for name, _ in others], channel) for one in fits))
-
-
-def _largest(fits: Sequence[ExperimentFit | None], channel: str) -> str:
-    text = _error(max(fits, key=lambda fit: _size(fit, channel)), channel)
-    return f"at most {text}" if text else ""
-
-
-def _size(fit: ExperimentFit | None, channel: str) -> float:
-    """The error of a line [SI]."""
-    if fit is None:
-        return 0.0
-    return fit.rmse.get(channel, 0.0) if channel else fit.distance.mean if fit.distance else 0.0
+            title = lead + _error_title(channel, f"{len(others)} more" if first else "")
+            table.add_row(title, *(_error([one.get(name) for name, _ in others], channel) for one in fits))
 
 
 def _error_lines(fits: Iterable[tuple[str, ExperimentFit]]) -> list[tuple[str, str]]:
@@ -218,29 +257,30 @@ def _error_lines(fits: Iterable[tuple[str, ExperimentFit]]) -> list[tuple[str, s
     return list(lines)
 
 
-def _error_title(experiment: str, channel: str) -> str:
-    return f"RMSE of {channel}, {experiment}" if channel else f"distance, mean and largest, {experiment}"
+def _error_title(channel: str, experiment: str) -> str:
+    title = f"RMSE of {channel}" if channel else "distance, mean and largest"
+    return f"{title}, {experiment}" if experiment else title
 
 
-def _error(fit: ExperimentFit | None, channel: str) -> str:
+def _error(fits: Sequence[ExperimentFit | None], channel: str) -> str:
+    """The error of a channel; of several tests the largest, of distances each its own."""
     from softcal.units import format_quantity
 
-    if fit is None or (channel and channel not in fit.rmse):
+    fitted = [fit for fit in fits if fit is not None and (channel in fit.rmse if channel else fit.distance)]
+    if not fitted:
         return ""
+    lead = "at most " * (len(fitted) > 1)
     if channel:
-        return format_quantity(fit.rmse[channel], fit.units[channel], digits=3)
-    distance = fit.distance
-    if distance is None:
-        return ""
-    text = f"{1e3 * distance.mean:.3g} and {1e3 * distance.max:.3g} mm"
-    if fit.length is not None:
-        text += f" ({100 * distance.mean / fit.length:.2g} and {100 * distance.max / fit.length:.2g} %)"
+        worst = max(fitted, key=lambda fit: fit.rmse[channel])
+        return lead + format_quantity(worst.rmse[channel], worst.units[channel], digits=3)
+    distances = [(fit.distance, fit.length) for fit in fitted if fit.distance]
+    mean, largest = max(of.mean for of, _ in distances), max(of.max for of, _ in distances)
+    text = f"{lead}{1e3 * mean:.3g} and {1e3 * largest:.3g} mm"
+    shares = [(of.mean / length, of.max / length) for of, length in distances if length is not None]
+    if len(shares) == len(distances):
+        mean, largest = (100 * max(each) for each in zip(*shares, strict=True))
+        text += f" ({mean:.2g} and {largest:.2g} %)"
     return text
-
-
-def _count(result: CalibrationResult) -> str:
-    failed = f", {result.n_failed_trials} failed" if result.n_failed_trials else ""
-    return f"{len(result.trials)}{failed}"
 
 
 def value_text(estimate: Estimate) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -14,6 +15,18 @@ from softcal.limits import LIMITS
 Values = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="Fix a parameter at a value, such as neck.youngs_modulus=2.3MPa."),
+]
+
+Source = Annotated[
+    Path, typer.Argument(metavar="RUN_OR_PROJECT", help="A run folder, or a project file.", show_default=False)
+]
+Pull = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="CABLE=VALUE",
+        help="Instead of the experiments: pull a cable (front=40mm, front=8N); repeat for several cables.",
+        show_default=False,
+    ),
 ]
 
 SOFTCAL = "softcal"  # the default engine

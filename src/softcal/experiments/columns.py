@@ -84,7 +84,7 @@ def read_columns(
     places
         Name -> number of the column.
     may_miss
-        Whether a cell of the column of that name may be empty.
+        True for the name of a column whose cells may be empty.
     filters, label
         Filters of rows, and the column of row labels.
     decimal
@@ -126,18 +126,28 @@ def read_columns(
             labels += [row[label] for row in rows]
     unmet = {i: (missing, sieve.seen) for i, sieve in enumerate(sieves) if (missing := sieve.missing)}
     return Columns(
-        {name: np.concatenate(parts.pop(name)) for name in places},
-        {name: one for name, one in odd.items() if one.n},
-        tuple(labels),
-        np.concatenate(lines),
-        n_rows,
-        decimal or ".",
-        unmet,
+        numbers={name: np.concatenate(parts.pop(name)) for name in places},
+        odd={name: one for name, one in odd.items() if one.n},
+        labels=tuple(labels),
+        lines=np.concatenate(lines),
+        n_rows=n_rows,
+        decimal=decimal or ".",
+        unmet=unmet,
     )
 
 
 def cells_of(table: Table, column: int, lines: Sequence[int]) -> list[str]:
-    """The cells of a column in given lines of the file, in order."""
+    """Cells of a column in some lines of the file, in order.
+
+    Parameters
+    ----------
+    table
+        The table, with its format and column names.
+    column
+        Number of the column, from 0.
+    lines
+        Numbers of the lines, from 1, ascending.
+    """
     found: dict[int, str] = {}
     for numbers, rows in table.rows():
         found |= {number: row[column] for number, row in zip(numbers, rows, strict=True) if number in lines}
@@ -145,7 +155,7 @@ def cells_of(table: Table, column: int, lines: Sequence[int]) -> list[str]:
 
 
 class _Sieve:
-    """A filter, and the values found so far."""
+    """A filter, and the values that matched so far."""
 
     def __init__(self, one: Filter) -> None:
         self._filter = one

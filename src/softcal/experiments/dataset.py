@@ -109,7 +109,7 @@ class Dataset(Checked):
         return tuple(name for name, channel in self.channels.items() if np.isnan(channel.values).any())
 
     def unit_read(self, channels: Collection[str]) -> str:
-        """The unit of some channels in words, by their columns in the tables that they were read from."""
+        """Units of some channels as text, with the columns that they were read from."""
         tables = [step.settings for step in self.provenance if "columns" in step.settings]
         columns = [
             f"'{column['name']}' in {column['unit']}"

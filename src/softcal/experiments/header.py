@@ -64,7 +64,22 @@ def read_layout(
     optional: Collection[str] = (),
     label: str | None = None,
 ) -> ColumnLayout:
-    """Find the columns of a file without reading its rows; for the arguments see `read_table`.
+    """Find the columns of a file without reading its rows.
+
+    Parameters
+    ----------
+    path
+        The file.
+    columns
+        Channel -> its column.
+    written
+        Format of the table, as far as it is stated.
+    where
+        Column -> value, or list of values, of the rows to keep.
+    optional
+        Channels that are omitted if the file has no such column.
+    label
+        Column that names each row.
 
     Raises
     ------
@@ -84,7 +99,11 @@ def read_layout(
         place = find_column(table, spec.name, layout.faults)
         if place is not None:
             layout.places[key] = place
-    layout.filters += _filters(table, where or {}, layout.faults)
+    for name, wanted in (where or {}).items():
+        place = find_column(table, name, layout.faults)
+        if place is not None:
+            values = wanted if isinstance(wanted, list | tuple) else [wanted]
+            layout.filters.append(Filter(place, tuple(str(value) for value in values)))
     layout.label = None if label is None else find_column(table, label, layout.faults)
     for key, place in layout.places.items():
         si_unit = column_unit(key) or "1"
@@ -148,7 +167,17 @@ def _check_channels(path: Path, columns: Mapping[str, ColumnSpec]) -> None:
 
 
 def find_column(table: Table, name: str, faults: list[Fault]) -> int | None:
-    """Number of the column of a name; None where there is none, or more than one, which is a fault."""
+    """Number of the column of a name; None, with a fault, if there is none or more than one.
+
+    Parameters
+    ----------
+    table
+        The table, with its format and column names.
+    name
+        Name of the column, with or without its unit.
+    faults
+        Collects the faults.
+    """
     found = table.find(name)
     if len(found) == 1:
         return found[0]
@@ -170,16 +199,6 @@ def find_column(table: Table, name: str, faults: list[Fault]) -> int | None:
     return None
 
 
-def _filters(table: Table, where: Mapping[str, object], faults: list[Fault]) -> list[Filter]:
-    filters: list[Filter] = []
-    for name, wanted in where.items():
-        place = find_column(table, name, faults)
-        if place is not None:
-            values = wanted if isinstance(wanted, list | tuple) else [wanted]
-            filters.append(Filter(place, tuple(str(value) for value in values)))
-    return filters
-
-
 def unit_of_column(
     table: Table,
     place: int,
@@ -190,7 +209,20 @@ def unit_of_column(
 ) -> tuple[str, float] | None:
     """Unit of a column and its factor to SI, from the project or the file; a contradiction of both is a fault.
 
-    stated: the unit that the project gives, None for that of the file. attempt: where to state one that is missing.
+    Parameters
+    ----------
+    table
+        The table, with its format and column names.
+    place
+        Number of the column, from 0.
+    si_unit
+        SI unit of the channel.
+    faults
+        Collects the faults.
+    stated
+        Unit in the project; None to use that of the file.
+    attempt
+        Where to state a missing unit, for messages.
     """
     header = table.headers[place]
     where = f"{table.path}, line {table.header_line}, column '{header}'"

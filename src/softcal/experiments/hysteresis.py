@@ -66,7 +66,7 @@ def _area(shortening: Floats, tension: Floats, rows: np.ndarray) -> float:
 
 
 def _vanishing(shortening: Floats, tension: Floats) -> float | None:
-    """The shortening [m] at which the tension of an unloading branch vanishes, or None."""
+    """Shortening [m] at which the tension of an unloading branch vanishes; None if it does not."""
     least = VANISHED * float(tension.max())
     below = np.flatnonzero(tension <= least)
     if not below.size or below[0] == 0:

@@ -52,7 +52,15 @@ def read_c3d(path: str | Path, markers: Mapping[str, str], *, name: str = "") ->
         Where the file cannot be read.
     """
     path = Path(path)
-    raw = _bytes(path)
+    try:
+        with path.open("rb") as file:
+            raw = file.read(_LARGEST + 1)
+    except OSError as error:
+        raise StorageError(
+            Fault("the data file cannot be read", where=str(path), got=error.strerror or str(error))
+        ) from error
+    if len(raw) > _LARGEST:
+        raise DatasetError(Fault("the .c3d file is too large", str(path), allowed=f"{_LARGEST} bytes"))
     if len(raw) < 512 or raw[1] != _MAGIC:
         start = f"{len(raw)} bytes that begin with {raw[:4].hex(' ')}" if raw else "an empty file"
         raise DatasetError(Fault("not a .c3d file", str(path), start, "512 bytes or more, the second of them 50"))
@@ -62,7 +70,15 @@ def read_c3d(path: str | Path, markers: Mapping[str, str], *, name: str = "") ->
         raise DatasetError(
             Fault("the .c3d file is damaged", str(path), str(error) or type(error).__name__, "an undamaged file")
         ) from error
-    _check(path, labels, rate, frames)
+    faults: list[Fault] = []
+    if not frames.shape[1] or not labels:
+        faults.append(Fault("the file has no points", str(path), f"{frames.shape[1]} points, {len(labels)} labels"))
+    if not len(frames):
+        faults.append(Fault("the file has no frames", str(path), allowed="at least one frame of points"))
+    if not 0 < rate < np.inf:
+        faults.append(Fault("the file has no frame rate", f"{path}, POINT:RATE", f"{rate:g} Hz", "above 0 Hz"))
+    if faults:
+        raise DatasetError(faults)
     factor = unit_factor(unit, "m", where=f"{path}, POINT:UNITS")
     columns = _columns(path, labels, markers)
     positions = np.where(frames[:, :, 3:4] < 0, np.nan, frames[:, :, :3]) * factor
@@ -82,19 +98,6 @@ def read_c3d(path: str | Path, markers: Mapping[str, str], *, name: str = "") ->
     return Dataset(name or path.stem, channels, (Step("read_c3d", settings, outcome),))
 
 
-def _bytes(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            raw = file.read(_LARGEST + 1)
-    except OSError as error:
-        raise StorageError(
-            Fault("the data file cannot be read", where=str(path), got=error.strerror or str(error))
-        ) from error
-    if len(raw) > _LARGEST:
-        raise DatasetError(Fault("the .c3d file is too large", str(path), allowed=f"{_LARGEST} bytes"))
-    return raw
-
-
 def _parse(raw: bytes) -> tuple[list[str], str, float, Floats]:
     """Labels, unit, rate [Hz], and the frames (n, n_points, 5): position, residual, cameras."""
     import c3d
@@ -107,7 +110,9 @@ def _parse(raw: bytes) -> tuple[list[str], str, float, Floats]:
     if found and len(found) < reader.frame_count:
         raise ValueError(f"it ends after {len(found)} of {reader.frame_count} frames")
     frames = np.array(found, dtype=np.float64).reshape(len(found), -1, 5)
-    return _labels(reader), _text(reader, "POINT:UNITS"), float(reader.point_rate), frames
+    parameter = reader.get("POINT:UNITS")
+    unit = "" if parameter is None else str(parameter.string_value).strip("\0 ")
+    return _labels(reader), unit, float(reader.point_rate), frames
 
 
 def _labels(reader: Any) -> list[str]:
@@ -118,23 +123,6 @@ def _labels(reader: Any) -> list[str]:
         labels += [str(label).strip("\0 ") for label in np.ravel(parameter.string_array)]
         number += 1
     return labels
-
-
-def _text(reader: Any, key: str) -> str:
-    parameter = reader.get(key)
-    return "" if parameter is None else str(parameter.string_value).strip("\0 ")
-
-
-def _check(path: Path, labels: list[str], rate: float, frames: Floats) -> None:
-    faults: list[Fault] = []
-    if not frames.shape[1] or not labels:
-        faults.append(Fault("the file has no points", str(path), f"{frames.shape[1]} points, {len(labels)} labels"))
-    if not len(frames):
-        faults.append(Fault("the file has no frames", str(path), allowed="at least one frame of points"))
-    if not 0 < rate < np.inf:
-        faults.append(Fault("the file has no frame rate", f"{path}, POINT:RATE", f"{rate:g} Hz", "above 0 Hz"))
-    if faults:
-        raise DatasetError(faults)
 
 
 def _columns(path: Path, labels: list[str], markers: Mapping[str, str]) -> dict[str, int]:

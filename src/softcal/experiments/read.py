@@ -114,7 +114,7 @@ def read_table(
 
 
 def _doubled_labels(table: Table, place: int, held: Columns) -> list[Fault]:
-    """A fault if two rows have the same label."""
+    """Fault of two rows with the same label."""
     first: dict[str, int] = {}
     twice = [i for i, text in enumerate(held.labels) if first.setdefault(text, i) < i]
     if not twice:
@@ -135,18 +135,26 @@ def _unmet(table: Table, filters: Sequence[Filter], held: Columns) -> list[Fault
 
 
 def not_numbers(table: Table, place: int, odd: Odd, decimal: str) -> Fault:
-    """The fault of cells of a column that are not numbers."""
-    shown = ", ".join(repr(_short(cell)) if cell else "nothing" for cell in odd.cells)
+    """Fault of a column's cells that are not numbers.
+
+    Parameters
+    ----------
+    table
+        The table, with its format and column names.
+    place
+        Number of the column, from 0.
+    odd
+        The cells, with their lines.
+    decimal
+        Decimal mark of the table.
+    """
+    shown = ", ".join(repr(cell if len(cell) <= 40 else cell[:39] + "…") if cell else "nothing" for cell in odd.cells)
     return Fault(
         f"{odd.n} value(s) are not numbers",
         where=f"{table.path}, column '{table.headers[place]}', {line_numbers(odd.lines, odd.n)}",
         got=shown + (", …" if odd.n > len(odd.cells) else ""),
         allowed=f"numbers with a decimal {'comma' if decimal == ',' else 'point'}",
     )
-
-
-def _short(cell: str) -> str:
-    return cell if len(cell) <= 40 else cell[:39] + "…"
 
 
 def line_numbers(first: Sequence[int], n: int) -> str:
@@ -158,7 +166,7 @@ def line_numbers(first: Sequence[int], n: int) -> str:
 def _check_time(
     table: Table, held: Columns, values: Mapping[str, Floats], places: Mapping[str, int], faults: list[Fault]
 ) -> int:
-    """A fault if time descends; and the number of samples with the time of the previous one."""
+    """Record descending times; return the number of samples with the time of the previous one."""
     if "time" not in values:
         return 0
     steps = np.diff(values["time"])

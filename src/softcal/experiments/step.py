@@ -54,9 +54,9 @@ class PreparationStep(FunctionMember):
     settings : mapping of str to Setting
         By the function's parameters, in the order of their importance: the first may be given alone.
     keeps_gaps : bool
-        Whether values may be missing.
+        True if values may be missing.
     leaves_out : {"", "samples", "cycles"}
-        What of the record is not in the dataset any more after it.
+        Parts of the record that the step leaves out.
     """
 
     settings: Mapping[str, Setting] = field(default_factory=dict[str, Setting])
@@ -65,13 +65,13 @@ class PreparationStep(FunctionMember):
 
     @property
     def required(self) -> tuple[str, ...]:
-        """Settings that must be given: those for which the function has no default."""
+        """Settings for which the function has no default."""
         parameters = inspect.signature(self.function).parameters
         return tuple(key for key in self.settings if parameters[key].default is inspect.Parameter.empty)
 
 
 def _faults(step: PreparationStep, _: Mapping[str, PreparationStep]) -> list[Fault]:
-    """What is wrong with a step that is to be registered."""
+    """Faults of a step to be registered."""
     if not isinstance(step, PreparationStep):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
         allowed = "what softcal.register_step returns for a function"
         return [Fault("this is not a preparation step", "prepare", repr(step)[:60], allowed)]
@@ -106,11 +106,11 @@ def register_step(*, keeps_gaps: bool = False, leaves_out: LeavesOut = "", **set
     Parameters
     ----------
     keeps_gaps
-        Whether the function can do with values that are missing (NaN).
+        True if the function accepts missing values (NaN).
     leaves_out
-        "samples" or "cycles", where the dataset is no longer the whole record afterwards.
+        "samples" or "cycles", if the step leaves some of them out.
     settings
-        What a project may set, by the function's parameters.
+        Settings in a project file, by the function's parameters.
 
     Returns
     -------

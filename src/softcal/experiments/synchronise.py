@@ -81,7 +81,7 @@ class CommonMotion(Declared):
     reference, signal
         Channels of the first and of the second record that follow the same motion, with equal or opposite sign.
     estimate_rate
-        Whether to estimate a rate of the second clock relative to the first, from the lags of the two halves of the
+        Estimate a rate of the second clock relative to the first, from the lags of the two halves of the
         records. An estimate beyond what quartz clocks differ by, 200 ppm, is not used: both then run as fast.
     min_correlation
         Smallest accepted correlation coefficient over the overlap [-].
@@ -96,6 +96,15 @@ class CommonMotion(Declared):
 
 def synchronise(utm: Dataset, imu: Dataset, motion: CommonMotion | None = None) -> Dataset:
     """The testing machine's dataset with the IMU's channels interpolated at its times.
+
+    Parameters
+    ----------
+    utm
+        Dataset of the testing machine.
+    imu
+        Dataset of the IMU.
+    motion
+        Settings of the search for the motion common to both; default settings if None.
 
     Raises
     ------
@@ -157,6 +166,15 @@ def synchronise(utm: Dataset, imu: Dataset, motion: CommonMotion | None = None) 
 
 def fit_clock(utm: Dataset, imu: Dataset, motion: CommonMotion) -> ClockFit:
     """Lag and rate of the IMU's clock against the UTM's by cross-correlation.
+
+    Parameters
+    ----------
+    utm
+        Dataset of the testing machine.
+    imu
+        Dataset of the IMU.
+    motion
+        Settings of the search for the motion common to both.
 
     Raises
     ------

@@ -117,6 +117,15 @@ class Table:
 def load_table(path: Path, wanted: Sequence[str], written: TableFormat) -> Table:
     """Detect the format of a text table; the header is the line with the most of the `wanted` column names.
 
+    Parameters
+    ----------
+    path
+        The file.
+    wanted
+        Names of columns; the header is the line with the most of them.
+    written
+        Format of the table, as far as it is stated.
+
     Raises
     ------
     StorageError
@@ -179,7 +188,7 @@ def bare_unit(cell: str) -> str:
 
 @functools.cache
 def is_unit(text: str) -> bool:
-    """Whether `text` is a known unit."""
+    """True if `text` is a known unit."""
     for si_unit in SI_UNITS.values():
         try:
             unit_factor(text, si_unit)
@@ -190,13 +199,13 @@ def is_unit(text: str) -> bool:
 
 
 def uses_decimal_comma(cells: Sequence[str]) -> bool:
-    """Whether more of the cells are numbers with a decimal comma than with a decimal point."""
+    """True if more of the cells are numbers with a decimal comma than with a decimal point."""
     numbers = [cell for cell in cells if _NUMBER.match(cell)]
     return sum("," in cell for cell in numbers) > sum("." in cell for cell in numbers)
 
 
 def _beginning(file: TextFile, skip_rows: int, last: int, least: int) -> list[tuple[int, str]]:
-    """The first non-empty lines and their numbers: those searched for a header, at least `least`."""
+    """The first non-empty lines, at least `least`, with their numbers: the header is among them."""
     body: list[tuple[int, str]] = []
     for first, lines in file.blocks():
         for number, line in enumerate(lines, start=first):
@@ -237,18 +246,15 @@ def _padded(cells: list[str], width: int) -> list[str]:
     return (cells + [""] * (width - len(cells)))[:width]
 
 
-def _n_matched(cells: list[str], wanted: Sequence[str]) -> int:
-    names = {name.casefold() for cell in cells for name in (" ".join(cell.split()), split_header(cell)[0])}
-    return sum(" ".join(name.split()).casefold() in names for name in wanted)
-
-
 def _best_header(path: Path, body: list[tuple[int, str]], wanted: Sequence[str], delimiter: str) -> tuple[int, int]:
     """(columns matched, line number) of the best header; a commented line only if no other line matches."""
     best = (0, 0)
     for commented in (False, True):
         for number, line in body[:_HEADER_SEARCH_LINES]:
             if _is_comment(line) == commented:
-                matched = _n_matched(_cells(path, number, _uncomment(line), delimiter, header=True), wanted)
+                cells = _cells(path, number, _uncomment(line), delimiter, header=True)
+                names = {name.casefold() for cell in cells for name in (" ".join(cell.split()), split_header(cell)[0])}
+                matched = sum(" ".join(name.split()).casefold() in names for name in wanted)
                 best = max(best, (matched, number), key=lambda entry: entry[0])
         if best[0]:
             break

@@ -1,4 +1,4 @@
-"""How a bench table is written, where it is not to be detected, and the sensor that wrote it."""
+"""Format of a bench table, as far as it is stated and not detected, and the sensor that wrote it."""
 
 from __future__ import annotations
 
@@ -58,10 +58,9 @@ class TableFormat(Declared):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.delimiter is not None and not _separates(self.delimiter):
+        mark = self.delimiter
+        if mark is not None and (
+            len(mark) != 1 or mark.isalnum() or mark in "\"'.+-_\r\n" or not (mark.isprintable() or mark == "\t")
+        ):
             allowed = 'one character, such as ",", ";" or "\\t"'
-            raise InputError(Fault("this cannot separate columns", "delimiter", repr(self.delimiter), allowed))
-
-
-def _separates(text: str) -> bool:
-    return len(text) == 1 and not text.isalnum() and text not in "\"'.+-_\r\n" and (text.isprintable() or text == "\t")
+            raise InputError(Fault("this cannot separate columns", "delimiter", repr(mark), allowed))

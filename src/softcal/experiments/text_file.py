@@ -6,7 +6,7 @@ import codecs
 import contextlib
 import hashlib
 import io
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -84,17 +84,14 @@ def _blocks(path: Path, encoding: str, seen: Callable[[bytes], object] = bytes) 
             seen(raw)
             *lines, rest = (rest + decode(raw)).split("\n")
             if len(max((*lines, rest), key=len)) > _LONGEST_LINE:
-                raise _too_long(path, number, [*lines, rest])
+                numbered = enumerate((*lines, rest), start=number + 1)
+                long = next(i for i, line in numbered if len(line) > _LONGEST_LINE)
+                what, allowed = "the line is too long for a row of a table", f"at most {_LONGEST_LINE} characters"
+                raise DatasetError(Fault(what, f"{path}, line {long}", allowed=allowed))
             number += len(lines)
             yield lines
     *lines, rest = (rest + decode(b"", final=True)).split("\n")
     yield [*lines, rest] if rest else lines
-
-
-def _too_long(path: Path, before: int, lines: Sequence[str]) -> DatasetError:
-    long = next(number for number, line in enumerate(lines, start=before + 1) if len(line) > _LONGEST_LINE)
-    what, allowed = "the line is too long for a row of a table", f"at most {_LONGEST_LINE} characters"
-    return DatasetError(Fault(what, f"{path}, line {long}", allowed=allowed))
 
 
 @contextlib.contextmanager

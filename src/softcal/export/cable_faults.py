@@ -1,4 +1,4 @@
-"""Cables that another program cannot have as softcal has them: there they are lines without friction and stretch."""
+"""Faults of cables with friction or stretch, which other programs replace by lines without either."""
 
 from __future__ import annotations
 

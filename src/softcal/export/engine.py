@@ -1,4 +1,4 @@
-"""Another program that solves a robot: what it must offer to be compared with softcal, or to take its place."""
+"""Interface of another program that solves a robot, to be compared with softcal or to take its place."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from typing import Any
 from softcal.calibration.problem import SOFTCAL, Simulate
 from softcal.catalogue import Catalogue
 from softcal.checks import Floats
-from softcal.declare import Checked
+from softcal.declare import Checked, Declared
 from softcal.display import displayed
 from softcal.errors import Fault, SimulationError
-from softcal.export.sofa_settings import SofaSettings
 from softcal.sensing.channel import ChannelName
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
@@ -47,10 +46,10 @@ class EngineState:
 
 @dataclass(frozen=True)
 class Running:
-    """Settings of the engines: timeout of each process [s], None for the engine's default; SOFA's settings."""
+    """How an engine is run: timeout of each process [s], None for its default; its settings, if it has any."""
 
     timeout: float | None = None
-    sofa: SofaSettings = field(default_factory=SofaSettings)
+    settings: Declared | None = None
 
 
 @displayed
@@ -73,8 +72,11 @@ class Engine(Checked):
     leaves_out : callable
         Relative difference at a shape explained by the engine's model, and the neglected effect; 0 and "" if none.
     simulator : callable or None
-        From the engine's settings in a project (None where it has none) and a robot to what takes the place of
-        `simulate` for it, checked to be possible; None for an engine that is only compared with.
+        From the engine's settings (None where it has none) and a robot to what takes the place of `simulate` for it,
+        checked to be possible; None for an engine that is only compared with.
+    settings : class or None
+        The frozen dataclass, with defaults, into which `engines: NAME:` of a project file is read; None where there
+        is nothing to state.
     """
 
     name: str
@@ -84,19 +86,20 @@ class Engine(Checked):
     lacks: Callable[[Robot], list[Fault]] = lambda robot: []
     leaves_out: Callable[[Snapshot], tuple[float, str]] = lambda shape: (0.0, "")
     simulator: Callable[[Any, Robot], Simulate] | None = None
+    settings: type[Declared] | None = None
 
     def leaves_out_contact(self, robot: Robot) -> bool:
-        """Whether the robot has contact, and not in the engine."""
+        """True if the robot has contact that the engine omits."""
         return robot.contact is not None and self.own(robot).contact is None
 
     @property
     def module(self) -> str:
-        """Where it is defined."""
+        """Module that defines the engine."""
         return self.solve.__module__ or ""
 
 
 def _faults(engine: Engine, known: Mapping[str, Engine]) -> list[Fault]:
-    """What is wrong with an engine that is to be registered."""
+    """Faults of an engine to be registered."""
     if not isinstance(engine, Engine):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
         return [Fault("this is not an engine", "engine", repr(engine)[:60], "a softcal.Engine")]
     if engine.name == SOFTCAL:
@@ -105,11 +108,17 @@ def _faults(engine: Engine, known: Mapping[str, Engine]) -> list[Fault]:
     return []
 
 
-ENGINES: Catalogue[Engine] = Catalogue("engine", "softcal.engines", _faults, home="softcal.export.engines")
+ENGINES: Catalogue[Engine] = Catalogue("engine", "softcal.engines", _faults)
 
 register_engine = ENGINES.registrar(
     "register_engine", "Add an engine: `crosscheck --engines` then accepts its name, and `--engine` if it can simulate."
 )
+
+
+def engine_settings(name: str, stated: Mapping[str, Declared]) -> Any:
+    """The settings of an engine among those that a project states, else its defaults; None where it has none."""
+    kind = ENGINES[name].settings
+    return stated.get(name) or (None if kind is None else kind())
 
 
 def state_of(response: Response) -> EngineState:

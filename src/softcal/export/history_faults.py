@@ -1,4 +1,4 @@
-"""Bodies and rods whose material has a history, which no other program gets from softcal."""
+"""Faults of materials with a history, which softcal exports to no other program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contact, which no other program gets from softcal: parts may pass through each other there."""
+"""Contact, which softcal exports to no other program: parts may pass through each other there."""
 
 from __future__ import annotations
 

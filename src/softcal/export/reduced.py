@@ -105,21 +105,27 @@ def reduced(
     grid = np.array(_snake([len(axis) for axis in axes]))
     tensions = np.column_stack([axis[grid[:, k]] for k, axis in enumerate(axes)])
     shape = tuple(len(axis) for axis in axes)
-    table = np.zeros((*shape, 1 + len(cables), len(_channels(robot))))
+    plates, pulled = _moving(robot), [cable.name for cable in robot.cables]
+    table = np.zeros((*shape, 1 + len(cables), POSE * len(plates) + len(pulled)))
     table[tuple(grid.T)] = _sampled(robot, cables, tensions, tell)
-    _align_quaternions(table, len(_moving(robot)))
+    _align_quaternions(table, len(plates))
+    rows = [f"{name}.{key}" for name in plates for key in ("x", "y", "z", "rx", "ry", "rz")]
+    others = "All other cables are slack."
+    tight = [c.name for c in robot.cables if c.name not in cables and "pretension" in c.properties]
+    if tight:
+        others = f"At zero shortening, with their pretension: {', '.join(tight)}. {others}"
     model: dict[str, Any] = {
         "format": "softcal-reduced",
         "version": 2,
         "units": "m, N, rad; quaternions (x, y, z, w) of the rotation from rest",
         "cables": cables,
         "axes": [axis.tolist() for axis in axes],
-        "plates": _moving(robot),
-        "shortenings": [cable.name for cable in robot.cables],
-        "rows": _rows(robot),
+        "plates": plates,
+        "shortenings": pulled,
+        "rows": rows + [f"{name}.shortening" for name in pulled],
         "parameters": {f"{name} [{info.unit}]": info.value for name, info in robot_parameters(robot).items()},
         "nodes": _with_mixed(table, axes).tolist(),
-        "others": _others(robot, cables),
+        "others": others,
         "error": {},
     }
     rng = np.random.default_rng(SEED)
@@ -162,16 +168,17 @@ def write_reduced(model: ReducedModelFit, folder: Path) -> list[Path]:
     return [path, code, readme]
 
 
-def _others(robot: Robot, cables: Sequence[str]) -> str:
-    """The sentence on the cables that the controller does not pull."""
-    held = [one.name for one in robot.cables if one.name not in cables and "pretension" in one.properties]
-    if held:
-        return f"At zero shortening, with their pretension: {', '.join(held)}. All other cables are slack."
-    return "All other cables are slack."
-
-
 def measured_error(robot: Robot, model: Mapping[str, Any], points: Floats) -> dict[str, ChannelError]:
-    """Errors of a model at tensions (n, n_cables) [N], by plate and cable, and of their compliances.
+    """Errors of a model against the twin, by plate and cable, and of its compliances.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    model
+        Content of `model.json`.
+    points
+        Tensions (n, n_cables) [N].
 
     Raises
     ------
@@ -283,16 +290,6 @@ def _snake(shape: Sequence[int]) -> list[tuple[int, ...]]:
 
 def _moving(robot: Robot) -> list[str]:
     return [plate.name for plate in robot.plates if not plate.fixed]
-
-
-def _channels(robot: Robot) -> list[str]:
-    of_plates = [f"{name}.{key}" for name in _moving(robot) for key in ("x", "y", "z", "qx", "qy", "qz", "qw")]
-    return of_plates + [f"{cable.name}.shortening" for cable in robot.cables]
-
-
-def _rows(robot: Robot) -> list[str]:
-    of_plates = [f"{name}.{key}" for name in _moving(robot) for key in ("x", "y", "z", "rx", "ry", "rz")]
-    return of_plates + [f"{cable.name}.shortening" for cable in robot.cables]
 
 
 def _sampled(

@@ -19,19 +19,27 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, ParameterError
 from softcal.geometry.mesh import TetMesh
-from softcal.mechanics.element import Element
 from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.stress import cauchy_stress, green_lagrange_strain, von_mises
 from softcal.twin.contacts import disc_skin
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response, Snapshot
-from softcal.twin.robot import Body, Robot
+from softcal.twin.robot import Robot
 
 VTK_LINE, VTK_TRIANGLE = 3, 5
 
 
 def write_vtk(robot: Robot, response: Response, folder: Path) -> list[Path]:
     """Write every shape of a response into an existing folder; returns the .pvd and the .vtu files.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    response
+        A response with snapshots.
+    folder
+        An existing folder.
 
     Raises
     ------
@@ -47,9 +55,11 @@ def write_vtk(robot: Robot, response: Response, folder: Path) -> list[Path]:
         path = folder / f"shape-{i:03d}.vtu"
         _grid(robot, response, shape, names).save(str(path))
         written.append(path)
+    drive = np.array([1e3 * shape.drive if shape.drive_unit == "m" else shape.drive for shape in response.snapshots])
+    times = drive if (np.diff(drive) > 0.0).all() else np.arange(1.0, len(drive) + 1.0)
     entries = "".join(
         f'    <DataSet timestep="{time:.10g}" group="" part="0" name={quoteattr(shape.label)} file="{path.name}"/>\n'
-        for time, shape, path in zip(_times(response.snapshots), response.snapshots, written, strict=True)
+        for time, shape, path in zip(times, response.snapshots, written, strict=True)
     )
     series = folder / "shapes.pvd"
     series.write_text(
@@ -59,11 +69,6 @@ def write_vtk(robot: Robot, response: Response, folder: Path) -> list[Path]:
     )
     (folder / "parts.txt").write_text("".join(f"{i} {name}\n" for i, name in enumerate(names)), encoding="utf-8")
     return [series, *written]
-
-
-def _times(shapes: tuple[Snapshot, ...]) -> Floats:
-    drive = np.array([1e3 * shape.drive if shape.drive_unit == "m" else shape.drive for shape in shapes])
-    return drive if (np.diff(drive) > 0.0).all() else np.arange(1.0, len(shapes) + 1.0)
 
 
 class _Cells:
@@ -99,7 +104,8 @@ def _grid(robot: Robot, response: Response, shape: Snapshot, names: list[str]) -
     for name, x in shape.points.items():
         body, tets = bodies[name], response.tets[name]
         element = ELEMENTS[body.element]
-        mesh = TetMesh(_rest_points(body, element, len(x)), tets)
+        points = body.mesh.points  # with added nodes, if the element has more than the body's mesh
+        mesh = TetMesh(points if len(points) == len(x) else element.mesh(body.mesh).points, tets)
         cells.add(names.index(name), x, mesh.points, tets, element.cell.vtk)
         if (motion := body.motion(mesh)) is not None:
             mesh, x = TetMesh(motion.moved(mesh.points), tets), motion.moved(x)
@@ -134,9 +140,3 @@ def _grid(robot: Robot, response: Response, shape: Snapshot, names: list[str]) -
     for cable, tension in shape.tensions.items():
         grid.field_data[f"{cable}.tension [N]"] = [tension]
     return grid
-
-
-def _rest_points(body: Body, element: Element, n: int) -> Floats:
-    """The undeformed nodes of the element's mesh: the body's own, with added nodes if needed."""
-    given = body.mesh.points
-    return given if len(given) == n else element.mesh(body.mesh).points

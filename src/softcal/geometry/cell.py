@@ -1,4 +1,4 @@
-"""The two kinds of tetrahedra that meshes are made of, as everything that depends on the kind sees them."""
+"""The two kinds of tetrahedra that meshes are made of, linear and quadratic, and all that depends on the kind."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ class Cell:
 
     @property
     def n_nodes(self) -> int:
-        """Number of its nodes."""
+        """Number of nodes."""
         return 4 + len(self.edges)
 
     @cached_property
     def nodes(self) -> Floats:
-        """Barycentric coordinates of its nodes (n_nodes, 4)."""
+        """Barycentric coordinates of the nodes (n_nodes, 4)."""
         corners = np.eye(4)
         return np.vstack([corners, *(0.5 * (corners[[a]] + corners[[b]]) for a, b in self.edges)])
 

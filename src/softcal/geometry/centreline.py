@@ -139,7 +139,7 @@ def helix(
     towards
         Direction from the axis to the first node; any if None.
     left_handed
-        Whether the wire rises clockwise, viewed against `axis`.
+        True if the wire rises clockwise, viewed against `axis`.
 
     Raises
     ------
@@ -215,6 +215,17 @@ def curve_through(
     points: ArrayLike, stations: ArrayLike, longest: float, *, first: Sequence[float] | None = None
 ) -> Centreline:
     """`polyline` with additional nodes: at arc lengths `stations` [m], with a spacing of at most `longest` [m].
+
+    Parameters
+    ----------
+    points
+        Points of the curve (n, 3) [m].
+    stations
+        Arc lengths (k,) [m] that get a node.
+    longest
+        Largest spacing of nodes [m].
+    first
+        First axis (3,) of the section at the start; chosen by default.
 
     Raises
     ------

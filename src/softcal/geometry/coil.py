@@ -16,7 +16,7 @@ from softcal.quantities import Size, Turns
 
 @dataclass(frozen=True, kw_only=True)
 class Coil(Declared):
-    """How the wire of a helical spring winds.
+    """The winding of a helical spring's wire.
 
     Attributes
     ----------
@@ -60,7 +60,19 @@ class Coil(Declared):
         axis: Sequence[float] = (0.0, 0.0, 1.0),
         towards: Sequence[float] | None = (1.0, 0.0, 0.0),
     ) -> Centreline:
-        """The wire's axis; see `softcal.geometry.centreline.helix`."""
+        """Centreline of the wire; see `softcal.geometry.centreline.helix`.
+
+        Parameters
+        ----------
+        at
+            Number of elements, or arc lengths (n,) [m] of the nodes.
+        base
+            Start of the helix's axis (3,) [m].
+        axis
+            Direction of the axis (3,).
+        towards
+            Direction (3,) from the axis to the wire's start; chosen by default.
+        """
         return helix(
             base,
             axis,

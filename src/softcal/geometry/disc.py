@@ -71,7 +71,9 @@ class SolidDisc(Filled):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self._fit():
+        inside = all(math.hypot(x, y) + 0.5 * d < 0.5 * self.diameter for x, y, d in self.circles)
+        pairs = combinations(self.circles, 2)
+        if not (inside and all(math.dist(a[:2], b[:2]) > 0.5 * (a[2] + b[2]) for a, b in pairs)):
             raise MeshError(
                 Fault(
                     "the holes do not fit into the disc",
@@ -93,13 +95,8 @@ class SolidDisc(Filled):
 
     @property
     def volume(self) -> float:
-        """[m^3]."""
+        """Volume [m^3]."""
         return 0.25 * math.pi * (self.diameter**2 - sum(d**2 for *_, d in self.circles)) * self.thickness
-
-    def _fit(self) -> bool:
-        inside = all(math.hypot(x, y) + 0.5 * d < 0.5 * self.diameter for x, y, d in self.circles)
-        pairs = combinations(self.circles, 2)
-        return inside and all(math.dist(a[:2], b[:2]) > 0.5 * (a[2] + b[2]) for a, b in pairs)
 
     def mesh(self, *, timeout: float = 300.0) -> TetMesh:
         """Tets of the disc; Gmsh may take as long as `timeout` [s].

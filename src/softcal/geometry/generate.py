@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import subprocess
 import tempfile
 from collections.abc import Mapping
@@ -50,6 +51,9 @@ APT_PACKAGES = {
     "libfreetype": "libfreetype6",
     "libgomp": "libgomp1",
 }
+
+
+_TOO_LONG = "Gmsh took too long and was stopped"
 
 
 def mesh_file(
@@ -127,7 +131,16 @@ def mesh_file(
 
 
 def require_target(size: float | None, tets: int | None, *, where: str = "") -> None:
-    """Check that a mesh has one target.
+    """Check that a mesh has one target: either size or tets.
+
+    Parameters
+    ----------
+    size
+        Target edge length [m].
+    tets
+        Target number of tets.
+    where
+        Place for error messages.
 
     Raises
     ------
@@ -142,6 +155,17 @@ def require_target(size: float | None, tets: int | None, *, where: str = "") -> 
 
 def target_of(size: float | None, tets: int | None, factor: float, *, where: str) -> dict[str, float | int | None]:
     """The target of a job, with the size in the job's unit of `factor` metres.
+
+    Parameters
+    ----------
+    size
+        Target edge length [m].
+    tets
+        Target number of tets.
+    factor
+        The job's unit [m].
+    where
+        Place for error messages.
 
     Raises
     ------
@@ -161,6 +185,15 @@ def target_of(size: float | None, tets: int | None, factor: float, *, where: str
 def run_gmsh(job: Mapping[str, Any], *, where: str, timeout: float) -> dict[str, np.ndarray[Any, Any]]:
     """Run a job in the worker: returns "points" and "tets", or "section" and "triangles", in the job's unit.
 
+    Parameters
+    ----------
+    job
+        The job, as JSON.
+    where
+        Place for error messages.
+    timeout
+        Longest time [s].
+
     Raises
     ------
     MeshError
@@ -176,35 +209,24 @@ def run_gmsh(job: Mapping[str, Any], *, where: str, timeout: float) -> dict[str,
                 told=json.dumps({"options": OPTIONS, "timeout": timeout, "most_tets": LIMITS["tets"].most, **job}),
             )
         except subprocess.TimeoutExpired as error:
-            raise MeshError(
-                Fault(
-                    "Gmsh took too long and was stopped",
-                    where=where,
-                    got=f"more than {timeout:g} s",
-                    attempt="a larger size, a smaller count, or a longer timeout",
-                )
-            ) from error
+            attempt = "a larger size, a smaller count, or a longer timeout"
+            raise MeshError(Fault(_TOO_LONG, where, f"more than {timeout:g} s", attempt=attempt)) from error
         if fault.is_file():
-            raise MeshError(_worker_fault(json.loads(fault.read_text()), where))
+            report = json.loads(fault.read_text())
+            got, attempt = report["got"], report["attempt"]
+            if attempt == "apt":
+                attempt = f"apt-get install {_apt_package(got)}"
+            raise MeshError(Fault(report["fault"], where, got, report["allowed"], attempt))
+        if hasattr(signal, "SIGPROF") and done.returncode == -signal.SIGPROF:  # a step's limit of time
+            attempt = "a larger size, a smaller count, or repair the model"
+            raise MeshError(Fault(_TOO_LONG, where, "more than a mesh of this size takes", attempt=attempt))
         if done.returncode or not mesh.is_file():
-            raise MeshError(_crash(done, where))
+            last = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no message"]
+            end = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
+            attempt = "another size, order: 1, or repair the model"
+            raise MeshError(Fault("Gmsh crashed", where, f"{end}: {last[0]}", attempt=attempt))
         with np.load(mesh) as arrays:
             return dict(arrays)
-
-
-def _worker_fault(fault: Mapping[str, str], where: str) -> Fault:
-    attempt = fault["attempt"]
-    if attempt == "apt":
-        attempt = f"apt-get install {_apt_package(fault['got'])}"
-    return Fault(fault["fault"], where=where, got=fault["got"], allowed=fault["allowed"], attempt=attempt)
-
-
-def _crash(done: subprocess.CompletedProcess[str], where: str) -> Fault:
-    last = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no message"]
-    end = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
-    return Fault(
-        "Gmsh crashed", where=where, got=f"{end}: {last[0]}", attempt="another size, order: 1, or repair the model"
-    )
 
 
 def _apt_package(message: str) -> str:

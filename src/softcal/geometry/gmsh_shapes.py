@@ -36,7 +36,17 @@ def load_stl(gmsh: Any, job: dict[str, Any]) -> None:
 
 
 def split_stl(gmsh: Any, job: dict[str, Any], *, into_patches: bool) -> None:
-    """Faces between sharp edges and the volume inside; into_patches: faces are divided into disc-like patches."""
+    """Divide an STL surface into faces between sharp edges, with the volume inside.
+
+    Parameters
+    ----------
+    gmsh
+        The module `gmsh`, initialised.
+    job
+        The job, as in `softcal.geometry.gmsh_worker`.
+    into_patches
+        Divide the faces into disc-like patches.
+    """
     gmsh.merge(job["path"])
     corners, nodes = surface_triangles(gmsh)
     if len(nodes) == 0:
@@ -59,6 +69,8 @@ def split_stl(gmsh: Any, job: dict[str, Any], *, into_patches: bool) -> None:
     gmsh.model.geo.addVolume([gmsh.model.geo.addSurfaceLoop(surfaces)])
     gmsh.model.geo.synchronize()
     job["volume"] = abs(float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])))) / 6.0
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    job["surface"] = float(np.linalg.norm(normals, axis=1).sum()) / 2.0
 
 
 def load_step(gmsh: Any, job: dict[str, Any]) -> None:
@@ -69,7 +81,13 @@ def load_step(gmsh: Any, job: dict[str, Any]) -> None:
     if len(volumes) > 1:
         gmsh.model.occ.fragment(volumes[:1], volumes[1:])
     gmsh.model.occ.synchronize()
-    job["volume"] = sum(gmsh.model.occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3))
+    measure(gmsh, job)
+
+
+def measure(gmsh: Any, job: dict[str, Any]) -> None:
+    """Volume of the solids, and surface of their faces."""
+    for key, dimension in (("volume", 3), ("surface", 2)):
+        job[key] = sum(gmsh.model.occ.getMass(dimension, tag) for _, tag in gmsh.model.getEntities(dimension))
 
 
 def build_revolution(gmsh: Any, job: dict[str, Any]) -> None:
@@ -78,7 +96,7 @@ def build_revolution(gmsh: Any, job: dict[str, Any]) -> None:
     gmsh.model.occ.revolve(section, 0, 0, 0, 0, 0, 1, 2 * math.pi)
     gmsh.model.occ.remove(section, recursive=True)
     gmsh.model.occ.synchronize()
-    job["volume"] = sum(gmsh.model.occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3))
+    measure(gmsh, job)
 
 
 def build_section(gmsh: Any, job: dict[str, Any]) -> None:
@@ -124,7 +142,7 @@ def build_disc(gmsh: Any, job: dict[str, Any]) -> None:
     if holes:
         occ.cut([(3, body)], holes)
     occ.synchronize()
-    job["volume"] = sum(occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3))
+    measure(gmsh, job)
 
 
 LOADERS = {

@@ -1,21 +1,25 @@
 """Meshing in a separate process: `python -m softcal.geometry.gmsh_worker FOLDER`, with the job as JSON on stdin.
 
-Gmsh is GPL, keeps global state and can crash or hang: nothing else in softcal may import it; gmsh_shapes.py is part of
-the worker. It writes mesh.npz into FOLDER: points in the job's unit and tets in VTK node order, or a half section and
+Gmsh is GPL, keeps global state and can crash, hang and take all memory: nothing else in softcal may import it, and each
+step has a limit of processor time, after which it is ended by SIGPROF, and of memory; gmsh_shapes.py is part of the
+worker. It writes mesh.npz into FOLDER: points in the job's unit and tets in VTK node order, or a half section and
 its triangles; or it writes fault.json with {"fault", "got", "allowed", "attempt"}.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import signal
 import sys
+from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from softcal.bounded_work import memory_limit
 from softcal.geometry.gmsh_shapes import LOADERS, JobError, load_stl, surface_triangles
 from softcal.geometry.quality import SLIVER_ANGLE, least_dihedral
 
@@ -37,6 +41,10 @@ SMOOTHED = ("Relocate3D", "")
 RECIPES = ((6, ()), (6, SMOOTHED), (5, ()), (5, SMOOTHED), (5, (*SMOOTHED, "Netgen")))
 # Tets per cube, and triangles per square, of the edge length.
 TETS_PER_CUBE, TRIANGLES_PER_SQUARE = 6.0 * math.sqrt(2.0), 4.0 / math.sqrt(3.0)
+# Processor time [s] and memory [B] of a step, and more for each tet; a quadratic one takes half of that.
+MOST_SECONDS, MOST_BYTES, SECONDS_EACH, BYTES_EACH = 10.0, 4e8, 2e-4, 2e3
+# A search for a count begins with no smaller size than one that puts so many triangles on the surface per tet.
+MOST_ON_SURFACE = 10
 # Tolerance of nodes of a half section on the axis.
 ON_AXIS = 1e-9
 
@@ -65,11 +73,13 @@ def make_mesh(job: dict[str, Any]) -> dict[str, Any]:
         for option, value in job["options"].items():
             gmsh.option.setNumber(option, value)
         gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
-        LOADERS[job["kind"]](gmsh, job)
-        mesh_to_target(gmsh, job)
-        if job["order"] == 2:
-            curve(gmsh, job)
-        return collect(gmsh, job)
+        with limits(0.0):
+            LOADERS[job["kind"]](gmsh, job)
+        with limits(most_expected(job)):
+            mesh_to_target(gmsh, job)
+            if job["order"] == 2:
+                curve(gmsh, job)
+            return collect(gmsh, job)
     except JobError:
         raise
     except Exception as error:  # Gmsh raises nothing more specific; the parent turns it into a sentence
@@ -78,8 +88,45 @@ def make_mesh(job: dict[str, Any]) -> dict[str, Any]:
         gmsh.finalize()
 
 
+@contextlib.contextmanager
+def limits(tets: float) -> Generator[None]:
+    """A step of so many tets, which begins with its own processor time and memory."""
+    most = MOST_BYTES + BYTES_EACH * tets
+    start_clock(tets)
+    try:
+        with memory_limit(most):
+            yield
+    except MemoryError:
+        got = f"more than {most / 1e6:.0f} MB"
+        raise JobError("Gmsh took too much memory and was stopped", got=got, attempt="a larger size") from None
+
+
+def start_clock(tets: float) -> None:
+    """End the process after the time of a step of so many tets, which Gmsh alone does not end."""
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_PROF, MOST_SECONDS + SECONDS_EACH * tets)
+
+
+def most_expected(job: dict[str, Any]) -> float:
+    """Number of tets that a mesh of the job, or one that is tried for it, may have."""
+    if job.get("refine") or job["options"].get("Mesh.MeshSizeFromCurvature"):
+        return job["most_tets"]
+    expected = job["count"] if job["size"] is None else expected_count(job, job["size"])
+    return min(MOST_ON_SURFACE * expected, job["most_tets"])
+
+
 def failure(gmsh: Any, job: dict[str, Any], reason: str) -> JobError:
-    """The fault of a failed mesh; names a round face that is smaller than the elements."""
+    """Fault of a failed mesh; names a round face that is smaller than the elements.
+
+    Parameters
+    ----------
+    gmsh
+        The module `gmsh`, initialised.
+    job
+        The job, as in `softcal.geometry.gmsh_worker`.
+    reason
+        The message of Gmsh.
+    """
     narrowest = narrowest_diameter(gmsh) if job["kind"] == "step" else math.inf
     size = gmsh.option.getNumber("Mesh.MeshSizeMax")
     if size <= narrowest:
@@ -130,7 +177,8 @@ def mesh_to_target(gmsh: Any, job: dict[str, Any]) -> None:
         mesh_at(gmsh, job, job["size"])
         return
     target = job["count"]
-    size = (expected_count(job, 1.0) / target) ** (1 / dimension(job))
+    size = (bulk_count(job, 1.0) / target) ** (1 / dimension(job))
+    size = max(size, math.sqrt(surface_count(job, 1.0) / (MOST_ON_SURFACE * target)))
     tried: dict[float, int] = {}
     while len(tried) < MAX_MESHES:
         tried[size] = mesh_at(gmsh, job, size)
@@ -156,7 +204,18 @@ def mesh_to_target(gmsh: Any, job: dict[str, Any]) -> None:
 
 
 def mesh_around_jump(gmsh: Any, job: dict[str, Any], size: float) -> bool:
-    """Whether a mesh near this size has the count, which jumps when many edges get one more division together."""
+    """True if a mesh near this size has the target count, which jumps when many edges are divided once more at the same
+    size.
+
+    Parameters
+    ----------
+    gmsh
+        The module `gmsh`, initialised.
+    job
+        The job, as in `softcal.geometry.gmsh_worker`.
+    size
+        Target edge length, in the job's unit.
+    """
     for factor in AROUND_A_JUMP:
         varied = dict(job)
         if job.get("refine"):
@@ -179,7 +238,17 @@ def dimension(job: dict[str, Any]) -> int:
 
 
 def expected_count(job: dict[str, Any], size: float) -> float:
-    """Number of tets to be expected for a target size."""
+    """Number of tets to be expected for a target size: of a thin shape, as many as triangles on its surface."""
+    return max(bulk_count(job, size), surface_count(job, size))
+
+
+def surface_count(job: dict[str, Any], size: float) -> float:
+    """Number of triangles to be expected on the surface of a solid."""
+    return TRIANGLES_PER_SQUARE * job.get("surface", 0.0) / size**2
+
+
+def bulk_count(job: dict[str, Any], size: float) -> float:
+    """Number of tets to be expected of a shape that is not thin."""
     if job["kind"] == "section":
         return 3 * job["sectors"] * TRIANGLES_PER_SQUARE * job["area"] / size**2
     return TETS_PER_CUBE * job["volume"] / size**3
@@ -194,7 +263,19 @@ def count_tets(gmsh: Any, job: dict[str, Any]) -> int:
 
 
 def next_size(tried: dict[float, int], target: int, fine: float, coarse: float) -> float:
-    """Secant step on log(count) over log(size), within the bracket of a too fine and a too coarse size."""
+    """Secant step on log(count) over log(size), within the bracket of a too fine and a too coarse size.
+
+    Parameters
+    ----------
+    tried
+        Size -> number of tets.
+    target
+        Target number of tets.
+    fine
+        Largest size with too many tets.
+    coarse
+        Smallest size with too few tets.
+    """
     a, *others = sorted(tried, key=lambda size: abs(math.log(tried[size] / target)))
     slope = -3.0
     if others and tried[a] != tried[others[0]]:
@@ -215,8 +296,17 @@ def largest_size(gmsh: Any) -> float:
 def mesh_at(gmsh: Any, job: dict[str, Any], size: float) -> int:
     """Number of tets of a mesh of this target size, finer near the circles of job["refine"].
 
-    Of a surface or CAD model by the first of `RECIPES` that gives no slivers, or the one with the fewest; of others by
-    the first one.
+    A surface or CAD model is meshed by the first of `RECIPES` without slivers, or the one with the fewest; other shapes
+    by the first recipe.
+
+    Parameters
+    ----------
+    gmsh
+        The module `gmsh`, initialised.
+    job
+        The job, as in `softcal.geometry.gmsh_worker`.
+    size
+        Target edge length, in the job's unit.
     """
     if job["kind"] not in ("stl", "step"):
         generate(gmsh, job, size, *RECIPES[0])
@@ -238,7 +328,21 @@ def mesh_at(gmsh: Any, job: dict[str, Any], size: float) -> int:
 
 
 def generate(gmsh: Any, job: dict[str, Any], size: float, algorithm: int, passes: tuple[str, ...]) -> None:
-    """A mesh of this target size by a recipe: algorithm of the surfaces, and passes of optimisation."""
+    """Generate a mesh of this target size by a recipe.
+
+    Parameters
+    ----------
+    gmsh
+        The module `gmsh`, initialised.
+    job
+        The job, as in `softcal.geometry.gmsh_worker`.
+    size
+        Target edge length, in the job's unit.
+    algorithm
+        Gmsh's number of the algorithm for surfaces.
+    passes
+        Passes of optimisation.
+    """
     if job["kind"] != "stl":
         gmsh.model.mesh.clear()
     elif job.get("has_meshed"):
@@ -246,6 +350,7 @@ def generate(gmsh: Any, job: dict[str, Any], size: float, algorithm: int, passes
         gmsh.clear()
         load_stl(gmsh, job)
     job["has_meshed"] = True
+    start_clock(most_expected(job))
     gmsh.option.setNumber("Mesh.Algorithm", algorithm)
     gmsh.option.setNumber("Mesh.MeshSizeMin", 0.0)
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
@@ -274,7 +379,17 @@ def curve(gmsh: Any, job: dict[str, Any]) -> None:
 
 
 def set_grading(gmsh: Any, refine: dict[str, Any], size: float) -> None:
-    """Size by the distance to circles about z: `size` / ratio on them, growing to `size` at the reach."""
+    """Size by the distance to circles about z: `size` / ratio on them, growing to `size` at the reach.
+
+    Parameters
+    ----------
+    gmsh
+        The module `gmsh`, initialised.
+    refine
+        Circles, ratio and reach.
+    size
+        Target edge length, in the job's unit.
+    """
     field = gmsh.model.mesh.field
     for tag in field.list():
         field.remove(tag)

@@ -74,7 +74,17 @@ class Places:
 
 
 def nearest_places(mesh: TetMesh, points: Floats, *, tolerance: float | None = None) -> Places:
-    """As `locate_points`, for points at any distance outside the mesh."""
+    """Tets and weights of points, as `locate_points`, also for points outside the mesh, at any distance.
+
+    Parameters
+    ----------
+    mesh
+        The mesh [m].
+    points
+        The points (n, 3) [m].
+    tolerance
+        Distance outside the mesh that is allowed [m]; by default from the size of the nearest tet.
+    """
     tets, weights = _containing(mesh, points)
     distances, allowed = np.zeros(len(points)), np.zeros(len(points))
     outside = np.flatnonzero(tets < 0)
@@ -88,7 +98,17 @@ def nearest_places(mesh: TetMesh, points: Floats, *, tolerance: float | None = N
 
 
 def barycentric_in(mesh: TetMesh, tet: int, point: Floats) -> Floats:
-    """Barycentric coordinates (4,) of a point in one tet, by its corners."""
+    """Barycentric coordinates (4,) of a point in the straight-sided tet between the corners.
+
+    Parameters
+    ----------
+    mesh
+        The mesh [m].
+    tet
+        Number of the tet.
+    point
+        The point (3,) [m].
+    """
     return _barycentric(point, mesh.points[mesh.tets[tet, :1]], mesh.to_barycentric[tet][None])[0]
 
 

@@ -66,7 +66,7 @@ class TetMesh(Checked):
 
     @property
     def cell(self) -> Cell:
-        """What kind of tetrahedra it is made of."""
+        """Kind of the tetrahedra."""
         return cell_of(self.tets)
 
     @property
@@ -86,8 +86,8 @@ class TetMesh(Checked):
 
     @cached_property
     def to_barycentric(self) -> Floats:
-        """Of each tet the matrix (n_tets, 3, 3) [1/m] from a place, less the first corner, to its last three
-        barycentric coordinates, by the straight-sided tet between the corners.
+        """For each straight-sided tet the matrix (n_tets, 3, 3) [1/m] from a point's offset to the first corner to its
+        last three barycentric coordinates.
         """
         corners = self.points[self.tets[:, :4]]
         return np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)).astype(np.float64)

@@ -151,8 +151,9 @@ class Neck(Filled):
 
     @property
     def knots(self) -> tuple[Sequence[float], Sequence[float]]:
-        """At every height the core within the waists' radius keeps its share of it, and what is around it that of the
-        rest; along a dome its profile has the same share of both.
+        """Ascending radii and heights [m] of the map of nodes: at every height points within the waists' radius keep
+        their share of that radius, and points outside keep theirs of the rest; along a dome the profile has the same
+        share of both.
         """
         radii = (0.0, 0.5 * self.waist_diameter, 0.5 * self.outer_diameter)
         domes = (z for top in self.waists for z in (top - self.dome_height, top))
@@ -190,7 +191,19 @@ class Neck(Filled):
         return 0.5 * (self.waist_diameter + share * (self.outer_diameter - self.waist_diameter))
 
     def dome_places(self, start: float, end: float, top: float, n_points: int = POINTS_PER_DOME) -> list[Place]:
-        """Points (r, z) [m] on the dome below the waist at height `top`, from one height to another [m]."""
+        """Points (r, z) [m] on the dome below the waist at height `top`, from one height to another [m].
+
+        Parameters
+        ----------
+        start
+            Height of the first point [m].
+        end
+            Height of the last point [m].
+        top
+            Height of the waist [m].
+        n_points
+            Number of points.
+        """
         # Equal steps of an ellipse's angle: dense towards the waist, where a dome may begin flat.
         first, last = (math.acos(min(max(1.0 - (top - z) / self.dome_height, 0.0), 1.0)) for z in (start, end))
         belows = [self.dome_height * (1.0 - math.cos(angle)) for angle in np.linspace(first, last, n_points)]
@@ -228,10 +241,12 @@ class Neck(Filled):
             If the target cannot be reached, or Gmsh is not installed, fails or takes too long.
         """
         where = "neck"
+        socket, rest = _cut(self, _outline(self), self.clamp_depth)
+        body, collar = _cut(self, rest, self.collar_start)
         job: dict[str, Any] = {
             "kind": "revolution" if self.sectors is None else "section",
             "sectors": self.sectors,
-            "regions": _regions(self),
+            "regions": [[_item(self, curve) for curve in _closed(curves)] for curves in (socket, body, collar)],
             **target_of(self.size, self.tets, MILLIMETRE, where=where),
             "order": self.order if self.sectors is None else 2,
             # Half of a short piece of a dome, such as from the skirt to the clamp's plane, would be swept into slivers.
@@ -269,13 +284,6 @@ class _Curve:
     start: Place
     end: Place
     dome_of: float | None = None
-
-
-def _regions(shape: Neck) -> list[list[list[list[float]]]]:
-    """Closed outlines of the regions in the socket, between socket and collar, and in the collar, for the worker."""
-    socket, rest = _cut(shape, _outline(shape), shape.clamp_depth)
-    body, collar = _cut(shape, rest, shape.collar_start)
-    return [[_item(shape, curve) for curve in _closed(curves)] for curves in (socket, body, collar)]
 
 
 def _outline(shape: Neck) -> list[_Curve]:

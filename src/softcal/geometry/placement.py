@@ -26,14 +26,14 @@ class Turn(Declared):
 
 @dataclass(frozen=True)
 class Placement(Declared):
-    """Where a part is put: turned about its own origin, one turn after the other, then moved by `position` [m]."""
+    """Placement of a part: turned about its own origin, one turn after the other, then moved by `position` [m]."""
 
     position: Point = (0.0, 0.0, 0.0)
     rotation: Annotated[tuple[Turn, ...], Reading(listed)] = ()
 
     @property
     def pose(self) -> Pose:
-        """As a motion of the part's points."""
+        """The motion of the part's points."""
         from scipy.spatial.transform import Rotation
 
         from softcal.geometry.pose import Pose

@@ -24,7 +24,7 @@ class Primitive(Declared, ABC):
 
     @abstractmethod
     def mesh(self) -> TetMesh:
-        """Its mesh [m]."""
+        """The mesh [m]."""
 
     @property
     def knots(self) -> tuple[Sequence[float], Sequence[float]]:

@@ -13,7 +13,7 @@ TRIANGLE_EDGES = ((0, 1), (1, 2), (2, 0))
 
 
 def of_order(mesh: TetMesh, order: int) -> TetMesh:
-    """The mesh of tetrahedra of this order, one or two [m]; one that has it comes back as it is."""
+    """The mesh with tetrahedra of an order, one or two [m]; returned unchanged if it has that order."""
     return to_quadratic(mesh) if order == QUADRATIC.order else to_linear(mesh)
 
 

@@ -67,17 +67,22 @@ def check_quality(mesh: TetMesh) -> MeshReport:
     corners = mesh.points[mesh.tets[:, :4]]
     lower, upper = mesh.points.min(axis=0), mesh.points.max(axis=0)
     dihedral = least_dihedral(corners)
-    quality = _mean_ratio(corners)
+    volumes = np.maximum(np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0, 0.0)
+    squares = (_edge_lengths(corners) ** 2).sum(axis=1)
+    quality = 12.0 * (3.0 * volumes) ** (2.0 / 3.0) / np.maximum(squares, np.finfo(float).tiny)
     inverted = inverted_tets(mesh)
     used = np.zeros(mesh.n_points, dtype=bool)
     used[mesh.tets] = True
     near = SAME_PLACE * float(np.linalg.norm(upper - lower))
     tree: Any = KDTree(mesh.points)
+    # The Jacobian of a quadratic tet is cubic: five points integrate it exactly.
+    five = np.vstack([np.full((1, 4), 0.25), np.full((4, 4), 1 / 6) + np.eye(4) / 3])
+    weights = np.array([-0.8, 0.45, 0.45, 0.45, 0.45]) / 6.0
     return MeshReport(
         n_points=mesh.n_points,
         n_tets=mesh.n_tets,
         order=mesh.order,
-        volume=_volume(mesh),
+        volume=float((_jacobians(mesh, five) @ weights).sum()),
         lower=_triple(lower),
         upper=_triple(upper),
         min_quality=float(quality.min()),
@@ -94,7 +99,8 @@ def check_quality(mesh: TetMesh) -> MeshReport:
 def inverted_tets(mesh: TetMesh) -> Ints:
     """Numbers of the tets that are flat or turned inside out somewhere."""
     longest = _edge_lengths(mesh.points[mesh.tets[:, :4]]).max(axis=1)
-    return np.flatnonzero(_least_jacobian(mesh) <= FLAT * longest**3)
+    places = np.vstack([mesh.cell.nodes, np.full((1, 4), 0.25)])
+    return np.flatnonzero(_jacobians(mesh, places).min(axis=1) <= FLAT * longest**3)
 
 
 def require_sound(mesh: TetMesh, where: str = "") -> MeshReport:
@@ -162,16 +168,6 @@ def _edge_lengths(corners: Floats) -> Floats:
     return np.stack([np.linalg.norm(corners[:, b] - corners[:, a], axis=1) for a, b in TET_EDGES], axis=1)
 
 
-def _signed_volumes(corners: Floats) -> Floats:
-    return np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
-
-
-def _mean_ratio(corners: Floats) -> Floats:
-    volumes = np.maximum(_signed_volumes(corners), 0.0)
-    squares = (_edge_lengths(corners) ** 2).sum(axis=1)
-    return 12.0 * (3.0 * volumes) ** (2.0 / 3.0) / np.maximum(squares, np.finfo(float).tiny)
-
-
 def least_dihedral(corners: Floats) -> Floats:
     """The smallest dihedral angle [rad] of each tet (n,), by corners (n, 4, 3)."""
     normals: list[Floats] = []
@@ -187,17 +183,6 @@ def _jacobians(mesh: TetMesh, places: Floats) -> Floats:
     nodes = mesh.points[mesh.tets]
     by_barycentric = np.einsum("pai,ead->epid", mesh.cell.gradients(places), nodes)
     return np.linalg.det(by_barycentric[:, :, 1:] - by_barycentric[:, :, :1])
-
-
-def _least_jacobian(mesh: TetMesh) -> Floats:
-    return _jacobians(mesh, np.vstack([mesh.cell.nodes, np.full((1, 4), 0.25)])).min(axis=1)
-
-
-def _volume(mesh: TetMesh) -> float:
-    # The Jacobian of a quadratic tet is cubic: five points integrate it exactly.
-    places = np.vstack([np.full((1, 4), 0.25), np.full((4, 4), 1 / 6) + np.eye(4) / 3])
-    weights = np.array([-0.8, 0.45, 0.45, 0.45, 0.45]) / 6.0
-    return float((_jacobians(mesh, places) @ weights).sum())
 
 
 def _count_parts(mesh: TetMesh, used: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> int:

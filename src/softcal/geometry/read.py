@@ -194,7 +194,7 @@ class IncludeError(Exception):
 
 @contextlib.contextmanager
 def _alone() -> Generator[None]:
-    """Reading of one file alone: an .inp file can name others, which may be anywhere and are not kept with a run."""
+    """Read one file alone: an .inp file can include others, which may be anywhere and are not kept with a run."""
     abaqus: Any = import_module("meshio.abaqus._abaqus")
 
     def refuse(path: object) -> None:
@@ -209,7 +209,7 @@ def _alone() -> Generator[None]:
 
 
 def _reason(error: BaseException, said: str) -> str:
-    """What a reader of meshio found, in words: its own, the last one's that it prints before it exits, or `FOUND`."""
+    """Reason why meshio cannot read a file: its reader's message, the last line that it printed, or one of `FOUND`."""
     if isinstance(error, IncludeError):
         return str(error)
     if isinstance(error, OSError) and error.strerror:

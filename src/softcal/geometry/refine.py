@@ -37,7 +37,7 @@ class MeshCounts:
     tets: int
 
     def nodes(self, cell: Cell) -> int:
-        """How many nodes the mesh has with tets of this kind."""
+        """Number of nodes with tets of this kind."""
         return self.corners + (self.edges if cell.edges else 0)
 
     @property
@@ -85,7 +85,7 @@ def refined_mesh(mesh: TetMesh) -> TetMesh:
 
 
 def corners_in_parents(mesh: TetMesh) -> Floats:
-    """Barycentric coordinates (8 n_tets, 4, 4) of the corners of the refined mesh's tets in those that they are of."""
+    """Barycentric coordinates (8 n_tets, 4, 4) of the corners of the refined mesh's tets in their parent tets."""
     nodes = to_quadratic(mesh)
     return QUADRATIC.nodes[_pieces(nodes.points[nodes.tets])].reshape(-1, 4, 4)
 

@@ -43,7 +43,7 @@ class Box(Declared):
             )
 
     def contains(self, points: Floats, slack: float) -> Mask:
-        """Which points (n, 3) [m] lie between the corners, give or take `slack` [m]."""
+        """Mask (n,) of the points (n, 3) [m] between the corners, give or take `slack` [m]."""
         low, high = np.asarray(self.lower) - slack, np.asarray(self.upper) + slack
         return np.all((points >= low) & (points <= high), axis=1)
 
@@ -58,7 +58,7 @@ class Plane(Declared):
     side: Side = "on"
 
     def contains(self, points: Floats, slack: float) -> Mask:
-        """Which points (n, 3) [m] lie on the asked side of it, give or take `slack` [m]."""
+        """Mask (n,) of the points (n, 3) [m] on the plane or on the side that it selects, give or take `slack` [m]."""
         normal = np.asarray(self.normal) / np.linalg.norm(self.normal)
         height = (points - np.asarray(self.point)) @ normal
         reach = self.tolerance + slack
@@ -82,7 +82,7 @@ class Cylinder(Declared):
             raise MeshError(Fault("a cylinder has no length", got=f"{self.start} to {self.end}"))
 
     def contains(self, points: Floats, slack: float) -> Mask:
-        """Which points (n, 3) [m] lie inside, give or take `slack` [m]."""
+        """Mask (n,) of the points (n, 3) [m] inside, give or take `slack` [m]."""
         axis = np.subtract(self.end, self.start)
         length = float(np.linalg.norm(axis))
         axis = axis / length
@@ -100,7 +100,7 @@ class Sphere(Declared):
     radius: Size
 
     def contains(self, points: Floats, slack: float) -> Mask:
-        """Which points (n, 3) [m] lie inside, give or take `slack` [m]."""
+        """Mask (n,) of the points (n, 3) [m] inside, give or take `slack` [m]."""
         return np.linalg.norm(points - np.asarray(self.centre), axis=1) <= self.radius + slack
 
 
@@ -110,6 +110,15 @@ Region = Named | Shape
 
 def select_nodes(mesh: TetMesh, region: Region, *, where: str = "") -> Ints:
     """Numbers of the nodes in a region, ascending; of a face or element set, all its nodes.
+
+    Parameters
+    ----------
+    mesh
+        The mesh [m].
+    region
+        The region: a shape, or the name of a group of the mesh.
+    where
+        Place for error messages.
 
     Raises
     ------
@@ -125,13 +134,33 @@ def select_nodes(mesh: TetMesh, region: Region, *, where: str = "") -> Ints:
         elif name in mesh.element_sets:
             nodes = mesh.tets[mesh.element_sets[name]]
         else:
-            raise _unknown(mesh, name, where)
+            known = sorted({*mesh.node_sets, *mesh.face_sets, *mesh.element_sets})
+            raise MeshError(
+                Fault(
+                    "the mesh has no group of this name",
+                    where=where,
+                    got=f"'{name}'",
+                    allowed=", ".join(known)
+                    if known
+                    else "nothing: the mesh has no named groups; use a box, plane, cylinder or sphere",
+                    attempt=nearest(name, known),
+                )
+            )
         return _something(np.unique(nodes), mesh, region, "nodes", where)
     return _something(np.flatnonzero(region.contains(mesh.points, _slack(mesh))), mesh, region, "nodes", where)
 
 
 def select_faces(mesh: TetMesh, region: Region, *, where: str = "") -> Ints:
     """Boundary triangles all of whose nodes are in a region, outwards; of a face set, its own triangles.
+
+    Parameters
+    ----------
+    mesh
+        The mesh [m].
+    region
+        The region: a shape, or the name of a group of the mesh.
+    where
+        Place for error messages.
 
     Raises
     ------
@@ -148,6 +177,15 @@ def select_faces(mesh: TetMesh, region: Region, *, where: str = "") -> Ints:
 
 def select_elements(mesh: TetMesh, region: Region, *, where: str = "") -> Ints:
     """Numbers of the tets in a region: by their centroid in a shape; of a node or face set, with all corners in it.
+
+    Parameters
+    ----------
+    mesh
+        The mesh [m].
+    region
+        The region: a shape, or the name of a group of the mesh.
+    where
+        Place for error messages.
 
     Raises
     ------
@@ -181,20 +219,5 @@ def _something(chosen: Ints, mesh: TetMesh, region: Region, kind: str, where: st
             got=str(region),
             allowed=f"a region that meets the mesh, which spans {spans}",
             attempt="check the unit of the region and of the mesh" if not isinstance(region, Named) else "",
-        )
-    )
-
-
-def _unknown(mesh: TetMesh, name: str, where: str) -> MeshError:
-    known = sorted({*mesh.node_sets, *mesh.face_sets, *mesh.element_sets})
-    return MeshError(
-        Fault(
-            "the mesh has no group of this name",
-            where=where,
-            got=f"'{name}'",
-            allowed=", ".join(known)
-            if known
-            else "nothing: the mesh has no named groups; use a box, plane, cylinder or sphere",
-            attempt=nearest(name, known),
         )
     )

@@ -34,7 +34,9 @@ class RodShape(Declared, ABC):
 
     @abstractmethod
     def centreline(self, arcs: Sequence[float], elements: int) -> Centreline:
-        """With nodes at arc lengths [m] from the start, and no element longer than the length over `elements`."""
+        """Centreline with nodes at arc lengths [m] from the start, and no element longer than the length over
+        `elements`.
+        """
 
     def wire_faults(self, wire_diameter: float) -> list[Fault]:
         """The faults of a section of an outer diameter [m] that is too thick for the shape."""

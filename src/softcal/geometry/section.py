@@ -42,15 +42,15 @@ class CrossSection(Declared, ABC):
     @property
     @abstractmethod
     def constants(self) -> SectionConstants:
-        """What the mechanics need of it; where it varies along a rod, that of the widest place."""
+        """Areas and moments of area for the mechanics; of the widest place, if the section varies along the rod."""
 
     @property
     def is_uniform(self) -> bool:
-        """Whether it is the same all along a rod."""
+        """True if the section is the same all along a rod."""
         return True
 
     def at(self, share: float) -> SectionConstants:
-        """What the mechanics need of it at a share of a rod's arc length, from 0 to 1."""
+        """Areas and moments of area at a share of the rod's arc length, from 0 to 1."""
         return self.constants
 
 

@@ -45,11 +45,20 @@ class BodyShape(ABC):
     @property
     @abstractmethod
     def values(self) -> Mapping[str, float]:
-        """The value of each [SI], by the last part of its name."""
+        """Values [SI] by the last part of the parameter's name."""
 
     @abstractmethod
     def moved(self, mesh: TetMesh, fixed: Ints, values: Mapping[str, float]) -> tuple[Floats, Self]:
-        """The nodes (n_points, 3) [m] of a mesh of this shape at other values, and the shape that they then have.
+        """Nodes (n_points, 3) [m] of a mesh of this shape at other values, and the shape with these values.
+
+        Parameters
+        ----------
+        mesh
+            The mesh [m].
+        fixed
+            Numbers (k,) of the fixed nodes.
+        values
+            Lengths [m] or factors [-], by the name of the parameter.
 
         Raises
         ------
@@ -86,6 +95,17 @@ class PrimitiveShape(BodyShape):
         return {name: getattr(self.primitive, name) for name in self.primitive.lengths}
 
     def moved(self, mesh: TetMesh, fixed: Ints, values: Mapping[str, float]) -> tuple[Floats, Self]:
+        """As `BodyShape.moved`; the nodes follow the primitive's map.
+
+        Parameters
+        ----------
+        mesh
+            The mesh [m].
+        fixed
+            Numbers (k,) of the fixed nodes.
+        values
+            Lengths [m] or factors [-], by the name of the parameter.
+        """
         other = self.primitive.with_lengths(values)
         (radii, heights), (new_radii, new_heights) = self.primitive.knots, other.knots
         pose = self.placement.pose
@@ -143,6 +163,17 @@ class DrawnShape(BodyShape):
         return asdict(self)
 
     def moved(self, mesh: TetMesh, fixed: Ints, values: Mapping[str, float]) -> tuple[Floats, Self]:
+        """As `BodyShape.moved`; the mesh is scaled, and its surface offset.
+
+        Parameters
+        ----------
+        mesh
+            The mesh [m].
+        fixed
+            Numbers (k,) of the fixed nodes.
+        values
+            Lengths [m] or factors [-], by the name of the parameter.
+        """
         other, points = replace(self, **values), mesh.points
         offset = other.wall_offset - self.wall_offset
         centre = points[fixed if len(fixed) else slice(None)]
@@ -153,8 +184,8 @@ class DrawnShape(BodyShape):
 
 
 def outward(mesh: TetMesh) -> Floats:
-    """How far each node (n_points, 3) [-] moves where all faces of the surface move outwards by one: at an edge so that
-    the faces on both sides do, inside smoothly (harmonic on the graph of the edges).
+    """Motion of each node (n_points, 3) [-] if all faces of the surface move outwards by 1: at an edge such that both
+    its faces do, inside smooth (harmonic on the graph of the edges).
     """
     import scipy.sparse as sp
     from scipy.sparse import csgraph

@@ -27,7 +27,9 @@ def checked_stl(path: Path) -> bytes:
         If the file is no STL, is truncated, has no triangles, has an invalid corner, or encloses no volume.
     """
     data = path.read_bytes()
-    binary = _is_binary(data)
+    expected = _HEADER + 4 + _TRIANGLE * int.from_bytes(data[_HEADER : _HEADER + 4], "little")
+    head = data[:4000].lower()
+    binary = len(data) == expected or not (head.startswith(b"solid") and (b"facet" in head or b"endsolid" in head))
     corners = _binary_corners(data, path) if binary else _text_corners(data, path)
     if len(corners) == 0:
         raise MeshError(Fault("the file holds no triangles", str(path), allowed="a closed surface of triangles"))
@@ -55,12 +57,6 @@ def checked_stl(path: Path) -> bytes:
             )
         )
     return _NAMED + data[_HEADER:] if binary else data
-
-
-def _is_binary(data: bytes) -> bool:
-    expected = _HEADER + 4 + _TRIANGLE * int.from_bytes(data[_HEADER : _HEADER + 4], "little")
-    head = data[:4000].lower()
-    return len(data) == expected or not (head.startswith(b"solid") and (b"facet" in head or b"endsolid" in head))
 
 
 def _binary_corners(data: bytes, path: Path) -> Floats:

@@ -74,6 +74,15 @@ def matching_faces(mesh: TetMesh, triangles: Ints, *, where: str = "") -> Ints:
 
     Boundary faces are oriented outwards; inner faces keep their given orientation.
 
+    Parameters
+    ----------
+    mesh
+        The mesh [m].
+    triangles
+        Corners of the faces (k, 3 or more).
+    where
+        Place for error messages.
+
     Raises
     ------
     MeshError

@@ -60,7 +60,13 @@ def sweep(section: Floats, triangles: Ints, *, sectors: int) -> TetMesh:
     new = np.full(n * sectors, -1, dtype=np.int64)
     new[nodes] = np.arange(len(nodes))
     between = _section_middles(section, triangles, rank, edges % n)
-    middles = _around(between, angle * _middle_layers(edges // n, on_axis[edges % n], sectors))
+    layers_of_ends = edges // n
+    at_axis = on_axis[edges % n]
+    lower, upper = layers_of_ends[:, 0].astype(np.float64), layers_of_ends[:, 1].astype(np.float64)
+    lower = np.where(at_axis[:, 0], upper, lower)
+    upper = np.where(at_axis[:, 1], lower, upper)
+    wraps = np.abs(lower - upper) > 1
+    middles = _around(between, angle * np.where(wraps, sectors - 0.5, 0.5 * (lower + upper)))
 
     tets10 = np.hstack([new[tets], len(nodes) + number.reshape(-1, len(TET_EDGES))])
     points = np.vstack([points, middles])
@@ -70,14 +76,6 @@ def sweep(section: Floats, triangles: Ints, *, sectors: int) -> TetMesh:
 def _around(place: Floats, angle: Floats) -> Floats:
     r, z = place.T
     return np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
-
-
-def _middle_layers(layers: Ints, on_axis: Ints, sectors: int) -> Floats:
-    first, second = layers[:, 0].astype(np.float64), layers[:, 1].astype(np.float64)
-    first = np.where(on_axis[:, 0], second, first)
-    second = np.where(on_axis[:, 1], first, second)
-    wraps = np.abs(first - second) > 1
-    return np.where(wraps, sectors - 0.5, 0.5 * (first + second))
 
 
 def _section_middles(section: Floats, triangles: Ints, rank: Ints, pairs: Ints) -> Floats:

@@ -63,7 +63,7 @@ class VariedSection(CrossSection):
 
 
 def _dimensions(section: CrossSection) -> dict[str, float | tuple[float, ...]]:
-    """The dimensions that a section states."""
+    """Stated dimensions of a section."""
     given = {one.name: getattr(section, one.name) for one in fields(section)}  # pyright: ignore[reportArgumentType]
     return {name: value for name, value in given.items() if value is not None}
 

@@ -129,7 +129,7 @@ class SolidRod(Primitive):
         return (0.0, 0.5 * self.diameter), (0.0, self.length)
 
     def mesh(self) -> TetMesh:
-        """Its mesh [m].
+        """The mesh [m].
 
         Raises
         ------
@@ -170,7 +170,7 @@ class SolidSpring(Coil, Primitive):
         return self.layers_per_turn or max(PER_TURN, as_wide)
 
     def mesh(self) -> TetMesh:
-        """Its mesh [m].
+        """The mesh [m].
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Faults of a table that are alike but for their row, as one."""
+"""Merging of a table's faults that differ only in the row."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _N_LINES = 5  # named in a fault of many rows
 
 
 def merged(faults: Iterable[Fault]) -> list[Fault]:
-    """Faults that are alike but for the row, as one that names the rows; each of the others once."""
+    """Merge faults that differ only in the row into one that names the rows; other faults appear once each."""
     groups: dict[tuple[str, ...], list[tuple[int, Fault]]] = {}
     for one in dict.fromkeys(faults):
         match = _LINE.search(one.where)

@@ -32,7 +32,7 @@ class Axis:
 
     @property
     def parameter(self) -> FreeParameter:
-        """As a parameter of the grid's search space."""
+        """The axis as a parameter of the grid's search space."""
         of = () if self.targets == (self.name,) else self.targets
         return FreeParameter(self.name, self.unit, min(self.values), max(self.values), of=of)
 
@@ -43,11 +43,20 @@ def parse_axis(
     known: Mapping[str, ParameterInfo],
     tied: Mapping[str, Sequence[str]],
 ) -> Axis:
-    """The axis of a parameter, of parameters that are tied under a name, or of all that match a pattern.
+    """Axis of a parameter, of parameters that are tied under a name, or of all that match a pattern.
 
-    written: values (`0.45`, `2.3 MPa`) and ranges (`10 GPa:1 GPa:1 GPa`; the stop is the last value where a step
-    reaches it), one to an entry or several with commas between. A step is the difference of values; without a sign it
-    goes from the start towards the stop. tied: the names or patterns of tied parameters, by name.
+    Parameters
+    ----------
+    name
+        Name or pattern of the parameter.
+    written
+        Values (`0.45`, `2.3 MPa`) and ranges (`10 GPa:1 GPa:1 GPa`; the stop is the last value where a step reaches
+        it), one to an entry or several with commas between. A step is the difference of values; without a sign it goes
+        from the start towards the stop.
+    known
+        Parameters by name.
+    tied
+        Names or patterns of tied parameters, by the name that ties them.
 
     Raises
     ------
@@ -84,6 +93,15 @@ def shown_configurations(
 ) -> dict[str, dict[str, float]]:
     """The configurations that a sweep shows, as values [SI] by parameter.
 
+    Parameters
+    ----------
+    show
+        Values as written, by configuration and parameter.
+    known
+        Parameters by name.
+    tied
+        Names or patterns of tied parameters, by the name that ties them.
+
     Raises
     ------
     ParameterError
@@ -110,7 +128,7 @@ def shown_configurations(
 
 
 def doubled(axes: Sequence[Axis], held: Collection[str]) -> list[Fault]:
-    """The faults of parameters that are swept twice, or both swept and fixed."""
+    """Faults of parameters that are swept twice, or both swept and fixed."""
     faults: list[Fault] = []
     seen: dict[str, str] = {}
     for axis in axes:
@@ -123,7 +141,7 @@ def doubled(axes: Sequence[Axis], held: Collection[str]) -> list[Fault]:
 
 
 def cells_fault(axes: Sequence[Axis]) -> Fault | None:
-    """The fault of a grid of more cells than there may be, or None."""
+    """Fault of a grid with more cells than allowed; None otherwise."""
     return LIMITS["cells of a grid"].fault(math.prod(len(axis.values) for axis in axes))
 
 
@@ -168,23 +186,17 @@ def _value_faults(
         if fault is None:
             continue
         if unit == "1" and name.endswith("poissons_ratio") and value >= 0.5:
-            return [*faults, _incompressible(name, value, terms)]
+            what = (
+                "Poisson's ratio must stay below 0.5: there the volume cannot change and the bulk modulus has no limit"
+            )
+            allowed = f"-1 < ratio < 0.5, the nearest being {_NEAREST_RATIO}"
+            return [*faults, Fault(what, name, f"{value:g}", allowed, f"{name}={_allowed_terms(terms)}")]
         return [*faults, Fault(fault.what, name, fault.got, fault.allowed)]
     return faults
 
 
-def _incompressible(name: str, value: float, terms: Sequence[str]) -> Fault:
-    return Fault(
-        "Poisson's ratio must stay below 0.5: there the volume cannot change and the bulk modulus has no limit",
-        name,
-        f"{value:g}",
-        f"-1 < ratio < 0.5, the nearest being {_NEAREST_RATIO}",
-        f"{name}={_mended(terms)}",
-    )
-
-
-def _mended(terms: Sequence[str]) -> str:
-    """The same values, with the nearest allowed ratio in the place of those that are not allowed."""
+def _allowed_terms(terms: Sequence[str]) -> str:
+    """The terms with the nearest allowed ratio in the place of ratios that are not allowed."""
     kept: list[str] = []
     for term in terms:
         values = _range(term, "1", "") if ":" in term else [_number(term, "1", "")]

@@ -21,7 +21,7 @@ Turn = tuple[Angle, Angle, Angle]
 
 @dataclass(frozen=True)
 class Base:
-    """Markers that do not move: at known places in the base's frame, at unknown places, and sizes that differ."""
+    """Fixed markers: with a known place in the base's frame, with an unknown place, and markers of another size."""
 
     placed: Mapping[int, Pose]
     companions: tuple[int, ...] = ()
@@ -63,27 +63,22 @@ def read_base(text: str) -> Base:
                 "a marker's number (0), several (0,5,6), or a file with their layout (base.yaml)",
             )
         )
-    return _from_file(Path(text))
-
-
-def _from_file(path: Path) -> Base:
-    document = read_document(path, "base file", "base, markers", "see the documentation's page on markers")
+    document = read_document(Path(text), "base file", "base, markers", "see the documentation's page on markers")
     findings = Findings(document)
     for key in document.data:
         if key not in ("base", "markers"):
             findings.add((key,), "unknown key", got=f"'{key}'", allowed="base, markers")
     if document.data.get("base") != FORMAT:
-        findings.add(
-            ("base",), "the format is not known", got=repr(document.data.get("base"))[:60], allowed=f"base: {FORMAT}"
-        )
+        got = repr(document.data.get("base"))[:60]
+        findings.add(("base",), "the format is not known", got=got, allowed=f"base: {FORMAT}")
     sections = _sections(document, findings)
     findings.raise_if_any()
     if not sections:
         raise ProjectFileError(Fault("the base file is incomplete", document.name))
     return Base(
-        {number: Pose.of(section.rotation_vector, section.at) for number, section in sections.items()},
+        {marker: Pose.of(section.rotation_vector, section.at) for marker, section in sections.items()},
         (),
-        {number: section.size for number, section in sections.items() if section.size is not None},
+        {marker: section.size for marker, section in sections.items() if section.size is not None},
     )
 
 

@@ -19,7 +19,7 @@ from softcal.experiments.plausibility import check_plausible
 from softcal.experiments.prepare import PlannedStep
 from softcal.experiments.read import read_table
 from softcal.experiments.step import STEPS
-from softcal.experiments.steps.branches import BRANCH_STEP, Branch
+from softcal.experiments.steps.branches import BRANCH_STEP
 from softcal.experiments.steps.noise import set_noise
 from softcal.experiments.steps.pulleys import correct_pulley_friction
 from softcal.experiments.synchronise import clock_warning, synchronise
@@ -40,10 +40,10 @@ from softcal.twin.robot import Robot
 
 @dataclass(frozen=True)
 class Bench:
-    """An experiment with the records it came from.
+    """An experiment with its records.
 
-    record: as read, on one clock; corrected: every sample after the corrections, with its cycle where cycles were
-    detected, before a branch, cycles or a window were chosen. None where nothing was chosen, or there are no times.
+    record: as read, on one clock; corrected: every sample after the corrections, with cycle numbers if cycles were
+    detected, before a branch, cycles or a window were selected; None without a selection, or without times.
     """
 
     experiment: Experiment
@@ -60,9 +60,24 @@ def build_bench(
     findings: Findings,
     built: Robot | None = None,
 ) -> Bench | None:
-    """One experiment, or None where it has a fault; every fault goes to `findings`.
+    """One experiment; None with a fault, which goes to `findings`.
 
-    steps: the preparation of its data; built: the robot, None where it has faults of its own.
+    Parameters
+    ----------
+    name
+        Name in the project file.
+    section
+        Its section of the file.
+    rig
+        The rig that all experiments share.
+    steps
+        Preparation of its data.
+    files
+        Finds and records the files that the project names.
+    findings
+        Collects the faults and warnings.
+    built
+        The robot; None if the robot has faults.
     """
     path: KeyPath = ("experiments", name)
     n_faults = len(findings.faults)
@@ -82,8 +97,9 @@ def build_bench(
     if rig.pulleys is not None and not rig.pulleys.friction_memory and of_kind(TENSION, record.channels):
         with findings.at(("rig", "pulleys")):
             pulleys = rig.pulleys
+            branches = (planned.settings.get("branch", "loading") for planned in steps if planned.name == BRANCH_STEP)
             prepared.now = correct_pulley_friction(
-                record, pulleys.count, pulleys.friction_coefficient, pulleys.wrap, _branch(steps)
+                record, pulleys.count, pulleys.friction_coefficient, pulleys.wrap, next(branches, "loading")
             )
     for i, step in enumerate(steps):
         key = next(iter(section.prepare[i])) if isinstance(section.prepare[i], Mapping) else None
@@ -96,6 +112,7 @@ def build_bench(
     with findings.at(path):
         if len(findings.faults) == n_faults:
             dataset = _without_the_unseen(prepared.now, path, findings)
+            angles = {"pitch": section.pitch_offset, "roll": section.roll_offset}
             experiment = Experiment(
                 name=name,
                 dataset=dataset,
@@ -103,7 +120,14 @@ def build_bench(
                 plate=section.plate or "",
                 drive=tuple(section.drive) if isinstance(section.drive, list) else section.drive or "shortening",
                 compared=tuple(channel for channel in compared if channel in dataset.channels),
-                rig=_rig(section, rig),
+                rig=Rig(
+                    slack=section.slack,
+                    backlash=section.backlash,
+                    tension_offset=section.tension_offset,
+                    angle_offsets={angle: value for angle, value in angles.items() if value},
+                    frame=section.frame or Frame(),
+                    **vars(rig),
+                ),
                 set_up=section.set_up,
             )
             findings.faults += [
@@ -122,18 +146,15 @@ def build_bench(
 
 
 def _without_the_unseen(data: Dataset, path: KeyPath, findings: Findings) -> Dataset:
-    """The dataset without channels that were not measured in any row; a warning names them."""
+    """The dataset without channels that have no value in any row; a warning names them."""
     empty = {name for name in data.incomplete if np.isnan(data.values(name)).all()}
-    gone = dict.fromkeys(_owner(name) for name in sorted(empty) if not channel_name(name).is_deviation)
+    gone = dict.fromkeys(
+        (channel_name(name).point or name) for name in sorted(empty) if not channel_name(name).is_deviation
+    )
     for name in gone:
         findings.warn(path, f"{name} was not measured in any row: it is left out")
     seen = {name: channel for name, channel in data.channels.items() if name not in empty}
     return replace(data, channels=seen) if seen else data
-
-
-def _owner(channel: str) -> str:
-    """The marker or plate whose position a channel is a part of, or else the channel."""
-    return channel_name(channel).point or channel
 
 
 def _with_tensions(record: Dataset, robot: Robot | None, path: KeyPath, findings: Findings) -> Dataset:
@@ -185,39 +206,23 @@ def _read(name: str, section: ExperimentSection, i: int, files: InputFiles, find
 
 
 def _joined(section: ExperimentSection, records: list[Dataset], path: KeyPath, findings: Findings) -> Dataset | None:
-    """One record of all files: by the labels of their rows, one clock, or cross-correlation of the motion in both."""
-    told = section.synchronise
+    """One record of all files: joined by the labels of their rows, by one clock, or by cross-correlation of a motion in
+    both.
+    """
+    motion = section.synchronise
     if len(section.files) == 1:
         return records[0] if records else None
     if len(records) < len(section.files):
         return None
     joined = records[0]
-    with findings.at((*path, "synchronise") if told is not None else (*path, "label")):
+    with findings.at((*path, "synchronise") if motion is not None else (*path, "label")):
         for i, other in enumerate(records[1:], start=2):
             other = replace(other, name=f"file {i} of {other.name}")
-            if told is None:
+            if motion is None:
                 joined = merge_on_labels(joined, other)
-            elif told == ONE_CLOCK:
+            elif motion == ONE_CLOCK:
                 joined = merge_on_one_clock(joined, other)
             else:
-                joined = synchronise(joined, other, told)
+                joined = synchronise(joined, other, motion)
         return joined
     return None
-
-
-def _branch(steps: Sequence[PlannedStep]) -> Branch:
-    """The branch that the steps will choose: the pulleys' friction is corrected for that one."""
-    taken = (step.settings.get("branch", "loading") for step in steps if step.name == BRANCH_STEP)
-    return next(taken, "loading")
-
-
-def _rig(section: ExperimentSection, rig: CommonRig) -> Rig:
-    angles = {"pitch": section.pitch_offset, "roll": section.roll_offset}
-    return Rig(
-        slack=section.slack,
-        backlash=section.backlash,
-        tension_offset=section.tension_offset,
-        angle_offsets={angle: value for angle, value in angles.items() if value},
-        frame=section.frame or Frame(),
-        **vars(rig),
-    )

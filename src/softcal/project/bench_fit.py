@@ -18,14 +18,24 @@ from softcal.twin.robot import Robot
 def check_test(
     robot: Robot, experiment: Experiment, free: Collection[str], held: Mapping[str, float], findings: Findings
 ) -> list[Fault]:
-    """Commands of a test that the twin cannot follow: faults of the file's values go to `findings`, those of fixed
-    values are returned.
+    """Check that the twin can follow the commands of a test. Faults of the file's values go to `findings`, those of
+    fixed values are returned.
 
-    free: the parameters that are found from the test. held [SI]: fixed values; they replace the file's, so those may be
-    at fault.
+    Parameters
+    ----------
+    robot
+        The robot.
+    experiment
+        The experiment.
+    free
+        Parameters that are fitted to the test.
+    held
+        Fixed values [SI] by parameter; they replace the file's, and so may be at fault themselves.
+    findings
+        Collects the faults and warnings.
     """
     place = ("experiments", experiment.name)
-    written, told = _faults(robot, experiment, free, {}), list[Fault]()
+    written, of_fixed = _faults(robot, experiment, free, {}), list[Fault]()
     for key, fault in _faults(robot, experiment, free, held).items():
         part = "" if fault.where == experiment.name else f": {fault.where}"
         if key in written:
@@ -37,18 +47,18 @@ def check_test(
         others = {name: {n: v for n, v in held.items() if n != name} for name in held}
         guilty = [name for name in held if key not in _faults(robot, experiment, free, others[name])] or list(held)
         where = f"{', '.join(guilty)}: {dotted(place)}{part}"
-        told.append(replace(fault, where=where, attempt=fault.attempt or "another value, or unit"))
-    return told
+        of_fixed.append(replace(fault, where=where, attempt=fault.attempt or "another value, or unit"))
+    return of_fixed
 
 
 def held_robot(robot: Robot, held: Mapping[str, float]) -> Robot:
-    """The robot with those of its values that are fixed."""
+    """The robot with fixed values in place of its own."""
     of_robot = robot_parameters(robot)
     return with_parameters(robot, {name: value for name, value in held.items() if name in of_robot})
 
 
 def held_rig(experiment: Experiment, held: Mapping[str, float]) -> Experiment:
-    """The experiment with those of its rig values that are fixed."""
+    """The experiment with fixed values of the rig in place of its own."""
     own = {name: held[name] for name in experiment.rig_values() if name in held}
     return replace(experiment, settings={**experiment.settings, **own})
 
@@ -60,6 +70,6 @@ def _faults(
     robot, experiment = held_robot(robot, held), held_rig(experiment, held)
     faults = friction_faults(robot, experiment, free)
     if not faults:  # commands may depend on the friction
-        told = protocol_told(robot, experiment, experiment.rig_values())
-        faults = [*slack_faults(experiment), *command_faults(robot, told)]
+        protocol = protocol_told(robot, experiment, experiment.rig_values())
+        faults = [*slack_faults(experiment), *command_faults(robot, protocol)]
     return {(fault.what, fault.where): fault for fault in faults}

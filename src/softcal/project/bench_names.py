@@ -1,4 +1,4 @@
-"""The names in an experiment's section against the robot's parts: cables, plates and markers, channels, settings."""
+"""Check of the names in an experiment's section against the robot: cables, plates and markers, channels, settings."""
 
 from __future__ import annotations
 
@@ -28,9 +28,18 @@ from softcal.twin.robot import PointLoad, Robot
 def check_names(
     section: ExperimentSection, parts: Mapping[str, list[str]] | None, path: KeyPath, findings: Findings
 ) -> None:
-    """Every cable, plate and marker that the section names must be one of the robot's.
+    """Check that the robot has every cable, plate and marker that the section names.
 
-    parts: names by kind, such as "cables"; None where they are not known.
+    Parameters
+    ----------
+    section
+        Section of an experiment.
+    parts
+        Names of the robot's parts by kind, such as "cables"; None if unknown, since the robot has faults.
+    path
+        Key path of the section in the file, for faults.
+    findings
+        Collects the faults and warnings.
     """
     _check_drive(section, path, findings)
     if parts is None:
@@ -93,8 +102,8 @@ def _check_drive(section: ExperimentSection, path: KeyPath, findings: Findings) 
 
 
 def asked_of(file: BenchFile) -> dict[str, Any]:
-    """The columns and rows to read of a file's table, as keywords of `read_layout` and `read_table`; columns that may
-    not be there are the standard deviations of markers.
+    """The columns and rows to read from a file's table, as keywords of `read_layout` and `read_table`; standard
+    deviations of markers are optional columns.
     """
     columns, optional = dict(file.columns), list[str]()
     for marker, name in file.markers.items():
@@ -109,14 +118,14 @@ def asked_of(file: BenchFile) -> dict[str, Any]:
 
 
 def as_tension(name: str) -> str:
-    """A channel's name, but for a hanging mass that of the tension which its weight is."""
+    """A channel's name; for a hanging mass the name of the tension that its weight causes."""
     one = channel_name(name)
     return str(replace(one, kind=TENSION)) if one.kind.name == MASS else name
 
 
 def channels_named(name: str, channels: Iterable[str]) -> list[str]:
-    """The channels of a name: itself, a marker's three, or those that match a pattern, of channels if it has a dot
-    (`*.tension`), else of markers (`m*`).
+    """Channels that a name stands for: the channel itself, the three of a marker, or those that match a pattern: of
+    channels if it has a dot (`*.tension`), else of markers (`m*`).
     """
 
     def means(channel: str) -> bool:
@@ -130,7 +139,19 @@ def channels_named(name: str, channels: Iterable[str]) -> list[str]:
 def compared_channels(
     section: ExperimentSection, channels: Iterable[str], path: KeyPath, findings: Findings
 ) -> tuple[str, ...]:
-    """The channels to be compared; none where the section does not name any."""
+    """The channels to compare; empty if the section names none.
+
+    Parameters
+    ----------
+    section
+        Section of an experiment.
+    channels
+        Channels of its record.
+    path
+        Key path of the section in the file, for faults.
+    findings
+        Collects the faults and warnings.
+    """
     known = [channel for channel in channels if not channel_name(channel).is_deviation]
     found: dict[str, None] = {}
     for i, name in enumerate(section.compare or ()):
@@ -144,7 +165,18 @@ def compared_channels(
 def noise_of(
     given: Mapping[str, str | float], channels: Iterable[str] | None, path: KeyPath, findings: Findings
 ) -> dict[str, tuple[str, float]]:
-    """Standard deviation [SI] by channel, with the key that gave it; channels None where they are not known.
+    """Standard deviation [SI] by channel, with the key that states it.
+
+    Parameters
+    ----------
+    given
+        Standard deviation as written, by channel or kind of channel.
+    channels
+        Channels of the record; None if it has not been read.
+    path
+        Key path of the section in the file, for faults.
+    findings
+        Collects the faults and warnings.
 
     Raises
     ------
@@ -165,7 +197,7 @@ def noise_of(
 
 
 def experiments_named(wanted: Iterable[str], known: Iterable[str]) -> list[str]:
-    """The experiments that match names and patterns (`load52*`); a name without a match is kept as it is."""
+    """Experiments that match names and patterns (`load52*`); a name without a match is kept as it is."""
     there = list(known)
     found = [name for want in wanted for name in [n for n in there if fnmatchcase(n, want)] or [want]]
     return list(dict.fromkeys(found))
@@ -175,6 +207,19 @@ def settings_of(
     given: Mapping[str, str | float], experiment: Experiment, robot: Robot, path: KeyPath, findings: Findings
 ) -> dict[str, float]:
     """Settings [SI] by the dotted name of a parameter; `weight.mass` becomes the force of the load `weight`.
+
+    Parameters
+    ----------
+    given
+        Values as written, by the name of a parameter.
+    experiment
+        The experiment.
+    robot
+        The robot.
+    path
+        Key path of the section in the file, for faults.
+    findings
+        Collects the faults and warnings.
 
     Raises
     ------
@@ -199,7 +244,7 @@ def settings_of(
 
 
 def _weight(load: PointLoad, mass: float, robot: Robot) -> float:
-    """The force [N] along the load's direction of a hanging mass [kg].
+    """Force [N] of a hanging mass [kg] along the load's direction.
 
     Raises
     ------

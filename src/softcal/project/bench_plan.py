@@ -26,9 +26,22 @@ def plan_bench(
     files: InputFiles,
     findings: Findings,
 ) -> tuple[PlannedStep, ...]:
-    """The preparation of an experiment's data; every fault goes to `findings`, and its steps are then left out.
+    """Preparation of an experiment's data; steps with a fault, which goes to `findings`, are left out.
 
-    parts: the names of the robot's parts by kind; None where they are not known.
+    Parameters
+    ----------
+    name
+        Name in the project file.
+    section
+        Section of the experiment.
+    rig
+        The rig that all experiments share.
+    parts
+        Names of the robot's parts by kind, such as "cables"; None if unknown, since the robot has faults.
+    files
+        Finds and records the files that the project names.
+    findings
+        Collects the faults and warnings.
     """
     path: KeyPath = ("experiments", name)
     check_names(section, parts, path, findings)
@@ -44,35 +57,6 @@ def plan_bench(
         with findings.at((*path, "files", i, "path")):
             files.find(file.path, "data file")
     noise_of(section.noise, None, (*path, "noise"), findings)
-    _check_clocks(section, path, findings)
-    return tuple(step for step in steps if step is not None)
-
-
-def check_headers(name: str, section: ExperimentSection, files: InputFiles, findings: Findings) -> None:
-    """Whether the tables of an experiment that are there have the columns that it names; no row of them is read."""
-    for i, file in enumerate(section.files):
-        with findings.at(("experiments", name, "files", i, "path")):
-            path = files.find(file.path, "data file")
-            if path.suffix.lower() == MOTION_CAPTURE:
-                continue
-            with findings.at(("experiments", name)):
-                layout = read_layout(path, written=file, label=section.label, **asked_of(file))
-                raise_faults(layout.faults, layout.unit_faults)
-
-
-def _planned(step: str | Mapping[str, Any], path: KeyPath, findings: Findings) -> PlannedStep | None:
-    """A preparation step with its settings in SI; a fault of it is placed at the setting."""
-    try:
-        return parse_steps([step], where="")[0]
-    except InputError as error:
-        for fault in error.faults:
-            keys = [key for key in re.sub(r"^\[0\]", "", fault.where).split(".") if key]
-            findings.faults.append(replace(fault, where=findings.document.where((*path, *keys))))
-        return None
-
-
-def _check_clocks(section: ExperimentSection, path: KeyPath, findings: Findings) -> None:
-    """Several files need a relation of their clocks; a single file must have none."""
     if len(section.files) == 1:
         if section.synchronise is not None:
             findings.add((*path, "synchronise"), "there is nothing to synchronise", got="one file")
@@ -84,3 +68,39 @@ def _check_clocks(section: ExperimentSection, path: KeyPath, findings: Findings)
             allowed=f"synchronise: {ONE_CLOCK}, or synchronise: {{max_lag: 5 s}} for a clock each, "
             "or label: the column that names each state",
         )
+    return tuple(step for step in steps if step is not None)
+
+
+def check_headers(name: str, section: ExperimentSection, files: InputFiles, findings: Findings) -> None:
+    """Check that the existing tables of an experiment have the columns that it names; rows are not read.
+
+    Parameters
+    ----------
+    name
+        Name in the project file.
+    section
+        Section of the experiment.
+    files
+        Finds and records the files that the project names.
+    findings
+        Collects the faults and warnings.
+    """
+    for i, file in enumerate(section.files):
+        with findings.at(("experiments", name, "files", i, "path")):
+            path = files.find(file.path, "data file")
+            if path.suffix.lower() == MOTION_CAPTURE:
+                continue
+            with findings.at(("experiments", name)):
+                layout = read_layout(path, written=file, label=section.label, **asked_of(file))
+                raise_faults(layout.faults, layout.unit_faults)
+
+
+def _planned(step: str | Mapping[str, Any], path: KeyPath, findings: Findings) -> PlannedStep | None:
+    """A preparation step with its settings in SI; faults are recorded at the setting."""
+    try:
+        return parse_steps([step], where="")[0]
+    except InputError as error:
+        for fault in error.faults:
+            keys = [key for key in re.sub(r"^\[0\]", "", fault.where).split(".") if key]
+            findings.faults.append(replace(fault, where=findings.document.where((*path, *keys))))
+        return None

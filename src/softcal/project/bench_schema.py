@@ -22,22 +22,20 @@ ONE_CLOCK = "one clock"
 MOTION_CAPTURE = ".c3d"
 
 
-def _named(value: object) -> object:
-    """Names as a mapping of each to itself."""
-    return {str(name): name for name in value} if isinstance(value, list) else value
-
-
 @dataclass(frozen=True, kw_only=True)
 class BenchFile(TableFormat):
-    """One bench file, and what is read of it.
+    """One bench file, and the columns and rows to read.
 
     markers: marker or plate of the robot -> the beginning of its columns' names in the file (`m4` for `m4.x`); in a
-    .c3d file, its label.
+    .c3d file, its label. A list of names stands for names that are the same in both.
     """
 
     path: str
     columns: Mapping[str, ColumnSpec] = field(default_factory=dict[str, ColumnSpec])
-    markers: Annotated[Mapping[str, str], Reading(_named)] = field(default_factory=dict[str, str])
+    markers: Annotated[
+        Mapping[str, str],
+        Reading(lambda value: {str(name): name for name in value} if isinstance(value, list) else value),
+    ] = field(default_factory=dict[str, str])
     where: Mapping[str, Annotated[list[Given], Reading(numbered), Field(min_length=1)]] = field(
         default_factory=dict[str, list[Given]]
     )
@@ -62,13 +60,9 @@ def _step(value: object) -> object:
     return value
 
 
-def _clock_kind(data: Any) -> str:
-    return "one" if isinstance(data, str) else "two"
-
-
 Synchronise = Annotated[
     Annotated[Literal["one clock"], Tag("one")] | Annotated[CommonMotion, Tag("two")],
-    Discriminator(_clock_kind),
+    Discriminator(lambda data: "one" if isinstance(data, str) else "two"),
 ]
 
 

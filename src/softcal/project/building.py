@@ -6,14 +6,13 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from softcal.calibration.experiment import PULLEY_FRICTION, Experiment, rig_parameters
-from softcal.calibration.parameters import SearchSpace
+from softcal.calibration.experiment import PULLEY_FRICTION, rig_parameters
 from softcal.calibration.rig import CommonRig
 from softcal.errors import Fault, ParameterError, ProjectFileError
 from softcal.experiments.plausibility import copies
 from softcal.materials.components import NO_DIRECTION
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis, shown_configurations
-from softcal.project.bench import Bench, build_bench
+from softcal.project.bench import build_bench
 from softcal.project.bench_fit import check_test, held_rig, held_robot
 from softcal.project.candidate_schema import build_candidates
 from softcal.project.document import Document, Findings
@@ -21,20 +20,32 @@ from softcal.project.files import InputFiles, sha256
 from softcal.project.meshes import is_generated, mesh_maker
 from softcal.project.own_law import require_at_rest
 from softcal.project.project import Project
-from softcal.project.robot import BuiltRobot, build_robot
+from softcal.project.robot import build_robot
 from softcal.project.search import build_search, held_values, names_held, rig_value, untied
 from softcal.project.sections import Sections
 from softcal.project.sweep_schema import SweepSection
 from softcal.project.uncertain import build_uncertain
 from softcal.twin.parameters import ParameterInfo, robot_parameters
 from softcal.twin.robot import Robot
-from softcal.twin.time_settings import TimeSettings
 
 
 def build_project(
     path: Path, document: Document, sections: Sections, files: InputFiles, values: Mapping[str, str | float]
 ) -> Project:
-    """The project of fault-free sections, with everything that they name; values: parameters to fix.
+    """The project of fault-free sections, with its meshes, data, and names resolved.
+
+    Parameters
+    ----------
+    path
+        The project file.
+    document
+        The project file as plain data.
+    sections
+        Its sections, without faults.
+    files
+        Finds and records the files that the project names.
+    values
+        Parameters to fix -> value: text with a unit, or a number in SI.
 
     Raises
     ------
@@ -51,7 +62,10 @@ def build_project(
     for rod in sections.robot.rods.values():
         require_at_rest(rod.law or "", rod.constants, NO_DIRECTION, findings)
     given = untied(values, parameters)
-    rig = _with_held_friction(sections.rig, given)
+    rig = sections.rig
+    if PULLEY_FRICTION in given and rig.pulleys is not None:  # the data are prepared under a fixed friction
+        friction = rig_value(PULLEY_FRICTION, given[PULLEY_FRICTION])
+        rig = replace(rig, pulleys=replace(rig.pulleys, friction_coefficient=friction))
     benches = {
         name: build_bench(
             name, experiment, rig, sections.steps[name], files, findings, None if built is None else built.robot
@@ -59,17 +73,32 @@ def build_project(
         for name, experiment in experiments.items()
     }
     whole = {name: bench for name, bench in benches.items() if bench is not None}
-    known = _known(built, whole) if built is not None and len(whole) == len(experiments) else None
+    tests = {name: bench.experiment for name, bench in whole.items()}
+    known: dict[str, ParameterInfo] | None = None
+    if built is not None and len(whole) == len(experiments):
+        known = {**robot_parameters(built.robot), **rig_parameters(tests.values())}
     own = {name: whole[name].experiment.rig_values() if name in whole else {} for name in experiments}
     set_ups = {name: experiment.set_up for name, experiment in experiments.items()}
     space = build_search(parameters, known, own, set_ups, names_held(given, known or ()), findings)
     uncertain = build_uncertain(sections.uncertain, known, own, set_ups, space, findings)
     tied = {name: tuple(section.of) for name, section in parameters.items() if section.of}
-    _check_settings(space, {name: bench.experiment for name, bench in whole.items()}, findings)
-    _check_settling(sections.dynamics, built, findings)
+    for name, test in tests.items():
+        free = space.free_in(name) if space is not None else set[str]()
+        for key in free & set(test.settings):
+            findings.add(("experiments", name, "settings", key), "the parameter is set and free at once", got=key)
+    if sections.dynamics.settle is not None and built is not None:
+        on, parts = sections.dynamics.settle.on, [x.name for x in (*built.robot.plates, *built.robot.markers)]
+        if on not in ("", *parts):
+            findings.unknown(("dynamics", "settle", "on"), "plate or marker", on, parts)
     _check_sweep(sections.sweep, known, tied, findings)
-    tests = {name: bench.experiment for name, bench in whole.items()}
-    _warn_of_copies(tests, findings)
+    datasets = {name: test.dataset for name, test in tests.items()}
+    for name, earlier in copies(datasets, {name: test.compared for name, test in tests.items()}).items():
+        findings.warn(
+            ("experiments", name),
+            f"every measured value is that of {earlier}: a copy counts as a test of its own, so that intervals are too "
+            "short and tests seem to agree",
+            attempt="read the file of this test, or leave the copy out",
+        )
     candidates = build_candidates(sections.candidates, tests, built.robot, findings) if built and known else ()
     findings.raise_if_any()
 
@@ -118,20 +147,8 @@ def build_project(
     )
 
 
-def _warn_of_copies(tests: Mapping[str, Experiment], findings: Findings) -> None:
-    """A test that is read twice would count as two that agree."""
-    datasets = {name: one.dataset for name, one in tests.items()}
-    for name, earlier in copies(datasets, {name: one.compared for name, one in tests.items()}).items():
-        findings.warn(
-            ("experiments", name),
-            f"every measured value is that of {earlier}: a copy counts as a test of its own, so that intervals are too "
-            "short and tests seem to agree",
-            attempt="read the file of this test, or leave the copy out",
-        )
-
-
 def _warn_of_idle_friction(robot: Robot, rig: CommonRig, varied: Collection[str], findings: Findings) -> None:
-    """Friction with a memory, a preload or a speed is none where its coefficient is, and stays, zero."""
+    """Memory, preload and speed of friction have no effect with a coefficient that is zero and not free."""
     rough: dict[str, tuple[tuple[str, ...], float]] = {
         f"{cable.name}.friction_coefficient": (("robot", "cables", cable.name), cable.friction_coefficient)
         for cable in robot.cables
@@ -150,30 +167,6 @@ def _warn_of_idle_friction(robot: Robot, rig: CommonRig, varied: Collection[str]
                 allowed="a coefficient above 0, or a free one",
                 attempt="friction_coefficient: 0.1, or none of these",
             )
-
-
-def _known(built: BuiltRobot, benches: Mapping[str, Bench]) -> dict[str, ParameterInfo]:
-    return {
-        **robot_parameters(built.robot),
-        **rig_parameters(bench.experiment for bench in benches.values()),
-    }
-
-
-def _with_held_friction(rig: CommonRig, given: Mapping[str, str | float]) -> CommonRig:
-    """The rig with the fixed value of the pulleys' friction: the data are prepared under it."""
-    if PULLEY_FRICTION not in given or rig.pulleys is None:
-        return rig
-    friction = rig_value(PULLEY_FRICTION, given[PULLEY_FRICTION])
-    return replace(rig, pulleys=replace(rig.pulleys, friction_coefficient=friction))
-
-
-def _check_settling(settings: TimeSettings, built: BuiltRobot | None, findings: Findings) -> None:
-    """The part that is watched for rest must exist."""
-    if settings.settle is None or built is None:
-        return
-    watched = [part.name for part in (*built.robot.plates, *built.robot.markers)]
-    if settings.settle.on not in ("", *watched):
-        findings.unknown(("dynamics", "settle", "on"), "plate or marker", settings.settle.on, watched)
 
 
 def _check_sweep(
@@ -196,11 +189,3 @@ def _check_sweep(
         for name, written in values.items():
             with findings.at(("sweep", "show", configuration, name)):
                 shown_configurations({configuration: {name: written}}, known, tied)
-
-
-def _check_settings(space: SearchSpace | None, experiments: Mapping[str, Experiment], findings: Findings) -> None:
-    """A parameter that an experiment sets cannot be free in it."""
-    for name, experiment in experiments.items():
-        free = space.free_in(name) if space is not None else set[str]()
-        for key in free & set(experiment.settings):
-            findings.add(("experiments", name, "settings", key), "the parameter is set and free at once", got=key)

@@ -39,7 +39,9 @@ class ParameterSection(Section):
 
 
 class UncertainSection(Section):
-    """A parameter that is not fitted and not exactly known: its standard deviation, and what errs with it."""
+    """A parameter that is neither fitted nor exactly known: its standard deviation, and the parameters that share its
+    error.
+    """
 
     sd: Given
     of: Annotated[list[str], BeforeValidator(listed), Field(min_length=1)] | None = None
@@ -78,6 +80,6 @@ class CalibrationSection(Section):
 
     @property
     def search(self) -> SearchSettings:
-        """The settings of a search; `mesh_error` is of the one result that is reported first."""
+        """Settings of a search; `mesh_error` applies to the result that is reported first."""
         options = {option.name: self.options[option.name] for option in OPTIMISERS[self.method].options}
         return SearchSettings(self.method, self.trials, self.seed, tuple(self.hold_out), options=options)

@@ -1,4 +1,4 @@
-"""The `candidates` section of a project file: tests that could be made next."""
+"""Schema of the `candidates` section of a project file: tests that could be made next."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from softcal.twin.robot import Robot
 
 
 class CandidateSection(Section):
-    """A test that could be made: like an experiment, by default the one that pulls hardest, but for what is given.
+    """A candidate test: like an experiment (by default the one with the largest pull), except for the keys present.
 
-    shortening, tension: how far the cable is pulled by which of the two. measure: channels, markers or plates, besides
+    shortening, tension: how far the cable is pulled, by one of the two. measure: channels, markers or plates, besides
     those of the experiment. noise: of those channels and of others.
     """
 
@@ -48,7 +48,19 @@ class CandidateSection(Section):
 def build_candidates(
     sections: Mapping[str, CandidateSection], experiments: Mapping[str, Experiment], robot: Robot, findings: Findings
 ) -> tuple[Candidate, ...]:
-    """The candidates with their names resolved; every fault goes to `findings`."""
+    """Candidate tests with their names resolved; every fault goes to `findings`.
+
+    Parameters
+    ----------
+    sections
+        Section of each candidate.
+    experiments
+        The project's experiments by name.
+    robot
+        The robot.
+    findings
+        Collects the faults and warnings.
+    """
     found: list[Candidate] = []
     for name, section in sections.items():
         path: KeyPath = ("candidates", name)
@@ -88,7 +100,7 @@ def build_candidates(
 
 
 def _channels(names: Iterable[str], robot: Robot, path: KeyPath, findings: Findings) -> list[str]:
-    """Channels by their names, and the three of each marker or plate."""
+    """Channels by name; a marker or plate stands for its three channels."""
     points = [part.name for part in (*robot.markers, *robot.plates)]
     found: list[str] = []
     for name in names:

@@ -1,4 +1,4 @@
-"""Sections whose keys include a law's constants: which ones is known only once the law is."""
+"""Sections whose keys include the constants of a law, which the section itself names."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from softcal.twin.robot import Body
 
 
 class ConstantsSection(Section):
-    """A mapping with keys of its own and with those of a material's constants [text with a unit].
+    """A mapping with keys of its own and with a material's constants [text with a unit].
 
     Attributes
     ----------
@@ -47,17 +47,17 @@ class ConstantsSection(Section):
 
     @classmethod
     def _of_law(cls, given: Mapping[str, Any]) -> Mapping[str, Parameter]:
-        """The constants that may be given; those of every law where the law is not known here."""
+        """The constants that are allowed; those of every law if the law is unknown here."""
         return constants_of(LAWS)
 
     @classmethod
     def _required(cls, given: Mapping[str, Any]) -> tuple[str, ...]:
-        """The constants that must be given."""
+        """The constants that are required."""
         return ()
 
 
 class HistorySection(ConstantsSection):
-    """The constants of a material, and those of the history that the mapping names."""
+    """Constants of a material and of its history."""
 
     history: Annotated[tuple[str, ...], BeforeValidator(listed)] = Body.history
 
@@ -66,7 +66,7 @@ class HistorySection(ConstantsSection):
 
     @classmethod
     def _elastic(cls, given: Mapping[str, Any]) -> Sequence[Parameter] | None:
-        """The constants of its elasticity; None where they are not known here."""
+        """Constants of the elastic law; None if the law is unknown here."""
         return LINEAR_ELASTIC
 
     @classmethod
@@ -84,14 +84,14 @@ class HistorySection(ConstantsSection):
 
     @classmethod
     def _of_history(cls, given: Mapping[str, Any]) -> tuple[Parameter, ...]:
-        """The constants of the parts that it names; of those that there are not, which is a fault of its own, none."""
+        """The constants of the history's parts; parts that do not exist, a fault reported elsewhere, have none."""
         names = listed(given.get("history"))
         known = [PARTS[name] for name in names if name in PARTS] if isinstance(names, list) else []
         return History(tuple(known)).parameters
 
 
 class LawSection(HistorySection):
-    """The constants of the law that the mapping names, and of its history."""
+    """Constants of the law and of its history."""
 
     law: LawName = Body.law
 
@@ -101,8 +101,8 @@ class LawSection(HistorySection):
 
 
 class SmallStrainSection(HistorySection):
-    """Young's modulus and Poisson's ratio, or a law that has them at small strain with its constants; and the constants
-    of the history.
+    """Constants at small strain: Young's modulus and Poisson's ratio, or a law that has them, with its constants; and
+    the constants of the history.
     """
 
     law: LawName | None = None
@@ -120,7 +120,7 @@ class SmallStrainSection(HistorySection):
 
     @property
     def at_small_strain(self) -> dict[str, float]:
-        """The constants of the material as a rod has them [SI]: of a law its moduli at small strain.
+        """Constants of a rod's material [SI]; for a law its moduli at small strain.
 
         Raises
         ------
@@ -136,6 +136,6 @@ class SmallStrainSection(HistorySection):
 
 
 def _constants_of(name: object) -> Sequence[Parameter] | None:
-    """Those of a law; none where there is none of that name, which is a fault of its own."""
+    """The law's constants; None if the law is unknown (reported elsewhere)."""
     law = LAWS.get(name) if isinstance(name, str) else None
     return None if law is None else law.parameters

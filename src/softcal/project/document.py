@@ -17,7 +17,7 @@ KeyPath = tuple[str | int, ...]
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry that stands in the place of one of the file; place: where it was written, such as a cell of a table."""
+    """An entry that replaces one of the file; place: where it is written, such as a cell of a table."""
 
     value: object
     place: str = ""
@@ -27,7 +27,7 @@ class Entry:
 class Document:
     """A parsed YAML file: mappings, lists, text, numbers, and the line of each by key path.
 
-    places: where entries were written that are not those of the file, by key path.
+    places: place of each entry that replaces one of the file, by key path.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Document:
     places: Mapping[KeyPath, str] = field(default_factory=dict[KeyPath, str])
 
     def mapping(self, key: str) -> Mapping[str, Any]:
-        """The mapping under a key of the file; empty where that is none."""
+        """The mapping under a key of the file; empty if there is none."""
         data = self.data.get(key)
         return data if isinstance(data, dict) else {}
 
@@ -54,11 +54,11 @@ class Document:
 
     @property
     def changes(self) -> dict[str, object]:
-        """The entries that are not those of the file, by dotted key."""
+        """The entries that replace some of the file, by dotted key."""
         return {dotted(path): _entry(self.data, path) for path in self.places}
 
     def changed(self, changes: Mapping[str, Entry]) -> Document:
-        """The document with other entries, by dotted key.
+        """The document with some entries replaced, by dotted key.
 
         Raises
         ------
@@ -84,7 +84,7 @@ class Document:
 
 @dataclass
 class Findings:
-    """Everything that is wrong with a document, collected so that it is reported at once."""
+    """All faults and warnings of a document, collected so that they are reported at once."""
 
     document: Document
     faults: list[Fault] = field(default_factory=list[Fault])
@@ -94,29 +94,69 @@ class Findings:
         self.faults.extend(self.document.faults)
 
     def add(self, path: KeyPath, what: str, *, got: str = "", allowed: str = "", attempt: str = "") -> None:
-        """Record a fault at a key."""
+        """Record a fault at a key.
+
+        Parameters
+        ----------
+        path
+            Key path of the fault.
+        what
+            The fault.
+        got
+            The value in the file.
+        allowed
+            What is allowed there.
+        attempt
+            What to try.
+        """
         self.faults.append(Fault(what, self.document.where(path), got, allowed, attempt))
 
     def warn(self, path: KeyPath, what: str, *, got: str = "", allowed: str = "", attempt: str = "") -> None:
-        """Record what is allowed but looks wrong."""
+        """Record a value that is allowed but looks wrong.
+
+        Parameters
+        ----------
+        path
+            Key path of the value.
+        what
+            The warning.
+        got
+            The value in the file.
+        allowed
+            What is usual there.
+        attempt
+            What to try.
+        """
         self.warnings.append(Fault(what, self.document.where(path), got, allowed, attempt))
 
     def unknown(self, path: KeyPath, kind: str, got: str, known: Iterable[str]) -> None:
-        """Record a name that does not exist, with the nearest that does."""
+        """Record a name that does not exist, with the nearest that does.
+
+        Parameters
+        ----------
+        path
+            Key path of the name.
+        kind
+            Kind of object, such as "plate".
+        got
+            The name in the file.
+        known
+            The names that exist.
+        """
         known = sorted(known)
         none = f"none is defined: this project has no {kind}"
         self.faults.append(unknown(f"there is no such {kind}", self.document.where(path), got, known, none=none))
 
     @contextmanager
     def at(self, path: KeyPath) -> Generator[None]:
-        """Record the faults of an `InputError` raised inside, as found at `path`."""
+        """Record the faults of an `InputError` raised inside, at `path`."""
         try:
             yield
         except InputError as error:
             self.take(path, error.faults)
 
     def take(self, path: KeyPath, faults: Iterable[Fault]) -> None:
-        """Record faults as found at `path`, each with its own place below it."""
+        """Record faults at `path`, each with its own place below it."""
         place = self.document.where(path)
         for fault in faults:
             said = not fault.where or dotted(path).endswith(fault.where)
@@ -146,7 +186,7 @@ def key_path(key: str) -> KeyPath:
 
 
 def _entry(data: Any, path: KeyPath) -> Any:
-    """The value at a path; None where there is none."""
+    """The value at a path; None if there is none."""
     for part in path:
         is_there = part in data if isinstance(data, dict) else _has_place(data, part)
         if not is_there:
@@ -156,7 +196,7 @@ def _entry(data: Any, path: KeyPath) -> Any:
 
 
 def _has_place(holder: Any, key: str | int) -> bool:
-    """Whether a value can stand at a key: any of a mapping, one that exists of a list."""
+    """True if a value can stand at a key: any key of a mapping, an existing index of a list."""
     if isinstance(holder, dict):
         return isinstance(key, str)
     return isinstance(holder, list) and isinstance(key, int) and key < len(holder)

@@ -14,10 +14,10 @@ from softcal.regular_file import OTHER_KINDS, not_a_file
 
 @dataclass
 class InputFiles:
-    """Resolves paths as they are written in a project file, and records which were requested.
+    """Resolves paths as written in a project file, and records those requested.
 
     folder: the project file's folder. copies: path as written -> path of its copy in `folder`, for a project that is
-    read back from a run, which has no other files; None for any other.
+    read back from a run, which has no other files; None otherwise.
     """
 
     folder: Path
@@ -26,6 +26,15 @@ class InputFiles:
 
     def find(self, written: str, kind: str, limit: Limit | None = None) -> Path:
         """The path of an existing file, not larger than its kind may be.
+
+        Parameters
+        ----------
+        written
+            Path as written in the project file.
+        kind
+            Kind of the file, such as "mesh file", for messages.
+        limit
+            Largest allowed size.
 
         Raises
         ------
@@ -53,21 +62,30 @@ class InputFiles:
         return path
 
     def mesh(self, body: str) -> str | None:
-        """The path in `folder` of a run's copy of the mesh that was generated of a body."""
+        """Path in `folder` of the run's copy of a body's generated mesh."""
         return None if self.copies is None else self.copies.get(stored_mesh(body))
 
     def hashes(self) -> dict[str, str]:
-        """SHA-256 of every file asked for, by its path as written."""
+        """SHA-256 of every requested file, by its path as written."""
         return {written: sha256(path) for written, path in self.used.items()}
 
 
 def stored_mesh(body: str) -> str:
-    """The name under which a run keeps the mesh that was generated of a body."""
+    """Name of a body's generated mesh in a run."""
     return f"mesh of {body}"
 
 
 def require_file(path: Path, kind: str, limit: Limit) -> None:
-    """Check that there is a file, and that it is not larger than its kind may be.
+    """Check that a file exists and is not larger than its kind may be.
+
+    Parameters
+    ----------
+    path
+        Path of the file.
+    kind
+        Kind of the file, such as "mesh file", for messages.
+    limit
+        Largest allowed size.
 
     Raises
     ------

@@ -54,18 +54,18 @@ class OwnLawSection(Section):
         ]
         used = {key: text for key, text in ISOCHORIC.items() if key in self.energy or key in str(self.symbols)}
         return Law(
-            name,
-            tuple(parameters),
-            {**used, **self.symbols},
-            self.energy,
-            self.volumetric_strain,
-            self.bulk,
-            self.reference,
+            name=name,
+            parameters=tuple(parameters),
+            symbols={**used, **self.symbols},
+            distortional=self.energy,
+            volumetric_strain=self.volumetric_strain,
+            bulk=self.bulk,
+            reference=self.reference,
         )
 
 
 def register_laws(sections: Mapping[str, OwnLawSection], findings: Findings) -> None:
-    """Make the laws of a file known; what is wrong with one goes to `findings`."""
+    """Make the laws of a file known; faults go to `findings`."""
     for name, section in sections.items():
         with at_law(name, findings):
             LAWS.add(section.law(name))
@@ -73,7 +73,7 @@ def register_laws(sections: Mapping[str, OwnLawSection], findings: Findings) -> 
 
 @contextmanager
 def at_law(name: str, findings: Findings) -> Generator[None]:
-    """Record the faults of an `InputError` raised inside, each at the key of the law that it is of."""
+    """Record the faults of an `InputError` raised inside, each at the key of its law."""
     try:
         yield
     except InputError as error:

@@ -119,5 +119,5 @@ class RegionSection(Section):
 
     @property
     def region(self) -> Region:
-        """The one of them that is given."""
+        """The region: the one key that is present."""
         return self.plane or self.box or self.cylinder or self.sphere or Named(self.group or "")

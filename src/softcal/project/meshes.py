@@ -26,9 +26,13 @@ def mesh_maker(files: InputFiles) -> Callable[[str, BodySection], TetMesh]:
         copy = files.mesh(name)
         if copy is not None:
             return read_mesh(files.folder / copy, unit="m")
-        if isinstance(body.mesh, MeshFile):
-            return _from_file(body.mesh, files)
-        return _built(body.mesh)
+        section = body.mesh
+        if not isinstance(section, MeshFile):
+            return _built(section)
+        path, unit = files.find(section.file, "mesh file", LIMITS["bytes of a mesh file"]), section.unit or "mm"
+        if path.suffix.lower() not in TO_FILL:
+            return read_mesh(path, unit=unit)
+        return _filled(path, sha256(path), unit, section.size, section.tets, section.order or 1, section.edges_around)
 
     return make
 
@@ -49,21 +53,12 @@ def _filled(
     order: Literal[1, 2],
     edges_around: int | None,
 ) -> TetMesh:
-    """As `_built`, of a surface or solid; digest: of the file."""
+    """As `_built`, for the mesh of a surface or solid; `digest` of the file makes a changed file a new one."""
     return mesh_file(path, size=size, tets=tets, order=order, unit=unit, edges_around=edges_around)
 
 
 def is_generated(body: BodySection) -> bool:
-    """Whether Gmsh makes the mesh, so that a run must keep the mesh itself."""
+    """True if Gmsh makes the mesh, so that a run must keep the mesh itself."""
     if isinstance(body.mesh, MeshFile):
         return body.mesh.file.lower().endswith(TO_FILL)
     return isinstance(body.mesh, Filled)
-
-
-def _from_file(section: MeshFile, files: InputFiles) -> TetMesh:
-    path = files.find(section.file, "mesh file", LIMITS["bytes of a mesh file"])
-    unit = section.unit or "mm"
-    if path.suffix.lower() in TO_FILL:
-        wanted = section.size, section.tets, section.order or 1, section.edges_around
-        return _filled(path, sha256(path), unit, *wanted)
-    return read_mesh(path, unit=unit)

@@ -21,7 +21,7 @@ ALLOWED = "letters, digits, and _ - + . ( ) or blanks between them"
 
 
 def name_fault(name: str, reserved: Iterable[str] = ()) -> Fault | None:
-    """The fault of a name that would name a file or is typed on the command line, or None."""
+    """Fault of a name that is to name a file or to be typed on the command line; None if it is allowed."""
     if fault := LIMITS["characters in a name"].fault(len(name)):
         return fault
     if _NAME.fullmatch(name) is None or not name.isprintable():
@@ -32,8 +32,17 @@ def name_fault(name: str, reserved: Iterable[str] = ()) -> Fault | None:
 
 
 def check_names(names: Mapping[str, KeyPath], findings: Findings, reserved: Iterable[str] = ()) -> None:
-    """Record names that are not allowed, and those that differ only in capitals: a file system may not distinguish
-    them.
+    """Record names that are not allowed, and names that differ only in capitals, which a file system may not
+    distinguish.
+
+    Parameters
+    ----------
+    names
+        Key path by name.
+    findings
+        Collects the faults and warnings.
+    reserved
+        Names that softcal uses for its own files and columns.
     """
     seen: dict[str, str] = {}
     for name, path in names.items():

@@ -15,8 +15,18 @@ from softcal.project.yaml_file import read_document
 
 
 def require_at_rest(law: str, theta: Mapping[str, float], direction: Floats, findings: Findings) -> None:
-    """Record a law that is not free of stress and energy at rest, or gives way there, at the constants theta [SI] of a
-    body or rod; softcal's own are not looked at.
+    """Record a user's law with stress or energy at rest, or without stiffness there; softcal's laws are not checked.
+
+    Parameters
+    ----------
+    law
+        Name of the law.
+    theta
+        Constants of a body or rod [SI].
+    direction
+        Build direction (3,).
+    findings
+        Collects the faults and warnings.
     """
     if law in {one.name for one in LAWS.registered}:
         with at_law(law, findings):

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from softcal.calibration.parameters import SearchSpace
     from softcal.calibration.uncertain import UncertainParameter
     from softcal.checks import Ints
+    from softcal.declare import Declared
     from softcal.errors import Fault
     from softcal.experiments.dataset import Dataset
-    from softcal.export.sofa_settings import Engines
     from softcal.geometry.mesh import TetMesh
     from softcal.geometry.quality import MeshReport
     from softcal.materials.infill import PrintInfill
@@ -56,7 +56,7 @@ class Project:
     tied
         Name of a common value -> names or patterns of the parameters tied to it.
     calibration, sweep, dynamics, engines
-        The settings of these sections; sweep is None where the file has none.
+        The settings of these sections; sweep is None where the file has none; engines are those that it states.
     candidates
         Tests that could be made next.
     print_infill
@@ -68,7 +68,7 @@ class Project:
     hashes
         SHA-256 of the project file and of every file it names, by path as written.
     inputs
-        Those files by path as written.
+        Paths of the files, by path as written.
     generated
         Body -> the mesh that Gmsh made of it, before its placement.
     qualities
@@ -76,7 +76,7 @@ class Project:
     regions
         Body -> region -> node numbers (n,).
     warnings
-        What is allowed but is probably a mistake.
+        Values that are allowed but probably mistakes.
     """
 
     path: Path
@@ -92,7 +92,7 @@ class Project:
     candidates: tuple[Candidate, ...]
     sweep: SweepSection | None
     dynamics: TimeSettings
-    engines: Engines
+    engines: Mapping[str, Declared]
     print_infill: PrintInfill | None
     held: Mapping[str, float]
     changes: Mapping[str, object]

@@ -34,7 +34,17 @@ class BuiltRobot:
 
 
 def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings) -> BuiltRobot | None:
-    """The robot of a project, or None where it has a fault; every fault goes to `findings`."""
+    """The robot of a project; None with a fault, which goes to `findings`.
+
+    Parameters
+    ----------
+    section
+        Section `robot` of the file.
+    make_mesh
+        Makes the mesh [m] of a body by its name and section.
+    findings
+        Collects the faults and warnings.
+    """
     n_faults = len(findings.faults)
     gravity = section.gravity
     given: Robot | None = None

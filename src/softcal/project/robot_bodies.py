@@ -42,7 +42,19 @@ class BuiltBodies:
     bodies: list[Body] = field(default_factory=list[Body])
 
     def nodes(self, body: str, region: str, path: KeyPath, findings: Findings) -> Ints | None:
-        """The nodes of a body's region, or None with the fault recorded; None too where the body has no mesh."""
+        """Nodes (n,) of a body's region; None with a fault, which is recorded, or without a mesh.
+
+        Parameters
+        ----------
+        body
+            Name of the body.
+        region
+            Name of the region.
+        path
+            Key path of the section in the file, for faults.
+        findings
+            Collects the faults and warnings.
+        """
         if body not in self.meshes:
             return None
         if region in self.regions[body]:
@@ -62,7 +74,17 @@ class BuiltBodies:
         return list(dict.fromkeys(names))
 
     def faces(self, load: LoadSection, path: KeyPath, findings: Findings) -> Ints | None:
-        """The triangles that a load acts on, or None with the fault recorded."""
+        """Triangles (n, 3 or 6) that a load acts on; None with a fault, which is recorded.
+
+        Parameters
+        ----------
+        load
+            Section of the load.
+        path
+            Key path of the section in the file, for faults.
+        findings
+            Collects the faults and warnings.
+        """
         if load.on not in self.sections:
             findings.unknown((*path, "on"), "body", load.on, self.sections)
         elif load.on in self.meshes and load.region is not None:
@@ -77,7 +99,17 @@ class BuiltBodies:
 
 
 def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, findings: Findings) -> BuiltBodies:
-    """Every body without a fault; every fault goes to `findings`."""
+    """Every body without a fault; faults go to `findings`.
+
+    Parameters
+    ----------
+    sections
+        Section of each body.
+    make_mesh
+        Makes the mesh [m] of a body by its name and section.
+    findings
+        Collects the faults and warnings.
+    """
     built, shapes = BuiltBodies(sections), dict[str, BodyShape]()
     for name, body in sections.items():
         path = ("robot", "bodies", name)
@@ -89,7 +121,10 @@ def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, find
             built.qualities[name] = require_sound(mesh)
         if name not in built.made:
             continue
-        built.regions[name] = _regions(body, built.made[name], path, findings)
+        built.regions[name] = {}
+        for key, section in body.regions.items():  # before the body's placement, in its own frame
+            with findings.at((*path, "regions", key)):
+                built.regions[name][key] = select_nodes(built.made[name], section.region)
         if body.placement is not None:
             with findings.at((*path, "placement")):
                 built.meshes[name] = placed_mesh(built.made[name], body.placement.pose)
@@ -98,61 +133,54 @@ def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, find
         found = [built.nodes(name, region, (*path, "fixed"), findings) for region in body.fixed]
         held = [np.empty(0, dtype=np.int64), *(nodes for nodes in found if nodes is not None)]
         fixed = np.unique(np.concatenate(held))
-        if name in built.qualities and (warning := _poor(built.qualities[name], built.meshes[name], fixed)):
-            findings.warn((*path, "mesh"), warning)
-        inclusions = _inclusions(name, body, built, (*path, "materials"), findings)
         mesh, clamp = built.meshes[name], None
+        if name in built.qualities:
+            quality = built.qualities[name]
+            # Slivers with all nodes fixed do not deform.
+            slivers = tuple(tet for tet in quality.slivers if not np.isin(mesh.tets[tet], fixed).all())
+            if warning := replace(quality, slivers=slivers).warning:
+                findings.warn((*path, "mesh"), warning)
+        inclusions = _inclusions(name, body, built, (*path, "materials"), findings)
         if body.clamp is not None and all(nodes is not None for nodes in found):
             with findings.at((*path, "clamp")):
                 clamp_zone(mesh, fixed, body.clamp)
                 clamp = body.clamp
-        shape = _shape(body)
+        shape = body.mesh if body.shape is None and isinstance(body.mesh, Primitive) else body.shape
+        if isinstance(shape, Primitive):
+            shape = PrimitiveShape(shape, body.placement or Placement()) if shape.lengths else None
         if shape is not None:
             with findings.at((*path, "shape")):
                 shape.require_fit(mesh, "")
                 shapes[name] = shape
         with findings.at((*path, "materials")):
             whole = Body(
-                name,
-                mesh,
-                fixed,
-                body.constants,
-                body.law,
-                body.element,
-                body.density,
-                inclusions,
-                clamp,
-                body.build_direction,
-                body.history,
-                shapes.get(name),
+                name=name,
+                mesh=mesh,
+                fixed=fixed,
+                parameters=body.constants,
+                law=body.law,
+                element=body.element,
+                density=body.density,
+                inclusions=inclusions,
+                clamp=clamp,
+                build_direction=body.build_direction,
+                history=body.history,
+                shape=shapes.get(name),
             )
             built.bodies.append(whole)
-            _check_ranges(whole, path, findings)
+            for info in robot_parameters(Robot((whole,))).values():
+                if fault := out_of_range(info, info.value):
+                    keys = info.name.split(".")[1:]
+                    at = (*path, *(["materials"] if len(keys) > 1 else []), *keys)
+                    findings.add(at, fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
     return built
-
-
-def _shape(section: BodySection) -> BodyShape | None:
-    """That of a body's mesh: as stated, or that of the primitive that it is."""
-    stated = section.mesh if section.shape is None and isinstance(section.mesh, Primitive) else section.shape
-    if isinstance(stated, Primitive):
-        return PrimitiveShape(stated, section.placement or Placement()) if stated.lengths else None
-    return stated
-
-
-def _check_ranges(body: Body, path: KeyPath, findings: Findings) -> None:
-    """Record each parameter of the body's materials that is outside what its law or element allows."""
-    for info in robot_parameters(Robot((body,))).values():
-        if fault := out_of_range(info, info.value):
-            keys = info.name.split(".")[1:]
-            at = (*path, *(["materials"] if len(keys) > 1 else []), *keys)
-            findings.add(at, fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
 
 
 def _inclusions(
     body: str, section: BodySection, built: BuiltBodies, path: KeyPath, findings: Findings
 ) -> tuple[Material, ...]:
-    """The materials of a body's regions, but those with a fault, which is recorded."""
-    found: list[Material] = []
+    """The materials of a body's regions; those with a fault, which is recorded, are left out."""
+    inclusions: list[Material] = []
     for name, material in section.materials.items():
         region = material.region or name
         if not name.isidentifier():
@@ -164,20 +192,5 @@ def _inclusions(
             of = section.regions[region].region if region in section.regions else Named(region)
             with findings.at((*path, name)):
                 tets = select_elements(built.made[body], of)
-                found.append(Material(name, tets, material.constants, density))
-    return tuple(found)
-
-
-def _poor(quality: MeshReport, mesh: TetMesh, fixed: Ints) -> str:
-    """Sentence on poor elements of a mesh; slivers with all nodes fixed are ignored, since they do not deform."""
-    slivers = tuple(tet for tet in quality.slivers if not np.isin(mesh.tets[tet], fixed).all())
-    return replace(quality, slivers=slivers).warning
-
-
-def _regions(body: BodySection, mesh: TetMesh, path: KeyPath, findings: Findings) -> dict[str, Ints]:
-    """Selected before the body's placement, in its own frame."""
-    found: dict[str, Ints] = {}
-    for name, region in body.regions.items():
-        with findings.at((*path, "regions", name)):
-            found[name] = select_nodes(mesh, region.region)
-    return found
+                inclusions.append(Material(name, tets, material.constants, density))
+    return tuple(inclusions)

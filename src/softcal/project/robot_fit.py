@@ -11,7 +11,7 @@ from softcal.checks import Floats
 from softcal.geometry.overlap import depths_inside
 from softcal.geometry.ring import across, ring_points
 from softcal.project.document import Findings
-from softcal.twin.robot import Body, Disc, Plate, Robot, Rod
+from softcal.twin.robot import Disc, Robot, Rod
 from softcal.units import format_quantity
 
 GROUND = ""
@@ -20,11 +20,21 @@ TOUCHING = 1e-6
 
 
 def check_whole(robot: Robot, findings: Findings, *, generated: Iterable[str] = ()) -> None:
-    """Record the faults of the robot as a whole; `generated` parts have no section of their own in the file."""
+    """Record the faults of the robot as a whole.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    findings
+        Collects the faults and warnings.
+    generated
+        Names of parts without a section of their own in the file.
+    """
     where = _Where(robot, set(generated))
     n_faults = len(findings.faults)
-    _check_held(robot, where, findings)
-    _check_held_once(robot, findings)
+    _check_attached(robot, where, findings)
+    _check_fixed_once(robot, findings)
     if len(findings.faults) == n_faults:
         _check_overlaps(robot, where, findings)
 
@@ -41,8 +51,8 @@ class _Where:
         return self._paths[name]
 
 
-def _check_held(robot: Robot, where: _Where, findings: Findings) -> None:
-    """Every body, rod and plate must be connected to something fixed."""
+def _check_attached(robot: Robot, where: _Where, findings: Findings) -> None:
+    """Record bodies, rods and plates without a connection to a fixed part."""
     links: dict[str, set[str]] = {part.name: set() for part in (*robot.bodies, *robot.rods, *robot.plates)}
     links[GROUND] = set()
 
@@ -91,7 +101,7 @@ def _check_held(robot: Robot, where: _Where, findings: Findings) -> None:
         )
 
 
-def _check_held_once(robot: Robot, findings: Findings) -> None:
+def _check_fixed_once(robot: Robot, findings: Findings) -> None:
     for body in robot.bodies:
         held = [("fixed", "fixed", body.fixed)]
         held += [(f"on {p.name}", p.name, p.nodes[body.name]) for p in robot.plates if body.name in p.nodes]
@@ -152,8 +162,14 @@ def _check_overlaps(robot: Robot, where: _Where, findings: Findings) -> None:
 
 def _warn_of_rod(rod: Rod, robot: Robot, where: _Where, findings: Findings) -> None:
     nodes = rod.centreline.nodes
-    depths = {plate.name: _in_plate(plate, rod) for plate in robot.plates}
-    depths |= {body.name: _in_body(body, nodes) for body in robot.bodies}
+    depths: dict[str, float] = {}
+    for plate in robot.plates:
+        if plate.disc is not None and plate.name not in rod.clamped:
+            depth = float(_depths_in_disc(plate.disc, nodes).max())
+            depths[plate.name] = depth if depth > TOUCHING * plate.disc.thickness else 0.0
+    for body in robot.bodies:
+        depth, allowed = depths_inside(body.mesh, nodes)
+        depths[body.name] = float(np.where(depth > allowed, depth, 0.0).max(initial=0.0))
     for name, depth in depths.items():
         if depth > 0.0:
             findings.warn(
@@ -164,20 +180,8 @@ def _warn_of_rod(rod: Rod, robot: Robot, where: _Where, findings: Findings) -> N
             )
 
 
-def _in_plate(plate: Plate, rod: Rod) -> float:
-    if plate.disc is None or plate.name in rod.clamped:
-        return 0.0
-    depth = float(_depths_in_disc(plate.disc, rod.centreline.nodes).max())
-    return depth if depth > TOUCHING * plate.disc.thickness else 0.0
-
-
-def _in_body(body: Body, points: Floats) -> float:
-    depth, allowed = depths_inside(body.mesh, points)
-    return float(np.where(depth > allowed, depth, 0.0).max(initial=0.0))
-
-
 def _depths_in_disc(disc: Disc, points: Floats) -> Floats:
-    """How deep points (n, 3) lie in a disc [m], 0 outside; its holes count as filled."""
+    """Depths (n,) [m] of points (n, 3) in a disc, 0 outside; its holes count as filled."""
     offset = points - disc.centre
     along = offset @ disc.axis
     across = np.linalg.norm(offset - np.outer(along, disc.axis), axis=1)

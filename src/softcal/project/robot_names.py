@@ -18,8 +18,8 @@ def generated_names(section: RobotSection, kind: str) -> tuple[str, ...]:
 
 
 def part_names(document: Document) -> dict[str, list[str]] | None:
-    """The names of the robot's parts by kind, whatever else is wrong with it; None where they are not known: of a
-    manipulator with faults, or no robot.
+    """Names of the robot's parts by kind, even if the robot has other faults; None without a robot, or if its
+    manipulator has faults.
     """
     robot = document.data.get("robot")
     if not isinstance(robot, dict):
@@ -39,7 +39,9 @@ def part_names(document: Document) -> dict[str, list[str]] | None:
 
 
 def check_part_names(section: RobotSection, findings: Findings) -> None:
-    """All parts share one namespace, since parameters and channels are named after them."""
+    """Record part names that are not allowed or appear twice: parameters and channels are named after parts, so all
+    share one namespace.
+    """
     seen: dict[str, str] = {
         folded(name): "the manipulator's own" for kind in KINDS for name in generated_names(section, kind)
     }

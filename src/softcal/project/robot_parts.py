@@ -27,15 +27,15 @@ from softcal.twin.routing import bored, require_movable
 from softcal.units import format_quantity
 
 NEARLY_OUTSIDE = 0.2
-"""Of the distance at which a point counts as outside its body: what a curved surface is from the tets' plane faces."""
+"""Share of the distance at which a point counts as outside its body: a curved surface is that far from plane faces."""
 
 
 @dataclass(frozen=True)
 class Carriers:
-    """The parts that points can be on: bodies, rods, and plates by name with their holes' names as written.
+    """The parts that points can be on: bodies, rods, and plates with their holes.
 
-    plates: those without faults; holes: of all named plates, with or without faults; built: the bodies; rods: those
-    without faults, None the others.
+    built: the bodies. plates: plates without faults. holes: names of the holes of all plates, with or without faults.
+    rods: None for a rod with faults.
     """
 
     built: BuiltBodies
@@ -45,7 +45,7 @@ class Carriers:
     findings: Findings
 
     def place(self, where: ViaSection | MarkerSection | LoadSection, path: KeyPath) -> Floats | None:
-        """A point [m] that a section describes, or None with its fault recorded (or that of its plate)."""
+        """The point [m] that a section describes; None with a fault, which is recorded, or if its plate has one."""
         if where.hole is not None:
             if where.on in self.built.sections or where.on in self.rods:
                 kind = "a body" if where.on in self.built.sections else "a rod"
@@ -61,7 +61,19 @@ class Carriers:
         return where.at
 
     def support(self, on: str, at: Floats | None, path: KeyPath, *, may_stand_off: bool = False) -> None:
-        """Record that a part's carrier does not exist, or that its point is outside the carrying body."""
+        """Record that a part's carrier does not exist, or that its point is outside the carrying body.
+
+        Parameters
+        ----------
+        on
+            Name of the carrier; "" for a point fixed in space.
+        at
+            The point (3,) [m]; None if it has a fault.
+        path
+            Key path of the section in the file, for faults.
+        may_stand_off
+            The point may be outside the body, as a marker on a stick is.
+        """
         if on and not any(on in parts for parts in (self.built.sections, self.holes, self.rods)):
             known = [*self.built.sections, *self.rods, *self.holes]
             self.findings.unknown((*path, "on"), "body, rod or plate", on, known)
@@ -69,8 +81,8 @@ class Carriers:
             self.within(on, {(*path, "at"): at})
 
     def within(self, body: str, points: Mapping[KeyPath, Floats]) -> None:
-        """Record which points lie outside their body and in none of its bores, in one fault at the first of them;
-        in one warning, where all are so near that they move as the nearest element does.
+        """Record points that lie outside their body and in none of its bores, as one fault at the first of them; as one
+        warning if all are so near that they move with the nearest element.
         """
         mesh, at = self.built.meshes[body], np.array(list(points.values()))
         found = nearest_places(mesh, at)
@@ -79,21 +91,21 @@ class Carriers:
         off = [i for i in near if found.is_off[i]]
         if not near:
             return
-        record, told = (self.findings.add, off) if off else (self.findings.warn, near)
-        furthest = format_quantity(float(found.distances[told].max()), "m")
-        place = "(" + ", ".join(f"{1e3 * x:.6g}" for x in at[told[0]]) + ") mm"
+        record, outside = (self.findings.add, off) if off else (self.findings.warn, near)
+        furthest = format_quantity(float(found.distances[outside].max()), "m")
+        place = "(" + ", ".join(f"{1e3 * x:.6g}" for x in at[outside[0]]) + ") mm"
         spans = ", ".join(
             f"{axis} {1e3 * low:.6g} to {1e3 * high:.6g} mm"
             for axis, low, high in zip("xyz", mesh.points.min(axis=0), mesh.points.max(axis=0), strict=True)
         )
-        one = len(told) == 1
-        most = float(found.allowed[told].min()) * (1.0 if off else NEARLY_OUTSIDE)
+        is_single = len(outside) == 1
+        most = float(found.allowed[outside].min()) * (1.0 if off else NEARLY_OUTSIDE)
         record(
-            list(points)[told[0]],
+            list(points)[outside[0]],
             f"the point lies outside its body by {furthest}"
-            if one
-            else f"{len(told)} via points lie outside their body, by up to {furthest}",
-            got=place if one else f"{place} and {len(told) - 1} more",
+            if is_single
+            else f"{len(outside)} via points lie outside their body, by up to {furthest}",
+            got=place if is_single else f"{place} and {len(outside) - 1} more",
             allowed=f"at most {format_quantity(most, 'm')} outside {body}, which spans "
             f"{spans}, or in a bore whose wall is all around",
             attempt="the unit of mesh and points; where a channel is open to a side, points in its wall",
@@ -101,7 +113,19 @@ class Carriers:
 
 
 def build_plate(name: str, plate: PlateSection, built: BuiltBodies, findings: Findings) -> Plate | None:
-    """One plate, or None where it has a fault."""
+    """One plate; None with a fault, which goes to `findings`.
+
+    Parameters
+    ----------
+    name
+        Name in the project file.
+    plate
+        Its section of the file.
+    built
+        The built bodies, with their meshes and regions.
+    findings
+        Collects the faults and warnings.
+    """
     path = ("robot", "plates", name)
     nodes = {}
     for body, region in plate.tied.items():
@@ -116,21 +140,33 @@ def build_plate(name: str, plate: PlateSection, built: BuiltBodies, findings: Fi
         holes = {**plate.holes.points, **(ring.holes(plate.reference) if (ring := plate.holes.ring) else {})}
         with findings.at(path):
             return Plate(
-                name,
-                nodes,
-                plate.reference,
-                plate.mass,
-                plate.centre_of_mass,
-                plate.fixed,
-                holes,
-                plate.disc,
-                plate.inertia,
+                name=name,
+                nodes=nodes,
+                reference=plate.reference,
+                mass=plate.mass,
+                centre_of_mass=plate.centre_of_mass,
+                fixed=plate.fixed,
+                holes=holes,
+                disc=plate.disc,
+                inertia=plate.inertia,
             )
     return None
 
 
 def build_tie(name: str, tie: TieSection, built: BuiltBodies, findings: Findings) -> Tie | None:
-    """One tie, or None where it has a fault, such as that it touches nothing."""
+    """One tie; None with a fault, such as that it touches nothing.
+
+    Parameters
+    ----------
+    name
+        Name in the project file.
+    tie
+        Its section of the file.
+    built
+        The built bodies, with their meshes and regions.
+    findings
+        Collects the faults and warnings.
+    """
     path = ("robot", "ties", name)
     for key, body in (("body", tie.body), ("on", tie.on)):
         if body not in built.sections:
@@ -152,7 +188,17 @@ def build_tie(name: str, tie: TieSection, built: BuiltBodies, findings: Findings
 
 
 def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | None:
-    """One cable, or None where it has a fault."""
+    """One cable; None with a fault.
+
+    Parameters
+    ----------
+    name
+        Name in the project file.
+    cable
+        Its section of the file.
+    carriers
+        The parts that points can be on.
+    """
     path = ("robot", "cables", name)
     via: list[ViaPoint] = []
     on_body: dict[str, dict[KeyPath, Floats]] = {}
@@ -190,7 +236,19 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
 def build_load(
     name: str, load: LoadSection, gravity: Floats, carriers: Carriers
 ) -> PointLoad | Moment | SurfaceLoad | None:
-    """One load, or None where it has a fault."""
+    """One load; None with a fault.
+
+    Parameters
+    ----------
+    name
+        Name in the project file.
+    load
+        Its section of the file.
+    gravity
+        Gravity (3,) [m/s^2].
+    carriers
+        The parts that points can be on.
+    """
     path = ("robot", "loads", name)
     findings = carriers.findings
     if load.traction is not None:
@@ -210,32 +268,28 @@ def build_load(
         return None
     if load.hole is None:
         carriers.support(load.on, at, path)
-    force = _force(load, gravity, path, findings)
-    if at is None or force is None:
+    if load.mass is None:
+        force, direction = _sized(load.force or 0.0, load.direction)
+    elif np.any(gravity):
+        force, direction = load.mass * gravity, gravity
+    else:
+        findings.add(
+            (*path, "mass"),
+            "a mass hangs, but there is no gravity",
+            got=f"{load.mass:g} kg",
+            allowed="gravity in the robot, or a force",
+            attempt="gravity: [0 m/s^2, 0 m/s^2, -9.81 m/s^2]",
+        )
+        return None
+    if at is None:
         return None
     with findings.at(path):
-        return PointLoad(name, load.on, at, force[0], force[1])
+        return PointLoad(name, load.on, at, force, direction)
     return None
 
 
-def _force(load: LoadSection, gravity: Floats, path: KeyPath, findings: Findings) -> tuple[Floats, Floats] | None:
-    """The force [N] of a point load, and its direction."""
-    if load.mass is not None:
-        if not np.any(gravity):
-            findings.add(
-                (*path, "mass"),
-                "a mass hangs, but there is no gravity",
-                got=f"{load.mass:g} kg",
-                allowed="gravity in the robot, or a force",
-                attempt="gravity: [0 m/s^2, 0 m/s^2, -9.81 m/s^2]",
-            )
-            return None
-        return load.mass * gravity, gravity
-    return _sized(load.force or 0.0, load.direction)
-
-
 def _sized(given: float | tuple[float, float, float], direction: Floats | None) -> tuple[Floats, Floats]:
-    """A vector, given by itself or by size and direction, and its direction."""
+    """A vector, stated as such or by size and direction, and its direction."""
     if isinstance(given, tuple):
         return np.array(given), PointLoad.direction
     assert direction is not None  # noqa: S101
@@ -243,7 +297,17 @@ def _sized(given: float | tuple[float, float, float], direction: Floats | None) 
 
 
 def build_marker(name: str, marker: MarkerSection, carriers: Carriers) -> Marker | None:
-    """One marker, or None where it has a fault; it may be outside its body."""
+    """One marker, which may be outside its body; None with a fault.
+
+    Parameters
+    ----------
+    name
+        Name in the project file.
+    marker
+        Its section of the file.
+    carriers
+        The parts that points can be on.
+    """
     path = ("robot", "markers", name)
     at = carriers.place(marker, path)
     if marker.hole is None:

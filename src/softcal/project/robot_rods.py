@@ -24,9 +24,20 @@ SAME = 1e-6  # of a rod's length: stations as near as that are one
 def build_rod(
     name: str, rod: RodSection, plates: Iterable[str], carried: Sequence[Floats], findings: Findings
 ) -> Rod | None:
-    """One rod, or None where it has a fault; every fault goes to `findings`.
+    """One rod; None with a fault, which goes to `findings`.
 
-    carried: points (3,) [m] on it, such as via points, in whose sections it gets nodes.
+    Parameters
+    ----------
+    name
+        Name in the project file.
+    rod
+        Its section of the file.
+    plates
+        Names of all plates.
+    carried
+        Points (3,) [m] on the rod, such as via points; it gets nodes in their sections.
+    findings
+        Collects the faults and warnings.
     """
     path: KeyPath = ("robot", "rods", name)
     n_faults = len(findings.faults)
@@ -84,16 +95,16 @@ def build_rod(
             ]
             ends = _nodes(line, shape.length, fixed)
             return Rod(
-                name,
-                line,
-                section,
-                rod.at_small_strain,
-                held,
-                ends,
-                rod.density,
-                tuple(inclusions),
-                rod.history,
-                rod.law or "",
+                name=name,
+                centreline=line,
+                section=section,
+                parameters=rod.at_small_strain,
+                clamped=held,
+                fixed=ends,
+                density=rod.density,
+                inclusions=tuple(inclusions),
+                history=rod.history,
+                law=rod.law or "",
             )
     return None
 
@@ -107,7 +118,7 @@ def _placed(line: Centreline, rod: RodSection, path: KeyPath, findings: Findings
 
 
 def _beside(line: Centreline, points: Sequence[Floats], length: float) -> list[float]:
-    """The arc lengths [m] of the sections that points are in; one for those that are all but the same."""
+    """Arc lengths [m] of the sections that contain points; points at nearly the same arc length share a section."""
     places = [place_on_rod(line, point) for point in points]
     at = [line.stations[place.node] + place.share * line.lengths[place.node] for place in places]
     arcs = np.array([0.0, *line.stations * (length / line.stations[-1])])
@@ -121,7 +132,7 @@ def _beside(line: Centreline, points: Sequence[Floats], length: float) -> list[f
 def _section(
     rod: RodSection, length: float, path: KeyPath, findings: Findings
 ) -> tuple[CrossSection | None, list[float]]:
-    """The section of a rod, None where it has a fault, and the arc lengths [m] of those that are given."""
+    """Section of a rod, None with a fault, and the arc lengths [m] of its stated sections."""
     if rod.section is not None or rod.sections is None:
         return rod.section, []
     arcs = _arcs([one.at for one in rod.sections], length, (*path, "sections"), findings)

@@ -245,6 +245,6 @@ class RobotSection(Section):
             )
 
     def names(self, kind: str) -> list[str]:
-        """Every part of a kind such as "plates", the manipulator's own among them."""
+        """Names of all parts of a kind such as "plates", including those that the manipulator generates."""
         own = self.manipulator.part_names(kind) if self.manipulator else ()
         return [*own, *(name for name in getattr(self, kind) if name not in own)]

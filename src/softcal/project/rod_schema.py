@@ -25,7 +25,7 @@ BARS: Mapping[str, type[CrossSection]] = {cls.__name__: cls for cls in (RoundBar
 
 
 def _kinds(data: Any) -> list[str]:
-    """The kinds of section that have one of the keys of a mapping."""
+    """Kinds of section with at least one of the mapping's keys."""
     return [name for name, cls in BARS.items() if data.keys() & cls.__annotations__.keys()]
 
 
@@ -103,6 +103,6 @@ class RodSection(SmallStrainSection):
 
     @property
     def shape(self) -> tuple[str, RodShape]:
-        """The key and the shape that is given."""
+        """Key and shape of the rod."""
         shapes = (("straight", self.straight), ("helix", self.helix), ("polyline", self.polyline))
         return next((key, shape) for key, shape in shapes if shape is not None)

@@ -21,7 +21,7 @@ from softcal.twin.parameters import KINDS, ParameterInfo, kind_by_name, unknown_
 from softcal.units import parse_quantity
 
 OF_RIG = ("frame", "pulleys")
-"""What has parameters beside the parts of the robot."""
+"""Owners of parameters beside the parts of the robot."""
 
 
 def build_search(
@@ -32,11 +32,25 @@ def build_search(
     held: Collection[str],
     findings: Findings,
 ) -> SearchSpace | None:
-    """The search space of the free parameters that are not fixed, or None where there is none or a fault.
+    """Search space of the free parameters that are not fixed; None if there are none, or with a fault. Fixing one of
+    several tied parameters unties it.
 
-    known: all parameters; None where the robot or an experiment has faults of its own, so that names cannot be checked,
-    but bounds still are. experiments: the values of the rig's parameters in each. set_ups: the set-up of each, "" where
-    it has none. Fixing one of several tied parameters unties it.
+    Without `known`, names are not checked, but bounds are.
+
+    Parameters
+    ----------
+    sections
+        Section of each free parameter.
+    known
+        Parameters of robot and rig by name; None if unknown, since the robot or an experiment has faults.
+    experiments
+        Values [SI] of the rig's parameters, by experiment.
+    set_ups
+        Set-up of each experiment, "" without one.
+    held
+        Names of fixed parameters.
+    findings
+        Collects the faults and warnings.
 
     Raises
     ------
@@ -54,10 +68,11 @@ def build_search(
             continue
         with findings.at((*path, "of") if section.of else path):
             if known is None:
+                quantity = quantity_of((parameter.of or (name,))[0])
                 search_space(
                     [replace(parameter, of=(), per_experiment=False, per_set_up=False)],
                     list(experiments),
-                    {name: _guess(name, parameter)},
+                    {name: ParameterInfo(name, quantity or QUANTITIES["ratio"], parameter.lower)},
                     experiments,
                 )
             else:
@@ -75,14 +90,21 @@ Wanted = Mapping[KeyPath, Iterable[str]]
 
 
 def wanted_by(key: str, sections: Mapping[str, ParameterSection] | Mapping[str, UncertainSection]) -> Wanted:
-    """The parameters that sections name; key: that of the sections in the file."""
+    """Names and patterns of the parameters of sections, by their place in the file; `key`: that of the sections."""
     return {(key, name, "of") if one.of else (key, name): one.of or [name] for name, one in sections.items()}
 
 
 def check_owners(wanted: Wanted, parts: Mapping[str, Iterable[str]] | None, findings: Findings) -> None:
-    """Record the parameters whose owner is no part of the robot or of the rig; all is not known of them yet.
+    """Record parameters whose owner is neither a part of the robot nor the rig.
 
-    parts: the names of the robot's parts by kind; None where they are not known.
+    Parameters
+    ----------
+    wanted
+        Names and patterns of parameters, by their place in the file.
+    parts
+        Names of the robot's parts by kind, such as "cables"; None if unknown, since the robot has faults.
+    findings
+        Collects the faults and warnings.
     """
     if parts is None:
         return
@@ -95,7 +117,17 @@ def check_owners(wanted: Wanted, parts: Mapping[str, Iterable[str]] | None, find
 
 
 def check_kinds(wanted: Wanted, parts: Mapping[str, Iterable[str]] | None, findings: Findings) -> None:
-    """Record the parameters of an existing owner whose last part is that of no parameter of any part."""
+    """Record parameters of an existing owner whose last part is no parameter of any kind of part.
+
+    Parameters
+    ----------
+    wanted
+        Names and patterns of parameters, by their place in the file.
+    parts
+        Names of the robot's parts by kind, such as "cables"; None if unknown, since the robot has faults.
+    findings
+        Collects the faults and warnings.
+    """
     known = (*constants_of(LAWS), *KINDS, *readings(), *(parameter_name(one).kind for one in FRAME))
     for path, names in wanted.items():
         for name in names:
@@ -109,7 +141,7 @@ def _owners(parts: Mapping[str, Iterable[str]]) -> list[str]:
 
 
 def _owner(wanted: str, owners: Iterable[str]) -> tuple[str, bool]:
-    """The owner of a parameter, or of all of a pattern, as far as it is written out; whether there is one."""
+    """Owner of a parameter or pattern, as far as it is written out, and whether it exists."""
     literal = re.split(r"[*?[]", wanted)[0]
     begun = parameter_name(literal)
     owner, is_whole = begun.part or begun.kind, bool(begun.part) or literal == wanted
@@ -123,8 +155,21 @@ def named(
     known: Mapping[str, ParameterInfo] | None,
     findings: Findings,
 ) -> tuple[list[str], Quantity | None]:
-    """The parameters that an entry of the file means, by its name or by `of`, and the kind of quantity they are; no
-    kind where there is no such parameter, which is recorded. Of parameters that are not known, the kind by the name.
+    """Parameters that an entry of the file names, by its key or by `of`, and their kind of quantity: None, with a
+    fault, if no parameter matches. Without `known`, the kind follows from the name alone.
+
+    Parameters
+    ----------
+    key
+        Key of the section in the file, such as "parameters".
+    name
+        Key of the entry.
+    section
+        The entry.
+    known
+        Parameters of robot and rig by name; None if unknown, since the robot or an experiment has faults.
+    findings
+        Collects the faults and warnings.
     """
     wanted = section.of or [name]
     if known is None:
@@ -137,7 +182,7 @@ def named(
 
 
 def untied(given: Mapping[str, str | float], sections: Mapping[str, ParameterSection]) -> dict[str, str | float]:
-    """Given values, with the value of tied parameters given to each tied pattern or name."""
+    """Fixed values, with a tied parameter's value set for each parameter or pattern that it ties."""
     found: dict[str, str | float] = {}
     for name, value in given.items():
         section = sections.get(name)
@@ -146,7 +191,7 @@ def untied(given: Mapping[str, str | float], sections: Mapping[str, ParameterSec
 
 
 def held_values(given: Mapping[str, str | float], known: Mapping[str, ParameterInfo]) -> dict[str, float]:
-    """Values [SI] of parameters given as text with a unit (`2.3 MPa`) or as a number in SI.
+    """Fixed values [SI] of parameters, from text with a unit (`2.3 MPa`) or a number in SI.
 
     A name may be a pattern, such as `spring*.youngs_modulus`.
 
@@ -172,13 +217,13 @@ def held_values(given: Mapping[str, str | float], known: Mapping[str, ParameterI
 
 
 def names_held(given: Iterable[str], known: Iterable[str]) -> list[str]:
-    """The parameters that match given names and patterns; a name without a match is kept as it is."""
+    """The parameters that match names and patterns; a name without a match is kept as it is."""
     there = list(known)
     return [name for wanted in given for name in [n for n in there if fnmatchcase(n, wanted)] or [wanted]]
 
 
 def rig_value(name: str, value: str | float) -> float:
-    """A rig value [SI] given as text with a unit or as a number in SI.
+    """A rig value [SI], from text with a unit or a number in SI.
 
     Raises
     ------
@@ -222,10 +267,5 @@ def _free(name: str, section: ParameterSection, unit: str, path: KeyPath, findin
 
 
 def quantity_of(name: str) -> Quantity | None:
-    """The kind of quantity of a parameter by its name alone; None where that does not tell."""
+    """The kind of quantity of a parameter by its name alone; None if the name is ambiguous."""
     return kind_by_name(name) or rig_kind(name)
-
-
-def _guess(name: str, parameter: FreeParameter) -> ParameterInfo:
-    kind = quantity_of((parameter.of or (name,))[0])
-    return ParameterInfo(name, kind or QUANTITIES["ratio"], parameter.lower)

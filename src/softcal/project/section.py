@@ -45,11 +45,11 @@ class Section(BaseModel):
         return read_mapping(cls.__name__, data, known, made, faults)
 
     def _check(self) -> None:
-        """Raise an InputError where the values do not go together, with faults at their keys or at the mapping."""
+        """Raise an InputError if values contradict each other, with faults at their keys or at the mapping."""
 
     @classmethod
     def _allowed(cls, given: Mapping[str, Any]) -> set[str]:
-        """The keys that a mapping may have, of which some may depend on others of it."""
+        """Allowed keys of a mapping; some may depend on others of its keys."""
         return {info.alias or name for name, info in cls.model_fields.items()}
 
     @classmethod
@@ -65,7 +65,7 @@ T = TypeVar("T")
 def read_quantities(
     given: Mapping[str, Any], kinds: Mapping[str, Quantity | Limit]
 ) -> tuple[dict[str, float], list[InitErrorDetails]]:
-    """Those of the keys that are given, each read as a quantity or count of its kind, and the faults of the others."""
+    """The values of the keys present, each read as a quantity or count of its kind, and the faults of the others."""
     found: dict[str, float] = {}
     errors: list[InitErrorDetails] = []
     for name in (name for name in kinds if name in given):
@@ -87,7 +87,7 @@ Given = Annotated[str | float, Reading(_given, "instead")]
 
 
 def numbered(value: object) -> object:
-    """As `listed`, and a bare number as a list of it too."""
+    """As `listed`, and a bare number as a list of that number."""
     return [value] if isinstance(value, int | float) and not isinstance(value, bool) else listed(value)
 
 
@@ -97,17 +97,42 @@ def _reader(model: type[T]) -> TypeAdapter[T]:
 
 
 def validated(model: type[T], data: object, path: KeyPath, findings: Findings) -> T | None:
-    """`data` as a section or as a class declared in Python, or None with every fault of it recorded."""
+    """`data` as a section or as a class declared in Python; None with faults, all of which are recorded.
+
+    Parameters
+    ----------
+    model
+        The class.
+    data
+        Plain data of the file.
+    path
+        Key path of the section in the file, for faults.
+    findings
+        Collects the faults and warnings.
+    """
     try:
         return _reader(model).validate_python(data)
     except ValidationError as error:
         for found in error.errors():
-            _record(found, data, path, findings)
+            place = (*path, *_keys(found, data))
+            findings.faults.append(_fault(found, findings.document.where(place)))
         return None
 
 
 def entries(model: type[T], key: str, document: Document, findings: Findings) -> dict[str, T]:
-    """The entries without faults of a mapping of sections, each checked by itself."""
+    """Entries without faults of a mapping of sections, each checked by itself.
+
+    Parameters
+    ----------
+    model
+        Class of an entry.
+    key
+        Key of the mapping in the file.
+    document
+        The project file as plain data.
+    findings
+        Collects the faults and warnings.
+    """
     data = document.data.get(key)
     if data is not None and not isinstance(data, dict):
         findings.add((key,), "this is of the wrong kind", got=repr(data)[:60], allowed="a mapping of names")
@@ -118,7 +143,14 @@ def entries(model: type[T], key: str, document: Document, findings: Findings) ->
 def changed(section: S, changes: Mapping[str, object], where: Callable[[str], str]) -> S:
     """A section with some values replaced, checked like those of a file.
 
-    where: how a key was given, such as `--trials` for "trials"; faults name it.
+    Parameters
+    ----------
+    section
+        The section.
+    changes
+        New values by key.
+    where
+        Place of a key for faults, such as `--trials` for "trials".
 
     Raises
     ------
@@ -135,16 +167,11 @@ def changed(section: S, changes: Mapping[str, object], where: Callable[[str], st
         raise InputError(faults) from error
 
 
-def _record(found: Any, data: object, path: KeyPath, findings: Findings) -> None:
-    place = (*path, *_keys(found, data))
-    findings.faults.append(_fault(found, findings.document.where(place)))
-
-
 def _fault(found: Any, where: str) -> Fault:
-    """An error of pydantic's, or one of ours that it carried, as a fault."""
+    """A fault from an error of pydantic, or the fault of ours that the error carries."""
     if found["type"] == FAULT:
-        told = Fault(**found["ctx"])
-        return replace(told, where=f"{where}: {told.where}" if told.where else where)
+        fault = Fault(**found["ctx"])
+        return replace(fault, where=f"{where}: {fault.where}" if fault.where else where)
     what, got, allowed = _wording(found)
     choices = allowed.replace("'", "").split(", ") if found["type"] == "literal_error" else ()
     return Fault(what, where, got, allowed, nearest(str(found["input"]), choices))

@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 from softcal.calibration.loss import LOSSES
 from softcal.calibration.rig import CommonRig
 from softcal.calibration.uncertain import RESERVED
+from softcal.declare import Declared
 from softcal.errors import Fault, ProjectFileError, unknown
 from softcal.experiments.prepare import PlannedStep
-from softcal.export.sofa_settings import Engines
 from softcal.limits import LIMITS
 from softcal.materials.catalogue import LAWS
 from softcal.materials.infill import PrintInfill
@@ -69,13 +69,13 @@ class Sections:
     calibration: CalibrationSection
     candidates: Mapping[str, CandidateSection]
     dynamics: TimeSettings
-    engines: Engines
+    engines: Mapping[str, Declared]
     sweep: SweepSection | None
     print_infill: PrintInfill | None
 
 
 def read_sections(document: Document, files: InputFiles) -> Sections:
-    """Every section of a document, with the names in them resolved as far as sections alone can tell.
+    """Every section of a document, with names resolved as far as the sections alone allow.
 
     Raises
     ------
@@ -96,13 +96,25 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     uncertain = entries(UncertainSection, "uncertain", document, findings)
     calibration = _section(CalibrationSection, "calibration", document, findings, {})
     candidates = entries(CandidateSection, "candidates", document, findings)
-    dynamics = _dynamics(document, findings)
-    engines = _section(Engines, "engines", document, findings, {})
+    dynamics = _section(TimeSettings, "dynamics", document, findings, {})
+    if dynamics is not None:
+        if dynamics.hold is None and not dynamics.settle:  # then the motion continues until the robot is at rest
+            dynamics = replace(dynamics, settle=Settling())
+        after = dynamics.settle.longest if dynamics.settle else dynamics.hold or 0.0
+        with findings.at(("dynamics",)):
+            LIMITS["time steps"].check(1 + (dynamics.ramp + after) / dynamics.time_step)
+    engines = _engines(document, findings)
     swept = _section(SweepSection, "sweep", document, findings)
     print_infill = _section(PrintInfill, "print", document, findings)
     if robot is not None:
         check_part_names(robot, findings)
-    _find_meshes(document, files, findings)
+    bodies = document.mapping("robot").get("bodies")
+    for name, given in bodies.items() if isinstance(bodies, dict) else ():
+        # The faults of a body are among the findings already.
+        body = validated(BodySection, given, (), Findings(document))
+        if body is not None and isinstance(body.mesh, MeshFile) and files.mesh(name) is None:
+            with findings.at(("robot", "bodies", name, "mesh")):
+                files.find(body.mesh.file, "mesh file", LIMITS["bytes of a mesh file"])
     parts = part_names(document)
     sensors = document.mapping("robot").get("sensors")
     if parts is not None and isinstance(sensors, dict):
@@ -112,7 +124,9 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
         for name, experiment in experiments.items()
     }
     set_ups = {name: experiment.set_up for name, experiment in experiments.items()}
-    _check_set_ups(set_ups, findings)
+    for name, set_up in set_ups.items():
+        if set_ups.get(set_up, set_up) != set_up:
+            findings.add(("experiments", name, "set_up"), "an experiment has the name of the set-up", got=f"'{set_up}'")
     wanted = {**wanted_by("parameters", parameters), **wanted_by("uncertain", uncertain)}
     check_owners(wanted, parts, findings)
     build_search(parameters, None, {key: {} for key in experiments}, set_ups, (), findings)
@@ -120,44 +134,34 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     tied = [name for name, section in parameters.items() if section.of]
     _check_calibration(calibration, rig or CommonRig(), experiments, tied, findings)
     if swept is not None:
-        _check_judges(swept, document.mapping("experiments"), findings)
-    if (
-        findings.faults
-    ):  # else names and columns are checked by the robot and the tables, and all reported at once there
+        tests = document.mapping("experiments")
+        for i, judge in enumerate(swept.experiments):
+            if not set(experiments_named([judge], tests)) <= set(tests):
+                findings.unknown(("sweep", "experiments", i), "experiment", judge, tests)
+    if findings.faults:  # else names and columns are checked, and reported, with the robot and the tables
         axes: Wanted = {("sweep", "over", name): [name] for name in (swept.over if swept else ()) if name not in tied}
         check_owners(axes, parts, findings)
         check_kinds({**wanted, **axes}, parts, findings)
         for name, experiment in experiments.items():
             check_headers(name, experiment, files, findings)
     findings.raise_if_any()
-    if robot is None or rig is None or calibration is None or dynamics is None or engines is None:
+    if robot is None or rig is None or calibration is None or dynamics is None:
         raise ProjectFileError(Fault("the project is incomplete", document.name))
     return Sections(
-        laws,
-        robot,
-        rig,
-        experiments,
-        plans,
-        parameters,
-        uncertain,
-        calibration,
-        candidates,
-        dynamics,
-        engines,
-        swept,
-        print_infill,
+        laws=laws,
+        robot=robot,
+        rig=rig,
+        experiments=experiments,
+        steps=plans,
+        parameters=parameters,
+        uncertain=uncertain,
+        calibration=calibration,
+        candidates=candidates,
+        dynamics=dynamics,
+        engines=engines,
+        sweep=swept,
+        print_infill=print_infill,
     )
-
-
-def _find_meshes(document: Document, files: InputFiles, findings: Findings) -> None:
-    """The mesh files of the bodies without faults, whatever is wrong with the rest of the robot."""
-    bodies = document.mapping("robot").get("bodies")
-    for name, given in bodies.items() if isinstance(bodies, dict) else ():
-        # The faults of a body are among the findings already.
-        body = validated(BodySection, given, (), Findings(document))
-        if body is not None and isinstance(body.mesh, MeshFile) and files.mesh(name) is None:
-            with findings.at(("robot", "bodies", name, "mesh")):
-                files.find(body.mesh.file, "mesh file", LIMITS["bytes of a mesh file"])
 
 
 def _check_keys(document: Document, findings: Findings) -> None:
@@ -180,6 +184,28 @@ def _section(
     data = document.data.get(key)
     data = default if data is None else data
     return None if data is None else validated(model, data, (key,), findings)
+
+
+def _engines(document: Document, findings: Findings) -> dict[str, Declared]:
+    """The settings of the engines that the file states."""
+    stated = document.data.get("engines")
+    if not stated:
+        return {}
+    from softcal.export.engine import ENGINES
+
+    kinds = {name: engine.settings for name, engine in ENGINES.items() if engine.settings is not None}
+    if not isinstance(stated, dict):
+        findings.add(("engines",), "this is of the wrong kind", got=repr(stated)[:60], allowed="a mapping of names")
+        return {}
+    settings: dict[str, Declared] = {}
+    for name, section in stated.items():
+        if name not in kinds:
+            findings.faults.append(unknown("unknown key", document.where(("engines", name)), name, kinds))
+            continue
+        own = validated(kinds[name], {} if section is None else section, ("engines", name), findings)
+        if own is not None:
+            settings[name] = own
+    return settings
 
 
 def _check_calibration(
@@ -212,7 +238,7 @@ def _check_calibration(
 
 
 def _check_names(document: Document, experiments: Mapping[str, ExperimentSection], findings: Findings) -> None:
-    """Experiments, set-ups and tied parameters give files, columns and labels their names."""
+    """Check the names of experiments, set-ups and tied parameters, which become names of files, columns and labels."""
     tests = document.mapping("experiments")
     candidates = document.mapping("candidates")
     names = {name: ("experiments", name) for name in tests} | {name: ("candidates", name) for name in candidates}
@@ -230,29 +256,3 @@ def _check_names(document: Document, experiments: Mapping[str, ExperimentSection
         check_names({name: (section, name) for name in tied}, findings, reserved)
     if fault := LIMITS["experiments"].fault(len(tests)):
         findings.add(("experiments",), fault.what, got=fault.got, allowed=fault.allowed)
-
-
-def _check_judges(section: SweepSection, experiments: Mapping[str, object], findings: Findings) -> None:
-    """The experiments that a sweep is judged by must exist."""
-    for i, wanted in enumerate(section.experiments):
-        if not set(experiments_named([wanted], experiments)) <= set(experiments):
-            findings.unknown(("sweep", "experiments", i), "experiment", wanted, experiments)
-
-
-def _check_set_ups(set_ups: Mapping[str, str], findings: Findings) -> None:
-    """A set-up must not have the name of an experiment outside it: results are labelled by both."""
-    for name, set_up in set_ups.items():
-        if set_ups.get(set_up, set_up) != set_up:
-            findings.add(("experiments", name, "set_up"), "an experiment has the name of the set-up", got=f"'{set_up}'")
-
-
-def _dynamics(document: Document, findings: Findings) -> TimeSettings | None:
-    """A project's motion continues until the robot is at rest, unless the file defines another end."""
-    given = _section(TimeSettings, "dynamics", document, findings, {})
-    if given is None:
-        return None
-    settings = given if given.hold is not None or given.settle else replace(given, settle=Settling())
-    after = settings.settle.longest if settings.settle else settings.hold or 0.0
-    with findings.at(("dynamics",)):
-        LIMITS["time steps"].check(1 + (settings.ramp + after) / settings.time_step)
-    return settings

@@ -1,4 +1,4 @@
-"""The sensors of a robot in a project file: which one, and its fields; and what each reads of the robot."""
+"""Schema of `sensors` in a project file: the kind of each, its fields, and the parts that it reads."""
 
 from __future__ import annotations
 
@@ -35,7 +35,17 @@ SensorSection = Annotated[Sensor, Reading(_read, "instead")]
 
 
 def check_sensors(given: Mapping[str, object], parts: Mapping[str, list[str]], findings: Findings) -> None:
-    """Record the sensors that read parts which the robot does not have; faults of their own are on record already."""
+    """Record sensors that read parts which the robot does not have; faults within a sensor are recorded already.
+
+    Parameters
+    ----------
+    given
+        Plain data of each sensor.
+    parts
+        Names of the robot's parts by kind, such as "cables"; None if unknown, since the robot has faults.
+    findings
+        Collects the faults and warnings.
+    """
     for name, one in given.items():
         try:
             sensor = _read(one)
@@ -47,7 +57,17 @@ def check_sensors(given: Mapping[str, object], parts: Mapping[str, list[str]], f
 
 
 def built_sensors(given: Mapping[str, Sensor], robot: Robot, findings: Findings) -> tuple[NamedSensor, ...]:
-    """The sensors of a robot; those that cannot read it are recorded."""
+    """Sensors of a robot; those that cannot read it are recorded.
+
+    Parameters
+    ----------
+    given
+        Sensors by name.
+    robot
+        The robot.
+    findings
+        Collects the faults and warnings.
+    """
     for name, sensor in given.items():
         if fault := sensor_fault(robot, name, sensor):
             path = ("robot", "sensors", name)

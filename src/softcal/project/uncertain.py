@@ -1,4 +1,4 @@
-"""From the project's `uncertain` section to the parameters that are not fitted and not exactly known."""
+"""From the project's `uncertain` section to parameters that are neither fitted nor exactly known."""
 
 from __future__ import annotations
 
@@ -22,11 +22,24 @@ def build_uncertain(
     space: SearchSpace | None,
     findings: Findings,
 ) -> tuple[UncertainParameter, ...]:
-    """The uncertain parameters, each expanded; those with a fault, which goes to `findings`, are left out.
+    """Uncertain parameters, each expanded; those with a fault, which goes to `findings`, are left out.
 
-    known: all parameters; None where the robot or an experiment has faults of its own, so that names cannot be checked,
-    but standard deviations still are. experiments: the values of the rig's parameters in each. set_ups: the set-up of
-    each, "" where it has none.
+    Without `known`, names are not checked, but standard deviations are.
+
+    Parameters
+    ----------
+    sections
+        Section of each uncertain parameter.
+    known
+        Parameters of robot and rig by name; None if unknown, since the robot or an experiment has faults.
+    experiments
+        Values [SI] of the rig's parameters, by experiment.
+    set_ups
+        Set-up of each experiment, "" without one.
+    space
+        Search space of the free parameters; None without one.
+    findings
+        Collects the faults and warnings.
 
     Raises
     ------

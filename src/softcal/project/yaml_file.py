@@ -1,4 +1,4 @@
-"""YAML: plain data as text; a file as plain data, bounded in size and depth, equal keys found, numbers by YAML 1.2."""
+"""YAML: plain data as text; a file as plain data, bounded in size and depth, with unique keys, numbers by YAML 1.2."""
 
 from __future__ import annotations
 
@@ -37,7 +37,16 @@ def read_document(
 ) -> Document:
     """Parse a YAML file; equal keys and the like are kept as faults of the document.
 
-    `kind`, `keys` and `attempt` state in messages the kind of file, its keys and how to obtain one.
+    Parameters
+    ----------
+    path
+        The file.
+    kind
+        Kind of the file, such as "mesh file", for messages.
+    keys
+        Keys that such a file has, for messages.
+    attempt
+        How to obtain such a file, for messages.
 
     Raises
     ------
@@ -51,8 +60,11 @@ def read_document(
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
+        reason = (
+            f"a byte that is not UTF-8 at {error.start}" if isinstance(error, UnicodeDecodeError) else error.strerror
+        )
         raise StorageError(
-            Fault(f"the {kind} cannot be read", str(path), _reason(error), "a YAML file in UTF-8")
+            Fault(f"the {kind} cannot be read", str(path), reason or str(error), "a YAML file in UTF-8")
         ) from error
     try:
         root = _compose(text, name)
@@ -97,7 +109,7 @@ def _yaml() -> YAML:
 
 
 def yaml_text(data: Mapping[str, Any], levels: int = 1) -> str:
-    """A mapping as YAML: to so many levels a line for each entry, and deeper ones within their lines."""
+    """A mapping as YAML, with a line for each entry down to `levels`, and deeper entries in flow style."""
 
     def styled(value: Any, level: int) -> Any:
         if isinstance(value, Mapping):
@@ -172,7 +184,7 @@ class _Reader:
         return {**merged, **found}
 
     def merged(self, node: Node, path: KeyPath) -> dict[str, Any]:
-        """What `<<` brings in: a mapping, or several, of which the first has the say."""
+        """The entries that `<<` adds: of a mapping, or of several, of which the first has precedence."""
         many: list[Node] = node.value if isinstance(node, SequenceNode) else [node]
         found: dict[str, Any] = {}
         for one in many:
@@ -209,9 +221,3 @@ class _Reader:
 
 def _line(node: Node) -> int:
     return node.start_mark.line + 1
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, UnicodeDecodeError):
-        return f"a byte that is not UTF-8 at {error.start}"
-    return getattr(error, "strerror", None) or str(error)

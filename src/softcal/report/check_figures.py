@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -54,6 +56,9 @@ from softcal.report.write import write_files
 from softcal.twin.facing import up_direction
 from softcal.twin.robot import Body, Moment, PointLoad, Robot, Rod, SurfaceLoad
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 _MOST_EDGES = 20000  # tets of a mesh whose edges can be told apart
 _SEEN_THROUGH = 0.6  # opacity of what may have cables or markers inside
 
@@ -82,23 +87,26 @@ def draw_check(
     scenes, cameras = robot_scenes(robot)
     n = len(scenes)
     more = ((), ()) if states is None else (states.scenes, states.cameras)
-    # One call for all scenes: starting the renderer takes longer than rendering.
-    rendered = render_scenes((*scenes, *more[0]), (*cameras, *more[1]))
+    files: dict[Path, bytes] = {}
+    pairs: dict[str, tuple[Path, Path]] = {}
+
+    def add(stem: str, figure: Figure) -> None:
+        pairs[stem] = png, svg = folder / f"{stem}.png", folder / f"{stem}.svg"
+        files[png], files[svg] = encode(figure)
+
+    with ThreadPoolExecutor(1) as renderer:  # its process works while the curves are drawn here
+        # One call for all scenes: starting the renderer takes longer than rendering.
+        rendering = renderer.submit(render_scenes, (*scenes, *more[0]), (*cameras, *more[1]))
+        for name, data in datasets.items():
+            add(f"data-{file_stem(name)}", draw_record(data))
+        rendered = rendering.result()
     own, others = (replace(rendered, pictures=part) for part in (rendered.pictures[:n], rendered.pictures[n:]))
     drawn = draw_side_by_side(scenes, cameras, own, colours=_legend(robot))
-    materials = material_legend(robot) if has_materials(robot) else None
-    figures = {"robot": drawn.figure} | {
-        f"data-{file_stem(name)}": draw_record(data) for name, data in datasets.items()
-    }
+    add("robot", drawn.figure)
     if states is not None:
-        figures["states"] = draw_side_by_side(
-            states.scenes, states.cameras, others, largest=states.largest, colours=materials
-        ).figure
-    pairs = {stem: (folder / f"{stem}.png", folder / f"{stem}.svg") for stem in figures}
-    files: dict[Path, bytes] = {}
-    for stem, figure in figures.items():
-        png, svg = pairs[stem]
-        files[png], files[svg] = encode(figure)
+        materials = material_legend(robot) if has_materials(robot) else None
+        shown = draw_side_by_side(states.scenes, states.cameras, others, largest=states.largest, colours=materials)
+        add("states", shown.figure)
     write_files(files)
     by_name = {name: pairs[f"data-{file_stem(name)}"] for name in datasets}
     return CheckPaths(pairs["robot"], by_name, pairs.get("states"), (drawn.note,) if drawn.note else ())

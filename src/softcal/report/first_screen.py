@@ -7,11 +7,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from softcal.analysis.agreement import Agreement, agreements
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.calibration.budget import BOUNDS
 from softcal.calibration.digits import half_width, shown, value_text, with_unit
-from softcal.calibration.random_effects import WORDS
+from softcal.calibration.random_effects import WORDS, Spread
 from softcal.calibration.residuals import FEWEST, ResidualRecord
 from softcal.calibration.result import SearchResult, SweepResult
 from softcal.experiments.dataset import Dataset
@@ -153,16 +155,21 @@ def _doubt(result: SearchResult, names: Iterable[str]) -> str:
         parts = [f"{parameter_label(name, result.parameters)} by about {far:.0f}" for name, far in beyond.items()]
         far = f"best fit beyond the bound of {joined(parts)} standard errors"
         doubts.append(f"model and bounds contradict the data ({far})")
-    for name in names:
-        spread, estimate = result.spreads.get(name), result.parameters[name]
-        if spread is None or not spread.differs:
-            continue
-        low, high = min(spread.values.values()), max(spread.values.values())
-        if high - low > (half_width(estimate) or 0.0):  # else a small share of what is not known anyway
-            ends = with_unit(estimate, f"{shown(estimate, low)} to {shown(estimate, high)}")
-            label = parameter_label(name, result.parameters)
-            doubts.append(f"the {WORDS[spread.kind]} contradict one value of {label} (they range from {ends})")
+    for name, spread in _contradictions(result, names).items():
+        estimate, values = result.parameters[name], spread.values.values()
+        ends = with_unit(estimate, f"{shown(estimate, min(values))} to {shown(estimate, max(values))}")
+        doubts.append(f"no single {parameter_label(name, result.parameters)} fits the {WORDS[spread.kind]} ({ends})")
     return "".join(f"{doubt}; " for doubt in doubts)
+
+
+def _contradictions(result: SearchResult, names: Iterable[str]) -> dict[str, Spread]:
+    """The parameters in which the tests differ by more than half the interval; less is a small share of the error."""
+    differing = {name: spread for name in names if (spread := result.spreads.get(name)) and spread.differs}
+    return {
+        name: spread
+        for name, spread in differing.items()
+        if np.ptp(list(spread.values.values())) > (half_width(result.parameters[name]) or 0.0)
+    }
 
 
 def _over_tests(name: str, names: list[str], ranges: Mapping[str, str], material: Iterable[Statement]) -> str:
@@ -195,7 +202,10 @@ def _largest_source(of: FirstScreen) -> str:
     if not known:
         return text or _unknown(of)
     widest = max(known, key=lambda one: interval_share(one.estimate) or 0.0)
-    return f"{text} {_source_of(of, widest)}{_instruments(widest)}".strip()
+    names = [one.name for one in material]
+    apart = [spread for result in of.judged.values() for spread in _contradictions(result, names).values()]
+    first = f"First find why the {WORDS[apart[0].kind]} differ. " if apart else ""
+    return f"{text} {first}{_source_of(of, widest)}{_instruments(widest)}".strip()
 
 
 def _most(vague: list[str]) -> str:
@@ -237,7 +247,8 @@ def _instruments(one: Statement) -> str:
         for name, size in one.estimate.moved_by.items()
         for kind in [kinds[parameter_name(name).kind]]
     ]
-    return f" {one.label} shifts by half its interval where {' or '.join(errors)}." if errors else ""
+    lead = f" Not included: {one.label} shifts by half the length of its interval where"
+    return f"{lead} {' or '.join(errors)}." if errors else ""
 
 
 def _records(result: SearchResult) -> list[ResidualRecord]:

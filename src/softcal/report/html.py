@@ -15,7 +15,7 @@ from softcal.report.figure import Picture
 from softcal.report.first_screen import budget_note
 from softcal.report.format import material_kinds, number
 from softcal.report.headline import headline
-from softcal.report.page import KeyNumber, marks, render
+from softcal.report.page import TEMPLATES, KeyNumber, marks, render
 from softcal.report.positions import MM, places, pooled
 from softcal.report.statement import legend
 from softcal.report.tables import ReportTable, provenance_rows
@@ -30,7 +30,7 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
     of = first_screen(content)
     shown, folded = of.shown
     return render(
-        "report.html.j2",
+        TEMPLATES / "report.html.j2",
         content=content,
         key_numbers=key_numbers(content),
         first=headline(content),

@@ -27,19 +27,22 @@ class KeyNumber:
     remark: str
 
 
-def render(template: str, **values: object) -> str:
-    """The page of a template of `templates/` as text; values: what it shows, escaped."""
+TEMPLATES = Path(__file__).parent / "templates"
+
+
+def render(template: Path, **values: object) -> str:
+    """The page of a template as text, which may extend those of `TEMPLATES`; values: what it shows, escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        loader=FileSystemLoader([template.parent, TEMPLATES]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     environment.filters |= {"embedded": embedded, "unbroken": unbroken, "moment": moment}
-    return environment.get_template(template).render(bar_text=bar_text, most_rows=_MOST_ROWS, **values)
+    return environment.get_template(template.name).render(bar_text=bar_text, most_rows=_MOST_ROWS, **values)
 
 
 def marks(sources: Sequence[ErrorSource]) -> dict[str, str]:

@@ -1,1 +1,1 @@
-"""What is measured: kinds of channels, their names, and the sensors that have them."""
+"""Measured quantities: kinds of channels, their names, and the sensors that have them."""

@@ -21,11 +21,11 @@ class ChannelName:
     Attributes
     ----------
     kind
-        What it measures.
+        Kind of quantity.
     carrier
         The cable, plate, marker or sensor; "" in a short name, such as `tension`.
     is_deviation
-        Whether it is the standard deviation of the channel.
+        True for the standard deviation of the channel.
     """
 
     kind: ChannelKind
@@ -38,26 +38,24 @@ class ChannelName:
 
     @property
     def is_known(self) -> bool:
-        """Whether a channel can be called so."""
+        """True if a channel can have this name."""
         if self.kind == TIME:
             return not self.carrier and not self.is_deviation
         return self.kind.unit != "" and "." not in self.carrier
 
     @property
     def point(self) -> str:
-        """The marker or plate whose position it is a part of; "" of any other channel and of a short name."""
+        """The marker or plate whose position the channel is a part of; "" for other channels and for short names."""
         return self.carrier if self.kind.is_position else ""
 
     @property
     def offset(self) -> str:
-        """Name of the rig's parameter that is added to what the twin reads, such as `front.slack`; "" without one."""
+        """Name of the rig's parameter that is added to the twin's reading, such as `front.slack`; "" without one."""
         return "" if self.kind.offset is None else f"{self.carrier}.{self.kind.offset[0]}"
 
     @property
     def gain(self) -> str:
-        """Name of the rig's parameter by which what the twin reads is multiplied, such as `front.tension_gain`; ""
-        without one.
-        """
+        """Name of the rig's factor on the twin's reading, such as `front.tension_gain`; "" without one."""
         return "" if self.kind.gain is None else f"{self.carrier}.{self.kind.gain[0]}"
 
     @property
@@ -74,12 +72,12 @@ class ChannelName:
 
     @property
     def label(self) -> str:
-        """Its name in charts: "Cable force" of `tension`; with a carrier, as in files."""
+        """Name in charts: "Cable force" for `tension`; with a carrier, the name in files."""
         return self.kind.label or self.kind.name if not self.carrier and not self.is_deviation else str(self)
 
 
 def channel_name(name: str) -> ChannelName:
-    """The channel of a name; of a kind without a unit where that is not known."""
+    """The channel of a name; an unknown name has a kind without a unit."""
     stem = name.removesuffix(_DEVIATION)
     carrier, dot, kind = stem.rpartition(".")
     known = kinds().get(kind) if carrier or not dot else None
@@ -87,7 +85,7 @@ def channel_name(name: str) -> ChannelName:
 
 
 def channel_unit(name: str) -> str | None:
-    """SI unit of a channel by its name (`pitch`, `m4.x`, `m4.x_sd`); None of a name that no channel can have."""
+    """SI unit of a channel by its name (`pitch`, `m4.x`, `m4.x_sd`); None for an invalid name."""
     found = channel_name(name)
     return found.kind.unit if found.is_known else None
 
@@ -124,5 +122,5 @@ def positions(point: str) -> tuple[ChannelName, ...]:
 
 
 def of_kind(kind: ChannelKind, names: Iterable[str]) -> list[str]:
-    """Those of the channels' names that are of a kind, standard deviations left out."""
-    return [name for name in names if (one := channel_name(name)).kind == kind and not one.is_deviation]
+    """Names of the channels of a kind, without standard deviations."""
+    return [name for name in names if (channel := channel_name(name)).kind == kind and not channel.is_deviation]

@@ -1,4 +1,4 @@
-"""The kind of a channel, such as tension or pitch: all that is known of it, of whichever part it is measured."""
+"""The kind of a channel, such as tension or pitch, of any part of a robot."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from softcal.quantities import Quantity
 @displayed
 @dataclass(frozen=True)
 class ChannelKind:
-    """What a channel measures.
+    """The quantity that a channel measures.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class ChannelKind:
     axis
         Coordinate of a position: 0, 1 or 2 for x, y or z; None of all else.
     drives
-        Whether a cable can be driven by it.
+        True if a cable can be driven by it.
     compared
         Place among the channels with short names that are compared unless a project names others; 0: not among them.
     offset
@@ -59,15 +59,15 @@ class ChannelKind:
 
     @property
     def is_position(self) -> bool:
-        """Whether it is a coordinate."""
+        """True for a coordinate."""
         return self.axis is not None
 
     @property
     def is_angle(self) -> bool:
-        """Whether it is an angle, which may pass half a turn."""
+        """True for an angle, which may pass half a turn."""
         return self.unit == "rad"
 
     @property
     def is_force(self) -> bool:
-        """Whether it is proportional to moduli, as forces are; positions and angles are not."""
+        """True if proportional to moduli, as forces are; positions and angles are not."""
         return self.unit == "N"

@@ -1,4 +1,4 @@
-"""Sensors: what they read of a robot, its rates, and their register."""
+"""Sensors: their readings of a robot, the rates of these, and the register of sensors."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class PostureRates(Protocol):
 
 @displayed
 class Sensor(Declared, ABC):
-    """What reads one or more channels of a robot: a frozen dataclass, whose fields a project file gives.
+    """Reads one or more channels of a robot: a frozen dataclass, whose fields are the keys of a project file.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class NamedSensor:
 
 
 def _faults(sensor: type[Sensor], known: Mapping[str, type[Sensor]]) -> list[Fault]:
-    """What a class that is to be registered lacks, and kinds of its channels that mean something else."""
+    """Faults of a class to be registered: missing members, and kinds of channels that mean something else."""
     if not (isinstance(sensor, type) and issubclass(sensor, Sensor)):
         return [Fault("this is not a sensor", "sensor", repr(sensor)[:60], "a subclass of softcal.Sensor")]
     where = f"sensor {sensor.__name__}"

@@ -239,10 +239,10 @@ def command_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
             continue
         length = cables[name].length
         if command.control == "tension" and command.values.min(initial=0.0) < 0.0:
-            low = command.values.min()
+            low = float(command.values.min())
             faults.append(Fault("a cable cannot push", where=f"{name}.tension", got=f"{low:.4g} N", allowed=">= 0 N"))
         if command.control == "shortening" and command.values.max(initial=0.0) >= length:
-            high = command.values.max()
+            high = float(command.values.max())
             faults.append(
                 Fault(
                     "the cable is pulled in by more than its length",

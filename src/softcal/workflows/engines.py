@@ -7,15 +7,15 @@ from dataclasses import asdict
 from typing import Any
 
 from softcal.calibration.problem import SOFTCAL, Simulate
+from softcal.declare import Declared
 from softcal.errors import ParameterError
-from softcal.export.sofa_settings import Engines
 from softcal.twin.robot import Robot
 
 # How long one waits is a matter of the machine: a run goes on with another timeout.
 OF_THE_MACHINE = ("timeout",)
 
 
-def engine_for(name: str, robot: Robot, settings: Engines) -> Simulate | None:
+def engine_for(name: str, robot: Robot, settings: Mapping[str, Declared]) -> Simulate | None:
     """The simulator of an engine by its name, for a robot and others that differ from it by parameters alone; None is
     softcal's own.
 
@@ -28,12 +28,12 @@ def engine_for(name: str, robot: Robot, settings: Engines) -> Simulate | None:
     """
     if name == SOFTCAL:
         return None
-    from softcal.export.engine import ENGINES
+    from softcal.export.engine import ENGINES, engine_settings
 
     simulators = {one: engine.simulator for one, engine in ENGINES.items() if engine.simulator is not None}
     if name not in simulators:
         raise ParameterError(ENGINES.unknown(name, "--engine", [SOFTCAL, *simulators]))
-    return simulators[name](getattr(settings, name, None), robot)
+    return simulators[name](engine_settings(name, settings), robot)
 
 
 def left_out_sentence(name: str, robot: Robot) -> str:
@@ -46,11 +46,14 @@ def left_out_sentence(name: str, robot: Robot) -> str:
     return left_out_by(name) if ENGINES[name].leaves_out_contact(robot) else ""
 
 
-def engine_identity(name: str, settings: Engines) -> dict[str, str]:
+def engine_identity(name: str, settings: Mapping[str, Declared]) -> dict[str, str]:
     """What a run's results owe to its engine, by key of the project file, SI; nothing where that is softcal itself."""
     if name == SOFTCAL:
         return {}
-    own = {key: value for key, value in asdict(settings).get(name, {}).items() if key not in OF_THE_MACHINE}
+    from softcal.export.engine import engine_settings
+
+    stated = engine_settings(name, settings)
+    own = {} if stated is None else {key: v for key, v in asdict(stated).items() if key not in OF_THE_MACHINE}
     return {"engine": name, **_flat(f"engines.{name}", own)}
 
 

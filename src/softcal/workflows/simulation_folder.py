@@ -76,7 +76,7 @@ def simulate_to_folder(
                 for name, response in responses.items()
             },
             **({"dynamics": asdict(project.dynamics)} if in_time else {"engine": engine}),
-            **({"engines": asdict(project.engines)} if engine != SOFTCAL else {}),
+            **_of_engine(project, engine),
             "hashes": dict(project.hashes),
             "versions": installed_versions(),
         }
@@ -88,6 +88,16 @@ def _settings(project: Project, case: Case) -> dict[str, dict[str, float]]:
     """Settings of the robot and the rig by the experiment, SI; empty if it has none."""
     settings = project.experiments[case.experiment].settings if case.experiment else {}
     return {"settings": dict(settings)} if settings else {}
+
+
+def _of_engine(project: Project, engine: str) -> dict[str, dict[str, object]]:
+    """The settings of an engine that is not softcal itself."""
+    if engine == SOFTCAL:
+        return {}
+    from softcal.export.engine import engine_settings
+
+    settings = engine_settings(engine, project.engines)
+    return {"engines": {} if settings is None else {engine: asdict(settings)}}
 
 
 def _draw(robot: Robot, name: str, response: Response, folder: Path) -> None:

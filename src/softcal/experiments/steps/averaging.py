@@ -28,7 +28,13 @@ def average(dataset: Dataset, *, last: float | None = None) -> Dataset:
     DatasetError
         If the window is empty, there is no time channel, or a channel has no value within the window.
     """
-    rows = _window(dataset, last)
+    rows = np.ones(dataset.n_samples, dtype=bool)
+    if last is not None:
+        if not last > 0:
+            raise DatasetError(Fault("no sample within the window", dataset.name, f"the last {last:g} s", "above 0 s"))
+        time = dataset.values("time")
+        # A sample at the edge of the window up to rounding is excluded.
+        rows = time > time[-1] - last + 1e-9 * max(abs(float(time[-1])), last)
     unseen = [key for key, channel in dataset.channels.items() if np.isnan(channel.values[rows]).all()]
     if unseen:
         raise DatasetError([_unseen(dataset, owner, last) for owner in dict.fromkeys(map(_owner, unseen))])
@@ -49,16 +55,6 @@ def average(dataset: Dataset, *, last: float | None = None) -> Dataset:
     outcome = f"the mean of {int(rows.sum())} samples, {what}; the largest spread is {spread}, of {widest}"
     step = Step("average", {"last": last}, outcome)
     return Dataset(dataset.name, channels, (*dataset.provenance, step))
-
-
-def _window(dataset: Dataset, last: float | None) -> np.ndarray:
-    if last is None:
-        return np.ones(dataset.n_samples, dtype=bool)
-    if not last > 0:
-        raise DatasetError(Fault("no sample within the window", dataset.name, f"the last {last:g} s", "above 0 s"))
-    time = dataset.values("time")
-    # A sample at the edge of the window up to rounding is excluded.
-    return time > time[-1] - last + 1e-9 * max(abs(float(time[-1])), last)
 
 
 def _unseen(dataset: Dataset, owner: str, last: float | None) -> Fault:

@@ -57,6 +57,15 @@ def curve(abscissa: Floats, ordinates: dict[str, Floats], n_bins: int) -> tuple[
     """Means of the ordinates over bins of equal width of the abscissa, at the mean abscissa of each bin.
 
     Unbiased for a straight line, and increasing in the abscissa even if that is noisy.
+
+    Parameters
+    ----------
+    abscissa
+        The abscissa (n,).
+    ordinates
+        The ordinates (n,) by channel.
+    n_bins
+        Number of bins.
     """
     lower, upper = float(abscissa.min()), float(abscissa.max())
     if upper <= lower or n_bins < 2:
@@ -112,7 +121,11 @@ def take_branch(dataset: Dataset, branch: Branch = "loading", *, n_samples: int 
         )
     names = [key for key in dataset.channels if key not in ("time", "shortening")]
     n_grid = min(200, smallest) if n_samples is None else n_samples
-    curves = [[_branch_curve(dataset, part, names, n_grid) for part in parts] for parts in rows]
+    shortening, ordinates = dataset.values("shortening"), {key: dataset.values(key) for key in names}
+    curves = [
+        [curve(shortening[part], {key: values[part] for key, values in ordinates.items()}, n_grid) for part in parts]
+        for parts in rows
+    ]
     lower = max(s[0] for parts in curves for s, _ in parts)
     upper = min(s[-1] for parts in curves for s, _ in parts)
     if upper <= lower:
@@ -178,7 +191,7 @@ def _split(shortening: Floats, rows: Ints, number: int) -> CycleRows:
 
 
 def _let_go(dataset: Dataset, cycle: CycleRows) -> Ints:
-    """The unloading rows, without those at the reversal where friction still has the sign of loading.
+    """Unloading rows, without those at the reversal where friction still has the sign of loading.
 
     The turning point belongs to loading. If pulley friction was corrected, the branch starts once the tension is below
     the loading branch by the reversal of that friction; if it never is, at the next row.
@@ -196,8 +209,3 @@ def _let_go(dataset: Dataset, cycle: CycleRows) -> Ints:
 def pulley_exponent(dataset: Dataset) -> float:
     """mu times the wrap angle, summed over all pulleys whose friction was corrected."""
     return sum(float(step.settings["exponent"]) for step in dataset.provenance if step.name == PULLEY_STEP)
-
-
-def _branch_curve(dataset: Dataset, rows: Ints, names: list[str], n_bins: int) -> tuple[Floats, dict[str, Floats]]:
-    ordinates = {key: dataset.values(key)[rows] for key in names}
-    return curve(dataset.values("shortening")[rows], ordinates, n_bins)

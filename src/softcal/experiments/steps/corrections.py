@@ -19,7 +19,18 @@ from softcal.units import format_quantity
 def zero(
     dataset: Dataset, channel: str, by: Literal["first", "min"] | float = "first", *, n_samples: int = 1
 ) -> Dataset:
-    """Subtract from the channel its first value (mean of the first n_samples), its minimum, or a number [its unit].
+    """Subtract from the channel its first value, its minimum, or a number.
+
+    Parameters
+    ----------
+    dataset
+        The dataset.
+    channel
+        The channel.
+    by
+        `first` (mean of the first n_samples), `min`, or a number [the channel's unit].
+    n_samples
+        Number of samples for `first`.
 
     Raises
     ------
@@ -46,11 +57,18 @@ def zero(
 
 @register_step(channel=Setting("channel"), at=Setting("choice", choices=("returns", "ends")))
 def detrend(dataset: Dataset, channel: str, *, at: Literal["returns", "ends"] = "returns") -> Dataset:
-    """Subtract a drift that is linear in time, as of an IMU or a load cell.
+    """Subtract a drift that is linear in time, as of an IMU or a load cell. The first sample keeps its value.
 
-    at: `returns` fits the drift to the starts of the cycles, at which the crosshead is back at the lower force limit
-    (if there are three or more others, without the first cycle, which starts with a virgin specimen); `ends` draws it
-    through the first and the last sample. The first sample keeps its value.
+    Parameters
+    ----------
+    dataset
+        The dataset.
+    channel
+        The channel.
+    at
+        `returns` fits the drift to the starts of the cycles, at which the crosshead is back at the lower force limit
+        (if there are three or more others, without the first cycle, which starts with a virgin specimen); `ends` draws
+        it through the first and the last sample.
 
     Raises
     ------
@@ -79,7 +97,18 @@ def detrend(dataset: Dataset, channel: str, *, at: Literal["returns", "ends"] = 
 
 @register_step(channel=Setting("channel"), n_samples=Setting("count"), order=Setting("count"))
 def smooth(dataset: Dataset, channel: str, n_samples: int, *, order: int = 2) -> Dataset:
-    """The channel smoothed by a Savitzky-Golay filter of n_samples (odd) and polynomial order.
+    """Smooth the channel by a Savitzky-Golay filter.
+
+    Parameters
+    ----------
+    dataset
+        The dataset.
+    channel
+        The channel.
+    n_samples
+        Length of the window, odd.
+    order
+        Order of the polynomial.
 
     Raises
     ------

@@ -29,7 +29,16 @@ def white_noise(values: Floats) -> float:
 
 @register_step(keeps_gaps=True, channel=Setting("channel"), sigma=Setting("of channel"))
 def set_noise(dataset: Dataset, channel: str, sigma: float) -> Dataset:
-    """The dataset with the standard deviation of a channel's noise set to sigma [the channel's unit] at every sample.
+    """Set the standard deviation of a channel's noise at every sample.
+
+    Parameters
+    ----------
+    dataset
+        The dataset.
+    channel
+        The channel.
+    sigma
+        Standard deviation [the channel's unit].
 
     Raises
     ------

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset, Step
 from softcal.experiments.step import Setting, register_step
@@ -27,8 +26,19 @@ _NOISY_RISE = 0.05
 def resample(dataset: Dataset, by: str = "shortening", *, n: int | None = None, step: float | None = None) -> Dataset:
     """The dataset at n samples, or at samples with spacing `step` [unit of `by`], evenly spaced along the channel `by`.
 
-    Along a strictly increasing channel the others are interpolated linearly; along one that increases up to noise
-    (such as a measured tension) they are first averaged over n bins. The cycle is that of the nearest sample.
+    Along a strictly increasing channel the others are interpolated linearly; along one that increases up to noise (such
+    as a measured tension) they are first averaged over n bins. The cycle is that of the nearest sample.
+
+    Parameters
+    ----------
+    dataset
+        The dataset.
+    by
+        Channel along which the samples are spaced evenly.
+    n
+        Number of samples; either this or `step`.
+    step
+        Spacing [unit of `by`].
 
     Raises
     ------
@@ -66,7 +76,9 @@ def resample(dataset: Dataset, by: str = "shortening", *, n: int | None = None, 
     for key, values in ordinates.items():
         channels[key] = replace(dataset.channels[key], values=np.interp(grid, abscissa, values))
     channels = {key: channels[key] for key in dataset.channels}
-    new_cycle = None if cycle is None else cycle[_nearest_rows(abscissa, grid)]
+    right = np.clip(np.searchsorted(abscissa, grid), 1, len(abscissa) - 1)
+    nearest_rows = right - (grid - abscissa[right - 1] < abscissa[right] - grid)
+    new_cycle = None if cycle is None else cycle[nearest_rows]
     outcome = (
         f"{dataset.n_samples} samples {how} to {n_asked} along {by}, "
         f"{format_quantity(lower, unit)} to {format_quantity(float(grid[-1]), unit)}"
@@ -83,7 +95,18 @@ def resample(dataset: Dataset, by: str = "shortening", *, n: int | None = None, 
     upper=Setting("of channel"),
 )
 def window(dataset: Dataset, channel: str, *, lower: float | None = None, upper: float | None = None) -> Dataset:
-    """The samples with lower <= channel <= upper [its unit]; None means no limit.
+    """Keep the samples with lower <= channel <= upper.
+
+    Parameters
+    ----------
+    dataset
+        The dataset.
+    channel
+        The channel.
+    lower
+        Lower limit [the channel's unit]; None for no limit.
+    upper
+        Upper limit [the channel's unit]; None for no limit.
 
     Raises
     ------
@@ -129,8 +152,3 @@ def _n_samples(dataset: Dataset, by: str, n: int | None, step: float | None, spa
             )
         )
     return n
-
-
-def _nearest_rows(abscissa: Floats, grid: Floats) -> np.ndarray:
-    right = np.clip(np.searchsorted(abscissa, grid), 1, len(abscissa) - 1)
-    return right - (grid - abscissa[right - 1] < abscissa[right] - grid)

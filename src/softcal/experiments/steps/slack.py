@@ -97,9 +97,9 @@ def remove_slack(
     slack
         Shortening at the taut point [m]; None finds it (`find_slack`).
     subtract_floor
-        Whether to subtract the force floor from the tension, as an offset of the load cell.
+        Subtract the force floor from the tension, as an offset of the load cell.
     keep_slack_samples
-        Whether the samples before the taut point are kept, at negative shortening.
+        Keep the samples before the taut point, at negative shortening.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Thinning of a record by the way that was gone, so that its samples weigh alike whatever the speed.
+"""Thinning of a record by travel, so that slow and fast cycles count equally.
 
-The loss counts samples. Of a record that is sampled in time a slow cycle has more of them than a fast one, and a rest
+The loss counts samples. In a record that is sampled in time a slow cycle has more samples than a fast one, and a rest
 has many; and a robot with a memory is solved at every sample.
 """
 
@@ -26,11 +26,22 @@ _DWELL = 3.0
     longest=Setting("time"),
 )
 def thin(dataset: Dataset, step: float, *, by: str = "shortening", longest: float | None = None) -> Dataset:
-    """The samples a `step` of a channel apart, up and down, and those where it turns: as many at any speed.
+    """Thin a record to samples a `step` of a channel apart, up and down, and its turning points: as many at any speed.
 
     Samples are kept as they are, in their order: the first and the last, each that is a step [unit of `by`] or more
     from the one kept before it, begin and end of every dwell at a turning point, and, in a rest, one every `longest`
     [s].
+
+    Parameters
+    ----------
+    dataset
+        The dataset.
+    step
+        Distance [unit of `by`].
+    by
+        Channel whose travel is divided.
+    longest
+        Largest time between samples in a rest [s]; None for no limit.
 
     Raises
     ------

@@ -1,0 +1,1 @@
+"""The commands of softcal itself, one file each; a file registers them as it is imported."""

@@ -1,0 +1,93 @@
+"""The command `softcal importance`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from softcal.cli.command import register_command
+from softcal.cli.printing import print_table, print_warnings, shown_path
+from softcal.cli.running import clock, executor_told
+from softcal.cli.values import LOCAL, On, Source, Values, Workers, parsed_values
+
+if TYPE_CHECKING:
+    from softcal.analysis.importance import ImportanceStudy
+
+
+@register_command("judge", 5)
+def importance(
+    source: Source,
+    calibration: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="Calibration of the run; the joint one by default.", show_default=False),
+    ] = "",
+    simulations: Annotated[int, typer.Option(metavar="N", help="Evaluations of the twin, at most.")] = 400,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the points.")] = 1,
+    workers: Workers = None,
+    on: On = LOCAL,
+    values: Values = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="A folder that is new or empty; default for a run: 'importance' in it, for its report.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Which parameter decides the loss, the force, the pitch over the bounds of the search: Sobol indices.
+
+    By SALib on a surrogate of the twin through some hundred trajectories, which is checked at others.
+    """
+    from softcal.workflows.output import require_free_folder
+    from softcal.workflows.study_source import IMPORTANCE, default_folder, study_source
+
+    default = default_folder(source, IMPORTANCE)
+    folder = out if out is not None else default
+    if folder is not None:
+        require_free_folder(folder)
+    studied = study_source(source, parsed_values(values), calibration)
+    from softcal.analysis.importance_verdict import importance_sentences
+    from softcal.workflows.importance import study_importance
+    from softcal.workflows.importance_files import write_importance
+
+    print_warnings(studied.project.warnings if not source.is_dir() else ())
+    with executor_told(on, workers) as executor, clock() as show:
+        found = study_importance(
+            studied,
+            simulations=simulations,
+            seed=seed,
+            workers=executor,
+            progress=lambda n: show(f"{n} evaluations"),
+        )
+    _print_study(found)
+    for note in found.notes:
+        typer.echo(f"Note: {note}")
+    for sentence in importance_sentences(found):
+        typer.echo(sentence)
+    if folder is not None:
+        write_importance(found, studied.project, studied.calibration, folder)
+        typer.echo(f"Wrote {shown_path(folder)}")
+        if folder == default:
+            typer.echo(f"Into the report with: softcal report {source}")
+
+
+def _print_study(found: ImportanceStudy) -> None:
+    from rich.table import Table
+
+    from softcal.analysis.importance_verdict import index_text
+    from softcal.units import plain
+
+    for name, output in found.outputs.items():
+        fanova = found.fanova if name == "loss" else {}
+        table = Table(name, "alone", "with others", *["fANOVA"] * bool(fanova))
+        for label, first in output.first.items():
+            cells = [index_text(first), index_text(output.total[label])]
+            table.add_row(label, *cells, *([f"{fanova[label]:.3f}"] if label in fanova else []))
+        print_table(table)
+    errors = ", ".join(f"{name} {100 * one.surrogate_error:.1g} %" for name, one in found.outputs.items())
+    counted = ", ".join(f"{plain(value, 6)} {name}" for name, value in found.facts.items())
+    typer.echo(f"{counted}; {plain(found.wall_s, 2)} s. Error of the surrogate over the standard deviation: {errors}.")
+    typer.echo("± is half the 95 % interval.")

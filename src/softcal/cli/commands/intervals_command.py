@@ -1,0 +1,113 @@
+"""The command `softcal intervals`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from softcal.cli.command import register_command
+from softcal.cli.printing import print_table, shown_path
+from softcal.cli.running import clock, executor_told
+from softcal.cli.values import LOCAL, On, Workers
+
+if TYPE_CHECKING:
+    from softcal.calibration.checked_interval import IntervalStudy
+
+
+@register_command("judge", 4)
+def intervals(  # noqa: PLR0913 (one argument for each option)
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a calibrated run.", show_default=False)],
+    by: Annotated[
+        str, typer.Option(metavar="METHOD", help="Method: profile, posterior, jackknife or bootstrap.")
+    ] = "profile",
+    over: Annotated[
+        str,
+        typer.Option(
+            metavar="GROUPS",
+            help="What a jackknife or bootstrap takes as one: experiments, cables, weights, markers, cycles or records "
+            "(pieces of them).",
+            show_default=False,
+        ),
+    ] = "",
+    calibration: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="Calibration of the run; the joint one by default.", show_default=False),
+    ] = "",
+    samples: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Number of draws: 10,000 of a posterior, 2000 of a bootstrap.", show_default=False
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the draws.")] = 1,
+    workers: Workers = None,
+    on: On = LOCAL,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="A folder that is new or empty; default: 'intervals-METHOD[-GROUPS]' in RUN.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """95 % intervals where the quadratic model may not do, beside the quick ones of `calibrate`.
+
+    profile: fits with one parameter fixed, some eight trajectories a parameter. posterior: draws by emcee within the
+    bounds, with a surrogate of the twin through some fifty trajectories, which is checked at others.
+    jackknife: one group of measurements left out at a time, without a further trajectory. bootstrap: groups with random
+    weights, the ends confirmed by some three trajectories each.
+    """
+    from softcal.workflows.intervals import check_method, default_folder, study_intervals
+    from softcal.workflows.intervals_files import write_intervals
+    from softcal.workflows.output import require_free_folder
+    from softcal.workflows.study_source import run_source
+
+    check_method(by, over)
+    folder = out if out is not None else default_folder(run, by, over)
+    require_free_folder(folder)
+    source = run_source(run, calibration)
+    with executor_told(on, workers) as executor, clock() as show:
+        found = study_intervals(
+            source,
+            by,
+            over=over,
+            samples=samples,
+            seed=seed,
+            workers=executor,
+            progress=lambda n: show(f"{n} evaluations"),
+        )
+    typer.echo(f"95 % intervals of the calibration '{source.calibration}'")
+    _print_study(found)
+    write_intervals(found, source.project, source.calibration, folder)
+    typer.echo(f"Wrote {shown_path(folder)}")
+
+
+def _print_study(found: IntervalStudy) -> None:
+    from rich.table import Table
+
+    from softcal.calibration.checked_interval import interval_text
+    from softcal.units import format_quantity, plain
+
+    table = Table("parameter", "value", "quick", found.by, "difference")
+    for label, one in found.intervals.items():
+        share = one.difference
+        bounds = ", ".join(
+            f"{side} bound" for side, is_at in zip(("lower", "upper"), one.at_bounds, strict=True) if is_at
+        )
+        table.add_row(
+            label,
+            format_quantity(one.value, one.unit),
+            interval_text(one, one.quick),
+            interval_text(one, one.found) + (f" ({bounds})" if bounds else ""),
+            "" if share is None else f"{plain(100 * share, 2)} %",
+        )
+    print_table(table)
+    counted = ", ".join(f"{plain(value, 4)} {name}" for name, value in found.facts.items())
+    typer.echo(f"{counted}; {plain(found.wall_s, 2)} s")
+    for note in found.notes:
+        typer.echo(f"Note: {note}")
+    for sentence in found.sentences:
+        typer.echo(sentence)

@@ -1,0 +1,201 @@
+"""The command `softcal mesh-study`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from softcal.cli.command import register_command
+from softcal.cli.printing import print_table, print_warnings, shown_path
+from softcal.cli.running import executor_told
+from softcal.cli.values import LOCAL, On, Source, Values, Workers, parsed_values
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.table import Table
+
+    from softcal.analysis.mesh_changes import Change
+    from softcal.analysis.mesh_study import Finer, MeshStudy, Observer
+
+
+@register_command("judge", 3)
+def mesh_study(  # noqa: PLR0913 (one argument for each option)
+    source: Source,
+    calibration: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="Calibration of the run; the joint one by default.", show_default=False),
+    ] = "",
+    element: Annotated[str, typer.Option(metavar="KIND", help="Element that replaces those of lower order.")] = "P2P1",
+    halvings: Annotated[int, typer.Option(metavar="N", help="Number of halvings (a tet into eight).")] = 2,
+    unknowns: Annotated[int, typer.Option(metavar="N", help="Skip meshes with more unknowns.")] = 150_000,
+    workers: Workers = None,
+    on: On = LOCAL,
+    values: Values = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="A folder that is new or empty; default for a run: 'mesh-study' in it, for its report.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Influence of the mesh: simulate the twin on finer meshes, and predict the shift of its parameters.
+
+    No mesher is needed: every tet is divided into eight, linear tets become quadratic, rod elements are halved.
+    """
+    from softcal.workflows.output import require_free_folder
+    from softcal.workflows.study_source import MESH_STUDY, default_folder, study_source
+
+    folder = out if out is not None else default_folder(source, MESH_STUDY)
+    if folder is not None:
+        require_free_folder(folder)
+    studied = study_source(source, parsed_values(values), calibration)
+    from softcal.analysis.mesh_verdict import mesh_verdicts
+    from softcal.workflows.mesh_study import study
+    from softcal.workflows.mesh_study_files import write_study
+
+    print_warnings(studied.project.warnings if not source.is_dir() else ())
+    with executor_told(on, workers) as executor, _bars() as show:
+        found = study(
+            studied, element=element, halvings=halvings, max_unknowns=unknowns, workers=executor, progress=show
+        )
+    if studied.calibration:
+        typer.echo(f"What the mesh contributes to the calibration '{studied.calibration}'")
+    _print_study(found)
+    for one in found.finer:
+        if one.failure:
+            typer.echo(f"Not simulated, {one.name} ({one.what}): {one.failure}")
+    for note in found.notes:
+        typer.echo(f"Note: {note}")
+    for verdict in mesh_verdicts(found):
+        typer.echo(verdict.text)
+    if folder is not None:
+        write_study(found, studied.project, studied.calibration, folder)
+        typer.echo(f"Wrote {shown_path(folder)}")
+        if folder == default_folder(source, MESH_STUDY):
+            typer.echo(f"Into the report with: softcal report {source}")
+
+
+@contextmanager
+def _bars() -> Generator[Observer]:
+    """On a terminal, a progress bar for each discretisation; else nothing."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        SpinnerColumn,
+        TaskID,
+        TextColumn,
+        TimeElapsedColumn,
+    )
+
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(20),
+        MofNCompleteColumn(),
+        TextColumn("curves"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def show(name: str, done: int, of: int | None) -> None:
+            if name not in tasks:
+                for task in bars.tasks:  # earlier discretisations are complete
+                    bars.update(task.id, total=task.completed)
+                tasks[name] = bars.add_task(name, total=of)
+            bars.update(tasks[name], completed=done, total=of)
+
+        yield show
+
+
+def _print_study(found: MeshStudy) -> None:
+    finer = [one for one in found.finer if not one.failure]
+    print_table(_sizes(found, finer))
+    if finer:
+        print_table(_changes(finer))
+        print_table(_parameters(found, finer))
+
+
+def _sizes(found: MeshStudy, finer: Sequence[Finer]) -> Table:
+    """A line per discretisation: its size, and the loss at the calibrated values and after the shifts."""
+    from rich.table import Table
+
+    keys = {"tets": "tets", "elements of rods": "rod_elements", "unknowns": "unknowns"}
+    shown = {what: key for what, key in keys.items() if getattr(found.size, key)}
+    table = Table("", *shown, "loss", "loss after shifts")
+    for name, size, loss, after in [
+        ("original", found.size, found.loss, None),
+        *((one.name, one.size, one.loss, one.reachable) for one in finer),
+    ]:
+        sizes = ("" if size is None else f"{getattr(size, key):,}" for key in shown.values())
+        table.add_row(name, *sizes, _number(loss, 4), _number(after, 4))
+    return table
+
+
+def _changes(finer: Sequence[Finer]) -> Table:
+    """A line per channel and discretisation: the change over all experiments, over residual and noise."""
+    from rich.table import Table
+
+    from softcal.analysis.mesh_changes import pooled
+
+    changes = {one.name: pooled(one.changes) for one in finer}
+    is_noisy = any(c.noise for held in changes.values() for c in held.values())
+    has_order = any(c.order for one in finer for c in one.changes)
+    heads = ["over its RMSE", *["over its noise"] * is_noisy, *["order"] * has_order]
+    table = Table("channel", "on", "change", *heads)
+    for name in dict.fromkeys(name for held in changes.values() for name in held):
+        for on, held in changes.items():
+            c = held[name]
+            cells = [_number(c.rms / c.residual if c.residual else None)]
+            cells += [_number(c.rms / c.noise if c.noise else None)] * is_noisy
+            cells += [_number(c.order, 2)] * has_order
+            table.add_row(name, on, _change(c), *cells)
+        if len(finer) > 1:
+            table.add_section()
+    return table
+
+
+def _parameters(found: MeshStudy, finer: Sequence[Finer]) -> Table:
+    """Lines per parameter: calibrated value, and values expected on finer meshes; one line per rig parameter."""
+    from rich.table import Table
+
+    from softcal.analysis.mesh_verdict import shift_text
+    from softcal.calibration.digits import shown, with_unit
+    from softcal.cli.calibration_table import value_text
+
+    table = Table("parameter", "on", "value", "shift")
+    for label, estimate in found.parameters.items():
+        name = label
+        if label in found.of_robot:
+            table.add_row(label, "original", value_text(estimate), "")
+            name = ""
+        for one in finer:
+            if label in found.of_robot or one.name == found.reference:
+                there = with_unit(estimate, shown(estimate, one.values[label]))
+                bound = " (at a bound)" if label in one.at_bound else ""
+                table.add_row(name, one.name, there + bound, shift_text(estimate, one.values[label]))
+        if label in found.of_robot:
+            table.add_section()
+    return table
+
+
+def _change(change: Change) -> str:
+    from softcal.units import format_quantity
+
+    if change.share is not None:
+        return f"{100 * change.share:+.2g} %"
+    return format_quantity(change.rms, change.unit, digits=3)
+
+
+def _number(value: float | None, digits: int = 3) -> str:
+    return "" if value is None else f"{value:.{digits}g}"

@@ -1,0 +1,84 @@
+"""The command `softcal next-test`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from softcal.cli.command import register_command
+from softcal.cli.printing import print_table, shown_path
+from softcal.cli.running import executor_told
+from softcal.cli.values import LOCAL, On, Workers
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from softcal.analysis.next_test import NextTests
+
+
+@register_command("plan", 1)
+def next_test(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.", show_default=False)],
+    parameter: Annotated[
+        str,
+        typer.Option(
+            "--for",
+            metavar="PARAMETER",
+            help="Parameter whose interval counts; the first of the robot by default.",
+            show_default=False,
+        ),
+    ] = "",
+    calibration: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="Calibration of the run; the joint one by default.", show_default=False),
+    ] = "",
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="A folder, new or empty, for the table.", show_default=False),
+    ] = None,
+    workers: Workers = None,
+    on: On = LOCAL,
+) -> None:
+    """Rank further bench tests by the interval that a parameter is expected to have after each."""
+    from softcal.workflows.output import require_free_folder
+
+    if out is not None:
+        require_free_folder(out)
+    from softcal.analysis.next_test_verdict import verdict
+    from softcal.workflows.next_test import rank, run_source, write_ranking
+
+    source = run_source(run, calibration)
+    with executor_told(on, workers) as executor:
+        found = rank(source, parameter, workers=executor)
+    print_table(_table(found))
+    for one in found.outlooks:
+        if one.failure:
+            typer.echo(f"Not possible, {one.candidate.name}: {one.failure}")
+    for note in found.notes:
+        typer.echo(f"Note: {note}")
+    typer.echo(verdict(found))
+    if out is not None:
+        write_ranking(found, source, out)
+        typer.echo(f"Wrote {shown_path(out)}")
+
+
+def _table(found: NextTests) -> Table:
+    """A line per candidate that can be simulated, the present state first."""
+    from rich.table import Table
+
+    from softcal.analysis.next_test_verdict import interval_text
+
+    table = Table("candidate", f"{found.parameter}, 95 %", "length", "all parameters")
+    table.add_row("(at present)", interval_text(found.interval, found.unit) if found.interval else "none", "1", "1")
+    table.add_section()
+    for one in found.outlooks:
+        if not one.failure:
+            interval = interval_text(one.interval, found.unit) if one.interval else "none"
+            table.add_row(one.candidate.name, interval, _share(one.share), _share(one.joint))
+    return table
+
+
+def _share(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f}"

@@ -1,0 +1,109 @@
+"""The command `softcal simulate`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from softcal.cli.command import ProjectFile, register_command
+from softcal.cli.printing import print_table, shown_path
+from softcal.cli.running import clock, motion_bars
+from softcal.cli.values import Engine, Values, parsed_values
+from softcal.errors import Fault, InputError
+
+if TYPE_CHECKING:
+    from softcal.twin.response import Response
+
+
+@register_command("start", 3)
+def simulate(
+    project: ProjectFile,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="A folder that is new or empty.", show_default=False)],
+    values: Values = None,
+    experiment: Annotated[
+        str, typer.Option(metavar="NAME", help="Only this experiment; all of them by default.", show_default=False)
+    ] = "",
+    pull: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="CABLE=VALUE",
+            help="Instead of experiments: pull a cable from zero to a shortening (front=40mm), a tension (front=8N, "
+            "front=2kgf) or by a hanging mass (front.mass=2kg); repeat for several cables.",
+            show_default=False,
+        ),
+    ] = None,
+    in_time: Annotated[
+        bool,
+        typer.Option(
+            "--in-time",
+            help="Transient simulation until the robot is at rest: experiments by the times of their samples, a pull "
+            "as a slow ramp; see dynamics in the project.",
+        ),
+    ] = False,
+    engine: Engine = "softcal",
+) -> None:
+    """Simulate the twin: its response as CSV with units, and a picture at rest and at the largest pitch."""
+    from softcal.project.project import load
+
+    loaded = load(project, values=parsed_values(values))
+    from softcal.workflows.cases import cases
+    from softcal.workflows.simulation_folder import simulate_to_folder
+
+    if pull and experiment:
+        raise InputError(Fault("--pull and --experiment exclude each other"))
+    if in_time and engine != "softcal":
+        raise InputError(Fault("other engines compute states at rest only", "--in-time", f"--engine {engine}"))
+    chosen = cases(loaded, pull or (), experiment)
+    if in_time:
+        with motion_bars(keeps=True) as show:
+            responses = simulate_to_folder(loaded, chosen, out, in_time=True, progress=show)
+        for name, response in responses.items():
+            _print_status(name, response)
+    else:
+        with clock(keeps=True) as show:
+
+            def print_status(name: str, response: Response) -> None:
+                show("")
+                _print_status(name, response)
+
+            responses = simulate_to_folder(loaded, chosen, out, engine=engine, stage=show, ready=print_status)
+    _print_channels(responses)
+    typer.echo(f"Wrote {shown_path(out)}")
+    for response in responses.values():
+        if response.stopped_by is not None:
+            raise response.stopped_by
+    if not all(response.succeeded for response in responses.values()):
+        raise typer.Exit(1)
+
+
+def _print_status(name: str, response: Response) -> None:
+    text = f"{name}: {response.status}"
+    if response.stopped_by is None and not response.succeeded:
+        text = f"Error: {text}"
+    typer.echo(text, err=not response.succeeded)
+
+
+def _print_channels(responses: Mapping[str, Response]) -> None:
+    """Print a table of the least and the largest value of each channel, with a column for each load path."""
+    from rich.table import Table
+
+    from softcal.report.format import MANY
+    from softcal.units import format_quantity, format_range
+
+    shown = dict(list(responses.items())[:MANY])
+    table = Table("", *shown)
+    for channel, unit in {name: unit for one in shown.values() for name, unit in one.units.items()}.items():
+        cells: list[str] = []
+        for response in shown.values():
+            values = [value + 0.0 for value in response.channels.get(channel, ())]  # no "-0"
+            low, high = min(values, default=0.0), max(values, default=0.0)
+            text = format_range(low, high, unit, digits=4) if low < high else format_quantity(low, unit)
+            cells.append(text if values else "")
+        table.add_row(channel, *cells)
+    if table.row_count:
+        print_table(table)
+    if len(responses) > len(shown):
+        typer.echo(f"The channels of {len(responses) - len(shown)} more are in the folder.")

@@ -1,0 +1,137 @@
+"""The command `softcal validate`: cross-validation by left-out experiments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from softcal.cli.command import register_command
+from softcal.cli.printing import print_table, print_warnings, shown_path
+from softcal.cli.running import executor_told
+from softcal.cli.values import LOCAL, On, Values, Workers, names, parsed_values
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from softcal.analysis.validation import Validation
+    from softcal.calibration.result import Estimate, ExperimentFit
+
+
+@register_command("judge", 1)
+def validate(
+    projects: Annotated[
+        list[Path],
+        typer.Argument(metavar="PROJECT...", help="One project, or several models of one robot.", show_default=False),
+    ],
+    hold_out: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAMES",
+            help="Leave these experiments out together (load52_a,load52_b or load52*); repeat for further folds. "
+            "By default each experiment in turn.",
+            show_default=False,
+        ),
+    ] = None,
+    split: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Also with these tied parameters untied: a value for each."),
+    ] = None,
+    workers: Workers = None,
+    on: On = LOCAL,
+    values: Values = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.csv", help="A CSV file for all predictions.", show_default=False)
+    ] = None,
+) -> None:
+    """Leave experiments out in turn, fit the others, and report the errors of the predictions."""
+    from softcal.cli.calibration_bars import calibration_progress
+    from softcal.project.project import load
+    from softcal.workflows.output import require_free_file
+
+    if out is not None:
+        require_free_file(out)
+    loaded = {str(path): load(path, values=parsed_values(values)) for path in projects}
+    from softcal.workflows.validation import validate as validate_projects
+    from softcal.workflows.validation import write_validation
+
+    for project in loaded.values():
+        print_warnings(project.warnings)
+    labels = {path: Path(path).stem for path in loaded}
+    unique = len(set(labels.values())) == len(labels)
+    with executor_told(on, workers) as executor, calibration_progress() as bars:
+        found = validate_projects(
+            {labels[path] if unique else path: project for path, project in loaded.items()},
+            hold_out=[names(fold) for fold in hold_out or []],
+            split=split or [],
+            workers=executor,
+            progress=lambda model, fold, state: bars.show(f"{model} without {fold}", state),
+        )
+    _print_validation(found)
+    if out is not None:
+        write_validation(found, out)
+        typer.echo(f"Wrote {shown_path(out)}")
+
+
+def _print_validation(found: Validation) -> None:
+    print_table(_table(found))
+    for model, predictions in found.models.items():
+        for one in predictions:
+            for note in one.result.notes:
+                if "held out" in note.text or "bound" in note.text:
+                    typer.echo(f"Note ({model} without {', '.join(one.left_out)}): {note}")
+
+
+def _table(found: Validation) -> Table:
+    """A column per model: the parameters fitted without each fold, and the errors of the predictions."""
+    from rich.table import Table
+
+    table = Table("", *found.models)
+    folds = [one.left_out for one in next(iter(found.models.values()))]
+    for i, fold in enumerate(folds):
+        fits = {model: one[i] for model, one in found.models.items() if i < len(one)}
+        shared = [n for one in fits.values() for n in one.result.parameters if "[" not in n and "frame." not in n]
+        for name in dict.fromkeys(shared):
+            cells = (_parameter(fits[m].result.parameters.get(name)) if m in fits else "" for m in found.models)
+            table.add_row(f"{name}, without {', '.join(fold)}", *cells)
+        for experiment in fold:
+            held = {m: [one.held_out[experiment].fit] for m, one in fits.items() if experiment in one.held_out}
+            _add_errors(table, f"predicted: {experiment}", [held.get(model, []) for model in found.models])
+        table.add_section()
+    pooled = [[h.fit for one in p for h in one.held_out.values()] for p in found.models.values()]
+    _add_errors(table, "all predictions", pooled)
+    return table
+
+
+def _parameter(estimate: Estimate | None) -> str:
+    from softcal.cli.calibration_table import value_text
+
+    return "" if estimate is None else value_text(estimate)
+
+
+def _add_errors(table: Table, what: str, held: Sequence[Sequence[ExperimentFit]]) -> None:
+    """A line for the RMS error of each channel, or of the distance; held: the predictions of each model."""
+    errors = [_errors(fits) for fits in held]
+    names = dict.fromkeys(name for one in errors for name in one)
+    for name in names:
+        table.add_row(f"{what}, {name} (RMS)", *(one.get(name, "" if one else "not predicted") for one in errors))
+    if not names:
+        table.add_row(what, *("not predicted" for _ in held))
+
+
+def _errors(held: Sequence[ExperimentFit]) -> dict[str, str]:
+    """RMS errors with their units, "0.94 mm (0.22 %)", by channel, and of distances."""
+    from softcal.analysis.validation import pooled_errors
+
+    errors: dict[str, str] = {}
+    for name, error in pooled_errors(held).items():
+        if name == "distance":
+            lengths = {fit.length for fit in held}
+            length = lengths.pop() if len(lengths) == 1 else None
+            share = "" if length is None else f" ({100 * error / length:.3g} %)"
+            errors[name] = f"{1e3 * error:.3g} mm{share}"
+        else:
+            errors[name] = f"{error:.3g} {held[0].units.get(name, '')}"
+    return errors

@@ -1,1 +1,0 @@
-"""Other programs that solve a robot: each module registers one."""

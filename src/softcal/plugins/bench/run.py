@@ -1,0 +1,108 @@
+"""Run a case with softcal, or score any method's predictions of it; both leave the same files."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from softcal.calibration.store import write_text
+from softcal.errors import Fault, StorageError
+from softcal.executors.executor import Executor
+from softcal.plugins.bench.case import CASES, BenchmarkCase, Progress
+from softcal.plugins.bench.predictions import Predictions, read_predictions
+from softcal.plugins.bench.record import CaseRecord
+from softcal.plugins.bench.score import Score, score
+from softcal.workflows.output import new_folder, require_free_folder
+
+PREDICTIONS, SCORE, FIT = "predictions.csv", "score.json", "fit"
+
+
+@dataclass(frozen=True)
+class Ran:
+    """The score of softcal's own predictions, and the folder with its files."""
+
+    score: Score
+    folder: Path
+
+
+def run_case(
+    name: str,
+    out: Path,
+    *,
+    data: Path | None = None,
+    workers: int | Executor = 1,
+    resume: bool = False,
+    progress: Progress = lambda stage: None,
+) -> Ran:
+    """softcal's predictions of a case, fitted to the samples of the fit alone, with their score.
+
+    Writes `predictions.csv` and `score.json` into a folder that is new or empty, beside `fit`, the run folder of the
+    fit, where the case has one. resume: go on with the fit of a run of the same case that was stopped.
+
+    Raises
+    ------
+    SoftcalError
+        For an unknown case, further data in another layout, a folder that cannot be used, or a fit without a result.
+    """
+    case = CASES.named(name)
+    record = case.record(data)
+    if resume:
+        _require_unfinished(out)
+    else:
+        require_free_folder(out)
+    found = case.run(data, workers=workers, store=out / FIT, resume=resume, progress=progress)
+    out.mkdir(parents=True, exist_ok=True)
+    result = _scored(case, record, found, data)
+    for file, text in _texts(record, found, result).items():
+        write_text(out / file, text)
+    return Ran(result, out)
+
+
+def _require_unfinished(out: Path) -> None:
+    """Raise where a folder holds no run of a case that was stopped.
+
+    Raises
+    ------
+    StorageError
+        As said.
+    """
+    if (out / SCORE).exists():
+        raise StorageError(Fault("the case was run to its end", str(out), f"{SCORE} in it", attempt="another --out"))
+    if not (out / FIT).is_dir():
+        raise StorageError(Fault("there is no fit to resume", str(out), attempt="without --resume"))
+
+
+def score_file(
+    name: str, predictions: Path, *, data: Path | None = None, method: str = "", out: Path | None = None
+) -> Score:
+    """The score of a table of predictions, by any program; `out`: a folder for its files, new or empty.
+
+    Raises
+    ------
+    InputError
+        For an unknown case, or with everything that is wrong with the table.
+    """
+    case = CASES.named(name)
+    record = case.record(data)
+    found = read_predictions(predictions, record, method, aligned=case.aligned)
+    if out is None:
+        return _scored(case, record, found, data)
+    return _written(case, record, found, out, data)
+
+
+def _scored(case: BenchmarkCase, record: CaseRecord, found: Predictions, data: Path | None) -> Score:
+    return score(case.name, record, found, aligned=case.aligned, data="" if data is None else data.name)
+
+
+def _written(case: BenchmarkCase, record: CaseRecord, found: Predictions, out: Path, data: Path | None) -> Score:
+    result = _scored(case, record, found, data)
+    with new_folder(out) as folder:
+        for file, text in _texts(record, found, result).items():
+            (folder / file).write_text(text, encoding="utf-8")
+    return result
+
+
+def _texts(record: CaseRecord, found: Predictions, result: Score) -> dict[str, str]:
+    """The files of scored predictions, by name; the score, which says that they are whole, last."""
+    return {PREDICTIONS: found.text(record.units), SCORE: json.dumps(result.as_json(), indent=2) + "\n"}

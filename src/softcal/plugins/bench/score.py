@@ -1,0 +1,177 @@
+"""How far predictions are from what was measured: errors of points and channels, and the share inside their bands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.plugins.bench.predictions import Predictions
+from softcal.plugins.bench.record import SPLITS, CaseRecord, Split
+
+
+@dataclass(frozen=True)
+class Error:
+    """Root mean square, mean, 95th percentile and largest of some distances [m], or of errors of a channel [SI]."""
+
+    rms: float
+    mean: float
+    most_95: float
+    largest: float
+
+
+@dataclass(frozen=True)
+class SplitScore:
+    """The errors of the samples of one split.
+
+    Attributes
+    ----------
+    n_samples
+        Number of samples.
+    points
+        Point -> its distances.
+    all_points
+        The distances of all points together; None where the record has no positions.
+    channels
+        Any other channel -> its errors.
+    coverage
+        Share of all measured values inside their predicted 95 % bands [-]; one without a band is outside. None where
+        no value has one.
+    """
+
+    n_samples: int
+    points: Mapping[str, Error]
+    all_points: Error | None
+    channels: Mapping[str, Error]
+    coverage: float | None
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a method reaches in a case.
+
+    Attributes
+    ----------
+    case, method
+        Their names.
+    splits
+        Split -> its errors; the fitted split only where it was predicted too.
+    evaluations, wall_s
+        Number of simulations of the whole fit, and its wall time [s], where they are known.
+    parameters
+        What was identified, in words by name.
+    data
+        Name of the file with further samples that were predicted in the place of the case's own; "" for its own.
+    """
+
+    case: str
+    method: str
+    splits: Mapping[Split, SplitScore]
+    evaluations: int | None = None
+    wall_s: float | None = None
+    parameters: Mapping[str, str] | None = None
+    data: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """The contents of `score.json`; SI."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, given: Mapping[str, Any]) -> Score:
+        """The score that `as_json` wrote.
+
+        Raises
+        ------
+        KeyError, TypeError
+            For another mapping.
+        """
+        splits = {split: _split_from_json(one) for split, one in given["splits"].items()}
+        kept = {"evaluations": given["evaluations"], "wall_s": given["wall_s"], "parameters": given["parameters"]}
+        return cls(str(given["case"]), str(given["method"]), splits, **kept, data=str(given.get("data", "")))
+
+
+def _split_from_json(given: Mapping[str, Any]) -> SplitScore:
+    points, channels = ({name: Error(**one) for name, one in given[key].items()} for key in ("points", "channels"))
+    whole = None if given["all_points"] is None else Error(**given["all_points"])
+    return SplitScore(given["n_samples"], points, whole, channels, given["coverage"])
+
+
+def score(case: str, record: CaseRecord, predictions: Predictions, *, aligned: bool, data: str = "") -> Score:
+    """The score of predictions that `require_matching` has accepted.
+
+    aligned: whether one translation per split, the mean error, is taken off the positions first. data: name of the file
+    with the samples, where they are not the case's own.
+    """
+    splits = {
+        split: _split_score(record, predictions, record.of(split), aligned=aligned)
+        for split in SPLITS
+        if record.of(split).any() and predictions.has(record, split)
+    }
+    return Score(
+        case,
+        predictions.method,
+        splits,
+        predictions.evaluations,
+        predictions.wall_s,
+        predictions.parameters or None,
+        data,
+    )
+
+
+def _split_score(record: CaseRecord, predictions: Predictions, chosen: np.ndarray, *, aligned: bool) -> SplitScore:
+    rows = predictions.rows(np.array(record.samples)[chosen])
+    every, shift = distances_of(record, predictions, chosen, aligned=aligned)
+    seen = {point: distance[np.isfinite(distance)] for point, distance in every.items()}
+    distances = {point: distance for point, distance in seen.items() if len(distance)}
+    errors = {name: np.abs(predictions.channels[name][rows] - record.channels[name][chosen]) for name in record.others}
+    told = {name: error[np.isfinite(error)] for name, error in errors.items() if np.isfinite(error).any()}
+    everything = np.concatenate([np.zeros(0), *distances.values()])
+    return SplitScore(
+        int(chosen.sum()),
+        {point: _error(distance) for point, distance in distances.items()},
+        _error(everything) if len(everything) else None,
+        {name: _error(error) for name, error in told.items()},
+        _coverage(record, predictions, chosen, rows, shift),
+    )
+
+
+def distances_of(
+    record: CaseRecord, predictions: Predictions, chosen: np.ndarray, *, aligned: bool
+) -> tuple[dict[str, Floats], Floats]:
+    """Point -> distance (k,) [m] of its predicted from its measured position in the chosen samples, NaN where one is
+    missing; and the translation (3,) [m] that is taken off first, zero unless `aligned`.
+    """
+    rows = predictions.rows(np.array(record.samples)[chosen])
+    offsets = {point: predictions.positions(point)[rows] - record.positions(point)[chosen] for point in record.points}
+    shift = np.zeros(3)
+    if aligned and offsets:
+        everything = np.concatenate(list(offsets.values()))
+        shift = everything[np.isfinite(everything).all(axis=1)].mean(axis=0)
+    return {point: np.linalg.norm(offset - shift, axis=1) for point, offset in offsets.items()}, shift
+
+
+def _coverage(
+    record: CaseRecord, predictions: Predictions, chosen: np.ndarray, rows: np.ndarray, shift: Floats
+) -> float | None:
+    inside: list[np.ndarray] = []
+    for name, measured in record.channels.items():
+        off = predictions.channels[name][rows] - measured[chosen]
+        if name not in record.others:
+            off = off - shift["xyz".index(name[-1])]
+        band = predictions.bands[name][rows] if name in predictions.bands else np.full(len(rows), np.nan)
+        inside.append(np.where(np.isfinite(band), np.abs(off) <= band, False)[np.isfinite(off)])
+    banded = any(np.isfinite(band[rows]).any() for band in predictions.bands.values())
+    whole = np.concatenate(inside) if banded else np.zeros(0)
+    return float(whole.mean()) if len(whole) else None
+
+
+def _error(values: Floats) -> Error:
+    return Error(
+        float(np.sqrt(np.mean(values**2))),
+        float(np.mean(values)),
+        float(np.percentile(values, 95.0)),
+        float(np.max(values)),
+    )

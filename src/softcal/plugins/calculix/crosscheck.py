@@ -1,0 +1,249 @@
+"""Cross-check of softcal's statics with other engines on the same state of the same robot.
+
+Engines have different laws and elements, so each is compared with softcal's twin in that engine's law and elements, on
+the same mesh, at the same parameters and loads, without contact where the engine leaves it out: differences are then
+numerical and not of the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from softcal.calibration.problem import SOFTCAL
+from softcal.checks import Floats
+from softcal.declare import Declared
+from softcal.errors import InputError, SimulationError
+from softcal.export.engine import ENGINES, EngineState, Running, engine_settings, state_of
+from softcal.plugins.calculix.engine_posture import EnginePosture
+from softcal.twin.build import twin_of
+from softcal.twin.channels import channels_of
+from softcal.twin.protocol import Protocol, furthest_state
+from softcal.twin.robot import Robot
+from softcal.twin.simulate import simulate
+
+AGREES = 1e-4  # relative difference; for angles in rad
+STILL = 1e-12  # [m]
+NEEDED = "tension (by slope)"  # tension that an engine needs for softcal's shortening; see `EngineState`
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One quantity in softcal and in the engine; relative: over the largest of its kind, for an angle over 1 rad."""
+
+    quantity: str
+    unit: str
+    softcal: float
+    engine: float
+    absolute: float
+    relative: float
+
+
+@dataclass(frozen=True)
+class EngineComparison:
+    """Comparison of one engine at one state.
+
+    Attributes
+    ----------
+    engine
+        Name of the engine.
+    differences
+        Compared quantities.
+    changed
+        Changes of the robot's law, elements and contact from the project's, in both programs.
+    instabilities
+        Sentence on instabilities along softcal's load path, or "".
+    left_out
+        `Engine.leaves_out` at this state.
+    """
+
+    engine: str
+    differences: tuple[Difference, ...]
+    changed: tuple[str, ...]
+    instabilities: str = ""
+    left_out: tuple[float, str] = (0.0, "")
+
+    @property
+    def limit(self) -> float:
+        """The relative difference that counts as agreement."""
+        return max(AGREES, self.left_out[0])
+
+    @property
+    def verdict(self) -> str:
+        """A sentence on the agreement."""
+        if not self.differences:
+            return f"{self.engine} and softcal have nothing in common to compare"
+        worst = max(self.differences, key=lambda one: one.relative)
+        if worst.relative <= AGREES:
+            return f"{self.engine} and softcal agree to {AGREES:g} (worst: {worst.relative:.1e}, {worst.quantity})"
+        if worst.relative <= self.limit:
+            return (
+                f"{self.engine} and softcal agree to {self.limit:.1g} (worst: {worst.relative:.1e}, {worst.quantity}): "
+                f"more than {AGREES:g}, but {self.engine} neglects {self.left_out[1]}"
+            )
+        text = (
+            f"{self.engine} and softcal differ by {worst.absolute:.3g} {worst.unit} in {worst.quantity}, "
+            f"{worst.relative:.1e} relative; the limit is {self.limit:.1g}"
+        )
+        if self.instabilities:
+            text += f". {self.instabilities} Two engines may reach different ones of several equilibria"
+        return text
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every difference is at most `limit`."""
+        return bool(self.differences) and all(one.relative <= self.limit for one in self.differences)
+
+
+@dataclass(frozen=True)
+class Crosscheck:
+    """Result of a cross-check.
+
+    Attributes
+    ----------
+    comparisons
+        One comparison per engine that ran.
+    absent
+        Engine -> why it is not installed.
+    refused
+        Engine -> why it does not support the robot.
+    failed
+        Engine -> why it failed.
+    still
+        Engines not run, because nothing moves the robot.
+    """
+
+    comparisons: tuple[EngineComparison, ...]
+    absent: Mapping[str, str] = field(default_factory=dict)
+    refused: Mapping[str, str] = field(default_factory=dict)
+    failed: Mapping[str, str] = field(default_factory=dict)
+    still: tuple[str, ...] = ()
+
+    @property
+    def agrees(self) -> bool:
+        """Whether no engine failed and all comparisons agree."""
+        return not self.failed and all(one.agrees for one in self.comparisons)
+
+
+def crosscheck(
+    robot: Robot,
+    protocol: Protocol,
+    engines: Sequence[str],
+    *,
+    timeout: float | None = None,
+    stated: Mapping[str, Declared] | None = None,
+    progress: Callable[[str], None] = lambda name: None,
+) -> Crosscheck:
+    """Compare the furthest state of a protocol with other engines.
+
+    engines: names in `ENGINES`; `softcal`, the reference, is ignored. timeout [s]: of each process, by default the
+    engine's own. stated: the settings of engines that a project states. progress: called with the name of each engine.
+    """
+    end = furthest_state(protocol)
+    comparisons: list[EngineComparison] = []
+    absent: dict[str, str] = {}
+    refused: dict[str, str] = {}
+    failed: dict[str, str] = {}
+    still: list[str] = []
+    for name in engines:
+        if name == SOFTCAL:
+            continue
+        engine = ENGINES[name]
+        # Before `missing`: an engine that does not support the robot need not be installed.
+        if faults := engine.lacks(robot):
+            refused[name] = "\n".join(map(str, faults))
+            continue
+        if why := engine.missing():
+            absent[name] = why
+            continue
+        progress(name)
+        running = Running(timeout, engine_settings(name, stated or {}))
+        try:
+            own = engine.own(robot)
+            response = simulate(own, end, snapshots=True, curve_tolerance=0.0)
+            ours = state_of(response)
+            if _is_still(own, ours):
+                still.append(name)
+                continue
+            theirs = engine.solve(own, end, response.snapshots[-1], running)
+        except (InputError, SimulationError) as error:
+            failed[name] = str(error)
+            continue
+        differences = tuple(_differences(own, ours, theirs))
+        left_out = engine.leaves_out(response.snapshots[-1])
+        comparisons.append(
+            EngineComparison(name, differences, tuple(_changes(robot, own)), response.instabilities, left_out)
+        )
+    return Crosscheck(tuple(comparisons), absent, refused, failed, tuple(still))
+
+
+def _moved(robot: Robot, outcome: EngineState) -> dict[str, Floats]:
+    """Displacements of the nodes of bodies and rods [m]."""
+    rest = {name: mesh.points for name, mesh in twin_of(robot).meshes.items()}
+    rest |= {rod.name: rod.centreline.nodes for rod in robot.rods}
+    return {name: x - rest[name] for name, x in outcome.points.items()}
+
+
+def _is_still(robot: Robot, ours: EngineState) -> bool:
+    return all(np.abs(u).max() < STILL for u in _moved(robot, ours).values())
+
+
+def _differences(robot: Robot, ours: EngineState, theirs: EngineState) -> list[Difference]:
+    moved, there = _moved(robot, ours), _moved(robot, theirs)
+    tip = max(float(np.linalg.norm(u, axis=1).max()) for u in moved.values())
+    strongest = max((abs(value) for value in ours.tensions.values()), default=0.0)
+    found: list[Difference] = []
+    for kind, unit, a, b, size in (
+        ("tension", "N", ours.tensions, theirs.tensions, strongest),
+        (NEEDED, "N", ours.tensions, theirs.needed, strongest),
+        ("shortening", "m", ours.shortenings, theirs.shortenings, tip),
+    ):
+        found += [
+            Difference(f"{name}.{kind}", unit, a[name], b[name], abs(a[name] - b[name]), _over(a[name] - b[name], size))
+            for name in a
+            if name in b
+        ]
+    for one in robot.sensors:
+        a_all, b_all = (one.sensor.sense(EnginePosture(robot, state, ours)) for state in (ours, theirs))
+        for channel, a, b in zip(channels_of([one]), a_all, b_all, strict=True):
+            unit = channel.kind.unit
+            size = {"m": tip, "N": strongest, "rad": 1.0}.get(unit, abs(float(a)))
+            relative = _over(float(a - b), size)
+            found.append(Difference(str(channel), unit, float(a), float(b), abs(float(a - b)), relative))
+    for plate in robot.plates:
+        if plate.fixed or plate.name not in theirs.plates:
+            continue
+        (at, turn), (place, turned) = ours.plates[plate.name], theirs.plates[plate.name]
+        gap = float(np.linalg.norm(at - place))
+        went, goes = (float(np.linalg.norm(x - plate.reference)) for x in (at, place))
+        found.append(Difference(f"{plate.name}.displacement", "m", went, goes, gap, _over(gap, tip)))
+        angle = _angle(turn.T @ turned)
+        found.append(Difference(f"{plate.name}.rotation", "rad", _angle(turn), _angle(turned), angle, angle))
+    for name, u in moved.items():
+        gap = float(np.linalg.norm(u - there[name], axis=1).max())
+        went, goes = (float(np.linalg.norm(v, axis=1).max()) for v in (u, there[name]))
+        found.append(Difference(f"{name}: largest displacement", "m", went, goes, gap, _over(gap, tip)))
+    return found
+
+
+def _over(difference: float, size: float) -> float:
+    return abs(difference) / size if size > 0.0 else (0.0 if difference == 0.0 else float("inf"))
+
+
+def _angle(R: Floats) -> float:
+    """The angle [rad] of a rotation."""
+    return float(Rotation.from_matrix(R).magnitude())
+
+
+def _changes(given: Robot, own: Robot) -> list[str]:
+    bodies = [
+        f"{a.name}: {what} {getattr(a, what)} becomes {getattr(b, what)}"
+        for a, b in zip(given.bodies, own.bodies, strict=True)
+        for what in ("law", "element")
+        if getattr(a, what) != getattr(b, what)
+    ]
+    without = given.contact is not None and own.contact is None
+    return [*bodies, *["no contact, so that parts may pass through each other"] * without]

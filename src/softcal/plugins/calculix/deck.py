@@ -1,0 +1,272 @@
+"""A loaded state of the robot as a CalculiX deck.
+
+The deck represents the assembled system: every point is a node; plates are rigid bodies over the points that they
+carry, ties are equations between displacements, fixed points are boundary conditions, weight and loads are dead forces
+on nodes, and cables are springs with softcal's tensions. Each step ends at an equilibrium of softcal, which CalculiX
+should reproduce. CalculiX has no neo-Hookean law of SOFA's form: bodies are written with its isochoric one
+(`neo-hooke-isochoric` in softcal) at the same modulus and ratio, which agrees only at small strain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import Fault, ParameterError
+from softcal.export.cable_faults import cable_faults
+from softcal.export.history_faults import history_faults
+from softcal.export.left_out_contact import contact_faults, not_exported
+from softcal.materials.catalogue import LAWS
+from softcal.mechanics.elements import ELEMENTS, P1, P2
+from softcal.mechanics.layout import FIXED, Layout
+from softcal.plugins.calculix.cables import cable_lines, dead_pulls
+from softcal.plugins.calculix.format import listed, number, set_name, weighted_sum
+from softcal.plugins.calculix.laws import CARDS, ISOCHORIC, law_lines
+from softcal.plugins.calculix.load_path import load_path
+from softcal.twin.build import Twin, build_twin
+from softcal.twin.parameters import parameter_values
+from softcal.twin.response import Snapshot
+from softcal.twin.robot import Body, Moment, Robot
+
+DECK = "robot.inp"
+PLACE = "the deck"
+ITS_LAW = ISOCHORIC
+ITS_ELEMENTS = {element.cell: element for element in (P1, P2)}
+# One increment per step, smaller ones if it does not converge; residual forces below a millionth of the average force.
+_STEP = (
+    "*STEP, NLGEOM, INC=1000",
+    "*STATIC",
+    "1.0, 1.0, 1e-4, 1.0",
+    "*CONTROLS, PARAMETERS=FIELD",
+    "1e-6, 1e-6, , , 1e-6",
+)
+_OUTPUT = ("*NODE FILE", "U", "*NODE PRINT, NSET=ALL, FREQUENCY=100000", "U", "*END STEP")
+
+
+@dataclass(frozen=True)
+class Deck:
+    """The deck's text; first: body -> number of its first node minus one; n_states: number of steps."""
+
+    text: str
+    first: dict[str, int]
+    n_states: int
+
+
+def in_its_law(robot: Robot) -> Robot:
+    """The robot with laws and elements (C3D4, C3D10) of CalculiX, its meshes ending at the clamps, without contact."""
+    return replace(robot, bodies=tuple(_in_its_law(body.as_clamped) for body in robot.bodies), contact=None)
+
+
+def _in_its_law(body: Body) -> Body:
+    law = LAWS.named(body.law)
+    kept = body.law if body.law in CARDS else ITS_LAW
+
+    def alike(parameters: Mapping[str, float]) -> Mapping[str, float]:
+        """The law's own constants, or E and nu of its equivalent at small strain."""
+        if law.names == LAWS.named(kept).names:
+            return parameters
+        return {"youngs_modulus": law.youngs_modulus(parameters), "poissons_ratio": law.poissons_ratio(parameters)}
+
+    inclusions = tuple(replace(part, parameters=alike(part.parameters)) for part in body.inclusions)
+    element = ITS_ELEMENTS[ELEMENTS[body.element].cell]
+    return replace(
+        body,
+        law=kept,
+        element=element.name,
+        parameters=alike(body.parameters),
+        inclusions=inclusions,
+        build_direction=None,
+    )
+
+
+def calculix_deck(robot: Robot, shapes: Sequence[Snapshot], notes: Sequence[str] = ()) -> Deck:
+    """The deck of a robot under the loads and cable tensions of its shapes, one after the other; see `load_path`.
+
+    robot: of `in_its_law`; notes: sentences for the header.
+
+    Raises
+    ------
+    ParameterError
+        For features that a deck cannot represent: rods, friction and stretch of cables.
+    """
+    _require(robot)
+    robot = robot.as_clamped
+    twin = build_twin(robot)
+    layout = twin.system.layout
+    last_node = layout.n_points + 2 * layout.n_moving_frames
+    cables = cable_lines(twin, shapes, last_node, sum(len(mesh.tets) for mesh in twin.meshes.values()))
+    lines = [
+        "** Written by softcal. Units: m, kg, s, N, Pa. Run it with: ccx -i robot",
+        *(f"** {note}" for note in notes),
+        *_nodes(twin),
+        *cables.nodes,
+        *_elements(twin),
+        *_bonds(twin),
+        *_materials(robot),
+        *cables.springs,
+        *cables.equations,
+        *(["*INITIAL CONDITIONS, TYPE=TEMPERATURE", "ALL, 0.0"] if cables.springs else []),
+    ]
+    dead = twin.system.loads.total(parameter_values(robot))
+    for k, shape in enumerate(shapes, start=1):
+        temperature = ["*TEMPERATURE", f"ALL, {number(k)}"] if cables.springs else []
+        loads = _point_loads(layout, dead + dead_pulls(twin, shape))
+        lines += [f"** {shape.label}", *_STEP, *temperature, *loads, *_OUTPUT]
+    return Deck("\n".join([*lines, ""]), dict(twin.first_point), len(shapes))
+
+
+def _require(robot: Robot) -> None:
+    if faults := deck_faults(robot):
+        raise ParameterError(faults)
+
+
+def deck_faults(robot: Robot) -> list[Fault]:
+    """Faults of features that a deck cannot represent: rods, friction and stretch of cables."""
+    faults = [
+        Fault("a rod has no solid elements to write", where=rod.name, attempt="a solid mesh") for rod in robot.rods
+    ]
+    faults += [*cable_faults(robot, "CalculiX"), *history_faults(robot, "CalculiX")]
+    faults += [
+        Fault("a moment cannot be exported", load.name, attempt="two forces")
+        for load in robot.loads
+        if isinstance(load, Moment)
+    ]
+    return [*faults, *contact_faults(robot, "CalculiX")]
+
+
+def write_calculix(robot: Robot, shape: Snapshot, folder: Path, *, given: Robot | None = None) -> list[Path]:
+    """Write the deck and a README into an existing folder.
+
+    given: the robot before `in_its_law`, to document the changes.
+
+    Raises
+    ------
+    ParameterError
+        As `calculix_deck`.
+    """
+    _require(robot)
+    notes = _notes(given or robot)
+    deck = calculix_deck(robot, load_path(robot, shape).shapes, notes)
+    path, readme = folder / DECK, folder / "README.txt"
+    path.write_text(deck.text, encoding="utf-8")
+    pulls = ", ".join(f"{name} {tension:.6g} N" for name, tension in shape.tensions.items())
+    readme.write_text(
+        f"State: {shape.label}{f'; cables: {pulls}' if pulls else ''}.\n"
+        f"Steps: {deck.n_states}. Each ends at an equilibrium of softcal on the load path, the last at this state.\n"
+        "Run: ccx -i robot\nLook at it: cgx robot.frd\n" + "".join(f"{note}\n" for note in notes),
+        encoding="utf-8",
+    )
+    return [path, readme]
+
+
+def _nodes(twin: Twin) -> Iterator[str]:
+    layout = twin.system.layout
+    yield "*NODE, NSET=ALL"
+    for i, at in enumerate(layout.X):
+        yield f"{i + 1}, " + ", ".join(number(v) for v in at)
+    for k, pivot in enumerate(_pivots(twin)):
+        reference, turn = _frame_nodes(layout, k)
+        at = ", ".join(number(v) for v in pivot)
+        yield f"{reference}, {at}"
+        yield f"{turn}, {at}"
+
+
+def _frame_nodes(layout: Layout, k: int) -> tuple[int, int]:
+    """Numbers of a moving frame's reference node and rotation node."""
+    first = layout.n_points + 1 + 2 * k
+    return first, first + 1
+
+
+def _pivots(twin: Twin) -> Floats:
+    """Positions of the moving frames' reference nodes (n_moving_frames, 3) [m]: the centroid of the plate's nodes.
+
+    CalculiX's tangent lacks the second-order terms of rigid bodies; this choice gives the best convergence.
+    """
+    layout = twin.system.layout
+    out = layout.references[: layout.n_moving_frames].copy()
+    held: list[set[int]] = [set() for _ in out]
+    for name, mesh in twin.meshes.items():
+        nodes = mesh.tets + twin.first_point[name]
+        riders = layout.rider[nodes]
+        for k in range(len(out)):
+            bends = (riders == k).any(axis=1) & (riders != k).any(axis=1)
+            held[k].update(nodes[bends][riders[bends] == k].tolist())
+    for k, nodes in enumerate(held):
+        if nodes:
+            out[k] = layout.X[sorted(nodes)].mean(axis=0)
+    return out
+
+
+def _elements(twin: Twin) -> Iterator[str]:
+    number = 0
+    for body in twin.robot.bodies:
+        mesh, first = twin.meshes[body.name], twin.first_point[body.name]
+        for material in body.materials:
+            yield f"*ELEMENT, TYPE={mesh.cell.calculix}, ELSET={set_name(material.name)}"
+            for tet in mesh.tets[material.elements]:
+                number += 1
+                yield f"{number}, " + ", ".join(str(first + n + 1) for n in tet)
+
+
+def _bonds(twin: Twin) -> Iterator[str]:
+    layout = twin.system.layout
+    still = np.flatnonzero((layout.rider == FIXED) | (layout.rider >= layout.n_moving_frames))
+    if len(still):
+        yield "*BOUNDARY"
+        for n in still:
+            yield f"{n + 1}, 1, 3"
+    for name, k in twin.frame.items():
+        riders = np.flatnonzero(layout.rider == k)
+        if k >= layout.n_moving_frames or len(riders) == 0:
+            continue
+        yield f"*NSET, NSET={set_name(name)}"
+        yield from listed(riders + 1)
+        reference, turn = _frame_nodes(layout, k)
+        yield f"*RIGID BODY, NSET={set_name(name)}, REF NODE={reference}, ROT NODE={turn}"
+    ties = layout.ties
+    for point in np.unique(ties.point):
+        own = ties.point == point
+        terms = zip(ties.master[own].tolist(), ties.weight[own].tolist(), strict=True)
+        yield from weighted_sum(int(point) + 1, [(m + 1, w) for m, w in terms if w != 0.0])
+
+
+def _materials(robot: Robot) -> Iterator[str]:
+    for law, material in ((body.law, material) for body in robot.bodies for material in body.materials):
+        yield f"*MATERIAL, NAME={set_name(material.name)}"
+        yield from law_lines(law, material.parameters)
+        yield f"*SOLID SECTION, ELSET={set_name(material.name)}, MATERIAL={set_name(material.name)}"
+
+
+def _point_loads(layout: Layout, force: Floats) -> Iterator[str]:
+    """Forces (n_points, 3) [N] on free and plate nodes; forces on fixed nodes are omitted."""
+    moves = (layout.rider != FIXED) & (layout.rider < layout.n_moving_frames)
+    rows = [
+        f"{i + 1}, {axis + 1}, {number(force[i, axis])}"
+        for i in np.flatnonzero(moves & np.any(force != 0.0, axis=1))
+        for axis in np.flatnonzero(force[i])
+    ]
+    if rows:
+        # In a static step CalculiX ramps linearly from the previous loads to these; loads not listed go to zero.
+        yield "*CLOAD, OP=NEW"
+        yield from rows
+
+
+def _notes(robot: Robot) -> tuple[str, ...]:
+    notes = [*not_exported(robot, PLACE)]
+    for body in robot.bodies:
+        if body.law not in CARDS:
+            notes.append(
+                f"{body.name}: CalculiX has no law '{body.law}'; written with its isochoric neo-Hookean one at the "
+                "same modulus and ratio, which agrees at small strain."
+            )
+        element = ELEMENTS[body.element]
+        if element is not ITS_ELEMENTS[element.cell]:
+            notes.append(
+                f"{body.name}: {element.name} is written as {element.cell.calculix}, which stiffens as Poisson's ratio "
+                "nears 0.5."
+            )
+    return tuple(notes)

@@ -1,0 +1,123 @@
+"""The connection to a Dask scheduler, and whether its workers have this softcal."""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import contextlib
+import threading
+from collections.abc import Callable
+from importlib.metadata import version
+from sysconfig import get_python_version
+from typing import TYPE_CHECKING, Any, Protocol, cast
+
+from softcal.errors import Fault, InputError
+from softcal.extras import require_extra
+from softcal.plugins.cluster.code import code_hash
+
+if TYPE_CHECKING:
+    import distributed
+
+ANSWER = 5.0  # [s] that a scheduler has to answer
+
+
+class Cluster(Protocol):
+    """What one of Dask's clusters offers that was started for this run."""
+
+    def close(self) -> object:
+        """End its workers and its scheduler."""
+
+
+def dask_client(scheduler: str | Cluster, address: str) -> distributed.Client:
+    """A client of a scheduler, by its address or as a cluster of this process.
+
+    Raises
+    ------
+    InputError
+        Where Dask is not installed, or no scheduler answers.
+    """
+    require_extra("cluster", "distributed", where="--on")
+    import distributed
+
+    try:
+        if isinstance(scheduler, str):
+            # A client of Dask's waits for ever for one that takes the connection and says nothing.
+            with concurrent.futures.ThreadPoolExecutor(1) as thread:  # a notebook's own has an event loop already
+                thread.submit(asyncio.run, _identity(scheduler)).result()
+        return distributed.Client(scheduler, timeout=ANSWER, set_as_default=False, name="softcal")
+    except (OSError, TimeoutError, ValueError, RuntimeError, TypeError) as error:
+        why = str(error).splitlines()[0] if str(error) else f"no answer within {ANSWER:.0f} s"
+        attempt = "dask scheduler on that machine, and its address as it prints it"
+        raise InputError(
+            Fault("no Dask scheduler answers there", "--on", f"'dask:{address}' ({why})", "", attempt)
+        ) from error
+
+
+async def _identity(address: str) -> None:
+    """Ask who is at an address.
+
+    Raises
+    ------
+    OSError, TimeoutError, ValueError
+        Where nobody answers, the address makes no sense, or it is no scheduler's.
+    """
+    from distributed import Security, rpc
+
+    asked = rpc(address, connection_args=Security().get_connection_args("client"))
+    try:
+        found: dict[str, Any] = await asyncio.wait_for(asked.identity(), ANSWER)  # pyright: ignore[reportAssignmentType]
+    finally:
+        await asked.close_rpc()
+    if found.get("type") != "Scheduler":
+        raise ValueError(f"a Dask {str(found.get('type')).lower()}")
+
+
+def require_same_code(client: distributed.Client, address: str) -> None:
+    """Raise where a worker has another softcal or another Python than this process; all such workers at once.
+
+    Raises
+    ------
+    InputError
+        As said.
+    """
+    ours = (get_python_version(), version("softcal"), code_hash())
+    asked: list[tuple[str, Callable[..., Any], tuple[str, ...]]] = [
+        ("Python", get_python_version, ()),
+        ("softcal", version, ("softcal",)),
+        ("softcal's code", code_hash, ()),
+    ]
+    faults: dict[str, Fault] = {}
+    for (what, function, args), own in zip(asked, ours, strict=True):
+        asked_now = _still_asked(client, faults)
+        told = _answers(client, function, args, asked_now)
+        if not told:  # no worker yet, or one that does not answer: the code is compared with every call
+            break
+        for worker, found in told.items():
+            if isinstance(found, BaseException):
+                faults[worker] = Fault(f"the worker {worker} has no usable softcal", "--on", str(found), str(own))
+            elif found != own:
+                shown = (f"{what} {one}" for one in (found, own))
+                faults[worker] = Fault(f"the worker {worker} has another version than this process", "--on", *shown)
+    if faults:
+        same = Fault("the same softcal must be on all machines", "--on", f"'dask:{address}'")
+        raise InputError([*faults.values(), same])
+
+
+def _answers(
+    client: distributed.Client, function: Callable[..., Any], args: tuple[str, ...], workers: list[str]
+) -> dict[str, Any]:
+    """What each worker answers; nothing where one does not: it is asked again with every call."""
+    found: dict[str, Any] = {}
+
+    def ask() -> None:
+        with contextlib.suppress(Exception):  # the connection is closed while it waits
+            found.update(cast("dict[str, Any]", client.run(function, *args, workers=workers, on_error="return")))
+
+    asking = threading.Thread(target=ask, daemon=True)  # a worker that is stopped never answers
+    asking.start()
+    asking.join(ANSWER)
+    return dict(found)
+
+
+def _still_asked(client: distributed.Client, faults: dict[str, Fault]) -> list[str]:
+    return [worker for worker in client.scheduler_info(n_workers=-1)["workers"] if worker not in faults]

@@ -1,0 +1,150 @@
+"""A law fitted to coupon tests: its constants with 95 % intervals, its errors, and where it is stable."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.calibration.parameters import SearchSpace
+from softcal.calibration.result import Estimate
+from softcal.calibration.sensitivity import Statistics, local_estimator, local_statistics
+from softcal.checks import Floats, ReadOnly
+from softcal.display import displayed
+from softcal.materials.law import Law
+from softcal.plugins.coupons.coupon import Coupon
+from softcal.plugins.coupons.fitted_material import FittedMaterial, PredictedCoupon, fitted_material
+from softcal.plugins.coupons.free_constants import FreeConstants
+from softcal.plugins.coupons.history_search import best_values
+from softcal.plugins.coupons.problem import CouponLoss, CouponProblem, coupon_loss
+from softcal.plugins.coupons.small_strain import SmallStrain, small_strain
+from softcal.plugins.coupons.stability import Stability, stability
+
+
+@displayed
+@dataclass(frozen=True)
+class LawFit(ReadOnly):
+    """A law with the constants that fit coupon tests best.
+
+    Attributes
+    ----------
+    constants
+        The law, and which of its constants are fitted.
+    space
+        The bounds of the fit.
+    values
+        The fitted constants (size,) [SI].
+    theta
+        All constants [SI] by name.
+    predicted
+        The nominal stresses [Pa] of each test, shape (n, k) each.
+    errors
+        Kind of test -> root-mean-square error over the root mean square of its nominal stresses [-].
+    error
+        The same over all kinds: the root of the mean square of their rows [-].
+    aic
+        Akaike's information criterion with the correction for few rows [-].
+    statistics
+        Standard errors, intervals and notes; see `local_statistics`.
+    stability
+        Where the law is stable.
+    material
+        What predicts further tests.
+    """
+
+    constants: FreeConstants
+    space: SearchSpace
+    values: Floats
+    theta: Mapping[str, float]
+    predicted: tuple[Floats, ...]
+    errors: Mapping[str, float]
+    error: float
+    aic: float
+    statistics: Statistics
+    stability: Stability
+    material: FittedMaterial
+
+    @property
+    def law(self) -> Law:
+        """The law."""
+        return self.constants.law
+
+    def tests(self, coupons: Sequence[Coupon]) -> list[PredictedCoupon]:
+        """What it says of tests, with bands."""
+        return [self.material.predict(coupon) for coupon in coupons]
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """The fitted constants by name."""
+        return self.statistics.estimates(self.space, self.theta)
+
+    @property
+    def small_strain(self) -> SmallStrain:
+        """Its moduli at small strain."""
+        return small_strain(self.material, self.estimates)
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether the tests determine every fitted constant: each has an interval, or all tests are fitted exactly, and
+        none is at its bound.
+        """
+        found = self.estimates.values()
+        return all((one.interval is not None or self.statistics.is_exact) and not one.at_bound for one in found)
+
+
+def fit_law(constants: FreeConstants, coupons: Sequence[Coupon], reach: float) -> LawFit:
+    """Fit a law to coupon tests; reach: the stretch up to which its stability is looked at.
+
+    Raises
+    ------
+    CalibrationError
+        Where the law's energy does not exist at the measured strains.
+    """
+    problem = CouponProblem(constants, coupons, coupon_loss(coupons))
+    values = best_values(problem)
+    return _concluded(problem, values, reach)
+
+
+def _concluded(problem: CouponProblem, values: Floats, reach: float) -> LawFit:
+    constants, coupons = problem.constants, problem.coupons
+    residuals, predicted = problem.residuals(values), tuple(problem.stresses(values))
+    theta = constants.theta(values)
+    fitted = {name: theta[name] for name in constants.names}
+    space = problem.space_near(values)
+    blocks, z = problem.blocks(values), np.clip(space.to_search(fitted), 0.0, 1.0)
+    found = local_estimator(space, problem.loss, z, blocks)
+    statistics = local_statistics(space, problem.loss, fitted, blocks, found=found)
+    has_intervals = all(ends is not None for ends in statistics.intervals.values())
+    return LawFit(
+        constants,
+        space,
+        values,
+        theta,
+        predicted,
+        relative_errors(problem.loss, coupons, predicted),
+        math.sqrt(float(residuals @ residuals) / len(residuals)),
+        _aic(residuals, len(values)),
+        statistics,
+        stability(constants, values, coupons, reach),
+        fitted_material(constants, values, found, space.jacobian(z), has_intervals=has_intervals),
+    )
+
+
+def relative_errors(loss: CouponLoss, coupons: Sequence[Coupon], predicted: Sequence[Floats]) -> dict[str, float]:
+    """Kind of test -> root-mean-square error of its predicted stresses over its scale [-]."""
+    squares: dict[str, list[Floats]] = {}
+    for coupon, stress in zip(coupons, predicted, strict=True):
+        squares.setdefault(coupon.test, []).append(
+            np.square((stress - coupon.stress) / loss.scales[coupon.test]).ravel()
+        )
+    return {test: math.sqrt(float(np.concatenate(parts).mean())) for test, parts in squares.items()}
+
+
+def _aic(residuals: Floats, size: int) -> float:
+    """Of independent errors of one size: that size counts as a parameter. Infinite where there are too few rows."""
+    n, k = len(residuals), size + 1
+    if n - k - 1 <= 0:
+        return math.inf
+    return n * math.log(max(float(residuals @ residuals), 1e-300) / n) + 2 * k + 2 * k * (k + 1) / (n - k - 1)

@@ -1,0 +1,129 @@
+"""The page of coupon tests: what was tested, which law is recommended and why, and how far it can be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from softcal.plugins.coupons.comparison import LawComparison
+from softcal.plugins.coupons.constants import shown_constants
+from softcal.plugins.coupons.fitted_material import PredictedCoupon
+from softcal.plugins.coupons.plausibility import implausible
+from softcal.plugins.coupons.sentences import conclusions, verdict, warnings, with_history
+from softcal.plugins.coupons.tables import coupons_table, laws_table, limit_texts, moduli_table, percent, tests_table
+from softcal.report.figure import Picture
+from softcal.report.format import joined
+from softcal.report.page import KeyNumber, marks, render
+from softcal.units import plain
+
+
+@dataclass(frozen=True)
+class CouponCharts:
+    """The charts of the page: of the shown law, of several laws (or None), and of what was predicted (or None)."""
+
+    shown: Picture
+    several: Picture | None
+    predicted: Picture | None
+
+
+def render_coupon_page(
+    found: LawComparison,
+    charts: CouponCharts,
+    *,
+    block: str,
+    predicted: Sequence[PredictedCoupon] = (),
+    files: Sequence[str] = (),
+    created: str = "",
+) -> str:
+    """The page as text.
+
+    Parameters
+    ----------
+    block
+        The recommended law as a block of a project file; "" where no law is recommended.
+    predicted
+        What the law that is shown predicts of further tests.
+    files
+        Names of the files of the tests that were fitted.
+    created
+        When the laws were fitted, in ISO 8601.
+    """
+    one, constants = found.shown, shown_constants(found.shown.fit)
+    sources = list(dict.fromkeys(source for constant in constants for source, *_ in constant.shares))
+    plausibility = implausible([*found.coupons, *(p.coupon for p in predicted)])
+    doubts = [*plausibility, *warnings(found, predicted)]
+    fitted = one.fit.tests(found.coupons)
+    return render(
+        Path(__file__).with_name("coupon.html.j2"),
+        title=f"Recommended: {with_history(one)}" if found.recommended else "No law is recommended",
+        subject=_subject(found, files, len(predicted)),
+        law=with_history(one),
+        recommended=found.recommended is not None,
+        created=created,
+        warnings=doubts,
+        verdict=verdict(found),
+        tone="warning" if doubts or found.recommended is None else "good",
+        conclusions=conclusions(found, predicted),
+        constants=constants,
+        legend=sources,
+        marks=marks(sources),
+        key_numbers=key_numbers(found),
+        charts=charts,
+        across=_is_wide(found),
+        coupons=coupons_table(found.coupons, [p.coupon for p in predicted]),
+        laws=laws_table(found),
+        moduli=moduli_table(found),
+        tests=tests_table(one.name, fitted, predicted) if found.history or predicted else None,
+        same_as=found.same_as,
+        left_out=found.left_out,
+        block=block,
+    )
+
+
+def key_numbers(found: LawComparison) -> list[KeyNumber]:
+    """Errors of the shown law, fitted and held out, and up to which stretch it is stable."""
+    one = found.shown
+    stability = one.fit.stability
+    by_kind = joined(f"{100 * error:.1f} % {test}" for test, error in one.fit.errors.items())
+    kinds = f": {by_kind}" if len(one.fit.errors) > 1 else ""
+    least = min(stability.limits, key=lambda mode: stability.limits[mode] or stability.reach)
+    looked = f"looked at up to {plain(stability.reach, 3)}"
+    if any(end is not None for end in stability.limits.values()):
+        looked = "; ".join([*(f"{mode} {text}" for mode, text in limit_texts(stability).items()), looked])
+    if not stability.in_tests:
+        looked += "; unstable in a measured state"
+    worst = max(one.held_out, key=lambda name: one.held_out[name])
+    held = f"{found.kept_out} by the others; most in {worst}: {percent(one.held_out[worst], 1)}"
+    (fitted, _, unit), (missed, _, missed_unit) = (
+        percent(share, 1).partition(" ") for share in (one.fit.error, one.held_out_error)
+    )
+    return [
+        KeyNumber("Error, fitted", fitted, unit, f"of the root mean square of the stresses{kinds}"),
+        KeyNumber("Error, held out", missed, missed_unit, held),
+        KeyNumber(
+            "Stable up to a stretch of",
+            plain(stability.limits[least] or stability.reach, 3),
+            "",
+            looked,
+        ),
+    ]
+
+
+def _is_wide(found: LawComparison) -> bool:
+    """Whether the chart has columns for several stresses, and needs the width of the page."""
+    return len({(coupon.test, axis) for coupon in found.coupons for axis in coupon.kind.axes}) > 1
+
+
+def _subject(found: LawComparison, files: Sequence[str], n_predicted: int) -> str:
+    """What was tested and fitted, in a sentence."""
+    tests = [coupon.test for coupon in found.coupons]
+    counted = joined(f"{tests.count(t)} {t} test{'s' * (tests.count(t) > 1)}" for t in dict.fromkeys(tests))
+    rows = sum(len(coupon.strain) for coupon in found.coupons)
+    source = f" from {joined(files)}" if files else ""
+    n = len(found.laws)
+    laws = f"{n} laws compared" if n > 1 else "one law fitted"
+    history = f", each with {joined(found.history)}" if found.history and n > 1 else ""
+    further = f"; {n_predicted} further test{'s' * (n_predicted > 1)} predicted" if n_predicted else ""
+    stated = f"Poisson's ratio ({plain(found.poissons_ratio, 4)}) is stated, not measured."
+    return f"{counted}, {rows} rows{source}; {laws}{history}{further}. {stated}"

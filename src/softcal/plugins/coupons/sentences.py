@@ -1,0 +1,160 @@
+"""What coupon tests and the laws fitted to them say, in sentences: the recommended law and why, and what to doubt."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from softcal.calibration.sensitivity import ONE_EXPERIMENT, not_included
+from softcal.plugins.coupons.comparison import ComparedLaw, LawComparison
+from softcal.plugins.coupons.fitted_material import PredictedCoupon
+from softcal.plugins.coupons.tables import modulus_texts, percent
+from softcal.report.conclusions import Sentence
+from softcal.report.format import joined
+from softcal.units import format_quantity, plain
+
+HOLDS = 0.8
+"""A 95 % band that holds less of a test than this is too narrow for it: the rows of a test are not independent."""
+
+
+def verdict(found: LawComparison) -> str:
+    """Which law is recommended, and why."""
+    chosen = found.recommended
+    up_to = _measured(found)
+    if chosen is None:
+        return f"No law is recommended: none is stable {up_to}, with constants that the tests determine."
+    return (
+        f"Recommended: {with_history(chosen)}, stable {up_to}. Where {found.kept_out} is predicted by the others its "
+        f"error is {percent(chosen.held_out_error, 1)}, nearly the least of the stable laws with constants that the "
+        "tests determine, and it has the fewest constants of those."
+    )
+
+
+def moduli(one: ComparedLaw) -> str:
+    """The moduli of a law at small strain, and what its constants have to do with them."""
+    at = one.fit.small_strain
+    E, ends = modulus_texts(at)
+    G = format_quantity(at.shear_modulus, "Pa", digits=3)
+    long_after = " after a long time" if one.fit.constants.parts else ""
+    return (
+        f"At small strain{long_after} {one.name} has E = {E}{f' ({ends})' if ends else ''} and "
+        f"ν = {plain(at.poissons_ratio, 4)}, which is stated: its shear modulus is {at.formula} = {G}. "
+        "Rods use these moduli at any strain."
+    )
+
+
+def with_history(one: ComparedLaw) -> str:
+    """A law with its history: "yeoh with maxwell-2"."""
+    return " with ".join([one.name, *[joined(one.fit.constants.parts)] * bool(one.fit.constants.parts)])
+
+
+def warnings(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> list[str]:
+    """What a reader must know before the numbers: of the shown law, and of bands that do not hold a further test."""
+    one = found.shown
+    return [*_unstable(one), *_undetermined(one), *_bands_missed(predicted)]
+
+
+def conclusions(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> list[Sentence]:
+    """On the stability, on laws that are nearer and not recommended, on the specimens, and on each prediction; warnings
+    first.
+    """
+    said: list[Sentence] = []
+    one = found.shown
+    if one.fit.stability.is_stable:
+        said.append(Sentence(_stable(one), "good"))
+    nearer = [f"{other.name} ({percent(other.held_out_error, 1)}, {_why_not(other)})" for other in _nearer(found)]
+    if nearer:
+        text = f"Nearer on what was held out, and not recommended: {joined(nearer)}."
+        said.append(Sentence(text, "note"))
+    said.append(_specimens(found, one))
+    said.append(Sentence(moduli(one), "note"))
+    said += [_prediction(p) for p in predicted if p.is_measured]
+    of_robots = ONE_EXPERIMENT, not_included(())
+    said += [Sentence(note.text, note.level) for note in one.fit.statistics.notes if note.text not in of_robots]
+    return sorted(said, key=lambda sentence: sentence.tone != "warning")
+
+
+def _measured(found: LawComparison) -> str:
+    sizes = ", ".join(f"{plain(size, 3)} {mode}" for mode, size in found.laws[0].fit.stability.measured.items())
+    return f"up to strains of the size measured (stretches of {sizes})"
+
+
+def _unstable(one: ComparedLaw) -> list[str]:
+    stability = one.fit.stability
+    if stability.is_stable:
+        return []
+    ends = [
+        f"{mode} tension from a stretch of {plain(end, 3)}" if end > 1.0 else f"{mode} tension from rest on"
+        for mode, end in stability.limits.items()
+        if end is not None and end <= stability.measured[mode]
+    ]
+    where = joined(ends) if ends else "a measured state"
+    return [f"{one.name} is unstable within strains of the size measured: in {where}. A simulation may give way there."]
+
+
+def _undetermined(one: ComparedLaw) -> list[str]:
+    bound = [name for name, e in one.fit.estimates.items() if e.at_bound]
+    open_ = [name for name, e in one.fit.estimates.items() if e.interval is None and not e.at_bound]
+    found = [f"The tests do not determine {joined(bound)} of {one.name}: at the bound of the search."] * bool(bound)
+    return found + [f"The tests do not determine {joined(open_)} of {one.name}: without an interval."] * bool(open_)
+
+
+def _bands_missed(predicted: Sequence[PredictedCoupon]) -> list[str]:
+    missed = [p for p in predicted if p.is_measured and p.inside < HOLDS]
+    if not missed:
+        return []
+    shares = joined(f"{percent(p.inside, 0)} of {p.coupon.name}" for p in missed)
+    return [f"The 95 % band is too narrow for tests that were not fitted: it holds {shares}."]
+
+
+def _stable(one: ComparedLaw) -> str:
+    stability = one.fit.stability
+    ends = [f"{plain(end, 3)} in {mode}" for mode, end in stability.limits.items() if end is not None]
+    if not ends:
+        text = f"up to a stretch of {plain(stability.reach, 3)}, the largest that was looked at"
+        return f"{one.name} is stable in {joined(stability.limits)} tension {text}."
+    beyond = f"beyond strains of the size measured: from a stretch of {joined(ends)} tension"
+    return f"{one.name} gives way only {beyond}."
+
+
+def _nearer(found: LawComparison) -> list[ComparedLaw]:
+    chosen = found.recommended
+    if chosen is None:
+        return []
+    return [one for one in found.laws if one.held_out_error < chosen.held_out_error]
+
+
+def _why_not(one: ComparedLaw) -> str:
+    n = len(one.fit.values)
+    return " and ".join(one.doubts) or f"{n} constants for nearly the same error"
+
+
+def _specimens(found: LawComparison, one: ComparedLaw) -> Sentence:
+    """How far the bands hold for another specimen."""
+    material, n = one.fit.material, len(found.coupons)
+    if material.covariance is None:
+        return Sentence(f"{one.name} has no 95 % bands: not all of its constants have intervals.", "warning")
+    names = [name for name, spread in zip(material.constants.names, material.spread, strict=True) if spread > 0.0]
+    if names:
+        return Sentence(f"The tests differ, in {joined(names)}: the 95 % bands include how far.", "good")
+    if n == 1:
+        text = "One test does not show how far specimens differ: the 95 % bands may be too narrow for another specimen."
+    else:
+        text = (
+            f"The {n} tests do not show how far specimens differ: the 95 % bands do not include it, and may be too "
+            "narrow for another specimen."
+        )
+    return Sentence(text, "warning")
+
+
+def _prediction(one: PredictedCoupon) -> Sentence:
+    """Of a measured test that was not fitted: its errors, its band, and whether a factor explains them."""
+    text = f"{one.coupon.name}, which was not fitted, is predicted with an NMAD of {percent(one.nmad, 2)}"
+    holds = np.isfinite(one.inside)
+    text += f"; the 95 % band holds {percent(one.inside, 0)} of its stresses." if holds else "; it has no band."
+    if math.isfinite(one.factor) and math.isfinite(one.nmad_by_factor):
+        better = f"the NMAD would be {percent(one.nmad_by_factor, 2)}"
+        text += f" With the predicted stresses times {plain(one.factor, 3)} {better}."
+    return Sentence(text, "good" if holds and one.inside >= HOLDS else "warning")

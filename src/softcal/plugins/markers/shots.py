@@ -1,0 +1,165 @@
+"""Image files: their grouping into states of the robot, and reading.
+
+By name, `cable6_2kgf_01.png` and `cable6_2kgf_02.png` are images 01 and 02 of the state `cable6_2kgf`: a number at the
+end, after `_`, `-` or a space, distinguishes images of one state. By folder, the images in one folder show one state.
+By image, each shows its own.
+"""
+
+from __future__ import annotations
+
+import glob
+import io
+import os
+import re
+import warnings
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from softcal.errors import DatasetError, Fault, InputError, StorageError
+from softcal.plugins.markers.camera import Image
+
+Grouping = Literal["name", "folder", "image"]
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm")
+
+_LARGEST = 2**29  # bytes of a file
+_TAIL = 2**16  # bytes at the end of a JPEG file that are searched for its end marker
+_MOST_PIXELS = 2**26  # of an image, of which some decoders take eight bytes each
+_FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP", "PPM")  # Pillow's names of those of SUFFIXES
+
+_NUMBERED = re.compile(r"(?P<group>.*[^\W_].*?)[-_ ]+(?P<number>\d+)")
+
+
+@dataclass(frozen=True)
+class Shot:
+    """An image. group: its state; number: distinguishes the images of a state, "" if there is only one."""
+
+    path: Path
+    group: str
+    number: str
+
+
+def find_shots(given: Sequence[str | Path], group_by: Grouping = "name") -> tuple[Shot, ...]:
+    """The images given by files, folders (with one level of subfolders) and patterns such as `run1/*.png`.
+
+    Raises
+    ------
+    InputError
+        For an unknown grouping.
+    StorageError
+        If an argument matches no image; all of them are named.
+    DatasetError
+        If two images of one state have the same number.
+    """
+    if group_by not in get_args(Grouping):
+        allowed = ", ".join(get_args(Grouping))
+        raise InputError(Fault("images cannot be grouped so", "--group-by", f"'{group_by}'", allowed))
+    faults: list[Fault] = []
+    paths: dict[Path, None] = {}
+    for one in given:
+        found = _images(Path(one).expanduser())
+        if not found:
+            kinds = ", ".join(suffix.lstrip(".") for suffix in SUFFIXES)
+            faults.append(Fault("there is no image", str(one), allowed=f"a file, folder or pattern of {kinds}"))
+        paths.update(dict.fromkeys(found))
+    if not given:
+        faults.append(Fault("no image is given", allowed="files, folders or patterns such as 'run1/*.png'"))
+    if faults:
+        raise StorageError(faults)
+    shots = tuple(_shot(path, group_by) for path in paths)
+    _check_numbers(shots)
+    return shots
+
+
+def read_image(path: Path) -> Image:
+    """The image in grey, shape (height, width).
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be read or contains no image.
+    """
+    import cv2
+
+    try:
+        with path.open("rb") as file:
+            is_large = os.fstat(file.fileno()).st_size > _LARGEST
+            raw = b"" if is_large else file.read(_LARGEST)
+    except OSError as error:
+        raise StorageError(Fault("the image cannot be read", str(path), error.strerror or str(error))) from error
+    if is_large:
+        raise StorageError(Fault("the image is too large", str(path), allowed=f"{_LARGEST} bytes"))
+    # OpenCV fills the missing part of a truncated JPEG file with grey.
+    if raw.startswith(b"\xff\xd8") and b"\xff\xd9" not in raw[-_TAIL:]:
+        raise StorageError(Fault("the image is cut off", str(path), f"{len(raw)} bytes", "a whole JPEG file"))
+    data = np.frombuffer(raw, dtype=np.uint8)
+    # A photo's orientation tag is not applied: the calibration refers to the sensor's pixels.
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+    # Suppress OpenCV's own messages; the fault is reported below.
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        image = cv2.imdecode(data, flags) if _is_decodable(raw) else None
+    except (cv2.error, MemoryError):
+        image = None
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    if image is None:
+        allowed = f"a whole image of at most {_MOST_PIXELS} pixels"
+        raise StorageError(Fault("the file holds no image that can be read", str(path), f"{data.size} bytes", allowed))
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _is_decodable(raw: bytes) -> bool:
+    """Whether a file says that it is an image of a size that can be decoded; OpenCV takes the memory that any names."""
+    from PIL import Image
+
+    with warnings.catch_warnings(action="ignore"):  # Pillow's own limit is another
+        try:
+            with Image.open(io.BytesIO(raw), formats=_FORMATS) as image:
+                image.verify()  # that the parts of a PNG are whole
+                return image.width * image.height <= _MOST_PIXELS
+        except Exception:  # noqa: BLE001 (whatever the reader of a format raises)
+            return False
+
+
+def _images(path: Path) -> list[Path]:
+    if os.path.isfile(path):  # unlike Path.is_file, False for a path that the system cannot handle
+        return [path]
+    if os.path.isdir(path):
+        return _pictures(path.glob("*")) or _pictures(path.glob("*/*"))
+    return _pictures(Path(entry) for entry in glob.glob(str(path), recursive=True))
+
+
+def _pictures(entries: Iterable[Path]) -> list[Path]:
+    return sorted(path for path in entries if path.suffix.lower() in SUFFIXES and path.is_file())
+
+
+def _shot(path: Path, group_by: Grouping) -> Shot:
+    if group_by == "folder":
+        return Shot(path, path.absolute().parent.name, path.stem)
+    match = _NUMBERED.fullmatch(path.stem)
+    if group_by == "image" or match is None:
+        return Shot(path, path.stem, match["number"] if match else "")
+    return Shot(path, match["group"], match["number"])
+
+
+def _check_numbers(shots: Sequence[Shot]) -> None:
+    first: dict[tuple[str, str], Shot] = {}
+    faults: list[Fault] = []
+    for shot in shots:
+        other = first.setdefault((shot.group, shot.number), shot)
+        if other is not shot:
+            faults.append(
+                Fault(
+                    f"two images have the same name and number in the state '{shot.group}'",
+                    str(shot.path),
+                    f"{other.path} as well",
+                    attempt="--group-by folder, where each folder holds the images of one state",
+                )
+            )
+    if faults:
+        raise DatasetError(faults)

@@ -1,0 +1,160 @@
+"""Conversion of SOFA's states at rest to the twin's channels, sample by sample, and to shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+from scipy.spatial.transform import Rotation
+
+from softcal.checks import Floats
+from softcal.mechanics.cable import cables_of
+from softcal.plugins.sofa.scene import begins_first
+from softcal.sensing.channel import kinds
+from softcal.sensing.sensors.cable import TENSION
+from softcal.twin.build import Twin
+from softcal.twin.protocol import Protocol
+from softcal.twin.response import Snapshot
+from softcal.twin.robot import Cable
+from softcal.twin.sensors import angle_columns, channel_units, read_all
+
+SAME = 1e-9  # of a cable's length: difference below which two shortenings are equal
+Record = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class SofaSamples:
+    """Channels at the reached samples (n, n_channels), and their slopes by the driven cable's command.
+
+    error: error of the interpolation over each unit's largest value; 0 if every sample is a state.
+    """
+
+    values: Floats
+    slopes: Floats | None
+    error: float = 0.0
+
+
+@dataclass(frozen=True)
+class RecordPosture:
+    """A record as sensors see it."""
+
+    record: Record
+
+    def point(self, name: str) -> Floats:
+        """Position (3,) [m] of a marker or plate."""
+        if name in self.record["plates"]:
+            return _pose(self.record["plates"][name])[0]
+        return np.array(self.record["markers"][name], dtype=float)
+
+    def rotation(self, plate: str) -> Floats:
+        """Rotation (3, 3) of a plate."""
+        return _pose(self.record["plates"][plate])[1]
+
+    def shortening(self, cable: str) -> float:
+        """Shortening [m] of a cable."""
+        return self.record["cables"][cable]["shortening"]
+
+    def tension(self, cable: str) -> float:
+        """Tension [N] of a cable."""
+        return self.record["cables"][cable]["tension"]
+
+
+def table(twin: Twin, records: Sequence[Record]) -> Floats:
+    """Records as rows, with unwrapped angles."""
+    values = np.array([read_all(twin, RecordPosture(record)) for record in records])
+    values = values.reshape(len(records), len(twin.columns))
+    turns = angle_columns(twin)
+    values[:, turns] = np.unwrap(values[:, turns], axis=0)
+    return values
+
+
+def along_one_cable(
+    twin: Twin, protocol: Protocol, cable: str, states: Floats, records: Sequence[Record]
+) -> SofaSamples:
+    """The samples of the driven cable, interpolated by a cubic spline between states along its control.
+
+    The first record is the robot with all cables slack. Nothing moves until the cable becomes taut.
+    """
+    i = [one.name for one in twin.robot.cables].index(cable)
+    command = protocol.commands[cable]
+    own = twin.column(cable, kinds()[command.control])
+    rows = table(twin, records)
+    taut_at = rows[0, own] if command.control == "shortening" else 0.0
+    rows[0, twin.column(cable, TENSION)] = 0.0
+    reached = states[: len(rows) - 1]
+    taut = reached > taut_at + SAME * float(cables_of(twin.system).rest_length[i])
+    c = np.append(taut_at, reached[taut])
+    nodes = np.vstack([rows[:1], rows[1:][taut]])
+    given = command.values
+    far = given > c[-1] + 1e-12 * abs(c[-1]) if len(reached) < len(states) else np.zeros(len(given), dtype=bool)
+    n = int(np.argmax(far)) if far.any() else len(given)
+    if len(reached) == 0 and len(states):
+        n = 0
+    if len(c) == 1:
+        values, slopes = np.repeat(nodes, n, axis=0), np.zeros((n, nodes.shape[1]))
+    else:
+        spline = make_interp_spline(c, nodes, k=min(3, len(c) - 1))
+        at = np.clip(given[:n], c[0], c[-1])
+        values, slopes = spline(at), spline(at, 1)
+        slopes[given[:n] <= taut_at] = 0.0
+    values[:, own] = given[:n]
+    slopes[:, own] = 1.0
+    between = not np.isin(given[:n][given[:n] > taut_at], states).all()
+    return SofaSamples(values, slopes, _spline_error(twin, c, nodes) if between else 0.0)
+
+
+def row_by_row(twin: Twin, protocol: Protocol, records: Sequence[Record]) -> SofaSamples:
+    """One record per sample, after that of the slack robot."""
+    rows = table(twin, records)[1:]
+    for cable, command in protocol.commands.items():
+        rows[:, twin.column(cable, kinds()[command.control])] = command.values[: len(rows)]
+    return SofaSamples(rows, None)
+
+
+def shapes(
+    twin: Twin, protocol: Protocol, records: Sequence[Record], states: Sequence[Mapping[str, float]]
+) -> tuple[Snapshot, ...]:
+    """The records as shapes; the one at rest first."""
+    commanded: list[Mapping[str, float]] = [dict.fromkeys(protocol.commands, 0.0), *states]
+    found: list[Snapshot] = []
+    for record, controls in zip(records, commanded, strict=False):
+        label = "at rest" if record is records[0] else f"state {record['state']}"
+        found.append(
+            Snapshot(
+                label=label,
+                points={name: np.array(points) for name, points in record["points"].items()},
+                cables={cable.name: _line(cable, record) for cable in twin.robot.cables},
+                plates={name: _pose(at) for name, at in record["plates"].items()},
+                controls=dict(controls),
+                tensions={name: float(cable["tension"]) for name, cable in record["cables"].items()},
+                rods={name: np.array(points) for name, points in record["rods"].items()},
+                markers={name: np.array(at) for name, at in record["markers"].items()},
+            )
+        )
+    return tuple(found)
+
+
+def _line(cable: Cable, record: Record) -> Floats:
+    """The cable's points in the robot's order; the scene's order starts at the pull point."""
+    points = np.array(record["cables"][cable.name]["points"])
+    return points if begins_first(cable) else points[::-1]
+
+
+def _pose(at: Sequence[float]) -> tuple[Floats, Floats]:
+    """Position and rotation from x, y, z and a quaternion (x, y, z, w)."""
+    return np.array(at[:3], dtype=float), Rotation.from_quat(at[3:]).as_matrix()
+
+
+def _spline_error(twin: Twin, c: Floats, nodes: Floats) -> float:
+    """Error estimate of the spline: a sixteenth of the change by omitting every second state."""
+    if len(c) < 5:
+        return float("nan")
+    kept = np.union1d(np.arange(0, len(c), 2), [len(c) - 1])
+    coarse: BSpline = make_interp_spline(c[kept], nodes[kept], k=min(3, len(kept) - 1))
+    units = np.array(list(channel_units(twin).values()))
+    largest = np.abs(nodes).max(axis=0)
+    scale = np.array([largest[units == unit].max() for unit in units]) + 1e-300
+    return float((np.abs(coarse(c) - nodes) / scale).max() / 16.0)

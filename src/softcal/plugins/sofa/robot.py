@@ -1,0 +1,189 @@
+"""Conversion of a robot for SOFA: linear tetrahedra, SOFA's laws, only supported features."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softcal.checks import Ints
+from softcal.errors import Fault, ParameterError
+from softcal.export.cable_faults import cable_faults
+from softcal.export.history_faults import history_faults
+from softcal.export.left_out_contact import contact_faults
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.quadratic import linear_numbers
+from softcal.geometry.varied_section import VariedSection
+from softcal.materials.catalogue import LAWS
+from softcal.mechanics.elements import P1
+from softcal.plugins.sofa.laws import MATERIALS
+from softcal.plugins.sofa.rods import linear_rod
+from softcal.twin.bores import bores
+from softcal.twin.robot import Body, Moment, Robot, SurfaceLoad
+
+ITS_ELEMENT = P1.name
+STAND_IN = "neo-hooke"  # its law for those by E and nu that it does not have
+
+
+def scene_faults(robot: Robot) -> list[Fault]:
+    """Faults of features that SOFA with SoftRobots does not support."""
+    faults = cable_faults(robot, "SOFA")
+    faults += [
+        Fault(
+            "in SOFA a via point is attached to one element, not to the wall of a bore",
+            where=cable,
+            got=f"via points {', '.join(str(i + 1) for i in held)} in bores",
+            attempt="a model with the bores closed",
+        )
+        for cable, held in bores(robot).items()
+    ]
+    faults += [
+        Fault(
+            "a body or rod of several materials cannot be exported to SOFA",
+            where=whole.name,
+            got=", ".join(part.name for part in whole.inclusions),
+            attempt="one of one material, or two bodies tied together",
+        )
+        for whole in (*robot.bodies, *robot.rods)
+        if whole.inclusions
+    ]
+    faults += [
+        Fault("a rod whose section varies cannot be exported to SOFA", rod.name, attempt="a rod of one section")
+        for rod in robot.rods
+        if isinstance(rod.section, VariedSection)
+    ]
+    faults += point_faults(robot, "SOFA")
+    return [*faults, *contact_faults(robot, "SOFA"), *history_faults(robot, "SOFA"), *law_faults(robot)]
+
+
+def point_faults(robot: Robot, program: str) -> list[Fault]:
+    """Faults of moments, and of points that rods carry without a plate, which exports do not represent."""
+    rods = {rod.name for rod in robot.rods}
+    points = {via.on: cable.name for cable in robot.cables for via in cable.via_points}
+    points |= {part.on: part.name for part in (*robot.loads, *robot.markers)}
+    faults = [
+        Fault(f"a point on a rod cannot be exported to {program}", points[name], name, attempt="a plate clamped to it")
+        for name in sorted(rods & points.keys())
+    ]
+    return faults + [
+        Fault(f"a moment cannot be exported to {program}", load.name, attempt="two forces")
+        for load in robot.loads
+        if isinstance(load, Moment)
+    ]
+
+
+def law_faults(robot: Robot) -> list[Fault]:
+    """Faults of bodies whose law SOFA does not have with linear tets, and whose constants are not E and nu, so that
+    they cannot be identified anew.
+    """
+    by = " and ".join(LAWS.named(STAND_IN).names)
+    return [
+        Fault(
+            "SOFA does not support this law" if body.law not in MATERIALS else "SOFA has this law in linear tets only",
+            where=f"{body.name}.law",
+            got=f"{body.law}, {body.element}",
+            allowed=f"{', '.join(MATERIALS)} with element {ITS_ELEMENT}, or a law by {by}",
+            attempt="a twin with one of these, calibrated on the same experiments",
+        )
+        for body in robot.bodies
+        if not _has_stand_in(body.law) and not is_its_own(body)
+    ]
+
+
+def _has_stand_in(law: str) -> bool:
+    return set(LAWS.named(law).names) == set(LAWS.named(STAND_IN).names)
+
+
+def is_its_own(body: Body) -> bool:
+    """Whether SOFA has the body's element and law."""
+    return body.element == ITS_ELEMENT and body.law in MATERIALS
+
+
+def element_faults(robot: Robot) -> list[Fault]:
+    """Faults of bodies with an element or a law that SOFA lacks."""
+    return [
+        Fault(
+            "SOFA does not have this element or law",
+            where=body.name,
+            got=f"{body.element}, {body.law}",
+            allowed=f"{ITS_ELEMENT}, {', '.join(MATERIALS)}",
+            attempt=f"element: {ITS_ELEMENT}, law: {STAND_IN} in the project: what is found then holds for its mesh",
+        )
+        for body in robot.bodies
+        if not is_its_own(body) and _has_stand_in(body.law)
+    ]
+
+
+@dataclass(frozen=True)
+class LinearRobot:
+    """A robot of linear tets in laws that SOFA has, without unused nodes, fixed plates and contact.
+
+    still: names of the fixed plates; their nodes and points are fixed in space.
+    """
+
+    robot: Robot
+    still: tuple[str, ...]
+
+
+def linear_robot(robot: Robot) -> LinearRobot:
+    """The robot with only the corner nodes of its meshes, renumbered, without contact; its parameters are unchanged.
+
+    Raises
+    ------
+    ParameterError
+        For unsupported features.
+    """
+    if faults := scene_faults(robot):
+        raise ParameterError(faults)
+    still = tuple(plate.name for plate in robot.plates if plate.fixed)
+    old = {body.name: body for body in robot.bodies}
+    meshes = {body.name: _corner_mesh(body.mesh) for body in robot.bodies}
+
+    def numbers(body: str, nodes: Ints) -> Ints:
+        return _renumbered(old[body].mesh, nodes)
+
+    def fixed(body: str) -> Ints:
+        on_still = [numbers(body, plate.nodes[body]) for plate in robot.plates if plate.fixed and body in plate.nodes]
+        return np.unique(np.concatenate([numbers(body, old[body].fixed), *on_still]))
+
+    bodies = tuple(
+        replace(body, mesh=meshes[body.name], element=ITS_ELEMENT, law=_its_law(body), fixed=fixed(body.name))
+        for body in robot.bodies
+    )
+    plates = tuple(
+        replace(plate, nodes={} if plate.fixed else {name: numbers(name, nodes) for name, nodes in plate.nodes.items()})
+        for plate in robot.plates
+    )
+    ties = tuple(replace(tie, nodes=numbers(tie.body, tie.nodes)) for tie in robot.ties)
+    loads = tuple(
+        replace(load, faces=_renumbered(old[load.on].mesh, load.faces[:, :3]))
+        if isinstance(load, SurfaceLoad)
+        else load
+        for load in robot.loads
+    )
+    # SOFA's forces act at points.
+    cables = tuple(
+        replace(
+            cable, via_points=tuple(replace(v, on="" if v.on in still else v.on, radius=0.0) for v in cable.via_points)
+        )
+        for cable in robot.cables
+    )
+    rods = tuple(linear_rod(rod, still) for rod in robot.rods)
+    return LinearRobot(
+        replace(robot, bodies=bodies, rods=rods, plates=plates, ties=ties, loads=loads, cables=cables, contact=None),
+        still,
+    )
+
+
+def _its_law(body: Body) -> str:
+    return body.law if body.law in MATERIALS else STAND_IN
+
+
+def _corner_mesh(mesh: TetMesh) -> TetMesh:
+    return TetMesh(mesh.points[mesh.corners], _renumbered(mesh, mesh.tets[:, :4]))
+
+
+def _renumbered(mesh: TetMesh, nodes: Ints) -> Ints:
+    """New numbers of corner nodes; nodes of a list that are no corners are omitted."""
+    found = linear_numbers(mesh)[nodes]
+    return found[found >= 0] if found.ndim == 1 else found

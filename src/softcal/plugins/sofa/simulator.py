@@ -1,0 +1,213 @@
+"""SOFA as a replacement of softcal's statics: the same robot and protocol, run to rest in SOFA's processes.
+
+The engine has `simulate`'s signature. SOFA has no derivatives: they are forward differences, since states at rest are
+accurate to five digits and more, and a least-squares search needs some ten times three simulations where TPE needs a
+thousand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import ParameterError
+from softcal.export.left_out_contact import left_out_by
+from softcal.plugins.sofa.install import Sofa, find_sofa
+from softcal.plugins.sofa.process import ProcessOutcome, run_states
+from softcal.plugins.sofa.response import SofaSamples, along_one_cable, row_by_row, shapes
+from softcal.plugins.sofa.robot import LinearRobot, element_faults, linear_robot, scene_faults
+from softcal.plugins.sofa.settings import SofaSettings
+from softcal.twin.build import Twin, twin_of
+from softcal.twin.parameters import robot_parameters, unknown_name, with_parameters
+from softcal.twin.protocol import Command, Protocol, command_faults
+from softcal.twin.response import Response, by_column
+from softcal.twin.robot import Robot
+from softcal.twin.sensors import channel_units
+
+STEP = 2e-2  # finite-difference step over a parameter's value, or over its distance from an excluded limit
+STEPS_FROM_ZERO = {"kg/m^3": 10.0, "kg": 1e-3, "N": 1e-3}
+COMMAND_STEPS = {"tension": 1e-2, "shortening": 1e-4}  # [N], [m]
+
+
+@dataclass(frozen=True)
+class SofaEngine:
+    """SOFA as a simulator.
+
+    For one driven cable, at most `states` shortenings or tensions are run to rest, and the samples are interpolated by
+    a cubic spline; with several driven cables every sample is run to rest.
+    """
+
+    sofa: Sofa
+    settings: SofaSettings = field(default_factory=SofaSettings)
+
+    def require(self, robot: Robot) -> None:
+        """Check that SOFA supports a robot.
+
+        Raises
+        ------
+        ParameterError
+            For friction and stretch of cables, and elements and laws that SOFA lacks.
+        """
+        if faults := [*scene_faults(robot), *element_faults(robot)]:
+            raise ParameterError(faults)
+
+    def __call__(
+        self,
+        robot: Robot,
+        protocol: Protocol,
+        theta: Mapping[str, float] | None = None,
+        *,
+        sensitivities: Sequence[str] = (),
+        snapshots: bool = False,
+    ) -> Response:
+        """The response at rest without contact, else as that of `simulate`; `n_factorisations` counts SOFA's steps.
+
+        Raises
+        ------
+        ParameterError
+            For a robot or a value that SOFA does not support, an unknown parameter or cable, or a command that no cable
+            can follow.
+        MeshError
+            For a robot that cannot be built.
+        """
+        robot = with_parameters(robot, theta or {})
+        known = robot_parameters(robot)
+        commanded = protocol.drives
+        self.require(robot)
+        faults = command_faults(robot, protocol)
+        faults += [unknown_name(n, {**known, **commanded}) for n in sensitivities if n not in {**known, **commanded}]
+        if faults:
+            raise ParameterError(faults)
+        remarks = "" if robot.contact is None else left_out_by("SOFA")
+        run = _EngineRun(self, protocol, linear_robot(robot), remarks)
+        return run.response(sensitivities, snapshots)
+
+
+def sofa_engine(settings: SofaSettings | None = None) -> SofaEngine:
+    """The engine of the SOFA that SOFA_ROOT names.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it has no SoftRobots.
+    """
+    return SofaEngine(find_sofa(), settings or SofaSettings())
+
+
+@dataclass
+class _EngineRun:
+    """One protocol on one robot, and on its variants for finite differences."""
+
+    engine: SofaEngine
+    protocol: Protocol
+    linear: LinearRobot
+    remarks: str = ""
+    steps: int = 0
+
+    @property
+    def driven(self) -> list[str]:
+        commands = self.protocol.commands.items()
+        return [n for n, command in commands if command.control == "shortening" or np.any(command.values != 0.0)]
+
+    def response(self, sensitivities: Sequence[str], snapshots: bool) -> Response:
+        twin = twin_of(self.linear.robot)
+        outcome = self._outcome(self.linear, self.protocol, shapes=snapshots)
+        seen = self._samples(twin, self.protocol, outcome)
+        n_samples = self.protocol.n_samples
+        succeeded = not outcome.failure and len(seen.values) == n_samples
+        by_name: dict[str, Floats] = {}
+        failure = outcome.failure
+        if succeeded:
+            for name in sensitivities:
+                by_name[name], failure = self._derivative(name, seen)
+                if failure:
+                    succeeded, by_name = False, {}
+                    failure = f"No derivative by {name}: {failure}"
+                    break
+        units = channel_units(twin)
+        return Response(
+            channels=by_column(units, seen.values),
+            units=units,
+            status=self._status(outcome, seen) if succeeded else f"SOFA: {failure}.",
+            succeeded=succeeded,
+            n_factorisations=self.steps,
+            sensitivities={
+                channel: {name: values[:, k] for name, values in by_name.items()} for k, channel in enumerate(units)
+            },
+            slopes={} if seen.slopes is None else by_column(units, seen.slopes),
+            snapshots=shapes(twin, self.protocol, outcome.records, self._states(self.protocol)) if snapshots else (),
+            tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
+            remarks=self.remarks,
+        )
+
+    def _status(self, outcome: ProcessOutcome, seen: SofaSamples) -> str:
+        n_states, shortest = len(outcome.records), min(record["dt"] for record in outcome.records)
+        text = f"Solved by SOFA: {n_states} states at rest, {self.steps} steps, the shortest of {shortest:g} s."
+        if seen.error > 0.0:
+            text += f" Samples: cubic spline, with an error of about {seen.error:.1g} of the largest value."
+        elif np.isnan(seen.error):
+            text += " Samples: a spline through too few states to estimate its error."
+        return f"{text} {self.remarks}".rstrip()
+
+    def _along(self, protocol: Protocol) -> Floats:
+        """Ascending commands of the driven cable that are run to rest."""
+        command = protocol.commands[self.driven[0]]
+        # Zero tension is the first state anyway; zero shortening need not be slack.
+        unique = np.unique(command.values if command.control == "shortening" else command.values[command.values > 0.0])
+        if len(unique) <= self.engine.settings.states:
+            return unique
+        return np.linspace(unique[0], unique[-1], self.engine.settings.states)
+
+    def _states(self, protocol: Protocol) -> list[Mapping[str, float]]:
+        if not self.driven:
+            return []
+        if len(self.driven) == 1:
+            return [{self.driven[0]: float(value)} for value in self._along(protocol)]
+        return [
+            {name: float(protocol.commands[name].values[i]) for name in self.driven} for i in range(protocol.n_samples)
+        ]
+
+    def _outcome(self, linear: LinearRobot, protocol: Protocol, *, shapes: bool = False) -> ProcessOutcome:
+        engine = self.engine
+        outcome = run_states(engine.sofa, linear, protocol, self._states(protocol), engine.settings, shapes=shapes)
+        self.steps += outcome.steps
+        return outcome
+
+    def _samples(self, twin: Twin, protocol: Protocol, outcome: ProcessOutcome) -> SofaSamples:
+        if not outcome.records:
+            return SofaSamples(np.zeros((0, len(channel_units(twin)))), None)
+        if not self.driven:
+            row = row_by_row(twin, Protocol({}), [outcome.records[0]] * 2).values
+            return SofaSamples(np.repeat(row, protocol.n_samples, axis=0), None)
+        if len(self.driven) == 1:
+            return along_one_cable(twin, protocol, self.driven[0], self._along(protocol), outcome.records)
+        return row_by_row(twin, protocol, outcome.records)
+
+    def _derivative(self, name: str, seen: SofaSamples) -> tuple[Floats, str]:
+        """Derivatives of every sample's channels by a parameter or a command; and why there are none, or ""."""
+        known = robot_parameters(self.linear.robot)
+        linear, protocol = self.linear, self.protocol
+        if name in known:
+            value, upper = known[name].value, known[name].ceiling
+            step = -STEP * min(abs(value), upper - value) if value else STEPS_FROM_ZERO.get(known[name].unit, STEP)
+            linear = replace(linear, robot=with_parameters(linear.robot, {name: value + step}))
+        else:
+            cable = protocol.drives[name]
+            if len(self.driven) == 1 and cable == self.driven[0] and seen.slopes is not None:
+                return seen.slopes, ""
+            if cable not in self.driven:
+                return np.zeros_like(seen.values), ""
+            command = protocol.commands[cable]
+            step = COMMAND_STEPS[command.control]
+            moved = Command(command.control, command.values + step)
+            protocol = Protocol({**protocol.commands, cable: moved})
+        outcome = self._outcome(linear, protocol)
+        if outcome.failure:
+            return np.zeros_like(seen.values), outcome.failure
+        there = self._samples(twin_of(linear.robot), protocol, outcome)
+        if len(there.values) < len(seen.values):
+            return np.zeros_like(seen.values), "not every sample was reached"
+        return (there.values - seen.values) / step, ""

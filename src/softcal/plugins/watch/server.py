@@ -1,0 +1,191 @@
+"""Serves the page of a folder until it is told to end."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import socket
+import tempfile
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, contextmanager
+from inspect import isawaitable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from softcal.errors import Fault, InputError
+from softcal.extras import require_extra
+from softcal.plugins.watch.gate import Gate, is_loopback, new_token
+from softcal.plugins.watch.reading import Unreadable, read_file
+from softcal.plugins.watch.report_figures import figure_bytes
+from softcal.plugins.watch.run_reader import REPORT
+
+if TYPE_CHECKING:
+    from softcal.plugins.watch.watch import Watch
+
+LOOPBACK, PORT, FURTHER = "127.0.0.1", 8085, 50
+_REPORT_POLICY = "sandbox; default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; font-src data:"
+
+
+def serve(folder: Path, *, host: str = LOOPBACK, port: int | None = None, ready: Callable[[str], None]) -> None:
+    """Serve the page of a folder until Ctrl-C or another signal; ready: told its address when it answers.
+
+    port: a free one from 8085 on where None, any free one where 0.
+
+    Raises
+    ------
+    InputError
+        Where NiceGUI is not installed, or the port or the address cannot be had.
+    KeyboardInterrupt
+        When it is ended.
+    """
+    require_extra("watch", "nicegui", where="softcal watch")
+    host = host.strip("[]")  # of an IPv6 address, as in a URL
+    if not host:  # which the system would take for all addresses of the machine
+        allowed = "an address of this machine, such as 127.0.0.1"
+        raise InputError(Fault("the page cannot be served at this address", "--host", "nothing", allowed))
+    with ExitStack() as stack:
+        listening = stack.enter_context(_listening(host, port))
+        number: int = listening.getsockname()[1]
+        token = "" if is_loopback(host) else new_token()
+        # What NiceGUI would keep beside the present folder; nothing is kept.
+        os.environ["NICEGUI_STORAGE_PATH"] = stack.enter_context(tempfile.TemporaryDirectory(prefix="softcal-watch-"))
+        app, watch = _application(folder)
+        stack.callback(watch.twins.close)
+        server = _server(Gate(app, token, number), lambda: ready(_address(host, number, token)))
+        server.run(sockets=[listening])
+
+
+def _listening(host: str, port: int | None) -> socket.socket:
+    """A socket that listens on the port, or on the first free one."""
+    wanted = range(PORT, PORT + FURTHER) if port is None else (port,)
+    problem = ""
+    for number in wanted:
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        found = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            found.bind((host, number))
+            found.listen(100)
+        except (OSError, OverflowError, TypeError, UnicodeError) as error:  # of names that can be none
+            found.close()
+            problem = getattr(error, "strerror", None) or str(error)
+        else:
+            return found
+    named = f"{host}:{wanted[0]}" if len(wanted) == 1 else f"{host}:{wanted[0]} to {wanted[-1]}"
+    raise InputError(
+        Fault("the page cannot be served at this address", named, problem.lower(), attempt="another --port or --host")
+    )
+
+
+def _address(host: str, port: int, token: str) -> str:
+    """What is typed into a browser; a page on all addresses of the machine is called by the machine's name."""
+    name = socket.gethostname() if host in ("0.0.0.0", "::") else f"[{host}]" if ":" in host else host
+    return f"http://{name}:{port}/" + (f"?token={token}" if token else "")
+
+
+def _application(folder: Path) -> tuple[Any, Watch]:
+    """The application, and what its pages share."""
+    from fastapi import FastAPI
+    from fastapi.responses import HTMLResponse, PlainTextResponse, Response
+    from nicegui import core, ui
+
+    from softcal.plugins.watch.page import RunPage
+    from softcal.plugins.watch.watch import Watch
+
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    watch = Watch(folder)
+    style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
+
+    def report() -> Response:
+        try:
+            text = read_file(folder, REPORT)
+        except Unreadable as error:
+            return PlainTextResponse(f"{error}\n", status_code=404)
+        if text is None:
+            return PlainTextResponse("There is no report yet.\n", status_code=404)
+        return HTMLResponse(text, headers={"content-security-policy": _REPORT_POLICY})
+
+    def twin(name: str) -> Response:
+        glb = next((one.glb for one in watch.twins.shapes() if one.name == name), b"")
+        return Response(glb, media_type="model/gltf-binary") if glb else PlainTextResponse("", status_code=404)
+
+    def figure(name: str) -> Response:
+        png = figure_bytes(folder, name)
+        return Response(png, media_type="image/png") if png else PlainTextResponse("", status_code=404)
+
+    def fit(name: str) -> Response:
+        shown = (one for shape in watch.twins.shapes() for one in shape.fits)
+        png = next((one.png for one in shown if one.name == name), b"")
+        return Response(png, media_type="image/png") if png else PlainTextResponse("", status_code=404)
+
+    app.get("/report")(report)
+    app.get("/fit/{name}.png")(fit)
+    app.get("/twin/{name}.glb")(twin)
+    app.get("/figures/{name}")(figure)
+
+    def page() -> None:
+        ui.add_css(style)
+        RunPage(watch)
+
+    ui.page("/")(page)
+    ui.run_with(
+        app,
+        title="softcal watch",
+        tailwind=False,
+        binding_refresh_interval=None,
+        reconnect_timeout=5.0,
+        message_history_length=50,
+        show_welcome_message=False,
+    )
+    handlers = core.sio.handlers["/"]
+    handlers.update({name: _tolerant(answer) for name, answer in handlers.items()})
+    return app, watch
+
+
+def _tolerant(answer: Callable[..., Any]) -> Callable[..., Any]:
+    """NiceGUI's answer to a message of a websocket, and none to a message without the entries of the page's own."""
+
+    async def answered(*message: Any) -> Any:
+        try:
+            made = answer(*message)
+            return await made if isawaitable(made) else made
+        except (LookupError, TypeError) as error:
+            logging.getLogger(__name__).debug("a message is none of the page's: %r", error)
+            return False
+
+    return answered
+
+
+def _server(gate: Gate, ready: Callable[[], None]) -> Any:
+    import h11
+    import uvicorn
+
+    def is_ours(record: logging.LogRecord) -> bool:
+        """Whether a record is no answer that could not be given to a request that broke off in disorder."""
+        return not (record.exc_info and isinstance(record.exc_info[1], h11.ProtocolError))
+
+    class WatchServer(uvicorn.Server):
+        """A server that says when it answers, and ends by every signal that stops softcal."""
+
+        async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+            await super().startup(sockets)
+            ready()
+
+        @contextmanager
+        def capture_signals(self) -> Generator[None]:
+            """End the page as by SIGTERM when its terminal is closed, too, unless that is ignored (nohup)."""
+            before = signal.getsignal(signal.SIGHUP) if hasattr(signal, "SIGHUP") else None
+            with super().capture_signals():
+                if callable(before):
+                    signal.signal(signal.SIGHUP, self.handle_exit)
+                try:
+                    yield
+                finally:
+                    if callable(before):
+                        signal.signal(signal.SIGHUP, before)
+
+    # h11 limits the length of what comes before a body, which the faster httptools takes without end.
+    config = uvicorn.Config(gate, http="h11", log_level="error", timeout_graceful_shutdown=1, server_header=False)
+    logging.getLogger("uvicorn.error").addFilter(is_ours)  # after the configuration, which sets it anew
+    return WatchServer(config)

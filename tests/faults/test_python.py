@@ -1,0 +1,136 @@
+"""The Python API: whatever stands in the place of an array, a path or a part, an InputError says so."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from faults.case import Case, assert_proper, parts
+from project_case import bar_mesh, bar_robot, write_project
+
+import softcal
+
+api: Any = softcal  # whose kinds of arguments are not kept to here
+
+
+class Broken:
+    """Something that NumPy asks for an array, and that fails."""
+
+    def __array__(self, *_: object, **__: object) -> None:
+        raise RuntimeError("no")
+
+
+def nested(levels: int) -> list[Any]:
+    inner: list[Any] = [1.0]
+    for _ in range(levels):
+        inner = [inner]
+    return inner
+
+
+def endless() -> list[Any]:
+    itself: list[Any] = []
+    itself.append(itself)
+    return itself
+
+
+# What is no array of numbers, or too many of them.
+ARRAYS: Mapping[str, Callable[[], Any]] = {
+    "a number alone": lambda: np.array(0.5),
+    "nothing": lambda: None,
+    "text": lambda: "0.5",
+    "texts": lambda: np.array(["0.5", "1"]),
+    "bytes": lambda: b"01",
+    "objects": lambda: np.array([0.5, 1.0], object),
+    "objects of nothing": lambda: np.array([None, 1.0], object),
+    "dates": lambda: np.array(["2026-01-01", "2026-01-02"], "M8[s]"),
+    "durations": lambda: np.array([1, 2], "m8[s]"),
+    "truths": lambda: np.array([True, False]),
+    "complex numbers": lambda: np.array([0.5 + 0j, 1.0]),
+    "records": lambda: np.zeros(2, [("a", float)]),
+    "masked values": lambda: np.ma.array([0.5, 1.0], mask=[False, True]),
+    "masks in a list": lambda: [0.5, np.ma.masked],
+    "not finite": lambda: np.array([0.5, np.inf]),
+    "an integer of many digits": lambda: [0, 10**400],
+    "rows of two lengths": lambda: [[0.5], [0.5, 1.0]],
+    "a set": lambda: {0.5, 1.0},
+    "a mapping": lambda: {0: 0.5},
+    "a generator": lambda: (one for one in (0.5, 1.0)),
+    "decimals": lambda: [Decimal("0.5"), Decimal(1)],
+    "a class": lambda: float,
+    "no array at all": Broken,
+    "a list in itself": endless,
+    "a list of many levels": lambda: nested(3000),
+    "a billion": lambda: np.broadcast_to(0.5, (10**9,)),
+    "a billion whole numbers": lambda: np.broadcast_to(0, (10**9,)),
+    "a range of a billion": lambda: range(10**9),
+    "a trillion rows": lambda: np.broadcast_to(0.5, (10**12, 3)),
+    "sixty axes": lambda: np.zeros((1,) * 60),
+}
+
+
+def body(**changes: Any) -> object:
+    settings: dict[str, Any] = {"fixed": [0], "parameters": {"youngs_modulus": 1e6, "poissons_ratio": 0.4}, **changes}
+    return api.Body("a", bar_mesh(), **settings)
+
+
+# Where arrays come in.
+PLACES: Mapping[str, Callable[[Any], object]] = {
+    "a command": lambda a: api.Command("tension", a),
+    "times": lambda a: api.Protocol({"front": api.Command("tension", [0.0, 1.0])}, a),
+    "a channel": lambda a: api.Channel(a, "N"),
+    "strains of a coupon": lambda a: api.Coupon("a", "uniaxial", a, [[0.0], [1.0]]),
+    "stresses of a coupon": lambda a: api.Coupon("a", "uniaxial", [[1.1], [1.2]], a),
+    "points of a mesh": lambda a: api.TetMesh(a, bar_mesh().tets),
+    "tets of a mesh": lambda a: api.TetMesh(bar_mesh().points, a),
+    "nodes of a set": lambda a: api.TetMesh(bar_mesh().points, bar_mesh().tets, node_sets={"a": a}),
+    "nodes that are fixed": lambda a: body(fixed=a),
+    "gravity": lambda a: api.Robot(bar_robot().bodies, gravity=a),
+    "a via point": api.ViaPoint,
+    "a reference": lambda a: api.Plate("a", {"bar": [1]}, a),
+    "nodes of a plate": lambda a: api.Plate("a", {"bar": a}, [0.0, 0.0, 0.0]),
+}
+MAY_BE_NOTHING = ("times",)
+ARRAY_CASES = [
+    Case("Python", f"{what} as {place}", lambda make=make, use=use: use(make()))
+    for (place, use), (what, make) in itertools.product(PLACES.items(), ARRAYS.items())
+    if not (what == "nothing" and place in MAY_BE_NOTHING)
+]
+
+# What is called with what makes no sense.
+CALLS: Mapping[str, Callable[[], object]] = {
+    "a set without a name": lambda: api.TetMesh(bar_mesh().points, bar_mesh().tets, node_sets={5: [1]}),
+    "a coupon whose time goes back": lambda: api.Coupon("a", "uniaxial", [[1.1], [1.2]], [[0.0], [1.0]], [1, 0]),
+    "a coupon before it began": lambda: api.Coupon("a", "uniaxial", [[1.1], [1.2]], [[0.0], [1.0]], [-1, 0]),
+    "a cable beyond all": lambda: api.simulate(
+        bar_robot(), api.Protocol({"front": api.Command("shortening", [0.0, 1e308])})
+    ),
+    **{
+        f"{what} to {name}": lambda use=use, path=path: use(path)
+        for name, use in {
+            "load": api.load,
+            "load_run": api.load_run,
+            "read_mesh": lambda path: api.read_mesh(f"{path}.msh"),
+            "read_coupons": lambda path: api.read_coupons(path, test="uniaxial"),
+            "write_report": api.write_report,
+            "calibrate": lambda path: api.calibrate("project.yaml", out=path),
+        }.items()
+        for what, path in {
+            "a name of 300 letters": "a" * 300,
+            "a path of 6000 letters": "a/" * 3000,
+            "half a character": "a\ud800",
+            "a zero byte": "a\0",
+        }.items()
+    },
+}
+CALL_CASES = [Case("Python", name, call, files=write_project) for name, call in CALLS.items()]
+
+
+@pytest.mark.parametrize("case", parts([*ARRAY_CASES, *CALL_CASES]))
+def test_what_makes_no_sense_is_an_error_of_the_input(case: Case, tmp_path: Path) -> None:
+    assert_proper(replace(case, says="."), tmp_path)

@@ -107,7 +107,15 @@ def _measured(node: ast.expr, scope: Mapping[str, Measure | None], faults: list[
         return Measure()
 
     if isinstance(node, ast.Name):
-        return _named(node.id, scope, faults)
+        name = node.id
+        if name in FUNCTIONS:
+            faults.append(Fault("this function has no argument", got=f"'{name}'"))
+        elif name not in scope:
+            faults.append(unknown("the law has no such symbol", "", name, [one for one in scope if scope[one]]))
+        elif scope[name] is None:
+            what = "this symbol leads back to itself, or is explained only further down"
+            faults.append(Fault(what, got=f"'{name}'", allowed="constants, variables, and symbols that stand above it"))
+        return scope.get(name) or Measure()
     called = ""
     match node:
         case ast.Constant(int() | float() as number) if not isinstance(number, bool):
@@ -158,17 +166,6 @@ def _measured(node: ast.expr, scope: Mapping[str, Measure | None], faults: list[
     level = 0 if isinstance(node, ast.BinOp) and function is not operator.pow else 1
     depth = max(first.depth + level, *(one.depth + 1 for one in others), 1)
     return Measure(value, bits, 1 + sum(one.parts for one in parts), depth, names)
-
-
-def _named(name: str, scope: Mapping[str, Measure | None], faults: list[Fault]) -> Measure:
-    if name in FUNCTIONS:
-        faults.append(Fault("this function has no argument", got=f"'{name}'"))
-    elif name not in scope:
-        faults.append(unknown("the law has no such symbol", "", name, [one for one in scope if scope[one]]))
-    elif scope[name] is None:
-        what = "this symbol leads back to itself, or is explained only further down"
-        faults.append(Fault(what, got=f"'{name}'", allowed="constants, variables, and symbols that stand above it"))
-    return scope.get(name) or Measure()
 
 
 def _value(function: Callable[..., float], of: list[float | None]) -> float | None:

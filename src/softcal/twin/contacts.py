@@ -72,7 +72,14 @@ def build_contacts(
     terms: list[ContactTerm | WireContactTerm] = []
     discs = [first[plate.name] + disc_skin(plate.disc)[1] for plate in robot.plates if plate.disc is not None]
     if meshes or discs:
-        terms.append(_surfaces(robot, contact, layout, meshes, first, drawn))
+        rigid = {plate.name: rigid_skin(*disc_skin(plate.disc)) for plate in robot.plates if plate.disc is not None}
+        skins = {name: body_skin(mesh, drawn[name]) for name, mesh in meshes.items()} | rigid
+        skin = joined(skins, first, len(layout.X))
+        bonded = bonded_pairs(robot, numbers(skins), skin.X)
+        surfaces = pressing_skins(skin, contact, contact.pressure(robot.bodies or robot.rods), layout, bonded)
+        if passes_through(surfaces.X[len(surfaces.reach) :], skin.triangles, bonded):
+            raise MeshError(Fault("surfaces pass through each other at rest", where="contact"))
+        terms.append(surfaces)
     stiffness = contact.pressure(robot.rods)
     for diameter in sorted({wire_diameter(rod) for rod in robot.rods}):
         rods = [rod for rod in robot.rods if wire_diameter(rod) == diameter]
@@ -103,25 +110,6 @@ def build_contacts(
             # Contact between discs, and between wires, is in other terms.
             terms.append(replace(term, patch=np.isin(term.points, faces).astype(np.int64)))
     return tuple(terms)
-
-
-def _surfaces(
-    robot: Robot,
-    contact: Contact,
-    layout: Layout,
-    meshes: dict[str, TetMesh],
-    first: dict[str, int],
-    drawn: Mapping[str, TetMesh],
-) -> ContactTerm:
-    """The contact of bodies and discs, see `pressing_skins`."""
-    discs = {plate.name: rigid_skin(*disc_skin(plate.disc)) for plate in robot.plates if plate.disc is not None}
-    skins = {name: body_skin(mesh, drawn[name]) for name, mesh in meshes.items()} | discs
-    skin = joined(skins, first, len(layout.X))
-    bonded = bonded_pairs(robot, numbers(skins), skin.X)
-    term = pressing_skins(skin, contact, contact.pressure(robot.bodies or robot.rods), layout, bonded)
-    if passes_through(term.X[len(term.reach) :], skin.triangles, bonded):
-        raise MeshError(Fault("surfaces pass through each other at rest", where="contact"))
-    return term
 
 
 def pressing_skins(

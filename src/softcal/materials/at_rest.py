@@ -17,9 +17,16 @@ AT_REST = 1e-9  # of the moduli: the largest stress that rounding leaves
 
 
 def require_rest(law: Law, theta: Mapping[str, float] | None = None, direction: Floats | None = None) -> None:
-    """Check a law at rest.
+    """Refuse a law that is not at rest without strain.
 
-    theta: its constants [SI], by default typical ones; direction: of a law that has one, by default any.
+    Parameters
+    ----------
+    law
+        The law.
+    theta
+        Its constants [SI]; None: typical ones.
+    direction
+        Unit vector (3,) of a law that has a direction; None: any.
 
     Raises
     ------

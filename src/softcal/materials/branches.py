@@ -50,11 +50,23 @@ class Branches:
 
     @property
     def size(self) -> int:
-        """How many numbers are remembered at each point."""
+        """Numbers in the memory of each point."""
         return 6 * (1 + len(self.times))
 
     def follow(self, y: Floats, memory: Floats, elapsed: float, constants: Constants) -> Kept:
-        """The branches at y (n, 6), a time `elapsed` [s] after the sample that left the memory (n, size)."""
+        """The branches at the end of a step.
+
+        Parameters
+        ----------
+        y
+            What they follow (n, 6).
+        memory
+            Memory of the sample before (n, size).
+        elapsed
+            Time since then [s].
+        constants
+            Constants by name [SI].
+        """
         before, h = self._parted(memory)
         e, a = factors(elapsed, stacked(constants, self.times))
         past = e[:, None] * h - a[:, None] * before[:, None, :]
@@ -68,7 +80,19 @@ class Branches:
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> Kept:
-        """The rates of what `follow` gives, from values and rates of what it takes; `past`: of all but `a y`."""
+        """The rates of the branches of `follow`; `past`: of all but `a y`.
+
+        Parameters
+        ----------
+        y
+            What they follow (n, 6), and its rates.
+        memory
+            Memory of the sample before (n, size), and its rates.
+        elapsed
+            Time since then [s].
+        constants
+            Constants by name [SI], and their rates.
+        """
         (before, h), (before_rate, h_rate) = (self._parted(one) for one in memory)
         tau = stacked(constants[0], self.times)
         e, a = factors(elapsed, tau)
@@ -106,7 +130,17 @@ def factors(elapsed: float, tau: Floats) -> tuple[Floats, Floats]:
 
 
 def factor_rates(elapsed: float, tau: Floats, change: Floats) -> tuple[Floats, Floats]:
-    """The rates of e and a at rates of the relaxation times (..., b)."""
+    """The rates of the factors e and a.
+
+    Parameters
+    ----------
+    elapsed
+        Time since the sample before [s].
+    tau
+        Relaxation times (b,) [s].
+    change
+        Their rates (..., b).
+    """
     if np.isinf(elapsed):
         return np.zeros_like(change), np.zeros_like(change)
     x = elapsed / tau

@@ -64,7 +64,7 @@ def _clashes(law: Law, known: Mapping[str, Law]) -> list[Fault]:
 
 
 def _faults(law: Law, known: Mapping[str, Law]) -> list[Fault]:
-    """What is wrong with a law's names, beside those of the others."""
+    """The faults of a law's names, beside those of the other laws."""
     if not isinstance(law, Law):
         return [Fault("this is not a law", where="law", got=repr(law)[:60], allowed="a softcal.Law")]
     if law.name != law.name.strip() or not law.name.isprintable() or not law.name:
@@ -105,7 +105,7 @@ def _faults(law: Law, known: Mapping[str, Law]) -> list[Fault]:
 
 
 def _text_faults(law: Law) -> Iterator[Fault]:
-    """What is wrong with the texts of a law whose names are in order."""
+    """The faults of the texts of a law whose names are in order."""
     constants = frozenset(parameter.symbol for parameter in law.parameters)
     scope: dict[str, Measure | None] = dict.fromkeys(law.symbols)
     scope |= {name: Measure(names=frozenset({name})) for name in constants}

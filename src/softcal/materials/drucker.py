@@ -18,9 +18,16 @@ _ROUNDING = 1e-12  # of the largest stiffness
 
 
 def is_stable(law: CompiledLaw, values: tuple[float, ...], first: Floats, second: Floats) -> np.ndarray:
-    """Whether the law is stable at stretches (n,) along two axes; not where its energy does not exist.
+    """Whether the law is stable at stretches along two axes (n,); not where its energy does not exist.
 
-    values: of the law's constants [SI], in their order.
+    Parameters
+    ----------
+    law
+        The law.
+    values
+        Values of its constants, in their order [SI].
+    first, second
+        Stretches along two axes (n,) [-].
     """
     with np.errstate(all="ignore"):
         sizes = np.linalg.eigvalsh(np.nan_to_num(stiffness(law, values, first, second), nan=-1.0))
@@ -28,7 +35,17 @@ def is_stable(law: CompiledLaw, values: tuple[float, ...], first: Floats, second
 
 
 def stiffness(law: CompiledLaw, values: tuple[float, ...], first: Floats, second: Floats) -> Floats:
-    """Change of the Kirchhoff stresses along two axes by the logarithmic strains along them (n, 2, 2) [Pa]."""
+    """Change of the Kirchhoff stresses along two axes by the logarithmic strains along them (n, 2, 2) [Pa].
+
+    Parameters
+    ----------
+    law
+        The law.
+    values
+        Values of its constants, in their order [SI].
+    first, second
+        Stretches along two axes (n,) [-].
+    """
     stretches = np.stack([first, second, 1.0 / (first * second)], axis=1)
     squares = stretches**2
     stress = Deformation(law, points(stretches[:, :, None] * np.eye(3))).stress(values)

@@ -45,7 +45,7 @@ MOST_SECONDS = 10.0  # of symbolic work on one law; softcal's own take half a se
 
 @dataclass(frozen=True)
 class Measure:
-    """What an expression comes to with all symbols filled in.
+    """The measure of an expression with all symbols filled in.
 
     Attributes
     ----------
@@ -67,9 +67,16 @@ class Measure:
 
 
 def measured(text: object, where: str, scope: Mapping[str, Measure | None]) -> tuple[Measure, list[Fault]]:
-    """The measure of a text and what is wrong with it, without SymPy, which is slow to import.
+    """The measure of a text and its faults, without SymPy, which is slow to import.
 
-    scope: symbol -> its measure, or None for an abbreviation that is not yet filled in.
+    Parameters
+    ----------
+    text
+        The text.
+    where
+        What an error names as the place.
+    scope
+        Symbol -> its measure, or None for an abbreviation that is not yet filled in.
     """
     such = "text such as 'mu/2*(I1 - 3)'"
     if not isinstance(text, str):
@@ -100,7 +107,15 @@ def _measured(node: ast.expr, scope: Mapping[str, Measure | None], faults: list[
         return Measure()
 
     if isinstance(node, ast.Name):
-        return _named(node.id, scope, faults)
+        name = node.id
+        if name in FUNCTIONS:
+            faults.append(Fault("this function has no argument", got=f"'{name}'"))
+        elif name not in scope:
+            faults.append(unknown("the law has no such symbol", "", name, [one for one in scope if scope[one]]))
+        elif scope[name] is None:
+            what = "this symbol leads back to itself, or is explained only further down"
+            faults.append(Fault(what, got=f"'{name}'", allowed="constants, variables, and symbols that stand above it"))
+        return scope.get(name) or Measure()
     called = ""
     match node:
         case ast.Constant(int() | float() as number) if not isinstance(number, bool):
@@ -124,7 +139,8 @@ def _measured(node: ast.expr, scope: Mapping[str, Measure | None], faults: list[
     parts = [_measured(one, scope, faults) for one in inner]
     if len(faults) > before:
         return Measure()
-    if called == "Rational" and not all(map(_is_whole, parts)):
+    are_whole = all(one.value is not None and not one.names and one.value.is_integer() for one in parts)
+    if called == "Rational" and not are_whole:
         return wrong("Rational is of two whole numbers", "such as Rational(2, 3)")
     names = frozenset([called] if called else []).union(*(one.names for one in parts))
     bits = sum(one.bits for one in parts) + (function in (operator.add, operator.sub))
@@ -152,23 +168,8 @@ def _measured(node: ast.expr, scope: Mapping[str, Measure | None], faults: list[
     return Measure(value, bits, 1 + sum(one.parts for one in parts), depth, names)
 
 
-def _named(name: str, scope: Mapping[str, Measure | None], faults: list[Fault]) -> Measure:
-    if name in FUNCTIONS:
-        faults.append(Fault("this function has no argument", got=f"'{name}'"))
-    elif name not in scope:
-        faults.append(unknown("the law has no such symbol", "", name, [one for one in scope if scope[one]]))
-    elif scope[name] is None:
-        what = "this symbol leads back to itself, or is explained only further down"
-        faults.append(Fault(what, got=f"'{name}'", allowed="constants, variables, and symbols that stand above it"))
-    return scope.get(name) or Measure()
-
-
-def _is_whole(one: Measure) -> bool:
-    return one.value is not None and not one.names and one.value.is_integer()
-
-
 def _value(function: Callable[..., float], of: list[float | None]) -> float | None:
-    """That of a function: infinite where it overflows, NaN where there is no real one; None where one is not known."""
+    """The value of a function: infinite where it overflows, NaN where it is not real, None if an argument is."""
     if None in of:
         return None
     try:

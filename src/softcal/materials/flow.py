@@ -64,6 +64,19 @@ class Flow(Inelastic):
         return not self.at_once
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
+        """The material with the branch beside the law.
+
+        Parameters
+        ----------
+        at
+            The material without the part, at points (n,).
+        memory
+            E_p and E of the sample before (n, 12).
+        elapsed
+            Time since then [s]; of no effect where tau_f is zero.
+        constants
+            mu_f and Y [Pa], and tau_f [s] unless it flows at once.
+        """
         mu, Y, form = constants[MODULUS], constants[THRESHOLD], _form(at)
         set_before, before = memory[:, :6], memory[:, 6:]
         first, last = _decays(elapsed, constants)
@@ -86,6 +99,21 @@ class Flow(Inelastic):
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
+        """The rates of the energy and the stress that `respond` leaves, and of the memory.
+
+        Parameters
+        ----------
+        at
+            The material without the part, at points (n,).
+        by
+            Rates of strain, energy and stress without the part.
+        memory
+            The memory as in `respond`, and its rates.
+        elapsed
+            Time since the sample before [s]; of no effect where tau_f is zero.
+        constants
+            The constants as in `respond`, and their rates; those that are missing are zero.
+        """
         values, changes = constants
         mu, form = values[MODULUS], _form(at)
         (set_before, before), (set_rate, before_rate) = ((one[:, :6], one[:, 6:]) for one in memory)
@@ -150,7 +178,17 @@ def _returned(strain: Floats, form: Floats, d: float, constants: Constants) -> _
     above = np.where(flows, q, 1.0)
     rho = np.where(flows, d + (1.0 - d) * Y / above, 1.0)
     stored = np.where(flows, 0.5 * d * q**2 + (1.0 - d) * (Y * q - 0.5 * Y**2), 0.5 * q**2)
-    return _Returned(strain, s, q, flows, above, d, rho, rho[:, None] * strain, stored)
+    return _Returned(
+        strain=strain,
+        s=s,
+        q=q,
+        flows=flows,
+        above=above,
+        d=d,
+        rho=rho,
+        remains=rho[:, None] * strain,
+        stored=stored,
+    )
 
 
 def _returned_rates(

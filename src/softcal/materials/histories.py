@@ -24,7 +24,16 @@ PARTS: dict[str, Inelastic] = {
 
 
 def history_of(names: Sequence[str], where: str = "history", *, of_rod: bool = False) -> History:
-    """The history of the parts of these names, of a body's or a rod's material.
+    """The history of some parts, of a body's or a rod's material.
+
+    Parameters
+    ----------
+    names
+        Names of the parts.
+    where
+        What an error names as the place.
+    of_rod
+        Whether it is of a rod.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a material adds to an elastic law: stresses that depend on what it went through.
+"""Additions to an elastic law: stresses that depend on the history of the material.
 
 A part takes energy, stress and tangent at points, as the law or the part before it leaves them, changes them, and
 leaves numbers of its own at every point, its memory, to the next converged sample (`mechanics.memory`). Several follow
@@ -58,7 +58,7 @@ class PointRates(NamedTuple):
 
 
 class Left(NamedTuple):
-    """What a part leaves: the material as changed, and its memory (n, size)."""
+    """The material as a part changes it, and the memory (n, size) that this leaves."""
 
     at: Stressed
     memory: Floats
@@ -76,7 +76,7 @@ class Inelastic(ABC):
     @property
     @abstractmethod
     def size(self) -> int:
-        """How many numbers it remembers at each point."""
+        """Numbers in its memory of each point."""
 
     @property
     def needs_time(self) -> bool:
@@ -90,9 +90,18 @@ class Inelastic(ABC):
 
     @abstractmethod
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        """The material as it changes it, a time `elapsed` [s] after the sample that left the memory (n, size).
+        """The material as the part changes it, with the memory that it leaves.
 
-        Infinity: so long that nothing changes any more.
+        Parameters
+        ----------
+        at
+            The material without the part: energy, stress and tangent at points (n,).
+        memory
+            Memory of the sample before (n, size).
+        elapsed
+            Time since the sample before [s]; infinity: so long that nothing changes any more.
+        constants
+            Constants by name [SI].
         """
 
     @abstractmethod
@@ -104,14 +113,25 @@ class Inelastic(ABC):
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
-        """The rates of what `respond` leaves: of W and S, and of the memory.
+        """The rates of the energy and the stress that `respond` leaves, and of the memory. A rate is one number, or one
+        at each point (n,).
 
-        memory: the one before, and its rates; constants: their values, and their rates, those that are missing zero;
-        a rate is one number, or one at each point (n,).
+        Parameters
+        ----------
+        at
+            The material without the part: energy, stress and tangent at points (n,).
+        by
+            Rates of strain, energy and stress without the part.
+        memory
+            Memory of the sample before (n, size), and its rates.
+        elapsed
+            Time since the sample before [s]; infinity: so long that nothing changes any more.
+        constants
+            Constants by name [SI], and their rates; those that are missing are zero.
         """
 
     def faults(self, constants: Constants) -> str:
-        """What is wrong with the constants together; "" where nothing is."""
+        """The fault of the constants together; "" where there is none."""
         return ""
 
 
@@ -127,16 +147,28 @@ class History:
         return tuple(one for part in self.parts for one in part.parameters)
 
     def constants(self, given: Constants) -> Constants:
-        """Those of the parts, of a material's constants."""
+        """The constants of the parts, among those of a material."""
         return {one.name: given[one.name] for one in self.parameters}
 
     @property
     def size(self) -> int:
-        """How many numbers all of them remember at each point."""
+        """Numbers in the memory of each point, of all parts."""
         return sum(part.size for part in self.parts)
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        """As `Inelastic.respond`, of all parts."""
+        """As `Inelastic.respond`, of all parts.
+
+        Parameters
+        ----------
+        at
+            The material without the part: energy, stress and tangent at points (n,).
+        memory
+            Memory of the sample before (n, size).
+        elapsed
+            Time since the sample before [s]; infinity: so long that nothing changes any more.
+        constants
+            Constants by name [SI].
+        """
         left: list[Floats] = []
         for part, own in zip(self.parts, self._split(memory), strict=True):
             at, kept = part.respond(at, own, elapsed, constants)
@@ -151,7 +183,21 @@ class History:
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
-        """As `Inelastic.rates`, of all parts."""
+        """As `Inelastic.rates`, of all parts.
+
+        Parameters
+        ----------
+        at
+            The material without the part: energy, stress and tangent at points (n,).
+        by
+            Rates of strain, energy and stress without the parts.
+        memory
+            Memory of the sample before (n, size), and its rates.
+        elapsed
+            Time since the sample before [s]; infinity: so long that nothing changes any more.
+        constants
+            Constants by name [SI], and their rates.
+        """
         left: list[Floats] = []
         for part, own, rates in zip(self.parts, *(self._split(one) for one in memory), strict=True):
             by, kept = part.rates(at, by, (own, rates), elapsed, constants)

@@ -39,5 +39,15 @@ class PrintInfill(Declared):
 
 
 def effective_modulus(bulk_modulus: float, infill: float, exponent: float) -> float:
-    """E_eff = E_bulk phi^gamma [Pa]: Young's modulus of a print with infill fraction phi (paper A, Eq. 5)."""
+    """E_eff = E_bulk phi^gamma [Pa]: Young's modulus of a print with infill fraction phi (paper A, Eq. 5).
+
+    Parameters
+    ----------
+    bulk_modulus
+        E_bulk [Pa].
+    infill
+        phi [-].
+    exponent
+        gamma [-].
+    """
     return bulk_modulus * infill**exponent

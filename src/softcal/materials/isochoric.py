@@ -14,5 +14,15 @@ def first(name: str, label: str) -> Parameter:
 
 
 def polynomial(name: str, label: str, typical: float) -> Parameter:
-    """A further coefficient [Pa], of either sign; zero where it is not given. typical: [Pa]."""
+    """A further coefficient [Pa], of either sign; its default is zero.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    label
+        Its symbol, to be printed.
+    typical
+        A typical value [Pa].
+    """
     return Parameter(name, name, label, QUANTITIES["coefficient"], typical, default=0.0)

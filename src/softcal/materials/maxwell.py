@@ -63,6 +63,19 @@ class Maxwell(Inelastic):
         return False  # it measures the strain of a solid
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
+        """The material with the branches beside the law.
+
+        Parameters
+        ----------
+        at
+            The material without the part, at points (n,).
+        memory
+            A of the sample before, then h_i of each branch (n, 6 (1 + branches)) [-].
+        elapsed
+            Time since then [s]; infinity: so long that nothing changes any more.
+        constants
+            mu_i [Pa], tau_i [s] and the exponent m [-].
+        """
         mu = stacked(constants, self._moduli)
         strain = _measured(at, constants)
         kept = self._kept.follow(strain.A, memory, elapsed, constants)
@@ -83,6 +96,21 @@ class Maxwell(Inelastic):
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
+        """The rates of the energy and the stress that `respond` leaves, and of the memory.
+
+        Parameters
+        ----------
+        at
+            The material without the part, at points (n,).
+        by
+            Rates of strain, energy and stress without the part.
+        memory
+            The memory as in `respond`, and its rates.
+        elapsed
+            Time since the sample before [s]; infinity: so long that nothing changes any more.
+        constants
+            The constants as in `respond`, and their rates; those that are missing are zero.
+        """
         values, changes = constants
         mu, dmu = (stacked(one, self._moduli) for one in constants)
         dm = np.asarray(changes.get(EXPONENT, 0.0))

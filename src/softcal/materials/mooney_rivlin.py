@@ -10,7 +10,19 @@ _TERMS = {"C10": (1, 0, 0.0), "C01": (0, 1, 5e4), "C11": (1, 1, 1e3), "C20": (2,
 
 
 def mooney_rivlin(name: str, terms: tuple[str, ...], reference: str, volumetric_strain: str = "J - 1") -> Law:
-    """The law with some of the terms, C10 the first of them."""
+    """The law with some of the terms, C10 the first of them.
+
+    Parameters
+    ----------
+    name
+        Name of the law.
+    terms
+        Names of its coefficients, C10 the first.
+    reference
+        The programs that have the law.
+    volumetric_strain
+        g(J), as text.
+    """
     own = [f"{term}*(I1_bar - 3)**{_TERMS[term][0]}*(I2_bar - 3)**{_TERMS[term][1]}" for term in terms]
     return Law(
         name=name,

@@ -17,6 +17,15 @@ def ogden(name: str, terms: int, volumetric_strain: str = "J - 1") -> Law:
 
     With Ogden's constants the shear modulus is sum mu_p alpha_p / 2. CalculiX and Abaqus write 2 mu_p / alpha_p^2, so
     that theirs are mu_p alpha_p / 2; SOFA's single mu is mu_1 alpha_1.
+
+    Parameters
+    ----------
+    name
+        Name of the law.
+    terms
+        Number of terms.
+    volumetric_strain
+        g(J), as text.
     """
     parameters = [
         Parameter(f"{constant}{p}", f"{constant}{p}", f"{letter}{p}", QUANTITIES[kind], typical)

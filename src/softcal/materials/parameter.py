@@ -55,7 +55,16 @@ class Parameter(Checked):
 
 
 def complete(given: Mapping[str, float], constants: Sequence[Parameter], *, owner: str) -> dict[str, float]:
-    """The constants [SI] of a part in their order, with the defaults of those that are not given.
+    """The constants [SI] of a part in their order, with the defaults of those that are not stated.
+
+    Parameters
+    ----------
+    given
+        Constants that are stated, by name [SI].
+    constants
+        All constants.
+    owner
+        Name of the part.
 
     Raises
     ------

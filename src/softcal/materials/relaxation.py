@@ -54,7 +54,21 @@ class Relaxation(Inelastic):
         return "" if total < 1.0 else f"the shares that relax add up to {total:.4g}, and must be below 1 together"
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        beta = self._weights(constants)
+        """The material with the stresses that relax.
+
+        Parameters
+        ----------
+        at
+            The material without the part, at points (n,).
+        memory
+            S of the sample before, then H_i / beta_i of each branch (n, 6 (1 + branches)).
+        elapsed
+            Time since then [s]; infinity: so long that nothing changes any more.
+        constants
+            g_i [-] and tau_i [s].
+        """
+        g = stacked(constants, self._shares)
+        beta = g / (1.0 - g.sum())
         kept = self._kept.follow(at.S, memory, elapsed, constants)
         more, past = float(beta @ kept.a), np.einsum("b,nbm->nm", beta, kept.past)
         W = (1.0 + more) * at.W + (past * at.E).sum(axis=1)
@@ -69,8 +83,25 @@ class Relaxation(Inelastic):
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
+        """The rates of the energy and the stress that `respond` leaves, and of the memory.
+
+        Parameters
+        ----------
+        at
+            The material without the part, at points (n,).
+        by
+            Rates of strain, energy and stress without the part.
+        memory
+            The memory as in `respond`, and its rates.
+        elapsed
+            Time since the sample before [s]; infinity: so long that nothing changes any more.
+        constants
+            The constants as in `respond`, and their rates; those that are missing are zero.
+        """
         values, changes = constants
-        beta, dbeta = self._weights(values), self._weight_rates(values, changes)
+        g, dg = stacked(values, self._shares), stacked(changes, self._shares)
+        rest = 1.0 - g.sum()
+        beta, dbeta = g / rest, dg / rest + g * dg.sum(axis=-1, keepdims=True) / rest**2
         kept = self._kept.follow(at.S, memory[0], elapsed, values)
         rates = self._kept.rates((at.S, by.S), memory, elapsed, constants)
         S = by.S + (dbeta[..., None] * kept.h + beta[:, None] * rates.h).sum(axis=1)
@@ -87,15 +118,6 @@ class Relaxation(Inelastic):
     @property
     def _shares(self) -> list[str]:
         return [share_of(i) for i in range(1, self.branches + 1)]
-
-    def _weights(self, constants: Constants) -> Floats:
-        g = stacked(constants, self._shares)
-        return g / (1.0 - g.sum())
-
-    def _weight_rates(self, constants: Constants, changes: Constants) -> Floats:
-        g, dg = stacked(constants, self._shares), stacked(changes, self._shares)
-        rest = 1.0 - g.sum()
-        return dg / rest + g * dg.sum(axis=-1, keepdims=True) / rest**2
 
 
 def share_of(branch: int) -> str:

@@ -39,6 +39,19 @@ class Softening(Inelastic):
         return 1
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
+        """The material softened by eta.
+
+        Parameters
+        ----------
+        at
+            The material without the part, at points (n,).
+        memory
+            W_max of the samples before (n, 1) [J/m^3].
+        elapsed
+            Time since then [s], of no effect.
+        constants
+            r [-], m [Pa] and b [-].
+        """
         most = np.maximum(memory[:, 0], at.W)
         r, m, b = (constants[name] for name in (AMOUNT, ENERGY, RANGE))
         width = m + b * most
@@ -60,6 +73,21 @@ class Softening(Inelastic):
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
+        """The rates of the energy and the stress that `respond` leaves, and of the memory.
+
+        Parameters
+        ----------
+        at
+            The material without the part, at points (n,).
+        by
+            Rates of strain, energy and stress without the part.
+        memory
+            The memory as in `respond`, and its rates.
+        elapsed
+            Time since the sample before [s], of no effect.
+        constants
+            The constants as in `respond`, and their rates; those that are missing are zero.
+        """
         values, changes = constants
         r, m, b = (values[name] for name in (AMOUNT, ENERGY, RANGE))
         dr, dm, db = (changes.get(name, 0.0) for name in (AMOUNT, ENERGY, RANGE))

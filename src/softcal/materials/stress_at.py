@@ -61,7 +61,7 @@ def points(F: Floats, direction: Floats = NO_DIRECTION) -> Points:
 
 
 class Deformation:
-    """The variables of a law at points, found once for its energy, its stress and their derivatives."""
+    """The variables of a law at points, computed once for its energy, its stress and their derivatives."""
 
     def __init__(self, law: CompiledLaw, at: Points) -> None:
         self.law, self.at = law, at
@@ -89,21 +89,27 @@ class Deformation:
         return stacked(self.law.rows(*self.variables, *values), len(self.at.J))
 
     def stress(self, values: tuple[float, ...], volume: Volumetric | None = None, *, tangent: bool = True) -> Stress:
-        """That of psi_d, and of a volumetric part."""
-        rows = self.rows(values)
-        if volume is not None:
-            self._add(rows, volume)
-        return self._stress(rows, tangent)
+        """The stress of psi_d, and of a volumetric part.
 
-    def _add(self, rows: Floats, volume: Volumetric) -> None:
-        """Add the derivatives of a volumetric part by the law's variables."""
-        if not len(self.axes):
+        Parameters
+        ----------
+        values
+            Values of the law's constants, in their order [SI].
+        volume
+            Derivatives of the volumetric part by J; None: there is none.
+        tangent
+            Whether the tangent is wanted.
+        """
+        rows = self.rows(values)
+        # The derivatives of the volumetric part by the law's variables: logarithms of stretches, or invariants.
+        if volume is not None and len(self.axes):
+            J = self.at.J
+            rows[:3] += J * volume.by_J
+            rows[3:] += J * volume.by_J + J**2 * volume.by_JJ
+        elif volume is not None:
             rows[2] += volume.by_J
             rows[3 * len(self.variables) - 1] += volume.by_JJ
-            return
-        J = self.at.J
-        rows[:3] += J * volume.by_J
-        rows[3:] += J * volume.by_J + J**2 * volume.by_JJ
+        return self._stress(rows, tangent)
 
     def stress_by_parameters(self, values: tuple[float, ...]) -> list[Floats]:
         """dS/d constant (n, 6) of psi_d, of each constant."""
@@ -121,22 +127,64 @@ class Deformation:
 
 
 def add_volumetric(stress: Stress, at: Points, volume: Volumetric) -> None:
-    """Add the part of an energy by J alone to a stress."""
+    """Add the part of an energy by J alone to a stress.
+
+    Parameters
+    ----------
+    stress
+        The stress, changed.
+    at
+        Deformation at the points (n,).
+    volume
+        Derivatives of that part by J.
+    """
     stress_kernels.add_volumetric(at.F, at.J, *volume, len(stress.D) > 0, stress.S, stress.D)
 
 
 def volumetric(law: CompiledLaw, J: Floats, modulus: float) -> Volumetric:
-    """That of modulus/2 g(J)^2."""
+    """The derivatives of modulus/2 g(J)^2 by J.
+
+    Parameters
+    ----------
+    law
+        The law.
+    J
+        Volume ratios (n,) [-].
+    modulus
+        The modulus [Pa].
+    """
     g, dg, ddg = stacked(law.strain(J), len(J))
     return Volumetric(modulus * g * dg, modulus * (dg**2 + g * ddg))
 
 
 def whole_stress(law: CompiledLaw, at: Points, values: tuple[float, ...], *, tangent: bool = True) -> Stress:
-    """The stress of psi_d + kappa/2 g(J)^2."""
+    """The stress of psi_d + kappa/2 g(J)^2.
+
+    Parameters
+    ----------
+    law
+        The law.
+    at
+        Deformation at the points (n,).
+    values
+        Values of its constants, in their order [SI].
+    tangent
+        Whether the tangent is wanted.
+    """
     return Deformation(law, at).stress(values, volumetric(law, at.J, float(law.bulk(*values))), tangent=tangent)
 
 
 def whole_energy(law: CompiledLaw, at: Points, values: tuple[float, ...]) -> Floats:
-    """psi_d + kappa/2 g(J)^2 (n,) [J/m^3]."""
+    """psi_d + kappa/2 g(J)^2 (n,) [J/m^3].
+
+    Parameters
+    ----------
+    law
+        The law.
+    at
+        Deformation at the points (n,).
+    values
+        Values of its constants, in their order [SI].
+    """
     g = stacked(law.strain(at.J), len(at.J))[0]
     return Deformation(law, at).energy(values) + 0.5 * float(law.bulk(*values)) * g**2

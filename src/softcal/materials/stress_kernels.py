@@ -58,8 +58,24 @@ def _mirror(D: Floats) -> None:
 def from_invariants(
     F: Floats, I1: Floats, J: Floats, rows: Floats, direction: Floats, with_tangent: bool, S: Floats, D: Floats
 ) -> None:
-    """S (n, 6) and D (n, 6, 6) at points with F (n, 3, 3), from `CompiledLaw.rows`; of a law in I4, with a direction
-    (3,).
+    """Stress and tangent by the invariants.
+
+    Parameters
+    ----------
+    F
+        Deformation gradients (n, 3, 3).
+    I1, J
+        Invariants (n,).
+    rows
+        `CompiledLaw.rows`, of all points.
+    direction
+        Unit vector (3,) of a law in I4.
+    with_tangent
+        Whether the tangent is wanted.
+    S
+        Second Piola-Kirchhoff stress (n, 6) [Pa], written.
+    D
+        Its tangent (n, 6, 6) [Pa], written on demand.
     """
     k = 3 if len(rows) in (3, 9) else 4
     G, H = np.zeros((4, 6)), np.zeros((4, 6))
@@ -114,7 +130,23 @@ def from_invariants(
 
 @kernel(error_model="numpy", fastmath=FAST)
 def add_volumetric(F: Floats, J: Floats, by_J: Floats, by_JJ: Floats, with_tangent: bool, S: Floats, D: Floats) -> None:
-    """Add the part of an energy by J alone, with its derivatives (n,)."""
+    """Add the part of an energy by J alone.
+
+    Parameters
+    ----------
+    F
+        Deformation gradients (n, 3, 3).
+    J
+        Volume ratios (n,) [-].
+    by_J, by_JJ
+        Derivatives of that part (n,) [Pa].
+    with_tangent
+        Whether the tangent is wanted.
+    S
+        Second Piola-Kirchhoff stress (n, 6) [Pa], changed.
+    D
+        Its tangent (n, 6, 6) [Pa], changed on demand.
+    """
     C, A = np.empty(6), np.empty(6)
     for p in range(len(F)):
         _green(F[p], C)
@@ -130,11 +162,19 @@ def add_volumetric(F: Floats, J: Floats, by_J: Floats, by_JJ: Floats, with_tange
 
 @kernel(error_model="numpy")
 def principal(F: Floats, squares: Floats, axes: Floats) -> None:
-    """The squares (3, n) of the principal stretches and, in columns, the axes (n, 3, 3) of C at points with F
-    (n, 3, 3).
+    """Principal stretches and axes of C = F^T F.
 
     The eigenvalue that is furthest from the others by the cubic's formula, its axis from the rows of C less it, and the
     other two from the plane across it (Scherzinger and Dohrmann, Comput. Methods Appl. Mech. Engrg. 197 (2008) 4007).
+
+    Parameters
+    ----------
+    F
+        Deformation gradients (n, 3, 3).
+    squares
+        Squares of the stretches (3, n) [-], written.
+    axes
+        Axes in columns (n, 3, 3), written.
     """
     C = np.empty(6)
     M, r = np.empty((3, 3)), np.empty((3, 3))
@@ -214,8 +254,20 @@ def principal(F: Floats, squares: Floats, axes: Floats) -> None:
 
 @kernel(error_model="numpy", fastmath=FAST)
 def from_stretches(squares: Floats, axes: Floats, rows: Floats, with_tangent: bool, S: Floats, D: Floats) -> None:
-    """S (n, 6) and D (n, 6, 6) from `CompiledLaw.rows` by the logarithms of the principal stretches, whose squares are
-    (3, n), with their axes (n, 3, 3).
+    """Stress and tangent by the logarithms of the principal stretches.
+
+    Parameters
+    ----------
+    squares, axes
+        Squares of the stretches (3, n) [-], and their axes (n, 3, 3), see `principal`.
+    rows
+        `CompiledLaw.rows`, of all points.
+    with_tangent
+        Whether the tangent is wanted.
+    S
+        Second Piola-Kirchhoff stress (n, 6) [Pa], written.
+    D
+        Its tangent (n, 6, 6) [Pa], written on demand.
     """
     own, d = np.empty(3), np.empty((3, 3))
     N, M = np.empty((6, 6)), np.empty((6, 6))  # of n_i n_i^T, then of the symmetric n_i n_j^T

@@ -39,7 +39,7 @@ class Actuator:
 
 
 class Drives(NamedTuple):
-    """How actuators whose coordinate is prescribed border the tangent.
+    """The border of the tangent by actuators whose coordinate is prescribed.
 
     Attributes
     ----------
@@ -73,11 +73,33 @@ class ActuatorTerm(Term):
 
     @abstractmethod
     def shape_gradient(self, x: Floats, i: int, size: int) -> Floats:
-        """dq/dx of its i-th actuator on all entities (size,)."""
+        """dq/dx of one actuator on all entities (size,).
+
+        Parameters
+        ----------
+        x
+            Positions of the points (n_points, 3) [m].
+        i
+            Number of the actuator in this term.
+        size
+            Number of the entities' components.
+        """
 
     @abstractmethod
     def add_forces(self, given: Given, effort: Floats, into: Sum, transmission: Any) -> None:
-        """Add -e dq/dx to the gradient and, where `into` has `data`, -e d2q/dx2; effort (n,)."""
+        """Add -e dq/dx to the gradient and, where `into` has `data`, -e d2q/dx2.
+
+        Parameters
+        ----------
+        given
+            The arguments of the term.
+        effort
+            Efforts e (n,) of the actuators, each in its own unit.
+        into
+            The sum.
+        transmission
+            What `transmission` returned there.
+        """
 
     def transmission(self, given: Given) -> Any:
         """What lies between the machine and the shape, such as friction and stretch; None where nothing does."""
@@ -88,12 +110,34 @@ class ActuatorTerm(Term):
         return self.shape_coordinates(given.state.x)
 
     def drives(self, given: Given, which: Ints, size: int, transmission: Any) -> Drives:
-        """The borders of some of its actuators on all entities (size,)."""
+        """The borders of some of its actuators on all entities (size,).
+
+        Parameters
+        ----------
+        given
+            The arguments of the term.
+        which
+            Numbers of the actuators in this term (k,).
+        size
+            Number of the entities' components.
+        transmission
+            What `transmission` returned there.
+        """
         columns = np.stack([-self.shape_gradient(given.state.x, i, size) for i in which.tolist()], axis=1)
         return Drives(columns, columns, np.zeros(len(which)))
 
     def add_transmission(self, into: Sum, given: Given, transmission: Any) -> None:
-        """Add the transmission's own contribution to the tangent."""
+        """Add the transmission's own contribution to the tangent.
+
+        Parameters
+        ----------
+        into
+            The sum.
+        given
+            The arguments of the term.
+        transmission
+            What `transmission` returned there.
+        """
 
     def coordinate_scales(self, extent: float) -> Floats:
         """Scales of the errors of its coordinates (n,), of a robot of this extent [m]."""

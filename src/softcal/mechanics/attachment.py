@@ -29,6 +29,17 @@ def attach(mesh: TetMesh, points: Floats, *, tolerance: float | None = None, whe
     So a point follows rigid motions, and constant strain, without error. One outside the mesh, by `tolerance` [m] at
     most (see `locate_points`), is extrapolated from the nearest element along its deformation gradient.
 
+    Parameters
+    ----------
+    mesh
+        The mesh [m].
+    points
+        The points (n, 3) [m].
+    tolerance
+        Largest distance of a point from the mesh [m]; None: that of `locate_points`.
+    where
+        What an error names as the place.
+
     Raises
     ------
     MeshError
@@ -52,12 +63,23 @@ class Attachment(NamedTuple):
 
 
 def attach_point(mesh: TetMesh, point: Floats, *, may_stand_off: bool = False, where: str = "") -> Attachment:
-    """A point (3,) [m] in or near the mesh as by `attach`; one in a bore by the bore's wall all around it.
-
-    may_stand_off: for a point such as a marker on a stalk, extrapolated from the nearest element at any distance.
+    """The nodes and weights of a point in or near the mesh as by `attach`; of one in a bore by the bore's wall all
+    around it.
 
     In a bore it is the sum of points of the wall with the smallest weights that give it exactly. So it follows rigid
     motions and constant strain, and a force on it is passed on to the wall with no moment added.
+
+    Parameters
+    ----------
+    mesh
+        The mesh [m].
+    point
+        The point (3,) [m].
+    may_stand_off
+        Whether it may be at any distance, such as a marker on a stalk; it then is extrapolated from the nearest
+        element.
+    where
+        What an error names as the place.
 
     Raises
     ------
@@ -76,8 +98,17 @@ def attach_point(mesh: TetMesh, point: Floats, *, may_stand_off: bool = False, w
 
 
 def attach_directions(mesh: TetMesh, point: Floats, *, where: str = "") -> tuple[Ints, Floats]:
-    """Nodes (n,) of the element of a point (3,) [m], or of the nearest one, and the rates (n, 3) [1/m] of their weights
-    as the point moves along x, y and z: times their positions, the deformation gradient there.
+    """Nodes (n,) of the element of a point, or of the nearest one, and the rates (n, 3) [1/m] of their weights as the
+    point moves along x, y and z: times their positions, the deformation gradient there.
+
+    Parameters
+    ----------
+    mesh
+        The mesh [m].
+    point
+        The point (3,) [m].
+    where
+        What an error names as the place.
 
     Raises
     ------
@@ -94,8 +125,21 @@ def attach_directions(mesh: TetMesh, point: Floats, *, where: str = "") -> tuple
 def attach_rate(
     mesh: TetMesh, point: Floats, way: Floats, radius: float | None = 0.0, *, where: str = ""
 ) -> tuple[Ints, Floats]:
-    """Nodes and rates [1/m] of the weights of a point (3,) [m] inside the mesh that moves along a direction (3,), with
-    the ball around it: see `attach_ball`.
+    """Nodes and rates [1/m] of the weights of a point inside the mesh that moves along a direction, with the ball
+    around it.
+
+    Parameters
+    ----------
+    mesh
+        The mesh [m].
+    point
+        The point (3,) [m].
+    way
+        Its direction (3,) [-].
+    radius
+        Radius of the ball [m], as in `attach_ball`.
+    where
+        What an error names as the place.
 
     Raises
     ------
@@ -182,11 +226,11 @@ def _connected(mesh: TetMesh, centre: Floats, radius: float, seed: Ints) -> TetM
     tets = mesh.tets[has_seed | (np.linalg.norm(beyond, axis=1) <= radius)]
     reached = np.isin(np.arange(mesh.n_points), seed)
     while True:
-        found = reached[tets].any(axis=1)
+        joins = reached[tets].any(axis=1)
         before = int(reached.sum())
-        reached[tets[found]] = True
+        reached[tets[joins]] = True
         if int(reached.sum()) == before:
-            return TetMesh(mesh.points, tets[found])
+            return TetMesh(mesh.points, tets[joins])
 
 
 def _require_inside(mesh: TetMesh, point: Floats, where: str) -> None:

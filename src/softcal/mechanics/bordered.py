@@ -178,20 +178,16 @@ class BorderedTangent:
         Ritz values.
         """
         if self._unstable is None:
-            self._unstable = self._n_unstable() if self._is_certain() else -1
+            is_certain = True
+            if self._at is not None:
+                random = np.zeros((self.system.layout.n_unknowns, 1))
+                random[: len(self.unit), 0] = np.random.default_rng(3).standard_normal(len(self.unit)) / self.unit
+                is_certain = bool(self._iterated(random, CERTAIN)[1].min(initial=1.0) > SIGN)
+            self._unstable = self._n_unstable() if is_certain else -1
             if self._unstable != 0 and self._at is not None:
                 self.factorise(self._at)
                 self._unstable = self._n_unstable()
         return self._unstable
-
-    def _is_certain(self) -> bool:
-        """Whether the sign of the factors is that of the tangent."""
-        if self._at is None:
-            return True
-        random = np.zeros((self.system.layout.n_unknowns, 1))
-        random[: len(self.unit), 0] = np.random.default_rng(3).standard_normal(len(self.unit)) / self.unit
-        ritz = self._iterated(random, CERTAIN)[1]
-        return bool(ritz.min(initial=1.0) > SIGN)
 
     def release(self) -> None:
         """Release the factors' memory."""
@@ -200,7 +196,7 @@ class BorderedTangent:
         self._factors = None
 
     def _n_unstable(self) -> int:
-        """As `n_unstable`, of the factors and the border."""
+        """The number of unstable directions by the factors and the border."""
         border = self._border
         n_negative = self._own_factors.n_negative
         if len(border.corner):
@@ -226,17 +222,17 @@ class BorderedTangent:
         left = affordable - self._spent
         most = MOST if self._is_own else int(at_least + left / cost)
         if most >= FIRST and (left > 0.0 or self._is_own):
-            found = gmres(
+            solution = gmres(
                 lambda x: self.system.tangent_times(at, self._scale * x),
                 lambda r: self._substituted(r) / self._scale,
                 b,
                 accuracy,
                 most,
             )
-            self.n_iterations += found.n_iterations
-            self._spent += cost * max(found.n_iterations - at_least, 0.0)
-            if found.converged:
-                return self._scale * found.x, found.ritz
+            self.n_iterations += solution.n_iterations
+            self._spent += cost * max(solution.n_iterations - at_least, 0.0)
+            if solution.converged:
+                return self._scale * solution.x, solution.ritz
         if self._is_own:
             self.factorise(at)
         else:

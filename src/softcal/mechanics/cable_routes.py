@@ -23,12 +23,20 @@ def build_cables(
     stated: tuple[str, ...] = (),
     slowness: Floats | None = None,
 ) -> CableTerm:
-    """The term of cables given, by name and via point, as weighted points [(point, weight), ...].
+    """The cables' term. The rest length of a cable is that of its polyline on the undeformed robot.
 
-    The rest length is the polyline's on the undeformed robot, X (n_points, 3) [m]. pulled_last (n_cables,): whether a
-    cable is pulled at its last via point, or else at its first. placed: by cable and parameter, the derivatives of its
-    via points by that, as points with weights whose sum is zero. stated, slowness: see
-    `CableTerm`.
+    Parameters
+    ----------
+    X
+        Points of the undeformed robot (n_points, 3) [m].
+    supports
+        Cable -> its via points, each as weighted points [(point, weight), ...].
+    pulled_last
+        Whether a cable is pulled at its last via point, else at its first (n_cables,).
+    placed
+        Cable -> parameter -> derivatives of its via points by that, as weighted points whose weights sum to zero.
+    stated, slowness
+        As of `CableTerm`.
     """
     ptr, support, sigma, cable, order = [0], [], [], [], list[int]()
     for c, via in enumerate(supports.values()):
@@ -55,31 +63,31 @@ def build_cables(
         for parameter, ways in (placed or {}).get(name, {}).items()
     }
     return CableTerm(
-        tuple(supports),
-        segments,
-        of_cable,
-        np.array(order, dtype=np.int64),
-        segments.shape(X).lengths,
-        stated,
-        end_motions,
-        slowness,
+        names=tuple(supports),
+        segments=segments,
+        cable=of_cable,
+        order=np.array(order, dtype=np.int64),
+        rest=segments.shape(X).lengths,
+        stated=stated,
+        end_motions=end_motions,
+        slowness=slowness,
     )
 
 
 def _end_motion(cable: int, first: int, ways: list[Weights], segments: Segments, X: Floats) -> EndMotion:
-    """The motion of a cable whose first segment and whose via points' derivatives are given."""
+    """The motion of a cable from the number of its first segment and its via points' derivatives."""
     changes = [
         (first + k, point, rate) for k, ends in enumerate(pairwise(ways)) for point, rate in _difference(*ends).items()
     ]
     segment, support, rate = zip(*changes, strict=True) if changes else ((), (), ())
-    found = EndMotion(
+    motion = EndMotion(
         cable,
         np.array(segment, dtype=np.int64),
         np.array(support, dtype=np.int64),
         np.array(rate, dtype=np.float64),
         np.zeros(len(segments)),
     )
-    return replace(found, rest=segments.lengths_by(found, X, segments.shape(X)))
+    return replace(motion, rest=segments.lengths_by(motion, X, segments.shape(X)))
 
 
 def _difference(start: Weights, end: Weights) -> dict[int, float]:

@@ -6,9 +6,29 @@ The core of a surface lies `depth` below it, so that a point that just touches t
 gap, no sign, and nothing acts before surfaces meet. A point that is nearer than that to a core at rest has a shorter
 reach: nothing acts at rest. Triangles count once, the edges between them less once, the vertices once more: on flat and
 convex surfaces the nearest point alone counts, and the sum is smooth throughout (inclusion and exclusion, as in Li et
-al., 2023, Convergent incremental potential contact). A step never passes a point through a core, by continuous
-collision detection of the IPC Toolkit. At an overlap of `depth` the pressure is the stiffness, about the material's
-modulus: with a depth of a small part of an element, the overlap changes forces less than the mesh does.
+al., 2023, Convergent incremental potential contact). At an overlap of `depth` the pressure is the stiffness, about the
+material's modulus: with a depth of a small part of an element, the overlap changes forces less than the mesh does.
+
+At each state:
+
+1. *Pairs near* (`near_pairs.py`). Trees of boxes give the points and triangles that may touch; they are kept until a
+   vertex has moved by `SLACK` of the depth. A point never touches triangles that it is a corner of or bonded to
+   (`apart`), nor what moves rigidly with it (`group`).
+2. *Touching* (`contact_kernels.touching`). Of each point p the triangles nearer than its reach, each with the share +1,
+   their edges with 1 - (number of these triangles at it), their vertices with what is left to 1; shares of zero are
+   dropped.
+3. *Push* (`contact_kernels.push`). With d the distance to the simplex, w the weights of its nearest point and
+   n = (p - sum w_i a_i) / d, the force of area * stiffness * share * phi'(reach - d) acts on p along n, and its
+   reactions on the corners, by w. phi' is linear, but for a parabola over the first `ONSET` of the depth, which
+   Newton's method needs. The tangent is exact, and outside the planned pattern, since what touches changes.
+4. *Ridges* (`make_convex`). Between two triangles a point on a ridge has a negative stiffness across; where that is
+   asked for, its negative eigenvalues are taken out, as if the ridge were flat. Equilibria stay the same.
+5. *Step*. `free_way` is the part of a step from x to `to` on which no point passes a core, by advances of the distance
+   over the largest relative speed; Newton's method takes no more of the step (`Statics.reachable`).
+
+In a time step rough surfaces rub (`_friction`). With N the normal forces at the step's start and u the motion since
+then in the plane of a pair, the potential is N mu f(|u|), its force mu N f' against the motion, where f' = 1 beyond
+u_c = creep * step, and (2 - |u| / u_c) |u| / u_c below: sticking is slow creep, and the tangent stays symmetric.
 """
 
 from __future__ import annotations
@@ -126,9 +146,12 @@ class ContactTerm(Term):
             parts.append((self._rubbing.points, self._rubbing.simplices, blocks))
         into.points[self.points] += self.weights.T @ gradient
         if into.data is not None:
+            ptr, of, weights = self._sums
             for points, simplices, part in parts:
                 if len(part):
-                    into.outside.append(self._on_points(points, simplices, part))
+                    vertices = np.column_stack([points, simplices])
+                    rows, columns, part = blocks_on_points(vertices, part, ptr, of, weights, len(self.points))
+                    into.outside.append((part, self.points[rows], self.points[columns]))
 
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
         rates = {name: rate for name, rate in self.stiffness.rates(given.theta).items() if name in into}
@@ -200,14 +223,6 @@ class ContactTerm(Term):
         if tangent and convex:
             make_convex(V, near.points, near.simplices, *pushed[2:])
         return near, *pushed
-
-    def _on_points(self, points: Ints, simplices: Ints, blocks: Floats) -> tuple[Floats, Ints, Ints]:
-        """Tangents (m, 12, 12) by a point and three corners, as blocks, rows and columns of the layout's points."""
-        ptr, of, weights = self._sums
-        rows, columns, blocks = blocks_on_points(
-            np.column_stack([points, simplices]), blocks, ptr, of, weights, len(self.points)
-        )
-        return blocks, self.points[rows], self.points[columns]
 
     @cached_property
     def _sums(self) -> tuple[Ints, Ints, Floats]:

@@ -98,8 +98,20 @@ def _on_triangle(p: Point, a: Point, b: Point, c: Point, w: Floats) -> None:
 
 @kernel()
 def nearest(V: Floats, point: int, corners: Ints, w: Floats, n: Floats) -> float:
-    """Distance [m] of a vertex from the simplex with up to three corners (-1: none); its weights and the direction to
-    the vertex are written to w (3,) and n (3,).
+    """Distance [m] of a vertex from a simplex.
+
+    Parameters
+    ----------
+    V
+        Vertices (n_vertices, 3) [m].
+    point
+        Number of the vertex.
+    corners
+        Vertices of the simplex (3,), -1 beyond its last corner.
+    w
+        Weights of the corners in the nearest point (3,), written.
+    n
+        Unit vector from there to the vertex (3,), written.
     """
     p = _at(V, point)
     w[:] = 0.0
@@ -124,8 +136,16 @@ def nearest(V: Floats, point: int, corners: Ints, w: Floats, n: Floats) -> float
 
 @kernel()
 def near(V: Floats, to: Floats, meeting: Meeting, around: Floats) -> tuple[Ints, Ints]:
-    """Points (m,) and triangles (m,) that they may touch, whose boxes may meet on the straight lines from V to `to`
-    (n_vertices, 3), those of points wider by `around` (n_points,) [m] on every side.
+    """Points (m,), and triangles (m,) that they may touch, whose boxes may meet on straight lines.
+
+    Parameters
+    ----------
+    V, to
+        Vertices at the begin and at the end of the lines (n_vertices, 3) [m].
+    meeting
+        What may touch.
+    around
+        By how much the boxes of points are wider on every side (n_points,) [m].
     """
     n, faces = len(around), meeting.faces
     depth = depth_of(max(n, len(faces)))
@@ -142,12 +162,20 @@ def near(V: Floats, to: Floats, meeting: Meeting, around: Floats) -> tuple[Ints,
 
 @kernel()
 def touching(V: Floats, faces: Ints, reach: Floats, points: Ints, triangles: Ints) -> tuple[Ints, Ints, Floats]:
-    """Of each pressing point, those of its triangles that are nearer than its reach (n_points,) [m], once the edges of
-    these, and once their vertices: the points (m,), the simplices (m, 3), -1 beyond the last corner, and shares (m,)
-    that are not zero. Triangles count once, edges once less their triangles, vertices once less their triangles and
-    edges.
+    """Of each pressing point the triangles nearer than its reach, their edges and their vertices: the points (m,), the
+    simplices (m, 3), -1 beyond the last corner, and shares (m,) that are not zero. Triangles count once, edges once
+    less their triangles, vertices once less their triangles and edges.
 
-    points, ascending, and triangles (k,): the pairs near.
+    Parameters
+    ----------
+    V
+        Vertices (n_vertices, 3) [m].
+    faces
+        Vertices of the triangles (n_faces, 3).
+    reach
+        Reach of each point (n_points,) [m].
+    points, triangles
+        The pairs near (k,), the points ascending.
     """
     begin = np.searchsorted(points, np.arange(len(reach) + 1))
     most = np.diff(begin).max() if len(reach) else 0
@@ -205,11 +233,20 @@ def touching(V: Floats, faces: Ints, reach: Floats, points: Ints, triangles: Int
 
 @kernel()
 def free_part(V: Floats, to: Floats, faces: Ints, points: Ints, triangles: Ints) -> float:
-    """The part of the straight lines from V to `to` (n_vertices, 3) on which none of the points (m,) passes through its
-    triangle (m,): one where none does, else until its distance is some tenth of what it was.
+    """The part of straight lines on which none of the points passes through its triangle: one where none does, else
+    until its distance is some tenth of what it was.
 
     Conservative: a point gets on by no more than its distance over the largest relative motion (additive continuous
     collision detection: Li et al., 2021, Codimensional incremental potential contact, algorithm 1).
+
+    Parameters
+    ----------
+    V, to
+        Vertices at the begin and at the end of the lines (n_vertices, 3) [m].
+    faces
+        Vertices of the triangles (n_faces, 3).
+    points, triangles
+        The pairs (m,).
     """
     w, n, four = np.empty(3), np.empty(3), np.empty((4, 3))
     box, other = np.empty(12), np.empty(12)
@@ -266,7 +303,17 @@ def _may_touch(meeting: Meeting, point: int, face: Ints) -> bool:
 
 @kernel()
 def distances(V: Floats, points: Ints, simplices: Ints) -> Floats:
-    """Distances (m,) [m] of vertices from simplices (m, 3)."""
+    """Distances (m,) [m] of vertices from simplices.
+
+    Parameters
+    ----------
+    V
+        Vertices (n_vertices, 3) [m].
+    points
+        Numbers of the vertices (m,).
+    simplices
+        Vertices of the simplices (m, 3), -1 beyond the last corner.
+    """
     w, n = np.empty(3), np.empty(3)
     out = np.empty(len(points))
     for k in range(len(points)):
@@ -276,7 +323,17 @@ def distances(V: Floats, points: Ints, simplices: Ints) -> Floats:
 
 @kernel()
 def law(overlap: float, depth: float, onset: float) -> tuple[float, float, float]:
-    """Energy, pressure and its slope, over the stiffness, at an overlap [m]: overlap / depth, smooth over `onset`."""
+    """Energy [m], pressure [-] and its slope [1/m], over the stiffness: overlap / depth, smooth at its begin.
+
+    Parameters
+    ----------
+    overlap
+        How far the point is within the reach [m].
+    depth
+        Of the core below its surface [m].
+    onset
+        Overlap over which the slope rises [m].
+    """
     if overlap <= 0.0:
         return 0.0, 0.0, 0.0
     if overlap < onset:
@@ -292,8 +349,22 @@ def push(
     """Energy [J], gradient (n, 3) [N], which of the simplices are pressed (k,), and their tangents (k, 12, 12) [N/m] by
     the vertex and the three corners; empty where not wanted.
 
-    scale: of each energy (m,) [N], the area times the stiffness, and the share of the simplex; reach (m,) [m]: the
-    distance from which on the simplex pushes.
+    Parameters
+    ----------
+    V
+        Vertices (n_vertices, 3) [m].
+    points
+        Numbers of the vertices (m,).
+    simplices
+        Vertices of the simplices (m, 3), -1 beyond the last corner.
+    scale
+        Of each energy (m,) [N]: the area times the stiffness and the share of the simplex.
+    reach
+        Distance from which on the simplex pushes (m,) [m].
+    depth, onset
+        As in `law` [m].
+    tangent
+        Whether tangents are wanted.
     """
     w, n = np.empty(3), np.empty(3)
     gradient = np.zeros_like(V)
@@ -326,8 +397,21 @@ def push(
 
 @kernel()
 def make_convex(V: Floats, points: Ints, simplices: Ints, pressed: Ints, blocks: Floats) -> None:
-    """Add to the tangents (k, 12, 12) of pressed simplices (k,) what makes those by each point's own motion positive
-    semidefinite: on a ridge between triangles any motion across relieves a point, until it is on one of them.
+    """Add to tangents what makes those by each point's own motion positive semidefinite: on a ridge between triangles
+    any motion across relieves a point, until it is on one of them.
+
+    Parameters
+    ----------
+    V
+        Vertices (n_vertices, 3) [m].
+    points
+        Numbers of the vertices (m,).
+    simplices
+        Vertices of the simplices (m, 3), -1 beyond the last corner.
+    pressed
+        Which of the simplices are pressed (k,).
+    blocks
+        Their tangents (k, 12, 12) [N/m], changed.
     """
     w, n, d = np.empty(3), np.empty(3), np.empty(len(pressed))
     begin = 0

@@ -92,10 +92,18 @@ class Skins:
         return self._crossings(self.X)
 
     def _crossings(self, x: Floats) -> Crossings:
+        import ipctk
+
         V = self._taken_in(x)
         if not self._intersect(V):
             return {}
-        edges, faces = self._candidates(V)
+        # Vertices of edges (m, 2) and of faces (m, 3) that are near each other and may cross.
+        near = ipctk.LBVH()
+        near.can_vertices_collide = self._mesh.can_collide
+        near.build(V, self._mesh.edges, self._mesh.faces)
+        pairs = np.array([(c.edge_id, c.face_id) for c in near.detect_edge_face_candidates()], dtype=np.int64)
+        pairs = pairs.reshape(-1, 2)
+        edges, faces = self._edges[pairs[:, 0]], self.faces[pairs[:, 1]]
         depth = _depth(V[edges], V[faces])
         cross = depth > 0.0
         edges, faces, depth = edges[cross, 0], faces[cross, 0], depth[cross]
@@ -105,32 +113,19 @@ class Skins:
         return self.weights @ x[self.points]
 
     def _taken_in(self, x: Floats) -> Floats:
-        return np.asfortranarray(x - self.inset * self._normals(x))
-
-    def _intersect(self, V: Floats) -> bool:
-        import ipctk
-
-        return bool(ipctk.has_intersections(self._mesh, V, ipctk.LBVH()))
-
-    def _candidates(self, V: Floats) -> tuple[Ints, Ints]:
-        """Vertices of edges (m, 2) and of faces (m, 3) that are near each other and may cross."""
-        import ipctk
-
-        near = ipctk.LBVH()
-        near.can_vertices_collide = self._mesh.can_collide
-        near.build(V, self._mesh.edges, self._mesh.faces)
-        pairs = np.array([(c.edge_id, c.face_id) for c in near.detect_edge_face_candidates()], dtype=np.int64)
-        pairs = pairs.reshape(-1, 2)
-        return self._edges[pairs[:, 0]], self.faces[pairs[:, 1]]
-
-    def _normals(self, x: Floats) -> Floats:
-        """Outward unit normals (n, 3) at the points: the mean of the faces around, by their areas."""
+        """The vertices (n, 3) moved inwards, along the mean of the normals of the faces around by their areas."""
         a, b, c = (x[self.faces[:, k]] for k in range(3))
         area = np.cross(b - a, c - a)
         normals = np.column_stack(
             [np.bincount(self.faces.ravel(), weights=np.repeat(area[:, k], 3), minlength=len(x)) for k in range(3)]
         )
-        return normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+        normals = normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+        return np.asfortranarray(x - self.inset * normals)
+
+    def _intersect(self, V: Floats) -> bool:
+        import ipctk
+
+        return bool(ipctk.has_intersections(self._mesh, V, ipctk.LBVH()))
 
     @cached_property
     def _edges(self) -> Ints:

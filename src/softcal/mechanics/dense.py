@@ -47,7 +47,7 @@ class Dense:
 
     @property
     def n_negative(self) -> int:
-        """How many eigenvalues have a negative real part: none where the symmetric part is positive definite."""
+        """The number of eigenvalues with a negative real part: none where the symmetric part is positive definite."""
         try:
             np.linalg.cholesky(self._matrix + self._matrix.T)
         except np.linalg.LinAlgError:
@@ -66,7 +66,16 @@ class Dense:
 def dense_tangent(pattern: Pattern, data: Floats, touch: Any, border: Border) -> tuple[Floats, Border]:
     """The tangent (n, n) with its products of low rank, and the border that remains, of the driven actuators.
 
-    data: its sparse upper triangle; touch: the part outside of the pattern, or None.
+    Parameters
+    ----------
+    pattern
+        Sparsity of the tangent.
+    data
+        The sparse upper triangle (nnz,).
+    touch
+        The part outside of the pattern, or None.
+    border
+        The border of driven actuators and of products of low rank.
     """
     import scipy.sparse as sp
 

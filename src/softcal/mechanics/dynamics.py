@@ -59,7 +59,16 @@ class Dynamics:
         return self._statics.n_factorisations
 
     def advance(self, now: Instant, step: float, drive: Drive) -> Instant:
-        """The instant one step [s] later. A step that does not converge is halved, repeatedly.
+        """The instant at the end of a step. A step that does not converge is halved, repeatedly.
+
+        Parameters
+        ----------
+        now
+            The instant at its start.
+        step
+            Its length [s].
+        drive
+            The controls by time [s].
 
         Raises
         ------
@@ -127,7 +136,7 @@ class Dynamics:
         raise SimulationError(f"{SWITCHING}.")
 
     def _gap(self, state: State, wanted: Controls) -> Floats:
-        """What each coordinate lacks to the prescribed one (n_actuators,): of a cable, the excess of its length [m]."""
+        """The prescribed coordinates less the present ones (n_actuators,): of a cable, the excess of its length [m]."""
         return wanted.coordinate - self.system.coordinates(state, self.theta)
 
     def _one_solve(self, now: Instant, step: float, wanted: Controls) -> Instant:
@@ -171,8 +180,17 @@ class Dynamics:
 
 
 def efforts_within(least: Floats, most: Floats, compliance: Floats, gap: Floats) -> Floats:
-    """Efforts e (n,) within limits that close the gaps g of prescribed coordinates: C e = g, but for C e > g where an
-    effort is at its lower limit (a slack cable), and C e < g at an upper one.
+    """Efforts e (n,) that close the gaps g of prescribed coordinates: C e = g, but for C e > g where an effort is at
+    its lower limit (a slack cable), and C e < g at an upper one.
+
+    Parameters
+    ----------
+    least, most
+        Limits of the efforts (n,), each in its own unit.
+    compliance
+        C (n, n): coordinates by efforts.
+    gap
+        g (n,), each in its own unit.
 
     Raises
     ------

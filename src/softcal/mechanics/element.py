@@ -81,6 +81,15 @@ class Element:
     def gradients(self, points: Floats, tets: Ints, where: str = "mesh") -> tuple[Floats, Floats]:
         """dN_a/dX (n_tets, n_q, n_a, 3) [1/m] and weights |dX/dxi| w (n_tets, n_q) [m^3] on the undeformed mesh.
 
+        Parameters
+        ----------
+        points
+            Nodes of the undeformed mesh (n_points, 3) [m].
+        tets
+            Nodes of its tets (n_tets, n_a).
+        where
+            What an error names as the place.
+
         Raises
         ------
         MeshError

@@ -39,7 +39,7 @@ DEFAULT = P2P1
 
 
 def _faults(element: Element, known: Mapping[str, Element]) -> list[Fault]:
-    """What is wrong with an element's name."""
+    """The faults of an element's name."""
     if not isinstance(element, Element):
         return [
             Fault(

@@ -53,7 +53,17 @@ def moving_pairs(layout: Layout, frames: Ints) -> Ints:
 
 
 def frame_blocks(layout: Layout, pattern: Pattern, frames: Ints) -> FrameBlocks:
-    """Look up, once, the places of the blocks of elements between frames (n, m)."""
+    """The places of the blocks of elements between frames, looked up once.
+
+    Parameters
+    ----------
+    layout
+        Numbering of points, frames and unknowns.
+    pattern
+        Sparsity of the tangent.
+    frames
+        Frames of each element (n, m).
+    """
     unknown = frame_unknowns(layout, frames)
     i, j = np.triu_indices(unknown.shape[1])
     low, high = np.minimum(unknown[:, i], unknown[:, j]), np.maximum(unknown[:, i], unknown[:, j])

@@ -26,22 +26,22 @@ def exclude_free_modes(statics: Statics, at: Linearisation) -> Floats:
     moving = slice(statics.system.layout.first_pressure_unknown)
     force = statics.force_scale(at)
     random = np.random.default_rng(2)
-    found = np.zeros((len(statics.unit), 0))
-    while found.shape[1] < MOST_MODES:
+    scaled = np.zeros((len(statics.unit), 0))
+    while scaled.shape[1] < MOST_MODES:
         mode, load, motion = np.zeros(len(statics.unit)), np.zeros(0), np.zeros(0)
         mode[moving] = random.standard_normal(len(mode[moving]))
         for _ in range(INVERSE_ITERATIONS):
-            mode -= found @ (found.T @ mode)
+            mode -= scaled @ (scaled.T @ mode)
             load = np.zeros(statics.system.layout.n_unknowns)
             load[: len(mode)] = mode / (np.linalg.norm(mode) * statics.unit)
             motion = statics.solve(load)  # the displacement by this load
             mode[moving] = (motion[: len(mode)] / statics.unit)[moving]
         if statics.measured(load, force) * statics.length > FREE * statics.reach(motion):
             break
-        mode -= found @ (found.T @ mode)
-        found = np.column_stack([found, mode / np.linalg.norm(mode)])
-    if found.shape[1] == 0:
+        mode -= scaled @ (scaled.T @ mode)
+        scaled = np.column_stack([scaled, mode / np.linalg.norm(mode)])
+    if scaled.shape[1] == 0:
         return NO_MODES
-    modes = found / statics.unit[:, None]
+    modes = scaled / statics.unit[:, None]
     statics.exclude(modes)
     return modes

@@ -45,7 +45,21 @@ def tension_at(L: float, a: float) -> float:
 
 @kernel(error_model="numpy")
 def along(pull: Floats, preload: Floats, rho: Floats, T: Floats, by_pull: Floats, by_rho: Floats) -> None:
-    """The tensions (n,) at rho = ln(L(T) / L(pull)), with their derivatives by the pull and by rho."""
+    """The tensions at rho = ln(L(T) / L(pull)), with their derivatives by the pull and by rho.
+
+    Parameters
+    ----------
+    pull
+        Tension at the pulled end (n,) [N].
+    preload
+        Preload a of the friction (n,) [N].
+    rho
+        rho (n,) [-].
+    T
+        Tensions (n,) [N], written.
+    by_pull, by_rho
+        Derivatives (n,) [-; N], written.
+    """
     for k in range(len(rho)):
         a = preload[k]
         if a <= 0.0 or pull[k] <= 0.0:
@@ -60,7 +74,19 @@ def along(pull: Floats, preload: Floats, rho: Floats, T: Floats, by_pull: Floats
 
 
 def by_preload(pull: Floats, preload: Floats, rho: Floats, T: Floats) -> Floats:
-    """d T / d preload (n,) at fixed rho."""
+    """d T / d preload (n,) at fixed rho.
+
+    Parameters
+    ----------
+    pull
+        Tension at the pulled end (n,) [N].
+    preload
+        Preload a of the friction (n,) [N].
+    rho
+        rho (n,) [-].
+    T
+        Tensions (n,) [N].
+    """
     e = BUILT_UP * preload
 
     def of_level(tension: Floats) -> Floats:

@@ -46,7 +46,19 @@ class FrameMasses(NamedTuple):
     second: Floats
 
     def add(self, frames: Ints, mass: Floats, arm: Floats, tensor: Floats) -> None:
-        """Add bodies: masses (n,) with their centres at arms (n, 3), and second moments (n, 3, 3) about the centres."""
+        """Add rigid bodies to frames.
+
+        Parameters
+        ----------
+        frames
+            Frame of each body (n,).
+        mass
+            Their masses (n,) [kg].
+        arm
+            Their centres less the frames' references at rest (n, 3) [m].
+        tensor
+            Their second moments about the centres (n, 3, 3) [kg m^2].
+        """
         np.add.at(self.mass, frames, mass)
         np.add.at(self.first, frames, mass[:, None] * arm)
         np.add.at(self.second, frames, tensor + mass[:, None, None] * arm[:, :, None] * arm[:, None, :])
@@ -160,8 +172,17 @@ class Inertia:
         return InertialForces(full, np.concatenate([force, axial(self._turned(rotation, A, B))], axis=1))
 
     def tangent(self, rotation: Floats, accelerations: Rates, rate: float) -> Floats:
-        """Derivative (n, 6, 6) of the moving frames' forces by their increments, where accelerations change by `rate`
-        [1/s^2] times those of positions and rotations: the second derivative of the potential they then have.
+        """Derivative (n, 6, 6) of the moving frames' forces by their increments: the second derivative of the potential
+        that they have where accelerations follow positions and rotations.
+
+        Parameters
+        ----------
+        rotation
+            Rotation matrices of the frames (n_frames, 3, 3).
+        accelerations
+            Accelerations [m/s^2; 1/s^2].
+        rate
+            Change of the accelerations over that of positions and rotations [1/s^2].
         """
         n = self.layout.n_moving_frames
         mass, first, second = (array[:n] for array in self.carried)
@@ -202,9 +223,20 @@ class Inertia:
 def build_inertia(
     layout: Layout, pattern: Pattern, elements: Sequence[tuple[Ints, Floats]], carried: FrameMasses
 ) -> Inertia:
-    """Gather masses of elements, each (points (n, k), matrices (n, k, k) [kg]), and of frames.
+    """The inertia of elements and frames.
 
     Elements that cannot deform move on a frame, or not at all, and are left out here: see `ride_along`.
+
+    Parameters
+    ----------
+    layout
+        Numbering of points, frames and unknowns.
+    pattern
+        Sparsity of the tangent.
+    elements
+        Points (n, k) and mass matrices (n, k, k) [kg] of elements of one kind each.
+    carried
+        Masses on frames.
     """
     import scipy.sparse as sp
 
@@ -225,8 +257,18 @@ def no_frame_masses(layout: Layout) -> FrameMasses:
 
 
 def ride_along(carried: FrameMasses, layout: Layout, points: Ints, masses: Floats) -> None:
-    """Add the mass of elements (points (n, k), matrices (n, k, k) [kg]) whose nodes all follow one frame to
-    that frame.
+    """Add the mass of elements whose nodes all follow one frame to that frame.
+
+    Parameters
+    ----------
+    carried
+        Masses on frames, changed.
+    layout
+        Numbering of points, frames and unknowns.
+    points
+        Points of the elements (n, k).
+    masses
+        Their mass matrices (n, k, k) [kg].
     """
     frames = layout.rider[points[:, 0]]
     arms = layout.X[points] - layout.references[frames][:, None, :]

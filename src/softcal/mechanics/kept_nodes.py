@@ -26,7 +26,7 @@ class KeptNode(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Of its arrays [bytes]."""
+        """The size of its arrays [bytes]."""
         node, state = self.node, self.node.state
         arrays = (state.x, state.pressure, node.slope, node.by_parameter, node.mixed, node.free)
         return sum(array.nbytes for array in arrays)
@@ -54,7 +54,17 @@ class KeptNodes:
         return None if own is None else each[own]._replace(node=each[own].node.by([own.index(name) for name in names]))
 
     def keep(self, key: Hashable, names: tuple[str, ...], kept: KeptNode) -> None:
-        """Keep a node by its key."""
+        """Keep a node by its key.
+
+        Parameters
+        ----------
+        key
+            What the node depends on.
+        names
+            Parameters (k,) by dotted name.
+        kept
+            The node.
+        """
         self._kept.setdefault(key, {})[names] = kept
         self.size += kept.size
 

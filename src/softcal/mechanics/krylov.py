@@ -44,9 +44,20 @@ class Solution:
 
 
 def gmres(times: Map, precondition: Map, b: Floats, accuracy: float, most: int) -> Solution:
-    """x (n, m) with `times`(x) = b (n, m), each column to a relative error of `accuracy`.
+    """The solution x (n, m) of A x = b, each column by itself.
 
-    most: iterations; the solution ends early, not converged, where the rate so far predicts more.
+    Parameters
+    ----------
+    times
+        x (n, m) -> A x.
+    precondition
+        r (n, m) -> about A^-1 r.
+    b
+        Right sides (n, m).
+    accuracy
+        Relative error of each column [-].
+    most
+        Iterations; the solution ends early, not converged, where the rate so far predicts more.
     """
     z = precondition(b)
     goal = accuracy * np.linalg.norm(z, axis=0)

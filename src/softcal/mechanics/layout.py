@@ -63,7 +63,7 @@ class Layout:
 
     @property
     def n_components(self) -> int:
-        """Of a gradient on all entities: three per point, one per pressure."""
+        """The number of components of a gradient on all entities: three per point, one per pressure."""
         return 3 * self.n_points + self.n_pressures
 
     @property

@@ -27,12 +27,12 @@ class Factors(Protocol):
 
     @property
     def n_negative(self) -> int:
-        """How many eigenvalues of the matrix factorised last are negative (Sylvester's law of inertia)."""
+        """The number of negative eigenvalues of the matrix factorised last (Sylvester's law of inertia)."""
         ...
 
     @property
     def solves_per_factorisation(self) -> float:
-        """How many solutions by iteration cost as much as a factorisation, about."""
+        """The number of solutions by iteration that cost about as much as a factorisation."""
         ...
 
 
@@ -45,9 +45,14 @@ class Factorisation(Factors, Protocol):
 
 
 def factorisation(indptr: Ints, indices: Ints, *, single: bool = False) -> Factorisation:
-    """The fastest available factorisation, for a fixed pattern (upper triangle, compressed rows, sorted).
+    """The fastest available factorisation for a fixed pattern.
 
-    single: in single precision where that is available, 1.7 times faster in half the memory.
+    Parameters
+    ----------
+    indptr, indices
+        The upper triangle in compressed rows, sorted (n + 1,) (nnz,).
+    single
+        Whether in single precision where that is available: 1.7 times faster in half the memory.
     """
     if _mkl_pardiso() is not None:
         return Pardiso(indptr, indices, single=single)
@@ -111,12 +116,12 @@ class Pardiso:
 
     @property
     def n_negative(self) -> int:
-        """How many eigenvalues of the matrix factorised last are negative."""
+        """The number of negative eigenvalues of the matrix factorised last."""
         return int(self._handle.options[22])
 
     @property
     def solves_per_factorisation(self) -> float:
-        """How many solutions by iteration cost as much as a factorisation, about."""
+        """The number of solutions by iteration that cost about as much as a factorisation."""
         return SOLVES * int(self._handle.options[17]) / (len(self._handle.indptr) - 1)
 
     def release(self) -> None:
@@ -195,7 +200,7 @@ class SuperLU:
 
     @property
     def n_negative(self) -> int:
-        """How many eigenvalues of the matrix factorised last are negative."""
+        """The number of negative eigenvalues of the matrix factorised last."""
         lu = self._lu
         if np.any(lu.perm_r != lu.perm_c):  # its pivots give the inertia only where all are on the diagonal
             lu = self._factors(0.0)
@@ -203,7 +208,7 @@ class SuperLU:
 
     @property
     def solves_per_factorisation(self) -> float:
-        """How many solutions by iteration cost as much as a factorisation, about."""
+        """The number of solutions by iteration that cost about as much as a factorisation."""
         return SOLVES * self._lu.nnz / self._lu.shape[0]
 
     def release(self) -> None:
@@ -215,9 +220,14 @@ class SuperLU:
 def _mkl_pardiso() -> Any:
     """MKL's function, or None where MKL is absent."""
     # Where pip installed it; pypardiso would search all installed files for it, which may take longer than a solve.
-    path = _mkl_file()
-    if path is not None:
-        return ctypes.CDLL(path)["pardiso"]
+    try:
+        files = distribution("mkl").files or []
+    except PackageNotFoundError:
+        files = []
+    libraries = [file for file in files if re.match(r"(lib)?mkl_rt\b", file.name) and "lib" not in file.suffix]
+    for path in (str(file.locate()) for file in libraries):
+        if os.path.exists(path):
+            return ctypes.CDLL(path)["pardiso"]
     try:
         from pypardiso import PyPardisoSolver
     except ImportError:
@@ -225,17 +235,6 @@ def _mkl_pardiso() -> Any:
     # Looked up by item, ctypes gives a function of our own: pypardiso's has argument types that only its arrays fit.
     library: Any = PyPardisoSolver().libmkl
     return library["pardiso"]
-
-
-def _mkl_file() -> str | None:
-    """MKL's run time as the package `mkl` installed it, or None."""
-    try:
-        files = distribution("mkl").files or []
-    except PackageNotFoundError:
-        return None
-    found = [file for file in files if re.match(r"(lib)?mkl_rt\b", file.name) and "lib" not in file.suffix]
-    paths = (str(file.locate()) for file in found)
-    return next((path for path in paths if os.path.exists(path)), None)
 
 
 def _pointer(array: np.ndarray) -> ctypes.c_void_p:

@@ -1,4 +1,4 @@
-"""What an assembly at a state gives: the gradient, and the tangent with what borders it."""
+"""The result of an assembly at a state: the gradient, and the tangent with its border."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ NO_TIES = Ties(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zero
 
 @dataclass(frozen=True)
 class Links:
-    """What the positions of the points that follow depend on.
+    """The links between followers, which are points, and what they follow.
 
     Attributes
     ----------
@@ -72,7 +72,17 @@ class Links:
         return out
 
     def place(self, x: Floats, position: Floats, rotation: Floats) -> None:
-        """Write the followers' positions into x (n_points, 3)."""
+        """Write the followers' positions.
+
+        Parameters
+        ----------
+        x
+            Positions of all points (n_points, 3) [m], changed.
+        position
+            References of the frames (n_frames, 3) [m].
+        rotation
+            Their rotation matrices (n_frames, 3, 3).
+        """
         if len(self.followers) == 0:
             return
         _place(
@@ -92,6 +102,19 @@ class Links:
 
 def compose(X: Floats, rider: Ints, is_free: np.ndarray, references: Floats, ties: Ties) -> Links:
     """The links of every point on a frame and every tied point.
+
+    Parameters
+    ----------
+    X
+        Points at rest (n_points, 3) [m].
+    rider
+        Frame that each point follows, or other support (n_points,), as of `Layout`.
+    is_free
+        Whether a point is an unknown of its own (n_points,).
+    references
+        References of the frames at rest (n_frames, 3) [m].
+    ties
+        The masters of tied points.
 
     Raises
     ------
@@ -135,7 +158,15 @@ def compose(X: Floats, rider: Ints, is_free: np.ndarray, references: Floats, tie
     np.subtract.at(anchor, keys // n_frames, frame_weight[:, None] * references[keys % n_frames] + arms)
     anchor[: len(riders)] = 0.0  # exactly: the remainder there is rounding error
     return Links(
-        followers, anchor, follower, master, master_weight, keys // n_frames, keys % n_frames, frame_weight, arms
+        followers=followers,
+        anchor=anchor,
+        follower=follower,
+        master=master,
+        weight=master_weight,
+        frame_follower=keys // n_frames,
+        frame=keys % n_frames,
+        frame_weight=frame_weight,
+        arm=arms,
     )
 
 

@@ -17,7 +17,17 @@ from softcal.mechanics.term import LowRank
 
 
 def low_rank_product(motion: Motion, state: State, part: LowRank) -> tuple[Floats, Floats]:
-    """Columns and rows (n_unknowns - n_actuators, k) of a product."""
+    """Columns and rows (n_unknowns - n_actuators, k) of a product of low rank on the unknowns.
+
+    Parameters
+    ----------
+    motion
+        Map from the unknowns to the points.
+    state
+        The state.
+    part
+        The product on all entities.
+    """
     columns = motion.reduce_columns(state, part.columns, int(part.ptr[-1]))
     spans = [_span(columns[:, a:b]) for a, b in pairwise(part.ptr.tolist())]
     ends = np.cumsum([0, *(basis.shape[1] for basis, _ in spans)])

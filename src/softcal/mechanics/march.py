@@ -1,5 +1,25 @@
-"""From one set of commands to the next, with an active-set method for efforts within their limits: of an actuator that
-is driven by its coordinate, either that is as commanded, or its effort is at a limit (a cable: taut, or slack).
+"""From one set of commands to the next, with an active-set method for efforts within their limits.
+
+Of an actuator that is commanded by its coordinate q, with the effort e within its limits, one of two holds:
+
+    driven:       q = q_commanded,    least < e < most        (a cable: taut)
+    at a limit:   e = least, q >= q_commanded, or e = most, q <= q_commanded      (a cable: slack, e = 0)
+
+Which, is the active set. The march from a sample to the next commands begins with that of the sample, and repeats
+(`reach`):
+
+1. *Line* (`_line`). Each driven actuator moves from its present coordinate to the commanded one, each that is commanded
+   by its effort from that of the sample; those at a limit stay there. If the commands lie on the line that
+   led to the sample, that line goes on, with its nodes and their curvature.
+2. *Way.* One step with a tangent predictor (`_at_once`); where it does not converge or may lead to another branch,
+   the path along the line (`path.py`). Where the line moves nothing, as when time alone has passed, the equilibrium.
+3. *Check* at the end. Driven actuators whose effort passes a limit (`node.pushing`) are put at it, first by one solve,
+   else along a path on which what is beyond decreases to zero (`_released`). Those at a limit whose coordinate
+   commands that they leave it (`node.returning`) are driven. Without either the sample is reached.
+
+A path that ends early at efforts beyond their limits goes on from the first node that has some, with these at their
+limit. After a snap-through that was followed with a fixed set, switching would end elsewhere; then, and where the sets
+do not settle, the robot moves overdamped from the last sample, and the set follows its state (`_fallen`).
 """
 
 from __future__ import annotations
@@ -38,13 +58,13 @@ class CommandPath:
         held = line.is_held
         start = np.where(held, line.effort, line.coordinate)
         rate = np.where(held, line.effort_rate, line.coordinate_rate)
-        wanted = np.where(held, target.effort, target.coordinate)
+        end = np.where(held, target.effort, target.coordinate)
         if not np.any(rate):
             return None
-        c = float((wanted - start) @ rate / (rate @ rate))
+        c = float((end - start) @ rate / (rate @ rate))
         here = self.nodes[-1].c
-        off = np.abs(start + c * rate - wanted).max() if c > here else np.inf
-        return c if off <= SAME * np.abs(wanted).max() else None
+        off = np.abs(start + c * rate - end).max() if c > here else np.inf
+        return c if off <= SAME * np.abs(end).max() else None
 
 
 @dataclass(frozen=True)
@@ -100,6 +120,15 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
     """Solve at the target with an active-set loop: follow a straight line with each actuator driven, or held at a limit
     of its effort, as before (cables: taut or slack); hold those whose effort passes a limit, drive those at a limit
     again that must be, and repeat until unchanged.
+
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    last
+        The sample before.
+    aim
+        The commands, and the derivatives that are wanted.
 
     Raises
     ------
@@ -195,8 +224,8 @@ def _at_once(statics: Statics, line: Line, state: State, last: Reached) -> Node 
 
 
 def _settled(statics: Statics, line: Line, state: State) -> tuple[State, str]:
-    """The equilibrium at the begin of a line: a material may have relaxed or flowed since the sample whose state this
-    is. Or that state, and why there is none.
+    """The equilibrium at the begin of a line, since a material may have relaxed or flowed meanwhile; on failure the
+    state as it is, and the reason.
     """
     if not statics.system.remembers:
         return state, ""
@@ -216,7 +245,7 @@ def _fallen(statics: Statics, last: Reached, aim: Target) -> Reached:
     system, by_coordinate = statics.system, ~target.is_held
     least, most = system.effort_limits
 
-    def with_held(is_held: np.ndarray, state: State) -> Controls:
+    def within_limits(is_held: np.ndarray, state: State) -> Controls:
         return held_at(target, is_held, np.clip(state.effort, least, most))
 
     def switched(state: State, controls: Controls) -> Controls:
@@ -224,21 +253,31 @@ def _fallen(statics: Statics, last: Reached, aim: Target) -> Reached:
             statics, state.effort, target.coordinate - system.coordinates(state, statics.theta)
         )
         is_held = np.where(controls.is_held, ~returns, pushing(system, state))
-        return controls if np.all(is_held == controls.is_held) else with_held(is_held, state)
+        return controls if np.all(is_held == controls.is_held) else within_limits(is_held, state)
 
-    snapped = overdamped_equilibrium(statics, last.state, with_held(last.controls.is_held, last.state), switched)
+    snapped = overdamped_equilibrium(statics, last.state, within_limits(last.controls.is_held, last.state), switched)
     if not snapped.converged:
         raise SimulationError(f"{SWITCHING}: {snapped.status}.")
     state = snapped.state
     at_limit = (state.effort == least) | (state.effort == most)
-    controls = switched(state, with_held(~by_coordinate | at_limit, state))
+    controls = switched(state, within_limits(~by_coordinate | at_limit, state))
     statics.seeks_free_modes = True
     node = stable_node_at(statics, _line(controls, controls), 1.0, state, ())
     return remembered(statics, node.state, controls, aim, (True, True))
 
 
 def held_at(target: Controls, is_held: np.ndarray, effort: Floats) -> Controls:
-    """The target with some of the actuators that are commanded by their coordinate held at these efforts instead."""
+    """The target with some of the actuators that are commanded by their coordinate at prescribed efforts instead.
+
+    Parameters
+    ----------
+    target
+        The commands.
+    is_held
+        Which actuators have a prescribed effort (n_actuators,).
+    effort
+        Efforts of those that are not commanded by it (n_actuators,), each in its own unit.
+    """
     return replace(target, is_held=is_held, effort=np.where(target.is_held, target.effort, effort))
 
 
@@ -250,8 +289,22 @@ def remembered(
     snaps: tuple[bool, bool],
     commanded: CommandPath | None = None,
 ) -> Reached:
-    """The sample that ends at an equilibrium: converged, and remembered. Its derivatives are by the tangent factorised
-    last. snaps: as `Reached.snaps` and `has_snapped`.
+    """The sample that ends at an equilibrium. Its derivatives are by the tangent factorised last.
+
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    state
+        The equilibrium.
+    controls
+        The controls there.
+    aim
+        The commands, and the derivatives that are wanted.
+    snaps
+        `Reached.snaps` and `has_snapped`.
+    commanded
+        The line to the equilibrium, from which the next sample may continue.
 
     Raises
     ------
@@ -265,11 +318,33 @@ def remembered(
     state = statics.system.advanced(state, controls, statics.theta, by_parameter, aim.names)
     # The nodes on the line there have the memory of its start, and are no part of what follows.
     commanded = None if statics.system.remembers else commanded
-    return Reached(state, controls, by_parameter, *snaps, commanded, statics.tangent.n_tangents)
+    return Reached(
+        state=state,
+        controls=controls,
+        by_parameter=by_parameter,
+        snaps=snaps[0],
+        has_snapped=snaps[1],
+        commanded=commanded,
+        tangent=statics.tangent.n_tangents,
+    )
 
 
 def by_command(statics: Statics, state: State, now: Controls, target: Controls, which: Ints) -> Floats:
-    """dz / d command of some actuators, by the tangent factorised last: (n_unknowns, number of `which`)."""
+    """dz / d command (n_unknowns, k) of some actuators, by the tangent factorised last.
+
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    state
+        The state.
+    now
+        The controls of the equilibrium.
+    target
+        The commands; an actuator that is commanded by its coordinate may be at a limit of its effort now.
+    which
+        Numbers of the actuators (k,).
+    """
     system = statics.system
     first = system.layout.first_effort_unknown
     right = np.zeros((system.layout.n_unknowns, len(which)))

@@ -20,7 +20,7 @@ from softcal.materials.components import doubled, full
 
 @dataclass(frozen=True)
 class MeshMotion:
-    """How a parameter moves the undeformed mesh of a body.
+    """The motion of the undeformed mesh of a body by a parameter.
 
     Attributes
     ----------
@@ -50,8 +50,18 @@ class MeshMotion:
 
 
 def stress_rate(F: Floats, dF: Floats, S: Floats, D: Floats) -> tuple[Floats, Floats]:
-    """P and its rate for a rate dF of F (n_tets, n_q, 3, 3), with the stress S (n_tets, n_q, 6) and its tangent D
-    (n_tets, n_q, 6, 6).
+    """The first Piola-Kirchhoff stress P (n_tets, n_q, 3, 3) [Pa], and its rate.
+
+    Parameters
+    ----------
+    F
+        Deformation gradients (n_tets, n_q, 3, 3) [-].
+    dF
+        Their rates (n_tets, n_q, 3, 3).
+    S
+        Second Piola-Kirchhoff stress (n_tets, n_q, 6) [Pa].
+    D
+        Its tangent (n_tets, n_q, 6, 6) [Pa].
     """
     dE = 0.5 * (np.swapaxes(dF, 2, 3) @ F + np.swapaxes(F, 2, 3) @ dF)
     stress, stress_rates = full(S), full(np.einsum("eqab,eqb->eqa", D, doubled(dE)))

@@ -113,27 +113,24 @@ class Mirror:
             return None
         if each is None:
             return (even, None), (odd, None)
-        unlike = (touch - self._image(each)).tocoo()
-        scale = size[first[unlike.row]] * size[first[unlike.col]]
-        if np.any(unlike.data**2 > ALIKE**2 * scale):
-            return None
-        return (even, self.even.of_touch(each)), (odd, self.odd.of_touch(each))
-
-    def _image(self, each: Any) -> Any:
-        """The mirror image of a sparse upper triangle."""
         import scipy.sparse as sp
 
         row, column = self.partner[each.row], self.partner[each.col]
         places = (np.minimum(row, column), np.maximum(row, column))
-        return sp.csr_matrix((each.data * self.sign[each.row] * self.sign[each.col], places), shape=each.shape)
+        image = sp.csr_matrix((each.data * self.sign[each.row] * self.sign[each.col], places), shape=each.shape)
+        unlike = (touch - image).tocoo()
+        scale = size[first[unlike.row]] * size[first[unlike.col]]
+        if np.any(unlike.data**2 > ALIKE**2 * scale):
+            return None
+        return (even, self.even.of_touch(each)), (odd, self.odd.of_touch(each))
 
 
 def mirrors_of(layout: Layout, pattern: Pattern) -> tuple[Mirror, ...]:
     """The planes, normal to an axis, by which free points, frames, pressures and the entries of their tangent come in
     pairs.
     """
-    found = (_mirror(layout, pattern, axis) for axis in range(3))
-    return tuple(one for one in found if one is not None)
+    mirrors = (_mirror(layout, pattern, axis) for axis in range(3))
+    return tuple(one for one in mirrors if one is not None)
 
 
 def _mirror(layout: Layout, pattern: Pattern, axis: int) -> Mirror | None:
@@ -164,7 +161,18 @@ def _mirror(layout: Layout, pattern: Pattern, axis: int) -> Mirror | None:
     mirrored, rows, columns = mirrored[entry], pattern.rows[entry], pattern.indices[entry]
     of_half = (_half(partner, sign, parity, rows, columns, mirrored != entry) for parity in (1.0, -1.0))
     alike, first = sign[rows] * sign[columns], np.minimum(np.arange(len(partner)), partner)
-    return Mirror(partner, sign, first[rows], first[columns], entry, mirrored, alike, *of_half)
+    even, odd = of_half
+    return Mirror(
+        partner=partner,
+        sign=sign,
+        rows=first[rows],
+        columns=first[columns],
+        entry=entry,
+        mirrored=mirrored,
+        alike=alike,
+        even=even,
+        odd=odd,
+    )
 
 
 def _pressure_places(layout: Layout, pattern: Pattern) -> Floats:
@@ -210,7 +218,16 @@ def _half(partner: Ints, sign: Floats, parity: float, rows: Ints, columns: Ints,
     triangle = Triangle(block.indptr.astype(np.int64), block.indices.astype(np.int64))
     place = np.maximum(_places(triangle.indptr, triangle.indices, a, b), 0)
     factor = np.where(has_two, 2.0, 1.0) * factor
-    return Half(own, other, np.where(is_pair, parity * sign[own], 0.0), number, part, triangle, place, factor)
+    return Half(
+        own=own,
+        other=other,
+        other_sign=np.where(is_pair, parity * sign[own], 0.0),
+        number=number,
+        sign=part,
+        triangle=triangle,
+        place=place,
+        factor=factor,
+    )
 
 
 @kernel()

@@ -43,7 +43,14 @@ class MirroredPattern:
         for mirror in self._mirrors:
             entries = mirror.split(data, touch)
             if entries is not None:
-                return self._in_halves(mirror, entries)
+                halves = (mirror.even, mirror.odd)
+                if mirror not in self._halves:
+                    self._halves[mirror] = [
+                        TouchedPattern(half.triangle, self._unit[half.own], single=self._single) for half in halves
+                    ]
+                even, odd = (HalfFactors(*each) for each in zip(halves, self._halves[mirror], entries, strict=True))
+                even.factors  # noqa: B018 (where it is singular, so is the whole tangent)
+                return Halves(even, odd)
             for pattern in self._halves.pop(mirror, []):
                 pattern.release()
         if self._whole is None:
@@ -56,16 +63,6 @@ class MirroredPattern:
         for pattern in (*halves, *([] if self._whole is None else [self._whole])):
             pattern.release()
 
-    def _in_halves(self, mirror: Mirror, entries: tuple[tuple[Floats, Any], ...]) -> Halves:
-        halves = (mirror.even, mirror.odd)
-        if mirror not in self._halves:
-            self._halves[mirror] = [
-                TouchedPattern(half.triangle, self._unit[half.own], single=self._single) for half in halves
-            ]
-        even, odd = (HalfFactors(*each) for each in zip(halves, self._halves[mirror], entries, strict=True))
-        even.factors  # noqa: B018 (where it is singular, so is the whole tangent)
-        return Halves(even, odd)
-
 
 @dataclass(frozen=True, eq=False)
 class HalfFactors:
@@ -77,7 +74,7 @@ class HalfFactors:
 
     @cached_property
     def factors(self) -> Factors:
-        """Its factors."""
+        """The factors of this half."""
         return self.pattern.factorise(*self.entries)
 
 
@@ -105,16 +102,16 @@ class Halves:
 
     @property
     def n_negative(self) -> int:
-        """How many eigenvalues of the matrix are negative."""
+        """The number of negative eigenvalues of the matrix."""
         return self._even.factors.n_negative + self._odd.factors.n_negative
 
     @property
     def solves_per_factorisation(self) -> float:
-        """How many solutions by iteration cost as much as a factorisation, about."""
+        """The number of solutions by iteration that cost about as much as a factorisation."""
         return self._even.factors.solves_per_factorisation
 
     def _parts(self, b: Floats, accuracy: float) -> Iterator[tuple[HalfFactors, Floats, np.ndarray]]:
-        """Of each half, its part of the forces b (n, k), and which are more than `accuracy` of the other half's."""
+        """Each half with its part of the forces b (n, k), and whether columns are above `accuracy` of the other's."""
         both = (self._even, self._odd)
         parts = [each.half.reduced(b) for each in both]
         sizes = [np.abs(part).max(axis=0, initial=0.0) for part in parts]

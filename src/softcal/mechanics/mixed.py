@@ -22,7 +22,23 @@ STEP = 1e-5  # of the robot's extent, or radians: the step to either side
 def mixed_derivatives(
     statics: Statics, controls: Controls, state: State, slope: Floats, by_parameter: Floats, names: tuple[str, ...]
 ) -> Floats:
-    """d2z / dc dtheta (n_unknowns, k) at a node with dz/dc and dz/dtheta, by the tangent factorised last."""
+    """d2z / dc dtheta (n_unknowns, k) at a node, by the tangent factorised last.
+
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    controls
+        The controls.
+    state
+        The equilibrium.
+    slope
+        dz/dc there (n_unknowns,).
+    by_parameter
+        dz/dtheta there (n_unknowns, k).
+    names
+        Parameters (k,) by dotted name.
+    """
     if not names:
         return np.zeros_like(by_parameter)
     h, *beside = neighbours_along(statics, state, slope)
@@ -38,7 +54,17 @@ def mixed_derivatives(
 
 
 def neighbours_along(statics: Statics, state: State, slope: Floats) -> tuple[float, State, State]:
-    """A small step h of c, and the states at -h and h along a path with this slope."""
+    """A small step h of c, and the states at -h and h along a path.
+
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    state
+        The state at h = 0.
+    slope
+        dz/dc there (n_unknowns,).
+    """
     layout = statics.system.layout
     h = STEP * statics.length / max(statics.reach(slope), 1.0)
     return h, moved(layout, state, -h * slope), moved(layout, state, h * slope)

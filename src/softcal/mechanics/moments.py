@@ -48,8 +48,18 @@ class Moments(Term):
         self._add(into, moments)
         into.squares += float(np.square(moments).sum()) / self._extent**2
         if into.data is not None:
+            # -1/2 m x on a frame's rotation, as two products of a column and a row (n_unknowns - n_actuators,).
             for frame in np.flatnonzero(moments[: self.layout.n_moving_frames].any(axis=1)):
-                into.rank_one_own.extend(self._turning(int(frame), moments[frame]))
+                size = float(np.linalg.norm(moments[frame]))
+                e3 = moments[frame] / size
+                e1 = np.cross(e3, np.eye(3)[np.argmin(np.abs(e3))])
+                e1 /= np.linalg.norm(e1)
+                e2 = np.cross(e3, e1)
+                at = self.layout.first_frame_unknown + 6 * int(frame) + 3
+                for column, row in ((e1, e2), (-e2, e1)):
+                    whole = np.zeros((2, self.layout.first_effort_unknown))
+                    whole[0, at : at + 3], whole[1, at : at + 3] = 0.5 * size * column, row
+                    into.rank_one_own.append((whole[0], whole[1]))
 
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
         for name in into.keys() & self.per_unit.keys():
@@ -70,18 +80,3 @@ class Moments(Term):
         layout = self.layout
         frames = into.own[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
         frames[:, 3:] -= moments[: layout.n_moving_frames]
-
-    def _turning(self, frame: int, moment: Floats) -> list[tuple[Floats, Floats]]:
-        """Columns and rows (n_unknowns - n_actuators,) whose products are -1/2 m x on a frame's rotation."""
-        size = float(np.linalg.norm(moment))
-        e3 = moment / size
-        e1 = np.cross(e3, np.eye(3)[np.argmin(np.abs(e3))])
-        e1 /= np.linalg.norm(e1)
-        e2 = np.cross(e3, e1)
-        at = self.layout.first_frame_unknown + 6 * frame + 3
-        pairs: list[tuple[Floats, Floats]] = []
-        for column, row in ((e1, e2), (-e2, e1)):
-            whole = np.zeros((2, self.layout.first_effort_unknown))
-            whole[0, at : at + 3], whole[1, at : at + 3] = 0.5 * size * column, row
-            pairs.append((whole[0], whole[1]))
-        return pairs

@@ -66,14 +66,33 @@ class Motion:
         return out
 
     def reduce_columns(self, state: State, columns: BlockColumns, n: int) -> Floats:
-        """P^T times n columns on all entities: (n_unknowns - n_actuators, n)."""
+        """P^T times columns: (n_unknowns - n_actuators, n).
+
+        Parameters
+        ----------
+        state
+            The state.
+        columns
+            The columns on all entities.
+        n
+            Number of them.
+        """
         out = np.zeros((self.layout.first_effort_unknown, n))
         _reduce_columns(out, *columns, *self._rows, self._weights(state))
         return out
 
     def reduce_tangent(self, state: State, gradient: Floats, data: Floats) -> None:
-        """Fold the side blocks of `data` into the triangle, and add the change of the forces' moments as the frames
+        """Fold the side blocks of a tangent into the triangle, and add the change of the forces' moments as the frames
         turn.
+
+        Parameters
+        ----------
+        state
+            The state.
+        gradient
+            Gradient on all entities (3 n_points + n_pressures,).
+        data
+            Entries of the tangent, with side blocks, changed.
         """
         links = self.layout.links
         if len(links.followers) == 0:
@@ -85,8 +104,16 @@ class Motion:
     def reduce_blocks(
         self, state: State, blocks: Floats, rows: Ints, columns: Ints
     ) -> tuple[Floats, tuple[Ints, Ints]]:
-        """P^T K P of a symmetric K of blocks (n, 3, 3) of pairs of points, row <= column: entries (k,) of the upper
-        triangle, and their rows and columns (k,).
+        """P^T K P of a symmetric K: entries (k,) of the upper triangle, and their rows and columns (k,).
+
+        Parameters
+        ----------
+        state
+            The state.
+        blocks
+            Blocks of K (n, 3, 3) [N/m].
+        rows, columns
+            Their points (n,), row <= column.
         """
         values, *places = _reduce_blocks(blocks, rows, columns, *self._rows, self._weights(state))
         return values, (places[0], places[1])
@@ -100,7 +127,17 @@ class Motion:
         return sp.csr_matrix((self._weights(state)[weight], unknown, ptr), shape=shape)
 
     def rates(self, state: State, dz: Floats, matrix: Any) -> State:
-        """The rates of a state's arrays (dx, dR, ...) at rates dz (n_unknowns,) of the unknowns; matrix: P there."""
+        """The rates of a state's arrays (dx, dR, ...).
+
+        Parameters
+        ----------
+        state
+            The state.
+        dz
+            Rates of the unknowns (n_unknowns,).
+        matrix
+            P there.
+        """
         layout, n = self.layout, self.layout.n_moving_frames
         frames = dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
         position, rotation = np.zeros_like(state.position), np.zeros_like(state.rotation)

@@ -47,8 +47,20 @@ def order_of(centres: Floats) -> Ints:
 
 @kernel()
 def boxes(before: Floats, after: Floats, cells: Ints, order: Ints, around: Floats, depth: int) -> Floats:
-    """Boxes (n_nodes + n, 12) [m] of the nodes of a tree, at least as deep as `depth_of`, and of its cells (n, k) in
-    their order, whose vertices move from `before` (n_vertices, 3) to `after`; wider by `around` (n,) [m] on every side.
+    """Boxes (n_nodes + n, 12) [m] of the nodes of a tree and of its cells in their order.
+
+    Parameters
+    ----------
+    before, after
+        Vertices at the begin and at the end (n_vertices, 3) [m].
+    cells
+        Vertices of the cells (n, k).
+    order
+        Order of the cells in the tree (n,).
+    around
+        By how much each cell's box is wider on every side (n,) [m].
+    depth
+        Of the tree; at least `depth_of`.
     """
     n, inner = len(order), (1 << depth) - 1
     first = 2 * inner + 1  # of the cells
@@ -72,8 +84,19 @@ def _cells_of(leaf: int, n: int, inner: int, depth: int) -> tuple[int, int]:
 
 @kernel()
 def enclose(box: Floats, before: Floats, after: Floats, cell: Ints, around: float) -> None:
-    """Write to box (12,) [m] the low corners at the beginning and at the end of what encloses a cell, and less its high
-    ones; infinity where no vertex is a number.
+    """Write the box of a moving cell: its low corners at the begin and at the end, and less its high ones; infinity
+    where no vertex is a number.
+
+    Parameters
+    ----------
+    box
+        The box (12,) [m], written.
+    before, after
+        Vertices at the begin and at the end (n_vertices, 3) [m].
+    cell
+        Vertices of the cell (k,).
+    around
+        By how much the box is wider on every side [m].
     """
     box[:] = np.inf
     for v in cell:
@@ -87,8 +110,14 @@ def enclose(box: Floats, before: Floats, after: Floats, cell: Ints, around: floa
 
 @kernel(error_model="numpy")
 def separate(a: Floats, i: int, b: Floats, j: int) -> bool:
-    """Whether box i of a (n, 12) and box j of b (m, 12) are apart along one axis at the beginning and at the end: then
-    they always are.
+    """Whether two boxes are apart along an axis at the begin and at the end: then they always are.
+
+    Parameters
+    ----------
+    a, b
+        Boxes (n, 12), (m, 12) [m].
+    i, j
+        Numbers of the two.
     """
     for k in range(3):
         if a[i, k] + b[j, 6 + k] > 0.0 and a[i, 3 + k] + b[j, 9 + k] > 0.0:
@@ -117,7 +146,17 @@ def meet(a: Floats, b: Floats) -> bool:
 
 @kernel()
 def pairs_beside(a: Floats, b: Floats, a_order: Ints, b_order: Ints, depth: int) -> tuple[Ints, Ints]:
-    """Cells of one tree (m,) and of another of the same depth (m,) whose boxes are not `separate`."""
+    """Cells of one tree (m,) and of another of the same depth (m,) whose boxes are not `separate`.
+
+    Parameters
+    ----------
+    a, b
+        Boxes of the trees (n, 12), (m, 12) [m].
+    a_order, b_order
+        Orders of their cells.
+    depth
+        Of both trees.
+    """
     n, m, inner = len(a_order), len(b_order), (1 << depth) - 1
     first = 2 * inner + 1
     nodes = np.zeros((3 * depth + 1, 2), dtype=np.int64)  # to visit

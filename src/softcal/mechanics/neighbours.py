@@ -21,7 +21,7 @@ STEP = 1e-6  # of the robot's extent, or of one
 
 @dataclass(frozen=True)
 class Neighbours:
-    """What has been built at a value of a parameter a step less, and a step more.
+    """Two neighbours of a system or twin: built with a parameter a step less, and a step more.
 
     Attributes
     ----------

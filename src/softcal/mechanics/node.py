@@ -117,9 +117,25 @@ def node_at(
     """The node of an equilibrium: one factorisation, then a substitution for the slope and two per parameter. Two more
     factorisations where surfaces touch on ridges, which count as flat for its stability, but not for derivatives.
 
-    mixed: whether the mixed derivatives are computed, to interpolate between this node and the next; zero otherwise.
-    judged: whether its stability is judged; else it counts as stable, and the tangent is not factorised where earlier
-    factors serve. accuracy: relative error of the slope, where it is solved by iteration.
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    line
+        The controls by c.
+    c
+        Parameter of the line of controls.
+    state
+        The equilibrium there.
+    names
+        Parameters (k,) of the derivatives.
+    mixed
+        Whether the mixed derivatives are computed, to interpolate between this node and the next; zero otherwise.
+    judged
+        Whether its stability is judged; else it counts as stable, and the tangent is not factorised where earlier
+        factors serve.
+    accuracy
+        Relative error of the slope, where it is solved by iteration [-].
 
     Raises
     ------
@@ -153,7 +169,18 @@ def node_at(
 
 
 def by_parameters(statics: Statics, state: State, controls: Controls, names: tuple[str, ...]) -> Floats:
-    """dz/dtheta at fixed controls (n_unknowns, k) by parameters `names` (k,), by the tangent factorised last.
+    """dz/dtheta at fixed controls (n_unknowns, k), by the tangent factorised last.
+
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    state
+        The equilibrium.
+    controls
+        Its controls.
+    names
+        Parameters (k,) by dotted name.
 
     Raises
     ------
@@ -169,7 +196,7 @@ def by_parameters(statics: Statics, state: State, controls: Controls, names: tup
 
 
 def _moving(statics: Statics, state: State, names: tuple[str, ...]) -> list[int]:
-    """Which parameters an equilibrium depends on; others, such as the offset of a marker, leave it as it is."""
+    """The columns of the parameters that an equilibrium depends on; the offset of a marker leaves it as it is."""
     remembered = () if state.memory is None else state.memory.by_parameter
     return [k for k, name in enumerate(names) if name in statics.system.parameters or name in remembered]
 
@@ -192,9 +219,18 @@ def pushing(system: System, state: State) -> np.ndarray:
 
 
 def returning(statics: Statics, effort: Floats, gap: Floats) -> np.ndarray:
-    """Which actuators (n_actuators,), held in the place of being driven, must be driven: those whose effort is not at a
-    limit, or that could close a gap of their coordinate to the prescribed one by leaving it, as a slack cable that is
-    too long.
+    """Which actuators (n_actuators,) at a prescribed effort must be driven again: those whose effort is not at a limit,
+    or that could close a gap of their coordinate to the prescribed one by leaving it, as a slack cable that is too
+    long.
+
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    effort
+        Efforts (n_actuators,), each in its own unit.
+    gap
+        Prescribed coordinates less the present ones (n_actuators,).
     """
     least, most = statics.system.effort_limits
     tolerance = statics.system.coordinate_tolerances(statics.length)

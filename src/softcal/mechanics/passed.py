@@ -34,7 +34,7 @@ Law = TypeVar("Law", bound=ElasticAt)
 
 @dataclass(frozen=True)
 class Passed(Generic[Law]):
-    """What a material with a history goes through from one sample to the next.
+    """A material with a history, from one sample to the next.
 
     Attributes
     ----------
@@ -64,10 +64,16 @@ class Passed(Generic[Law]):
     def rates(
         self, strain: Floats | None = None, memory: Floats | None = None, constant: str = ""
     ) -> tuple[Floats, Floats]:
-        """The rates of the stress (n, 6), and of the memory left (n_points * size,).
+        """The rates of the stress (n, 6), and of the memory that is left (n_points * size,).
 
-        strain: those of the strains (n, 6); memory: of the one before; constant: the law's or the history's of this
-        name, whose rate is one.
+        Parameters
+        ----------
+        strain
+            Rates of the strains (n, 6); None: zero.
+        memory
+            Rates of the memory before; None: zero.
+        constant
+            Constant of the law or the history whose rate is one; "": none.
         """
         at = self.law.stressed(tangent=strain is not None)
         by = PointRates(np.zeros_like(at.E), np.zeros_like(at.W), np.zeros_like(at.S))

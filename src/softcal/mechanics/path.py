@@ -1,4 +1,40 @@
-"""A curve of equilibria along one control: adaptive steps, tangent predictor, exact slope at every node."""
+"""A curve of equilibria along one control: predictor and corrector, with snap-through where the curve is lost.
+
+Sought are the states z(c) with g(z, c) = 0, from a node at c_0 to an end, where g is the gradient of the potential on
+the unknowns and the controls are on a straight line, c_0 + c * rate. A node has the exact slope, from the tangent K
+factorised there, and says whether the equilibrium is stable:
+
+    K z' = -dg/dc,    stable: K, bordered by the actuators, has no unstable direction
+
+*Predictor* of a step h = c - c_n: a parabola, its curvature by the last two nodes, w apart (`_predicted_step`),
+
+    dz = h z' + h^2/2 z'',    z'' = 2 (z_(n-1) - z_n + w z') / w^2
+
+or, beside a guide, the difference to a path at other parameters, extrapolated from node to node (`_beside`):
+
+    z(c) = y(c) + (z_n - y_n) + h (z' - y'),    y: the guide
+
+*Corrector*: Newton's method at fixed c (`Statics.equilibrium`). Of what it reaches,
+
+- a stable equilibrium near the prediction is the next node. The next step is `GROWTH` times as long after at most
+  `EASY` iterations, half as long after `HARD` or more;
+- one further from the prediction than that is from z_n (`strays`) may be on another branch: the step is shortened by
+  `CUT` and repeated, unless it is among the shortest;
+- an unstable one, or none, is a failed attempt. Then, in this order: after each second one the robot is relaxed by
+  overdamped motion, if it has modes almost without force (`_settle`); the step is shortened by `CUT` (`_shorten`) until
+  it is `CLOSE` of the path so far (where none was found: at most `SMALLEST_STEP` of the range), so that the loss of
+  stability or the limit point is located; at last the robot snaps through (`_snap`): the next node is the stable
+  equilibrium that overdamped motion reaches (`stability.py`).
+
+A control cannot turn back, so that there is no arc length: beyond a limit point is a snap-through. The path ends at
+`end`, at a limit of the work (`path_limits.py`), where there is no other equilibrium, or after `MOST_SNAPS`.
+
+*Between nodes* the curve is the cubic through their states and slopes (`interpolated`), with t = (c - c_n) / h:
+
+    z = z_n + (3 - 2 t) t^2 (z_(n+1) - z_n) + h t (1 - t) ((1 - t) z'_n - t z'_(n+1))
+
+Differences and sums of states compose rotations; see `state.py`.
+"""
 
 from __future__ import annotations
 
@@ -36,14 +72,14 @@ EASY, HARD = 7, 12  # iterations (with kept factorisations) below which steps gr
 
 @dataclass(frozen=True)
 class Path:
-    """Nodes in the order of c, and whether its end was reached.
+    """Nodes in the order of c, and whether the path reaches its end.
 
     Attributes
     ----------
     status
-        Why it was not, as part of a sentence.
+        Why it does not, as part of a sentence.
     is_cut
-        Whether it ends at a limit of its work, or by a stop, and not where no equilibrium was found.
+        Whether it ends at a limit of its work or by a stop, and not for want of an equilibrium.
     stopped_by
         The signal that stopped it, where what is ready is kept.
     """
@@ -67,7 +103,7 @@ class Path:
 
     @property
     def ended(self) -> str:
-        """What is known beyond its end, where that was not reached."""
+        """The words before the place at which a path ends early."""
         return "the load path was ended at" if self.is_cut else "no equilibrium beyond"
 
     def stopped(self, by: KeyboardInterrupt) -> Path:
@@ -151,7 +187,11 @@ class _Continuation:
             self.begun = key, self.statics.n_factorisations
             if self._is_guided:
                 return self._step_beside(key, step)
-        attempt, last = self._attempt(c, step), self.last
+        last = self.last
+        go_on_from(self.statics, last)
+        ahead = _predicted_step(self.statics.system.layout, [*self.before, *self.nodes], c)
+        guess = self.statics.reachable(last.state, ahead)
+        attempt = _Attempt(c, step, guess, _nearer(self.statics, self.line, c, last, guess))
         solved = self.statics.equilibrium(attempt.begin, self.line.at(attempt.c))
         node = None
         if solved.converged:
@@ -161,7 +201,8 @@ class _Continuation:
                 return ""
             node = node_at(self.statics, self.line, c, solved.state, self.names, mixed=self.mixed)
             if node.is_stable:
-                self._add(node, _next_length(step, solved.n_iterations))
+                n = solved.n_iterations
+                self._add(node, GROWTH * step if n <= EASY else 0.5 * step if n >= HARD else step)
                 return ""
         self.failing = None if node is not None else self.statics.system.failing(solved.state)
         self.tried.append(attempt if node is None else replace(attempt, begin=node.state))
@@ -169,12 +210,12 @@ class _Continuation:
 
     def _step_beside(self, key: Hashable, step: float) -> str:
         """A step to the node beside the guide's next one; where there is none, the path goes on by itself."""
-        known, n = self.statics.is_in_vain(key), self.statics.n_factorisations
-        node = None if known else self._beside(self.guide[len(self.nodes)])
+        is_in_vain, n = self.statics.is_in_vain(key), self.statics.n_factorisations
+        node = None if is_in_vain else self._beside(self.guide[len(self.nodes)])
         if node is not None:
             self._add(node, step)
             return ""
-        if not known and not self.statics.why_over():
+        if not is_in_vain and not self.statics.why_over():
             self.statics.keep_in_vain(key, since=n)
         self.guide, self.begun = (), None
         return self._step()
@@ -187,12 +228,12 @@ class _Continuation:
 
     @property
     def _is_guided(self) -> bool:
-        """Whether the next node is beside one of the guide, as all nodes so far were."""
+        """Whether the next node is beside a node of the guide, as all nodes so far were."""
         return self._is_plain and len(self.nodes) < len(self.guide)
 
     def _beside(self, there: Node) -> Node | None:
-        """The stable node beside one of the guide; None where Newton's method reaches none. The difference of the two
-        paths is extrapolated: it stays smooth where surfaces meet, since they meet on both.
+        """The stable node beside a node of the guide; None where Newton's method reaches none. The difference of the
+        two paths stays smooth where surfaces meet, since they meet on both.
         """
         statics, last, here = self.statics, self.last, self.guide[len(self.nodes) - 1]
         layout = statics.system.layout
@@ -216,14 +257,6 @@ class _Continuation:
         if self.unstable is not None:
             step = min(step, 0.5 * (self.unstable.c - last.c))
         return (self.end if abs(last.c + step - self.end) < 1e-12 * self.whole else last.c + step), step
-
-    def _attempt(self, c: float, step: float) -> _Attempt:
-        """The step to c, with its prediction."""
-        last = self.last
-        go_on_from(self.statics, last)
-        ahead = _predicted_step(self.statics.system.layout, [*self.before, *self.nodes], c)
-        guess = self.statics.reachable(last.state, ahead)
-        return _Attempt(c, step, guess, _nearer(self.statics, self.line, c, last, guess))
 
     def _settle(self) -> bool:
         """Relax the robot where modes are nearly free: once per few failed steps, at the first of them."""
@@ -302,23 +335,56 @@ def follow(  # noqa: PLR0913 (one keyword for each option)
     guide: tuple[Node, ...] = (),
     keeps: bool = False,
 ) -> Path:
-    """Stable equilibria from a node to c = end. A failed step is shortened and repeated. The path ends early at a limit
-    of its work, with a status.
+    """Stable equilibria from a node to c = end, see the top of this file. The path ends early at a limit of its work,
+    with a status.
 
-    start: the node, or several of which it is the last: the others give the curvature of the path. At a limit point or
-    a loss of stability the robot snaps through: the next node is the stable equilibrium that it reaches. share: of
-    another aim than the end, as reached at a node; the path ends at one. mixed: as in `node_at`. guide: the nodes of a
-    path at other parameters from the same start to the same end, beside which this one is solved as long as it can be.
-    keeps: whether Ctrl-C ends the path, instead of being raised.
+    Parameters
+    ----------
+    statics
+        The system at its parameters.
+    line
+        The controls by c.
+    start
+        The node to begin from, or several of which it is the last: the others give the curvature of the path.
+    end
+        The c to reach, in the unit of c.
+    first_step, largest_step
+        Lengths of the first step, and of the longest, in the unit of c.
+    names
+        Parameters (k,) of the nodes' derivatives.
+    share
+        Share of another aim than the end that a node reaches [-]; the path ends at 1.
+    mixed
+        Whether nodes have mixed derivatives, see `node_at`.
+    guide
+        The nodes of a path at other parameters from the same start to the same end, beside which this one is solved as
+        long as it can be.
+    keeps
+        Whether Ctrl-C ends the path, instead of being raised.
     """
     before, start = (start[:-1], start[-1]) if isinstance(start, tuple) else ((), start)
-    way = _Continuation(statics, line, names, before, [start], end, first_step, largest_step, mixed, guide)
+    way = _Continuation(
+        statics=statics,
+        line=line,
+        names=names,
+        before=before,
+        nodes=[start],
+        end=end,
+        first_step=first_step,
+        largest_step=largest_step,
+        mixed=mixed,
+        guide=guide,
+    )
     outer, statics.path_begin = statics.path_begin, statics.n_factorisations
     watch, reached = path_watch(), share or (lambda node: (node.c - start.c) / way.whole)
     try:
         while way.goes_on and (way.last is start or share is None or share(way.last) < 1.0):
             if status := way.advance():
-                return _ended(way, status)
+                # With the physical cause and the place, if there are such.
+                limit = statics.system.at_limit(way.last.state.x)
+                place = "" if way.failing is None else f"{statics.system.place(way.failing)}. {ADVICE}"
+                why = "; ".join(filter(None, (status, limit, place)))
+                return Path(tuple(way.nodes), False, why, names, way.is_cut)
             watch.tell(reached(way.last), statics.n_factorisations)
     except KeyboardInterrupt as stop:
         if not keeps:
@@ -329,41 +395,44 @@ def follow(  # noqa: PLR0913 (one keyword for each option)
     return Path(tuple(way.nodes), True, names=names)
 
 
-def _next_length(step: float, n_iterations: int) -> float:
-    """Length of the next step after one with this number of iterations."""
-    if n_iterations <= EASY:
-        return GROWTH * step
-    return 0.5 * step if n_iterations >= HARD else step
-
-
 def go_on_from(statics: Statics, node: Node) -> None:
     """Continue from a node: free modes appear with the first buckling, and are the node's until they are found anew."""
     statics.free_modes, statics.seeks_free_modes = node.free, node.has_snapped or node.is_snapped
 
 
-def _ended(way: _Continuation, status: str) -> Path:
-    """A path that ends early, with the physical cause, and the place, where they are known."""
-    system = way.statics.system
-    limit = system.at_limit(way.last.state.x)
-    place = "" if way.failing is None else f"{system.place(way.failing)}. {ADVICE}"
-    return Path(tuple(way.nodes), False, "; ".join(filter(None, (status, limit, place))), way.names, way.is_cut)
-
-
-def strays(statics: Statics, before: State, guess: State, found: State) -> bool:
+def strays(statics: Statics, before: State, guess: State, solved: State) -> bool:
     """Whether an equilibrium may be on another branch: it is further from the prediction than that is from the
     equilibrium before, or an actuator was reversed. With contact only the latter counts, since predictions are less
     accurate.
+
+    Parameters
+    ----------
+    statics
+        The system at its parameters.
+    before, guess, solved
+        The equilibrium before the step, the prediction, and the equilibrium at the step's end.
     """
-    if any(term.is_reversed(before.x, found.x) for term in statics.system.actuated):
+    if any(term.is_reversed(before.x, solved.x) for term in statics.system.actuated):
         return True
     if statics.system.contacts:
         return False
     layout = statics.system.layout
-    return distance(layout, found, guess) > distance(layout, guess, before) + SAME * statics.length
+    return distance(layout, solved, guess) > distance(layout, guess, before) + SAME * statics.length
 
 
 def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
-    """One more node inside a path, from the cubic through its neighbours, or by small steps from the one before.
+    """One more node inside a path, from the cubic through its neighbours, or by small steps from the node before it.
+
+    Parameters
+    ----------
+    statics
+        The system at its parameters.
+    line
+        The controls by c, those of the path.
+    path
+        The path.
+    c
+        Where the node is, between the first and the last of the path.
 
     Raises
     ------
@@ -421,7 +490,17 @@ def neighbours(path: Path, c: float) -> tuple[Node, Node]:
 
 
 def interpolated(layout: Layout, before: Node, after: Node, c: float) -> State:
-    """The cubic Hermite state between two nodes."""
+    """The cubic Hermite state between two nodes.
+
+    Parameters
+    ----------
+    layout
+        Numbering of the unknowns.
+    before, after
+        The nodes, with their slopes.
+    c
+        Where the state is, between those of the nodes.
+    """
     h = after.c - before.c
     if h <= 0.0:
         return before.state

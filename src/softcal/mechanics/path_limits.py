@@ -40,7 +40,7 @@ class PathLimits(Declared):
     cpu_time: Duration | None = None
 
     def why_late(self, begun: float) -> str:
-        """That a simulation, begun at this processor time [s], has taken its time, as part of a sentence; else ""."""
+        """Part of a sentence, if a simulation begun at this processor time [s] has used up its time; else ""."""
         if self.cpu_time is None or time.process_time() - begun < self.cpu_time:
             return ""
         return f"the simulation took {format_quantity(self.cpu_time, 's')} (limits.cpu_time)"

@@ -1,4 +1,4 @@
-"""Who watches the load paths of a computation: how far they are, and whether a stop keeps what is ready."""
+"""Observers of the load paths of a computation: their progress, and whether a stop keeps what is ready."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True)
 class PathProgress:
-    """How far a load path, or a series of them, is. share: of the whole [-]; n_factorisations: so far."""
+    """Progress of a load path or a series of them: share of the whole [-], and factorisations so far."""
 
     share: float
     n_factorisations: int
@@ -39,7 +39,7 @@ class PathWatch:
     width: float = 1.0
 
     def tell(self, share: float, n_factorisations: int) -> None:
-        """Pass on how far the present path is."""
+        """Pass on the progress of the present path."""
         self.observe(PathProgress(self.begin + self.width * min(max(share, 0.0), 1.0), n_factorisations))
 
 
@@ -47,7 +47,7 @@ _PRESENT: ContextVar[PathWatch] = ContextVar("path_watch", default=PathWatch()) 
 
 
 def path_watch() -> PathWatch:
-    """The present watch; without one, nobody is told, and a stop is raised."""
+    """The present watch; by default it passes nothing on, and a stop is raised."""
     return _PRESENT.get()
 
 

@@ -45,7 +45,7 @@ class Triangle:
 
 @dataclass(frozen=True)
 class Pattern(Triangle):
-    """Where the tangent's entries are in the long array `data`.
+    """Places of the tangent's entries in the long array `data`.
 
     Attributes
     ----------
@@ -90,8 +90,16 @@ class Pattern(Triangle):
 
 
 def build_pattern(layout: Layout, connectivities: list[Ints], frame_pairs: Ints) -> Pattern:
-    """Plan the tangent for terms that connect entities as in `connectivities`, each (n, k), rows ascending, and for
-    terms that connect moving frames with each other, `frame_pairs` (n, 2).
+    """The pattern of the tangent of several terms.
+
+    Parameters
+    ----------
+    layout
+        Numbering of points, frames and unknowns.
+    connectivities
+        Entities that terms connect (n, k), each with ascending rows.
+    frame_pairs
+        Moving frames that terms connect with each other (n, 2).
     """
     n = np.int64(layout.n_entities)
     parts = []
@@ -219,7 +227,17 @@ def _expand(red_ptr: Ints, red_col: Ints, sizes: Ints, first: Ints) -> tuple[Int
 
 @kernel(error_model="numpy")
 def add_products(indptr: Ints, indices: Ints, data: Floats, x: Floats, out: Floats) -> None:
-    """Add to each row of out (k, n) the product of a symmetric matrix, given by its upper triangle, with that of x."""
+    """Add to rows of `out` the products of a symmetric matrix with rows of x.
+
+    Parameters
+    ----------
+    indptr, indices, data
+        The upper triangle of the matrix in compressed rows (n + 1,), (nnz,), (nnz,).
+    x
+        Rows (k, n).
+    out
+        Rows (k, n), changed.
+    """
     for k in range(len(x)):
         for i in range(len(indptr) - 1):
             x_i, own = x[k, i], 0.0

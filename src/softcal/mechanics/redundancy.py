@@ -21,8 +21,18 @@ DEPENDENT = "depend on each other here"
 
 
 def require_independent(system: System, border: Border, unit: Floats, solved: Floats) -> None:
-    """Refuse driven actuators whose efforts only rounding would determine, in a tangent with this border. unit
-    (n_unknowns - n_actuators,): of the unknowns; solved: the inverse of the tangent without border times its columns.
+    """Refuse driven actuators whose efforts only rounding would determine.
+
+    Parameters
+    ----------
+    system
+        The discretised robot.
+    border
+        The border of the tangent.
+    unit
+        Units of the unknowns (n_unknowns - n_actuators,).
+    solved
+        The inverse of the tangent without border times the border's columns (n_unknowns - n_actuators, k).
 
     Raises
     ------
@@ -40,7 +50,7 @@ def require_independent(system: System, border: Border, unit: Floats, solved: Fl
 
 
 def redundant(gradients: Floats, elastic: Floats) -> Ints:
-    """Which columns take part in a combination that is zero; none where all are independent.
+    """The columns that take part in a combination that is zero; none where all are independent.
 
     gradients: of each coordinate by the unknowns, (n_unknowns, n_driven). elastic (n_driven,): the share of line and
     machine in what a coordinate changes by its effort, zero without stretch. Elastic lines share a load.

@@ -150,10 +150,34 @@ class RodTerm(Term):
         return self._passed(given).respond(tangent=False).memory.ravel()
 
     def add_by_memory(self, into: Sum, given: Given, rate: Floats) -> None:
+        """Add d gradient / d memory times a rate of the memory; nothing without a history.
+
+        Parameters
+        ----------
+        into
+            The sum.
+        given
+            The arguments of the term.
+        rate
+            Rates of the history's memory in the elements (n * size,).
+        """
         if self.history.parts:
             self._add_stress(into, given, self._passed(given).rates(memory=rate)[0])
 
     def advance_rate(self, given: Given, parameter: str, rate: State, memory_rate: Floats) -> Floats:
+        """The derivative of the memory in the elements that the state leaves, by a parameter.
+
+        Parameters
+        ----------
+        given
+            The arguments of the term.
+        parameter
+            Its dotted name.
+        rate
+            Derivatives of the state's arrays.
+        memory_rate
+            Derivatives of the memory before (n * size,).
+        """
         if not self.history.parts:
             return memory_rate
         strain = self._coordinate_rates(given.state, rate)
@@ -190,7 +214,7 @@ class RodTerm(Term):
         )
 
     def _most_stretched(self, state: State) -> tuple[float, float]:
-        """Of the element with the largest share: its stretch, and the one that it bears [-]."""
+        """The stretch of the element that comes nearest to the stretch that it bears, and the latter [-]."""
         flexibility = np.einsum("nii->ni", self.by_bending + 4.0 / 3.0 * self.by_shear)
         stretch = self.strains(state.position, state.rotation)[:, 2]
         bears = flexibility[:, 2] / flexibility[:, :2].max(axis=1)
@@ -256,7 +280,7 @@ class RodTerm(Term):
         self.blocks.add_gradient(into.own, self._gradient(given.state.position, given.state.rotation, forces))
 
     def _coordinate_rates(self, state: State, rate: State) -> Floats:
-        """Those of (rho, theta) (n, 6) at rates of the frames."""
+        """Rates of (rho, theta) (n, 6) at rates of the frames."""
         spin = rate.rotation @ np.swapaxes(state.rotation, 1, 2)
         turning = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
         moves = np.concatenate([rate.position, turning], axis=1)[self.frames].reshape(-1, 12)

@@ -24,8 +24,19 @@ N_SERIES = 28
 
 
 def flexibility(section: CrossSection, shares: Floats, xi: Floats, length: Floats) -> tuple[Floats, Floats, Floats]:
-    """E times the elements' flexibility: what does not depend on Poisson's ratio, and what goes with 1 + nu; and the
-    elements' mean areas (n,) [m^2]. shares: of the rod's arc length, at both ends of each (n, 2).
+    """E times the elements' flexibility (n, 6, 6): what does not depend on Poisson's ratio, and what goes with 1 + nu;
+    and the elements' mean areas (n,) [m^2].
+
+    Parameters
+    ----------
+    section
+        The rod's section.
+    shares
+        Of the rod's arc length, at both ends of each element (n, 2) [-].
+    xi
+        Coordinates (rho, theta) of the elements at rest (n, 6) [m; rad].
+    length
+        Their lengths (n,) [m].
     """
     X = _bracket(xi)
     parts, area = np.zeros((2, len(xi), 6, 6)), np.zeros(len(xi))
@@ -37,7 +48,9 @@ def flexibility(section: CrossSection, shares: Floats, xi: Floats, length: Float
         B = np.swapaxes(_series(0.5 * point * X, [1.0 / math.factorial(k) for k in range(N_SERIES)]), 1, 2)
         for part, compliance in zip(parts, (bending, shear), strict=True):
             part += 0.5 * weight * np.swapaxes(B, 1, 2) @ (compliance[:, :, None] * B)
-    Z = _middle_to_coordinates(xi)
+    # d xi = Z (twist of b against a, seen from the middle's frame): the inverse of the mean of exp(t ad xi) over t from
+    # -1/2 to 1/2.
+    Z = np.linalg.inv(_series(X @ X, [0.25**k / math.factorial(2 * k + 1) for k in range(N_SERIES // 2)]))
     parts = length[:, None, None] * (Z @ parts @ np.swapaxes(Z, 1, 2))
     return parts[0], parts[1], area
 
@@ -47,15 +60,6 @@ def _compliances(section: SectionConstants) -> tuple[Floats, Floats]:
     (a1, b1), (a2, b2), A = section.shear1, section.shear2, section.area
     bending = np.array([a1 / A, a2 / A, 1.0 / A, 1.0 / section.I1, 1.0 / section.I2, 0.0])
     return bending, np.array([b1 / A, b2 / A, 0.0, 0.0, 0.0, 2.0 / section.J])
-
-
-def _middle_to_coordinates(xi: Floats) -> Floats:
-    """Z (n, 6, 6) with d xi = Z (twist of b against a, seen from the middle's frame): the inverse of the mean of
-    exp(t ad xi) over t from -1/2 to 1/2.
-    """
-    X = _bracket(xi)
-    inverse = _series(X @ X, [0.25**k / math.factorial(2 * k + 1) for k in range(N_SERIES // 2)])
-    return np.asarray(np.linalg.inv(inverse), dtype=np.float64)
 
 
 def _bracket(xi: Floats) -> Floats:

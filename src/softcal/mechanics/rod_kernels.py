@@ -31,7 +31,17 @@ from softcal.mechanics.rotation_kernels import (
 
 @kernel(error_model="numpy")
 def stiffness(by_bending: Floats, by_shear: Floats, E: float, nu: float, S: Floats) -> None:
-    """S = E (by_bending + (1 + nu) by_shear)^-1 per element, by Cholesky's factors."""
+    """S = E (by_bending + (1 + nu) by_shear)^-1 per element, by Cholesky's factors.
+
+    Parameters
+    ----------
+    by_bending, by_shear
+        Parts of E times the flexibility (n, 6, 6), see `rod_flexibility.py`.
+    E, nu
+        Young's modulus [Pa] and Poisson's ratio [-].
+    S
+        Stiffness (n, 6, 6), written.
+    """
     L = np.zeros((6, 6))
     for e in range(len(S)):
         for i in range(6):
@@ -66,7 +76,25 @@ def coordinates(
     xi: Floats,
     turn: Floats,
 ) -> None:
-    """Lambda_a^T (rho, theta) (n, 6) and |theta| (n,) of all elements."""
+    """Lambda_a^T (rho, theta) and |theta| of all elements.
+
+    Parameters
+    ----------
+    position
+        References of the frames (n_frames, 3) [m].
+    rotation
+        Their rotation matrices (n_frames, 3, 3).
+    frames
+        Frames at both ends of each element (n, 2).
+    arm
+        Ends of the elements less the frames' references at rest (n, 2, 3) [m].
+    triad
+        Triads at the ends at rest (n, 2, 3, 3).
+    xi
+        Lambda_a^T (rho, theta) (n, 6) [m; rad], written.
+    turn
+        |theta| (n,) [rad], written.
+    """
     w = np.zeros((8, 3))
     La, Lb, Q = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for e in range(len(frames)):
@@ -96,8 +124,29 @@ def derivatives(
     gradient: Floats,
     tangent: Floats,
 ) -> None:
-    """Gradient (n, 12) that conjugate (n, 6) = dE/d(Lambda_a^T (rho, theta)) makes, and the tangent (n, 12, 12) with S
-    the second derivative of E and the same conjugate.
+    """Gradient that a conjugate dE/d(Lambda_a^T (rho, theta)) makes, and the tangent with the second derivative of E
+    and the same conjugate.
+
+    Parameters
+    ----------
+    position
+        References of the frames (n_frames, 3) [m].
+    rotation
+        Their rotation matrices (n_frames, 3, 3).
+    frames
+        Frames at both ends of each element (n, 2).
+    arm
+        Ends of the elements less the frames' references at rest (n, 2, 3) [m].
+    triad
+        Triads at the ends at rest (n, 2, 3, 3).
+    conjugate
+        The conjugate (n, 6) [N; N m].
+    S
+        Second derivatives of E (n, 6, 6).
+    with_tangent
+        Whether the tangent is wanted.
+    gradient, tangent
+        By the frames' increments (n, 12), (n, 12, 12), written.
     """
     w = np.zeros((16, 3))
     La, Lb = np.empty((3, 3)), np.empty((3, 3))

@@ -51,7 +51,7 @@ class RodLaw:
 
     @property
     def energies(self) -> Floats:
-        """Of each element (n,) [J]."""
+        """Energies of the elements (n,) [J]."""
         return 0.5 * (self.forces * self.strain).sum(axis=1)
 
     def stressed(self, *, tangent: bool) -> Stressed:

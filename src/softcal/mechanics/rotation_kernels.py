@@ -32,7 +32,15 @@ BETA = (
 
 @kernel(error_model="numpy")
 def relative(La: Floats, Lb: Floats, Q: Floats) -> None:
-    """Lambda_b Lambda_a^T."""
+    """The rotation Lambda_b Lambda_a^T.
+
+    Parameters
+    ----------
+    La, Lb
+        Rotations (3, 3).
+    Q
+        The product (3, 3), written.
+    """
     for i in range(3):
         for j in range(3):
             Q[i, j] = Lb[i, 0] * La[j, 0] + Lb[i, 1] * La[j, 1] + Lb[i, 2] * La[j, 2]
@@ -69,7 +77,7 @@ def rotation_vector(Q: Floats, out: Floats) -> None:
 
 @kernel(error_model="numpy")
 def coefficients(theta: Floats) -> tuple[float, float, float]:
-    """Of A: beta, b1, b2."""
+    """The coefficients beta, b1 and b2 of A."""
     t = theta[0] * theta[0] + theta[1] * theta[1] + theta[2] * theta[2]
     if t < 1.0:
         beta = 0.0
@@ -91,7 +99,15 @@ def coefficients(theta: Floats) -> tuple[float, float, float]:
 
 @kernel(error_model="numpy")
 def cross(a: Floats, b: Floats, out: Floats) -> None:
-    """out = a x b."""
+    """out = a x b.
+
+    Parameters
+    ----------
+    a, b
+        Vectors (3,).
+    out
+        Their product (3,), written.
+    """
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
@@ -99,7 +115,15 @@ def cross(a: Floats, b: Floats, out: Floats) -> None:
 
 @kernel(error_model="numpy")
 def add_spin(a0: float, a1: float, a2: float, out: Floats) -> None:
-    """out += [a]."""
+    """Add [a], the matrix of the cross product with a.
+
+    Parameters
+    ----------
+    a0, a1, a2
+        Components of a.
+    out
+        Matrix (3, 3), changed.
+    """
     out[0, 1] -= a2
     out[0, 2] += a1
     out[1, 0] += a2
@@ -110,7 +134,17 @@ def add_spin(a0: float, a1: float, a2: float, out: Floats) -> None:
 
 @kernel(error_model="numpy")
 def tangent_map(theta: Floats, beta: float, A: Floats) -> None:
-    """Jl^-1(theta) = I - [theta]/2 + beta [theta]^2."""
+    """Jl^-1(theta) = I - [theta]/2 + beta [theta]^2.
+
+    Parameters
+    ----------
+    theta
+        Rotation vector (3,) [rad].
+    beta
+        As of `coefficients`.
+    A
+        The map (3, 3), written.
+    """
     t = theta[0] * theta[0] + theta[1] * theta[1] + theta[2] * theta[2]
     for i in range(3):
         for j in range(3):
@@ -121,7 +155,21 @@ def tangent_map(theta: Floats, beta: float, A: Floats) -> None:
 
 @kernel(error_model="numpy")
 def turning(f: Floats, theta: Floats, beta: float, b1: float, G: Floats, w: Floats) -> None:
-    """G(f) with w . G v = f . (dJl^-1(theta)[w] v). As a map of w, dJl^-1(theta)[w] v is (G(v) - [v])^T w."""
+    """G(f) with w . G v = f . (dJl^-1(theta)[w] v). As a map of w, dJl^-1(theta)[w] v is (G(v) - [v])^T w.
+
+    Parameters
+    ----------
+    f
+        Vector (3,).
+    theta
+        Rotation vector (3,) [rad].
+    beta, b1
+        As of `coefficients`.
+    G
+        G(f) (3, 3), written.
+    w
+        Room (3,).
+    """
     cross(theta, f, w[14])
     cross(theta, w[14], w[15])
     k = w[15]
@@ -135,7 +183,19 @@ def turning(f: Floats, theta: Floats, beta: float, b1: float, G: Floats, w: Floa
 
 @kernel(error_model="numpy")
 def second_derivative(f: Floats, P: Floats, theta: Floats, beta: float, b1: float, b2: float, H: Floats) -> None:
-    """Second derivative of f . Jl^-1(theta) P by theta."""
+    """Second derivative of f . Jl^-1(theta) P by theta.
+
+    Parameters
+    ----------
+    f, P
+        Vectors (3,).
+    theta
+        Rotation vector (3,) [rad].
+    beta, b1, b2
+        As of `coefficients`.
+    H
+        The derivative (3, 3), written.
+    """
     t = theta[0] * theta[0] + theta[1] * theta[1] + theta[2] * theta[2]
     ft = f[0] * theta[0] + f[1] * theta[1] + f[2] * theta[2]
     pt = P[0] * theta[0] + P[1] * theta[1] + P[2] * theta[2]

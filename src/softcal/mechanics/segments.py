@@ -69,7 +69,7 @@ UNPLANNED = SegmentPlaces(np.zeros((0, 3), dtype=np.int64), np.zeros(1, dtype=np
 
 @dataclass(frozen=True)
 class EndMotion:
-    """How the vectors of segments follow a parameter that moves their ends on what carries them.
+    """Rates of segments' vectors by a parameter that moves their ends on what carries them.
 
     Attributes
     ----------
@@ -151,16 +151,40 @@ class Segments:
         apart = np.linalg.norm(v, axis=1)
         least = np.maximum(apart, self.met)
         square = (apart / least) ** 2
-        first, second = _rates(v, self.met)
+        # A length has the gradient `first` v and the second derivative `first` I - `second` v v^T.
+        squares = (v * v).sum(axis=1)
+        m = np.maximum(np.sqrt(squares), self.met)
+        first, second = (1.5 - 0.5 * squares / m**2) / m, 1.0 / m**3
         return SegmentShape(v, least * (3.0 + square * (6.0 - square)) / 8.0, first[:, None] * v, first, second)
 
     def lengths_by(self, motion: EndMotion, x: Floats, shape: SegmentShape) -> Floats:
-        """d length / d parameter of a motion (n_segments,), with the supporting points fixed at x."""
+        """d length / d parameter of a motion of the segments' ends (n_segments,).
+
+        Parameters
+        ----------
+        motion
+            The motion.
+        x
+            Positions of the points, which stay (n_points, 3) [m].
+        shape
+            Vectors and lengths there.
+        """
         return (shape.slopes * motion.vectors(x)).sum(axis=1)
 
     def pull(self, shape: SegmentShape, tension: Floats, gradient: Floats, data: Floats | None) -> None:
-        """Add the forces of the segments' tensions (n_segments,) to the gradient and, where `data` is given, T times
-        the length's second derivative.
+        """Add the forces of tensions to the gradient, and on demand T times the lengths' second derivatives to the
+        tangent.
+
+        Parameters
+        ----------
+        shape
+            Vectors and lengths.
+        tension
+            Tensions T of the segments (n_segments,) [N].
+        gradient
+            Gradient on all entities, changed.
+        data
+            Entries of the tangent, changed; None: not wanted.
         """
         if len(self) == 0:
             return
@@ -180,13 +204,37 @@ class Segments:
         )
 
     def gradient(self, shape: SegmentShape, weights: Floats, size: int) -> Floats:
-        """Sum of weights (n_segments,) times the lengths' gradients, on all entities (size,)."""
+        """Sum of the lengths' gradients with weights, on all entities (size,).
+
+        Parameters
+        ----------
+        shape
+            Vectors and lengths.
+        weights
+            Weights of the segments (n_segments,).
+        size
+            Number of the entities' components.
+        """
         gradient = np.zeros(size)
         _spread(_of_points(gradient), self.support, self.sigma, (weights[:, None] * shape.slopes)[self.of_entry])
         return gradient
 
     def gradient_by(self, motion: EndMotion, x: Floats, shape: SegmentShape, tension: Floats, size: int) -> Floats:
-        """d / d parameter of a motion of the gradient (size,) that segment tensions (n_segments,) [N] give."""
+        """d / d parameter of a motion of the gradient (size,) that tensions give.
+
+        Parameters
+        ----------
+        motion
+            The motion.
+        x
+            Positions of the points (n_points, 3) [m].
+        shape
+            Vectors and lengths there.
+        tension
+            Tensions of the segments (n_segments,) [N].
+        size
+            Number of the entities' components.
+        """
         gradient = np.zeros(size)
         dv = motion.vectors(x)
         along = shape.second * (shape.v * dv).sum(axis=1)
@@ -219,13 +267,6 @@ def _spread(into: Floats, at: Ints, weights: Floats, vectors: Floats) -> None:
     for n in range(len(at)):
         for i in range(3):
             into[at[n], i] += weights[n] * vectors[n, i]
-
-
-def _rates(v: Floats, met: Floats) -> tuple[Floats, Floats]:
-    """a, b (n_segments,) with which a segment's length has the gradient a v and the second derivative a I - b v v^T."""
-    square = (v * v).sum(axis=1)
-    m = np.maximum(np.sqrt(square), met)
-    return (1.5 - 0.5 * square / m**2) / m, 1.0 / m**3
 
 
 @kernel(error_model="numpy")

@@ -14,7 +14,20 @@ NO_SNAP = 1e-4  # of the robot's extent: a smaller displacement (a tenth of the 
 
 
 def stable_node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
-    """The node of an equilibrium, or of the stable one reached from it by snap-through.
+    """The node of an equilibrium, or of the stable one that the robot reaches from it by snap-through.
+
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    line
+        The controls by c.
+    c
+        Parameter of the line of controls.
+    state
+        The equilibrium.
+    names
+        Parameters (k,) of the node's derivatives.
 
     Raises
     ------
@@ -37,11 +50,25 @@ def is_nearly_free(node: Node) -> bool:
 def settled(
     statics: Statics, line: Line, last: Node, c: float, begin: State, guess: State, names: tuple[str, ...]
 ) -> Node | None:
-    """The stable node at c found by overdamped motion, where Newton's method fails because of nearly free modes. begin:
-    initial state; guess: predicted state.
+    """The stable node at c reached by overdamped motion, where Newton's method fails because of nearly free modes.
 
     None where there is no such node, or where it is far from the prediction and reached with more than a negligible
     force.
+
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    line
+        The controls by c.
+    last
+        The last node of the path.
+    c
+        Parameter of the line of controls.
+    begin, guess
+        The state from which the motion begins, and the predicted one.
+    names
+        Parameters (k,) of the node's derivatives.
     """
     if not is_nearly_free(last) or pushing(statics.system, last.state).any():
         return None
@@ -57,7 +84,19 @@ def settled(
 
 
 def is_no_snap(statics: Statics, before: State, guess: State, found: State) -> bool:
-    """Whether an alleged snap-through ends near its start, or about as near as a regular step would."""
+    """Whether an alleged snap-through ends near its start, or about as near as a regular step would.
+
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    before
+        The equilibrium before.
+    guess
+        The predicted state.
+    found
+        The equilibrium at the end.
+    """
     layout = statics.system.layout
     ahead, way = (statics.reach(difference(layout, state, before)) for state in (guess, found))
     return way <= NO_SNAP * statics.length + 2.0 * ahead
@@ -71,7 +110,20 @@ def why_unlike(statics: Statics, state: State) -> str:
 
 
 def snapped(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
-    """The stable node at c that the robot snaps through to from a state.
+    """The stable node at c that the robot snaps through to.
+
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    line
+        The controls by c.
+    c
+        Parameter of the line of controls.
+    state
+        The state from which it does.
+    names
+        Parameters (k,) of the node's derivatives.
 
     Raises
     ------

@@ -224,7 +224,7 @@ class SolidTerm(Term):
         return Points(F.reshape(-1, 3, 3), I1.ravel(), I2.ravel(), J.ravel(), self.direction)
 
     def _stress(self, given: Given, volume: _Volume, *, tangent: bool) -> Stress:
-        """That of the displacements' part of the potential, at given pressures."""
+        """The stress of the displacements' part of the potential, at fixed pressures."""
         passed = self._passed(given)
         law = passed.law
         if not self.history.parts:
@@ -250,11 +250,35 @@ class SolidTerm(Term):
         return self._passed(given).respond(tangent=False).memory.ravel()
 
     def add_by_memory(self, into: Sum, given: Given, rate: Floats) -> None:
+        """Add d gradient / d memory times a rate of the memory; nothing without a history.
+
+        Parameters
+        ----------
+        into
+            The sum.
+        given
+            The arguments of the term.
+        rate
+            Rates of the history's memory at the quadrature points (n_tets * n_q * size,).
+        """
         if self.history.parts:
             S, _ = self._passed(given).rates(memory=rate)
             solid_kernels.add_stress_gradient(into.full, self.conn, self.dN, self.w, given.known[0], S)
 
     def advance_rate(self, given: Given, parameter: str, rate: State, memory_rate: Floats) -> Floats:
+        """The derivative of the memory at the quadrature points that the state leaves, by a parameter.
+
+        Parameters
+        ----------
+        given
+            The arguments of the term.
+        parameter
+            Its dotted name.
+        rate
+            Derivatives of the state's arrays.
+        memory_rate
+            Derivatives of the memory before (n_tets * n_q * size,).
+        """
         if not self.history.parts:
             return memory_rate
         dF = np.empty_like(given.known[0])
@@ -374,11 +398,20 @@ class SolidTerm(Term):
             lmbda, mu = (step.share * modulus for modulus in self.rest_moduli(before.theta))
             F = before.known[0]
             C_n = np.swapaxes(F, 2, 3) @ F
-            viscous = ViscousTerm(self.conn, self.dN, self.w, lmbda, mu, C_n, self.motion, self.places.displacement)
+            viscous = ViscousTerm(
+                conn=self.conn,
+                dN=self.dN,
+                w=self.w,
+                lmbda=lmbda,
+                mu=mu,
+                C_n=C_n,
+                motion=self.motion,
+                places=self.places.displacement,
+            )
             return self, viscous
-        held = Sum(step.layout)
-        self.add(held, before)
-        return replace(self, w=(1.0 + step.share) * self.w), Loads(step.share * held.points, {})
+        at_start = Sum(step.layout)
+        self.add(at_start, before)
+        return replace(self, w=(1.0 + step.share) * self.w), Loads(step.share * at_start.points, {})
 
     def rest_moduli(self, theta: Theta) -> tuple[float, float]:
         """Lamé's moduli [Pa] of the undeformed body; with pressures, those of psi_d alone."""

@@ -24,6 +24,23 @@ def build_solid(
 ) -> tuple[SolidTerm, Ints]:
     """The term of some tets of a body, and the nodes that have its pressures, in the order of their numbers.
 
+    Parameters
+    ----------
+    name
+        First part of its parameters' names.
+    law
+        The law.
+    element
+        The element.
+    points
+        Nodes of the body (n_points, 3) [m].
+    tets
+        Its tets, by the body's nodes (n_tets, n_a).
+    first_point, first_pressure
+        Numbers of the body's first point, and of the first pressure.
+    motion
+        How a parameter moves the undeformed mesh.
+
     Raises
     ------
     MeshError
@@ -40,14 +57,14 @@ def build_solid(
     number = number.reshape(own.shape)
     order = np.argsort(number, axis=1)
     term = SolidTerm(
-        name,
-        law,
-        compile_law(law),
-        conn,
-        np.ascontiguousarray(dN),
-        w,
-        np.take_along_axis(number, order, axis=1) + first_pressure,
-        np.ascontiguousarray(np.swapaxes(element.pressure_functions().T[order], 1, 2)),
+        name=name,
+        law=law,
+        compiled=compile_law(law),
+        conn=conn,
+        dN=np.ascontiguousarray(dN),
+        w=w,
+        pressure_conn=np.take_along_axis(number, order, axis=1) + first_pressure,
+        N_p=np.ascontiguousarray(np.swapaxes(element.pressure_functions().T[order], 1, 2)),
         motion=motion,
     )
     return term, nodes

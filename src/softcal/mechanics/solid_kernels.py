@@ -24,6 +24,21 @@ FAST = {"contract", "reassoc", "nsz"}
 
 @kernel(error_model="numpy", fastmath=FAST)
 def kinematics(x: Floats, conn: Ints, dN: Floats, F: Floats, I1: Floats, I2: Floats, J: Floats) -> None:
+    """Deformation gradients and their invariants.
+
+    Parameters
+    ----------
+    x
+        Positions of the points (n_points, 3) [m].
+    conn
+        Points of the tets (n_tets, n_a).
+    dN
+        Gradients of the shape functions (n_tets, n_q, n_a, 3) [1/m].
+    F
+        Deformation gradients (n_tets, n_q, 3, 3) [-], written.
+    I1, I2, J
+        Invariants (n_tets, n_q) [-], written.
+    """
     n, n_q, n_a, _ = dN.shape
     for e in range(n):
         for q in range(n_q):
@@ -72,7 +87,24 @@ def _cofactor(f: Floats, c: Floats) -> None:
 
 @kernel(error_model="numpy", fastmath=FAST)
 def add_gradient(gradient: Floats, conn: Ints, dN: Floats, w: Floats, F: Floats, coefficients: Floats) -> None:
-    """The forces of a simple law, by the rows psi_1 and psi_J of coefficients (3, n_tets * n_q)."""
+    """Add the forces of a simple law (neo-Hookean and its like).
+
+    Parameters
+    ----------
+    gradient
+        Gradient on all entities, changed.
+    conn
+        Points of the tets (n_tets, n_a).
+    dN
+        Gradients of the shape functions (n_tets, n_q, n_a, 3) [1/m].
+    w
+        Weights of the quadrature points (n_tets, n_q) [m^3].
+    F
+        Deformation gradients (n_tets, n_q, 3, 3) [-].
+    coefficients
+        Its rows are psi_1, psi_J and psi_JJ, derivatives of the law by I1 and J (3, n_tets * n_q) [Pa]; the last is not
+        used.
+    """
     n, n_q = w.shape
     cof = np.empty((3, 3))
     P = np.empty((3, 3))
@@ -89,7 +121,23 @@ def add_gradient(gradient: Floats, conn: Ints, dN: Floats, w: Floats, F: Floats,
 
 @kernel(error_model="numpy", fastmath=FAST)
 def add_stress_gradient(gradient: Floats, conn: Ints, dN: Floats, w: Floats, F: Floats, S: Floats) -> None:
-    """The forces of stresses S (n_tets * n_q, 6)."""
+    """Add the forces of stresses.
+
+    Parameters
+    ----------
+    gradient
+        Gradient on all entities, changed.
+    conn
+        Points of the tets (n_tets, n_a).
+    dN
+        Gradients of the shape functions (n_tets, n_q, n_a, 3) [1/m].
+    w
+        Weights of the quadrature points (n_tets, n_q) [m^3].
+    F
+        Deformation gradients (n_tets, n_q, 3, 3) [-].
+    S
+        Second Piola-Kirchhoff stresses (n_tets * n_q, 6) [Pa].
+    """
     n, n_q = w.shape
     P = np.empty((3, 3))
     for e in range(n):
@@ -117,7 +165,25 @@ def _add_forces(gradient: Floats, conn: Ints, dN: Floats, w: Floats, P: Floats, 
 def add_tangent(
     data: Floats, places: Places, dN: Floats, w: Floats, F: Floats, J: Floats, coefficients: Floats
 ) -> None:
-    """The tangent of a simple law (neo-Hookean and its like), by the rows psi_1, psi_J and psi_JJ of coefficients."""
+    """Add the tangent of a simple law (neo-Hookean and its like).
+
+    Parameters
+    ----------
+    data
+        Entries of the tangent, changed.
+    places
+        Places of the blocks.
+    dN
+        Gradients of the shape functions (n_tets, n_q, n_a, 3) [1/m].
+    w
+        Weights of the quadrature points (n_tets, n_q) [m^3].
+    F
+        Deformation gradients (n_tets, n_q, 3, 3) [-].
+    J
+        Volume ratios (n_tets, n_q) [-].
+    coefficients
+        Derivatives psi_1, psi_J and psi_JJ of the law by I1 and J (3, n_tets * n_q) [Pa].
+    """
     n, n_q, n_a, _ = dN.shape
     n_pairs = places.shape[1]
     c = np.empty((n_q, n_a, 3))
@@ -193,6 +259,27 @@ def add_both_linear(
 ) -> None:
     """`add_gradient` and `add_tangent` in one pass for linear tets and laws without I2, whose one quadrature point
     leaves nothing to be summed: twice as fast.
+
+    Parameters
+    ----------
+    gradient
+        Gradient on all entities, changed.
+    data
+        Entries of the tangent, changed.
+    conn
+        Points of the tets (n_tets, n_a).
+    places
+        Places of the blocks.
+    dN
+        Gradients of the shape functions (n_tets, n_q, n_a, 3) [1/m].
+    w
+        Weights of the quadrature points (n_tets, n_q) [m^3].
+    F
+        Deformation gradients (n_tets, n_q, 3, 3) [-].
+    J
+        Volume ratios (n_tets, n_q) [-].
+    coefficients
+        Derivatives psi_1, psi_J and psi_JJ of the law by I1 and J (3, n_tets * n_q) [Pa].
     """
     c = np.empty((4, 3))
     cof = np.empty((3, 3))
@@ -241,7 +328,25 @@ def add_both_linear(
 
 @kernel(error_model="numpy", fastmath=FAST)
 def add_stress_tangent(data: Floats, places: Places, dN: Floats, w: Floats, F: Floats, S: Floats, D: Floats) -> None:
-    """The tangent of stresses S (n_tets * n_q, 6) with their tangents D (n_tets * n_q, 6, 6)."""
+    """Add the tangent of stresses.
+
+    Parameters
+    ----------
+    data
+        Entries of the tangent, changed.
+    places
+        Places of the blocks.
+    dN
+        Gradients of the shape functions (n_tets, n_q, n_a, 3) [1/m].
+    w
+        Weights of the quadrature points (n_tets, n_q) [m^3].
+    F
+        Deformation gradients (n_tets, n_q, 3, 3) [-].
+    S
+        Second Piola-Kirchhoff stresses (n_tets * n_q, 6) [Pa].
+    D
+        Their tangents (n_tets * n_q, 6, 6) [Pa].
+    """
     n, n_q, n_a, _ = dN.shape
     A = np.empty((3, 3, 3, 3))  # dP/dF: (i, k, j, l)
     T = np.empty((3, 3, 3 * n_a))  # A N_b: (i, k, 3 b + j)
@@ -303,6 +408,17 @@ def _first_tangent(f: Floats, s: Floats, d: Floats, weight: float, FD: Floats, A
 
 @kernel(error_model="numpy", fastmath=FAST)
 def interpolate(pressure: Floats, pressure_conn: Ints, N_p: Floats) -> Floats:
+    """The pressures at the quadrature points (n_tets, n_q) [Pa].
+
+    Parameters
+    ----------
+    pressure
+        Pressures (n_pressures,) [Pa].
+    pressure_conn
+        Pressures of each tet (n_tets, n_b).
+    N_p
+        Their shape functions (n_tets, n_q, n_b) [-].
+    """
     n, n_q, n_b = N_p.shape
     p = np.zeros((n, n_q))
     for e in range(n):
@@ -314,6 +430,23 @@ def interpolate(pressure: Floats, pressure_conn: Ints, N_p: Floats) -> Floats:
 
 @kernel(error_model="numpy", fastmath=FAST)
 def add_volume_gradient(gradient: Floats, n_x: int, pressure_conn: Ints, N_p: Floats, w: Floats, value: Floats) -> None:
+    """Add the integrals of a value with the pressures' shape functions.
+
+    Parameters
+    ----------
+    gradient
+        Gradient on all entities, changed.
+    n_x
+        Number of the points' components, before the pressures.
+    pressure_conn
+        Pressures of each tet (n_tets, n_b).
+    N_p
+        Their shape functions (n_tets, n_q, n_b) [-].
+    w
+        Weights of the quadrature points (n_tets, n_q) [m^3].
+    value
+        The value (n_tets * n_q,).
+    """
     n, n_q, n_b = N_p.shape
     for e in range(n):
         for q in range(n_q):
@@ -335,7 +468,29 @@ def add_coupling(
     dg: Floats,
     compliance: float,
 ) -> None:
-    """Displacement-pressure blocks g'(J) c_a N_b and pressure blocks -N_b N_d / kappa."""
+    """Add the displacement-pressure blocks g'(J) c_a N_b and the pressure blocks -N_b N_d / kappa.
+
+    Parameters
+    ----------
+    data
+        Entries of the tangent, changed.
+    coupling, pressure_places
+        Places of the blocks.
+    dN
+        Gradients of the shape functions (n_tets, n_q, n_a, 3) [1/m].
+    w
+        Weights of the quadrature points (n_tets, n_q) [m^3].
+    F
+        Deformation gradients (n_tets, n_q, 3, 3) [-].
+    J
+        Volume ratios (n_tets, n_q) [-].
+    N_p
+        Shape functions of the pressures (n_tets, n_q, n_b) [-].
+    dg
+        g'(J) (n_tets * n_q,) [-].
+    compliance
+        1 / kappa [1/Pa].
+    """
     n, n_q, n_a, _ = dN.shape
     n_b = N_p.shape[2]
     cof = np.empty((3, 3))

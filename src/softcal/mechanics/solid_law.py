@@ -37,7 +37,7 @@ class SolidLaw:
         return energies[names.index(name)], stresses[names.index(name)]
 
     def strain_rates(self, dF: Floats) -> Floats:
-        """Those of the strains (n, 6), with doubled shears, by those of the deformation gradients (n, 3, 3)."""
+        """Rates of the strains (n, 6), with doubled shears, by those of the deformation gradients (n, 3, 3)."""
         half = np.einsum("nki,nkj->nij", self.deformation.at.F, dF)
         return doubled(0.5 * (half + np.swapaxes(half, 1, 2)))
 

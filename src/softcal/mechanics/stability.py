@@ -1,4 +1,33 @@
-"""Find the stable equilibrium reached from an unstable one by overdamped motion (gradient flow)."""
+"""The stable equilibrium that a robot reaches from an unstable one: overdamped motion, a gradient flow.
+
+With the potential Pi(z), its gradient g and its tangent K, an overdamped robot moves by
+
+    D z' = -g(z),    D = 1 / unit^2 on points and frames, zero on pressures and efforts
+
+so that Pi decreases until g = 0 again. The way there is of no interest, so steps are long. One implicit Euler step from
+z_n, of a length 1 / drag, solves
+
+    r(z) = g(z) + drag D (z - z_n) = 0
+
+1. *Drag.* The least one, from the one before upwards by factors of `MORE`, at which K + drag D has no unstable
+   direction: then the step's potential is convex at its begin, and the step goes downhill (`_holding`).
+2. *Step.* Newton's method on r, with the factors of K + drag D (`_step`). A correction above `SERVES` of the one
+   before asks for new factors, once a correction has been taken with the old ones, and only in the first step with
+   them; else the step fails. The energy that it releases is -1/2 (z - z_n) . (g(z_n) + g(z)); a step that would take
+   energy fails, once the prescribed lengths are satisfied.
+3. *Several steps* share one factorisation (`_down`). Then the drag decreases: much where they were easy, little
+   where one failed, and not at all where it had to be raised.
+4. *Rest.* Where the residual is small, Newton's method without drag looks for the equilibrium nearby, modes of
+   motion without force excluded (`_at_rest`). If it is stable, that is the result. If not, as at the start, the robot
+   is pushed along its most unstable direction u, which inverse iteration finds since the least drag that stabilises it
+   makes it nearly singular,
+
+       (K + drag D) u_(i+1) = D u_i / |D^(1/2) u_i|,
+
+   by `NUDGE` of its extent, always with the same sign: of a symmetric robot's two branches one is taken.
+
+Between steps `switched` may drive other actuators: cables become taut or slack as the robot moves.
+"""
 
 from __future__ import annotations
 
@@ -31,12 +60,19 @@ Switched = Callable[[State, Controls], Controls]
 def overdamped_equilibrium(
     statics: Statics, state: State, controls: Controls, switched: Switched = lambda state, controls: controls
 ) -> Equilibrium:
-    """The stable equilibrium that an overdamped robot reaches from a state under these controls.
+    """The stable equilibrium that an overdamped robot reaches from a state, see the top of this file. Never raises:
+    where there is none, the status says why.
 
-    An unstable equilibrium is perturbed in its most unstable direction, always with the same sign: of a symmetric
-    robot's two branches one is taken. Implicit Euler steps with drag, g(z) + drag (z - z before) = 0, decrease the
-    energy; the drag is as small as Newton's method allows. Never raises: the status says why where none is found.
-    switched: the controls to continue with from a state, with cables taut or slack as they are there.
+    Parameters
+    ----------
+    statics
+        The system at its parameters, with the factors of its tangent.
+    state
+        The state at the begin.
+    controls
+        The controls.
+    switched
+        The controls to continue with from a state, with cables taut or slack as they are there.
     """
     statics.free_modes = NO_MODES
     residual, tried, work = np.inf, np.inf, 0.0

@@ -53,7 +53,17 @@ def rest_state(layout: Layout) -> State:
 
 
 def moved(layout: Layout, state: State, dz: Floats) -> State:
-    """The state after a step dz of the unknowns; rotations are updated as R <- exp(omega) R."""
+    """The state after a step dz of the unknowns; rotations are updated as R <- exp(omega) R.
+
+    Parameters
+    ----------
+    layout
+        Numbering of points, frames and unknowns.
+    state
+        The state before the step.
+    dz
+        The step (n_unknowns,).
+    """
     x = state.x.copy()
     free = layout.free_points
     x[free] += dz[: 3 * len(free)].reshape(-1, 3)
@@ -71,7 +81,15 @@ def moved(layout: Layout, state: State, dz: Floats) -> State:
 
 
 def difference(layout: Layout, after: State, before: State) -> Floats:
-    """The dz with moved(layout, before, dz) = after."""
+    """The dz (n_unknowns,) with moved(layout, before, dz) = after.
+
+    Parameters
+    ----------
+    layout
+        Numbering of points, frames and unknowns.
+    after, before
+        The states.
+    """
     free = layout.free_points
     n = layout.n_moving_frames
     omega = logarithm(after.rotation[:n] @ np.swapaxes(before.rotation[:n], 1, 2))
@@ -87,7 +105,15 @@ def difference(layout: Layout, after: State, before: State) -> Floats:
 
 
 def distance(layout: Layout, one: State, other: State) -> float:
-    """Distance of two states: the norm of the dz of points and frames, with metres and radians weighted alike."""
+    """Distance of two states: the norm of the dz of points and frames, with metres and radians weighted alike.
+
+    Parameters
+    ----------
+    layout
+        Numbering of points, frames and unknowns.
+    one, other
+        The states.
+    """
     return float(np.linalg.norm(difference(layout, one, other)[: layout.first_pressure_unknown]))
 
 

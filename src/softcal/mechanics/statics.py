@@ -114,7 +114,21 @@ class Statics:
         return kept
 
     def keep(self, key: Hashable, names: tuple[str, ...], node: Node, next_step: float, *, since: int) -> None:
-        """Keep a node, where nodes are kept, that took the factorisations since a number of them."""
+        """Keep a node, where nodes are kept.
+
+        Parameters
+        ----------
+        key
+            What the node depends on.
+        names
+            Parameters (k,) of its derivatives.
+        node
+            The node.
+        next_step
+            Length of the next step of its path.
+        since
+            Number of factorisations before it.
+        """
         if self._kept is not None:
             self._kept.keep(key, names, KeptNode(node, next_step, self.n_factorisations - since))
 
@@ -131,7 +145,7 @@ class Statics:
 
     @property
     def shared_end(self) -> float:
-        """As of `KeptNodes`."""
+        """`KeptNodes.shared_end`; infinity where nodes are not kept."""
         return np.inf if self._kept is None else self._kept.shared_end
 
     @shared_end.setter
@@ -186,8 +200,14 @@ class Statics:
     def factorise(self, at: Linearisation, drag: float = 0.0, free: Floats = NO_MODES) -> None:
         """Factorise the tangent of a linearisation, for the following solves.
 
-        drag: of every point and frame against its motion [N/m], see `stiffness`. free: modes excluded from solutions,
-        see `exclude`.
+        Parameters
+        ----------
+        at
+            The linearisation.
+        drag
+            Of every point and frame against its motion [N/m], see `stiffness`.
+        free
+            Modes (n_unknowns - n_actuators, k) excluded from solutions, see `exclude`.
 
         Raises
         ------
@@ -243,11 +263,19 @@ class Statics:
     def equilibrium(
         self, guess: State, controls: Controls, tolerance: float | None = None, *, flat_ridges: bool = False
     ) -> Equilibrium:
-        """Newton's method from a guess, up to a residual over its scale, by default TOLERANCE. Never raises where it
-        fails: the status says why.
+        """Newton's method from a guess. Never raises where it fails: the status says why.
 
-        flat_ridges: whether ridges between triangles count as flat at first and while the residual is large: fewer
-        steps from a guess in which surfaces overlap all over, but a load path gets more nodes.
+        Parameters
+        ----------
+        guess
+            The guess.
+        controls
+            The controls.
+        tolerance
+            Largest residual over its scale [-]; None: TOLERANCE.
+        flat_ridges
+            Whether ridges between triangles count as flat at first and while the residual is large: fewer steps from a
+            guess in which surfaces overlap all over, but a load path gets more nodes.
         """
         system, free = self.system, self.free_modes
         tolerance = TOLERANCE if tolerance is None else tolerance

@@ -15,8 +15,16 @@ from softcal.mechanics.element import Element
 
 
 def deformation_gradients(element: Element, mesh: TetMesh, x: Floats) -> tuple[Floats, Floats]:
-    """F (n_tets, n_q, 3, 3) at the quadrature points of a mesh with nodes at x (n_points, 3) [m], and their weights
-    (n_tets, n_q) [m^3].
+    """F (n_tets, n_q, 3, 3) at the quadrature points, and their weights (n_tets, n_q) [m^3].
+
+    Parameters
+    ----------
+    element
+        The element.
+    mesh
+        The undeformed mesh [m].
+    x
+        Positions of its nodes (n_points, 3) [m].
     """
     dN, w = element.gradients(mesh.points, mesh.tets)
     return np.einsum("eai,eqak->eqik", x[mesh.tets], dN), w
@@ -63,7 +71,17 @@ def cauchy_stress(
 
 
 def green_lagrange_strain(element: Element, mesh: TetMesh, x: Floats) -> Floats:
-    """The mean Green-Lagrange strain of each tet (n_tets, 3, 3)."""
+    """The mean Green-Lagrange strain of each tet (n_tets, 3, 3).
+
+    Parameters
+    ----------
+    element
+        The element.
+    mesh
+        The undeformed mesh [m].
+    x
+        Positions of its nodes (n_points, 3) [m].
+    """
     F, w = deformation_gradients(element, mesh, x)
     E = 0.5 * (np.einsum("eqki,eqkj->eqij", F, F) - np.eye(3))
     return np.einsum("eq,eqij->eij", w, E) / w.sum(axis=1)[:, None, None]

@@ -101,7 +101,21 @@ class System:
     def linearise(
         self, state: State, controls: Controls, theta: Theta, *, tangent: bool = True, convex: bool = False
     ) -> Linearisation:
-        """Gradient and, on demand, tangent (convex: see `Sum`). Where the state is inadmissible they are empty."""
+        """Gradient and, on demand, tangent. Where the state is inadmissible they are empty.
+
+        Parameters
+        ----------
+        state
+            The state.
+        controls
+            The controls.
+        theta
+            Parameter values by dotted name [SI].
+        tangent
+            Whether the tangent is wanted.
+        convex
+            Whether ridges of contact count as flat, see `Sum`.
+        """
         known = tuple(term.kinematics(state) for term in self.terms)
         if why_not := self._why_not(known):
             return Linearisation(controls, known, why_not)
@@ -117,7 +131,13 @@ class System:
             return at
         self.motion.reduce_tangent(state, total.gradient, total.data)
         data = total.data[: self.pattern.nnz]
-        border, touch = self._border(state, total), self._outside(state, total)
+        border, touch = self._border(state, total), None
+        if total.outside:
+            import scipy.sparse as sp
+
+            blocks, rows, columns = (np.concatenate(parts) for parts in zip(*total.outside, strict=True))
+            n = self.layout.first_effort_unknown
+            touch = sp.csr_matrix(self.motion.reduce_blocks(state, blocks, rows, columns), shape=(n, n))
         return replace(at, data=data, border=border, touch=touch, is_convex=convex)
 
     def gradient_by_parameters(self, given: Sequence[Given], names: tuple[str, ...]) -> Floats:
@@ -140,7 +160,17 @@ class System:
         return out
 
     def gradient_by_load(self, state: State, controls: Controls, theta: Theta) -> Floats:
-        """d reduced gradient / d factor on the dead loads (n_unknowns,)."""
+        """d reduced gradient / d factor on the dead loads (n_unknowns,).
+
+        Parameters
+        ----------
+        state
+            The state.
+        controls
+            The controls.
+        theta
+            Parameter values by dotted name [SI].
+        """
         total = Sum(self.layout)
         for term, given in zip(self.terms, self.given(state, controls, theta), strict=True):
             term.add_by_load(total, given)
@@ -158,13 +188,25 @@ class System:
 
     @cached_property
     def remembers(self) -> bool:
-        """Whether a term does: then a protocol's samples are a way, and solved in their order."""
+        """Whether a term does: then a protocol's samples form a load path, and are solved in their order."""
         return len(self._first_memory) > 0
 
     def given(
         self, state: State, controls: Controls, theta: Theta, known: Sequence[Any] | None = None
     ) -> tuple[Given, ...]:
-        """The arguments of each term; known: their `kinematics` where these are there already."""
+        """The arguments of each term.
+
+        Parameters
+        ----------
+        state
+            The state.
+        controls
+            The controls.
+        theta
+            Parameter values by dotted name [SI].
+        known
+            The terms' `kinematics`; None: they are computed.
+        """
         known = [term.kinematics(state) for term in self.terms] if known is None else known
         memory = self._first_memory if state.memory is None else state.memory.values
         each = zip(known, self._owned, strict=True)
@@ -180,8 +222,18 @@ class System:
     ) -> State:
         """A converged sample's state with the memory that it leaves to the next one.
 
-        by_parameter: dz/dtheta (n_unknowns, k) of the sample by the parameters `names` (k,), by which the memory then
-        has derivatives too.
+        Parameters
+        ----------
+        state
+            The state.
+        controls
+            The controls.
+        theta
+            Parameter values by dotted name [SI].
+        by_parameter
+            dz/dtheta (n_unknowns, k) of the sample, by which the memory then has derivatives too.
+        names
+            Parameters (k,) by dotted name.
         """
         if not self.remembers:
             return state
@@ -204,7 +256,7 @@ class System:
 
     @cached_property
     def _owned(self) -> tuple[slice, ...]:
-        """Where each term's memory is among that of all."""
+        """The place of each term's memory among that of all."""
         ends = np.cumsum([0, *(len(term.first_memory()) for term in self.terms)]).tolist()
         return tuple(slice(*ends) for ends in pairwise(ends))
 
@@ -271,8 +323,18 @@ class System:
         return np.concatenate([NOTHING, *(term.coordinates(given, term.transmission(given)) for term, given in each)])
 
     def coordinate_rates(self, state: State, theta: Theta, dz: Floats, names: Sequence[str]) -> Floats:
-        """Rates (n_actuators, k) of the actuators' coordinates at rates dz (n_unknowns, k) of the unknowns; names (k,):
-        the parameters of which these are derivatives, or "".
+        """Rates (n_actuators, k) of the actuators' coordinates.
+
+        Parameters
+        ----------
+        state
+            The state.
+        theta
+            Parameter values by dotted name [SI].
+        dz
+            Rates of the unknowns (n_unknowns, k).
+        names
+            Parameters of which these are derivatives (k,), or "".
         """
         n, remembered = self.layout.first_effort_unknown, {} if state.memory is None else state.memory.by_parameter
         out = np.zeros((len(self.actuators), len(names)))
@@ -301,8 +363,18 @@ class System:
         return ", ".join(filter(None, (term.at_limit(x) for term in self.actuated)))
 
     def drive(self, state: State, i: int, theta: Theta) -> Border:
-        """How one actuator borders the tangent where its coordinate is prescribed: one column and row."""
-        term = self._driver(i)
+        """The border of the tangent by an actuator whose coordinate is prescribed: one column and row.
+
+        Parameters
+        ----------
+        state
+            The state.
+        i
+            Number of the actuator.
+        theta
+            Parameter values by dotted name [SI].
+        """
+        term = next(term for term in self.actuated if term.own.start <= i < term.own.stop)
         return self._drives(term, self._given_to(term, state, theta), np.array([i - term.first]))
 
     def _drives(self, term: ActuatorTerm, given: Given, which: Ints) -> Border:
@@ -329,16 +401,12 @@ class System:
         return Given(state, controls, theta, term.kinematics(state), memory[self._own(term)])
 
     def _own(self, term: Term) -> slice:
-        """Where one term's memory is among that of all."""
+        """The place of a term's memory among that of all."""
         return self._owned[next(k for k, one in enumerate(self.terms) if one is term)]
 
-    def _driver(self, i: int) -> ActuatorTerm:
-        """The term of one actuator."""
-        return next(term for term in self.actuated if term.own.start <= i < term.own.stop)
-
     def _why_not(self, known: Sequence[Any]) -> str:
-        told = (term.why_not(own) for term, own in zip(self.terms, known, strict=True))
-        return next(filter(None, told), "")
+        reasons = (term.why_not(own) for term, own in zip(self.terms, known, strict=True))
+        return next(filter(None, reasons), "")
 
     def _on_unknowns(self, state: State, total: Sum) -> Floats:
         """The gradient (n_unknowns,) of a sum."""
@@ -360,23 +428,23 @@ class System:
         corner = np.concatenate([corner, -np.ones(columns.shape[1] - len(corner))])
         return Border(own, columns, rows, corner, has_moments=bool(total.rank_one_own))
 
-    def _outside(self, state: State, total: Sum) -> Any:
-        """The tangent outside the pattern, on the unknowns: upper triangle, or None where there is none."""
-        import scipy.sparse as sp
-
-        if not total.outside:
-            return None
-        blocks, rows, columns = (np.concatenate(parts) for parts in zip(*total.outside, strict=True))
-        n = self.layout.first_effort_unknown
-        return sp.csr_matrix(self.motion.reduce_blocks(state, blocks, rows, columns), shape=(n, n))
-
 
 def _millimetres(at: Floats) -> str:
     return "(" + ", ".join(f"{round(1e3 * x, 2) + 0.0:g}" for x in at) + ") mm"
 
 
 def build_system(layout: Layout, terms: Sequence[Term], landmarks: Mapping[str, Floats] | None = None) -> System:
-    """Plan the pattern of all terms together; landmarks as of `System`."""
+    """The system of some terms, with the pattern of all together.
+
+    Parameters
+    ----------
+    layout
+        Numbering of points, frames and unknowns.
+    terms
+        Summands of the potential.
+    landmarks
+        Points (3,) [m] at rest on which forces act, by what they are called.
+    """
     terms = numbered(terms, layout)
     connected = [term.connectivity(layout) for term in terms]
     none = np.zeros((0, 2), dtype=np.int64)

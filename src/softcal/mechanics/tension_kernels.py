@@ -19,6 +19,19 @@ CLOSE_ENOUGH = 1e-10  # where rounding stops the iteration
 
 @kernel(error_model="numpy")
 def turn(ptr: Ints, v: Floats, phi: Floats, by_near: Floats, by_far: Floats) -> None:
+    """The turning angles at via points, rounded off at zero, see `tensions.turns`.
+
+    Parameters
+    ----------
+    ptr
+        The segments of cable c are ptr[c]:ptr[c+1] (n_cables + 1,).
+    v
+        Vectors of the segments (n_segments, 3) [m].
+    phi
+        Angles (n_segments,) [rad], written.
+    by_near, by_far
+        Their derivatives by the vectors of the segment before, and of the segment (n_segments, 3) [1/m], written.
+    """
     across = np.empty(3)
     for c in range(len(ptr) - 1):
         s = SMOOTH / max(ptr[c + 1] - ptr[c] - 1, 1)
@@ -55,15 +68,39 @@ def solve(
     sigma: Floats,
     slip: Floats,
 ) -> int:
-    """rho, sigma and slip of all segments; most: mu phi, given: the slips' summands without the stretch; drag: what
-    sigma has more for each metre of slip since `begun`. Returns zero, or the number, counted from one, of a cable where
-    they were not found.
+    """rho, sigma and slip of all segments. Returns zero, or the number, counted from one, of a cable for which Newton's
+    method does not converge.
 
     With S_j, the stretch beyond via point j, the equations are the gradient of a strictly convex function of S,
 
         ln L((S_j - S_(j+1)) / c_j) - ln L((S_(j-1) - S_j) / c_(j-1)) - r_j(S_j) = 0
 
     solved by Newton's method, with a tridiagonal Hessian, and a line search.
+
+    Parameters
+    ----------
+    ptr
+        The segments of cable c are ptr[c]:ptr[c+1] (n_cables + 1,).
+    pull
+        Tensions at the pulled ends (n_cables,) [N].
+    preload
+        Preload of the friction (n_cables,) [N].
+    most
+        mu phi (n_segments,) [-].
+    softness
+        c_k (n_segments,) [m/N].
+    given
+        The slips' summands without the stretch (n_segments,) [m].
+    memory
+        Plastic slips (n_segments,) [m].
+    delta
+        Presliding displacements (n_cables,) [m].
+    drag
+        What sigma has more for each metre of slip since `begun` (n_cables,) [1/m].
+    begun
+        Slips at the time step's start (n_segments,) [m].
+    rho, sigma, slip
+        Results (n_segments,) [-; -; m], written.
     """
     n = len(rho)
     S, left, step = np.zeros(n + 1), np.zeros(n), np.zeros(n + 1)
@@ -175,6 +212,19 @@ def _beyond(
 
 @kernel(error_model="numpy")
 def respond(ptr: Ints, by_slip: Floats, pulled: Floats, own: Floats) -> Floats:
+    """Rates of rho (n_segments, k), see `tensions.py`.
+
+    Parameters
+    ----------
+    ptr
+        The segments of cable c are ptr[c]:ptr[c+1] (n_cables + 1,).
+    by_slip
+        d r / d slip at the via point before each segment (n_segments,) [1/m].
+    pulled
+        d (c_k T_k) / d rho (n_segments,) [m].
+    own
+        Rates of r at fixed rho (n_segments, k).
+    """
     out = np.zeros_like(own)
     for c in range(len(ptr) - 1):
         first, end = ptr[c], ptr[c + 1]
@@ -196,8 +246,19 @@ def respond(ptr: Ints, by_slip: Floats, pulled: Floats, own: Floats) -> Floats:
 
 @kernel(error_model="numpy")
 def pull_back(ptr: Ints, by_slip: Floats, pulled: Floats, weights: Floats) -> tuple[Floats, Floats]:
-    """Sums of the rates of rho with weights (n, k) of the segments, the transpose of `respond`: by the segments'
-    lengths and by the r of their via points (n, k).
+    """Sums of the rates of rho, the transpose of `respond`: by the segments' lengths and by the r of their via points
+    (n_segments, k).
+
+    Parameters
+    ----------
+    ptr
+        The segments of cable c are ptr[c]:ptr[c+1] (n_cables + 1,).
+    by_slip
+        d r / d slip at the via point before each segment (n_segments,) [1/m].
+    pulled
+        d (c_k T_k) / d rho (n_segments,) [m].
+    weights
+        Weights of the segments in the sums (n_segments, k).
     """
     of_lengths, of_turns = np.zeros_like(weights), np.zeros_like(weights)
     for c in range(len(ptr) - 1):
@@ -221,7 +282,21 @@ def pull_back(ptr: Ints, by_slip: Floats, pulled: Floats, weights: Floats) -> tu
 
 @kernel(error_model="numpy")
 def changing(ptr: Ints, by_slip: Floats, pulled: Floats, by_angle: Floats, moves: np.ndarray) -> np.ndarray:
-    """Whether a segment can move and has a rho that changes with the shape (n,)."""
+    """Whether a segment can move and has a rho that changes with the shape (n_segments,).
+
+    Parameters
+    ----------
+    ptr
+        The segments of cable c are ptr[c]:ptr[c+1] (n_cables + 1,).
+    by_slip
+        d r / d slip at the via point before each segment (n_segments,) [1/m].
+    pulled
+        d (c_k T_k) / d rho (n_segments,) [m].
+    by_angle
+        d r / d turning angle (n_segments,) [1/rad].
+    moves
+        Whether a segment can move (n_segments,).
+    """
     out = np.zeros(len(moves), dtype=np.bool_)
     for c in range(len(ptr) - 1):
         first, end = ptr[c], ptr[c + 1]

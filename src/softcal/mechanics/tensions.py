@@ -11,10 +11,33 @@ pulled end: sigma = -1 (Euler-Eytelwein). Friction *with a memory* opposes the s
 
 is how much more line is beyond via point j than at rest, its stretch set aside. There the friction is an elastic and
 then plastic spring, sigma_j = clip((s_j - p_j) / delta, -1, 1), with the presliding displacement delta and the plastic
-slip p_j, its memory (return mapping: p_j -> s_j - delta sigma_j). A constant part of the friction: `friction_level.py`.
+slip p_j, its memory. A constant part of the friction: `friction_level.py`.
 
-With stretch, the tensions on the right make this a system of equations along each cable. Its tangent is solved by one
-recursion to the far end and back: with sum_k>=j c_k T_k d rho_k = a_j + b_j d rho_(j-1), b_j >= 0.
+*Return mapping.* The trial is that a via point sticks: its plastic slip stays, and sigma = (s_j - p_j) / delta. Within
+-1 <= sigma <= 1 that holds, and friction is elastic, d sigma / d s_j = 1 / delta. Beyond, the trial is returned to the
+limit: the via point slides, sigma = +-1, d sigma / d s_j = 0, and the plastic slip follows. In both cases the state
+leaves
+
+    p_j -> s_j - delta sigma_j
+
+which is p_j where it sticks. In a time step, friction that grows with the speed of the slip adds drag (s_j - s_j at the
+step's start) to sigma, beyond its limits too.
+
+*Equations.* With stretch the slips depend on the tensions, those on the slips. The unknowns of a cable are the
+stretches beyond its via points, S_j = sum_k>=j c_k T_k, so that T_k = (S_k - S_(k+1)) / c_k; Newton's method for them
+is in `tension_kernels.solve`. Without a memory and drag, or without stretch, sigma does not depend on T: one pass from
+the pulled end suffices.
+
+*Tangent.* By rho_k = ln(T_k / T), its equations are rho_k = rho_(k-1) + r_k and, with f_j = d r_j / d s_j,
+
+    d r_j = own_j - f_j sum_k>=j c_k T_k d rho_k,    sum_k>=j c_k T_k d rho_k = a_j + b_j d rho_(j-1)
+
+where own_j is the rate at fixed rho. With m_j = c_j T_j + b_(j+1), a pass to the pulled end and one back solve them:
+
+    b_j = m_j / (1 + f_j m_j) >= 0,    a_j = m_j (own_j - f_j a_(j+1)) / (1 + f_j m_j) + a_(j+1)
+    d rho_j = (d rho_(j-1) + own_j - f_j a_(j+1)) / (1 + f_j m_j)
+
+(`respond`), and `pull_back` is the transpose, for gradients.
 """
 
 from __future__ import annotations
@@ -114,7 +137,7 @@ def turns(v: Floats, ptr: Ints) -> Turns:
 
 
 class Course(NamedTuple):
-    """Where cables run; segments of one cable after the other, each cable's from its pulled end on.
+    """The courses of the cables: segments of one cable after the other, each cable's from its pulled end on.
 
     Attributes
     ----------
@@ -233,8 +256,8 @@ class Tensions:
     def changing(self) -> Ints:
         """The segments that can move and whose tension changes with the shape."""
         course = self.course
-        found = changing(course.ptr, self.by_slip, self.stretched, self.by_angle, course.moves)
-        return np.flatnonzero(found & (self.segments != 0.0))
+        changes = changing(course.ptr, self.by_slip, self.stretched, self.by_angle, course.moves)
+        return np.flatnonzero(changes & (self.segments != 0.0))
 
     def by_shape(self, weights: Floats) -> Floats:
         """Sums of rates of rho, with weights (n_segments, k) of the segments: by the segments' vectors
@@ -315,8 +338,16 @@ class Tensions:
         return np.where(remembers, self.slip - self.lines.presliding[self.cable] * self.sigma, 0.0)
 
     def plastic_slip_rates(self, slip: Floats, memory: Floats, presliding: Floats) -> Floats:
-        """Rates of `plastic_slip` (n_segments,) at rates of the slips, of the memory before, and of the cables'
-        presliding displacement (n_cables,).
+        """Rates of `plastic_slip` (n_segments,).
+
+        Parameters
+        ----------
+        slip
+            Rates of the slips (n_segments,).
+        memory
+            Rates of the plastic slips before (n_segments,).
+        presliding
+            Rates of the cables' presliding displacements (n_cables,).
         """
         remembers = self.lines.remembers[self.cable]
         slides = slip - self.sigma * presliding[self.cable]
@@ -324,22 +355,32 @@ class Tensions:
 
 
 def tensions(lines: Lines, course: Course, pull: Floats, memory: Floats, viscous: Viscous) -> Tensions:
-    """The tensions along the cables where they are pulled with tensions `pull` (n_cables,) [N]; memory: the plastic
-    slips (n_segments,) [m].
+    """The tensions along all cables.
+
+    Parameters
+    ----------
+    lines, course
+        The properties of their lines, and where they run.
+    pull
+        Tensions at the pulled ends (n_cables,) [N].
+    memory
+        Plastic slips (n_segments,) [m], by the step before.
+    viscous
+        The part of the friction that increases with the speed.
 
     Raises
     ------
     SimulationError
-        Where they are not found.
+        Where Newton's method does not converge.
     """
     of_segment = np.repeat(np.arange(len(pull)), np.diff(course.ptr))
     softness = course.rest * lines.softness[of_segment]
-    given = course.longer + softness * lines.pretension[of_segment]
+    loose = course.longer + softness * lines.pretension[of_segment]  # what the slips would sum without stretch
     rho, sigma, slip = (np.zeros(len(softness)) for _ in range(3))
     delta = np.where(lines.remembers, lines.presliding, 0.0)
     most = lines.mu[of_segment] * course.turns.phi
     if unsolved := solve(
-        course.ptr, pull, lines.preload, most, softness, given, memory, delta, *viscous, rho, sigma, slip
+        course.ptr, pull, lines.preload, most, softness, loose, memory, delta, *viscous, rho, sigma, slip
     ):
         c = unsolved - 1
         turned = float(most[course.ptr[c] : course.ptr[c + 1]].sum())
@@ -349,4 +390,16 @@ def tensions(lines: Lines, course: Course, pull: Floats, memory: Floats, viscous
         )
     segments, factor, by_rho = (np.zeros(len(softness)) for _ in range(3))
     along(pull[of_segment], lines.preload[of_segment], rho, segments, factor, by_rho)
-    return Tensions(lines, course, pull, softness, slip, sigma, viscous, rho, segments, factor, by_rho)
+    return Tensions(
+        lines=lines,
+        course=course,
+        pull=pull,
+        softness=softness,
+        slip=slip,
+        sigma=sigma,
+        viscous=viscous,
+        rho=rho,
+        segments=segments,
+        factor=factor,
+        by_rho=by_rho,
+    )

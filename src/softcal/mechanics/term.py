@@ -33,7 +33,7 @@ NOTHING: Floats = np.zeros(0)
 
 @dataclass(frozen=True)
 class Controls:
-    """What is prescribed.
+    """The prescribed efforts, coordinates and loads.
 
     Attributes
     ----------
@@ -262,11 +262,31 @@ class Term(ABC):
         return given.memory
 
     def add_by_memory(self, into: Sum, given: Given, rate: Floats) -> None:  # noqa: B027
-        """Add d gradient / d memory times a rate (n,) of the memory."""
+        """Add d gradient / d memory times a rate of the memory.
+
+        Parameters
+        ----------
+        into
+            The sum.
+        given
+            The arguments of the term.
+        rate
+            The rate (n,).
+        """
 
     def advance_rate(self, given: Given, parameter: str, rate: State, memory_rate: Floats) -> Floats:
-        """The derivative (n,) of `advance` by a parameter, with those of the state's arrays (such as dx/dtheta in
-        `rate.x`) and of the memory (n,).
+        """The derivative (n,) of `advance` by a parameter.
+
+        Parameters
+        ----------
+        given
+            The arguments of the term.
+        parameter
+            Its dotted name.
+        rate
+            Derivatives of the state's arrays, such as dx/dtheta in `rate.x`.
+        memory_rate
+            Derivatives of the memory (n,).
         """
         return memory_rate
 
@@ -300,7 +320,7 @@ Of = TypeVar("Of")
 
 
 class ByTheta(Generic[Of]):
-    """What a term works out from the parameters' values alone: once for as long as these are the same."""
+    """A function of the parameters' values alone, evaluated once for as long as these are the same."""
 
     def __init__(self, of: Callable[[Theta], Of]) -> None:
         self._of = of

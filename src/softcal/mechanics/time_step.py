@@ -109,7 +109,23 @@ class InertialTerm(Term):
 
 
 def in_step(system: System, inertia: Inertia, damping: Damping, step: float, before: Instant, theta: Theta) -> System:
-    """The system in a step [s] from an instant on: planned as it is at rest, which must connect all that has mass."""
+    """The system in a time step: planned as it is at rest, which must connect all that has mass.
+
+    Parameters
+    ----------
+    system
+        The discretised robot.
+    inertia
+        The masses.
+    damping
+        The damping.
+    step
+        Length of the step [s].
+    before
+        The instant at its start.
+    theta
+        Parameter values by dotted name [SI].
+    """
     state, n = before.state, system.layout.n_actuators
     held = Controls(np.ones(n, dtype=bool), state.effort, np.zeros(n), elapsed=0.0)
     of_step = TimeStep(system.layout, step, damping)
@@ -125,7 +141,17 @@ def at_rest(state: State, time: float = 0.0) -> Instant:
 
 
 def after(before: Instant, state: State, step: float) -> Instant:
-    """The instant at a step's end: velocities are differences."""
+    """The instant at a step's end: velocities are differences.
+
+    Parameters
+    ----------
+    before
+        The instant at the step's start.
+    state
+        The state at its end.
+    step
+        Its length [s].
+    """
     old = before.state
     return Instant(
         before.time + step,
@@ -135,7 +161,17 @@ def after(before: Instant, state: State, step: float) -> Instant:
 
 
 def coasting(layout: Layout, now: Instant, step: float) -> Floats:
-    """The step of the unknowns (n_unknowns,) at constant velocities: a guess."""
+    """The step of the unknowns (n_unknowns,) at constant velocities: a guess.
+
+    Parameters
+    ----------
+    layout
+        Numbering of points, frames and unknowns.
+    now
+        The instant at the step's start.
+    step
+        Its length [s].
+    """
     n = layout.n_moving_frames
     dz = np.zeros(layout.n_unknowns)
     dz[: layout.first_frame_unknown] = now.velocities.points[layout.free_points].ravel()

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from softcal.checks import Floats, Ints
+from softcal.checks import Floats
 from softcal.mechanics.linear_solve import Factorisation, factorisation
 from softcal.mechanics.pattern import Triangle
 
@@ -43,11 +43,22 @@ class TouchedPattern:
             self._without.factorise(data)
             return self._without
         rows = np.repeat(np.arange(self._n), np.diff(touch.indptr))
-        places = self._places(rows * np.int64(self._n) + touch.indices)
+        keys = rows * np.int64(self._n) + touch.indices
+        places = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
+        new = self._keys[places] != keys
+        if new.any():
+            self._forget()
+            fresh = np.unique(keys[new])
+            self._keys = np.insert(self._keys, np.searchsorted(self._keys, fresh), fresh)
+            self._own = np.searchsorted(self._keys, self._planned)
+            places = np.searchsorted(self._keys, keys)
         whole = np.zeros(len(self._keys))
         whole[self._own] = data
         whole[places] += touch.data * self._unit[rows] * self._unit[touch.indices]
-        factors = self._factors or self._analysed()
+        factors = self._factors
+        if factors is None:
+            indptr = np.searchsorted(self._keys, np.arange(self._n + 1) * np.int64(self._n))
+            factors = factorisation(indptr.astype(np.int64), self._keys % self._n, single=self._single)
         factors.factorise(whole)
         self._factors = factors
         return factors
@@ -61,19 +72,3 @@ class TouchedPattern:
         if self._factors is not None:
             self._factors.release()
             self._factors = None
-
-    def _places(self, keys: Ints) -> Ints:
-        """Places of the entries, after the pattern has grown by the new ones."""
-        places = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
-        new = self._keys[places] != keys
-        if not new.any():
-            return places
-        self._forget()
-        fresh = np.unique(keys[new])
-        self._keys = np.insert(self._keys, np.searchsorted(self._keys, fresh), fresh)
-        self._own = np.searchsorted(self._keys, self._planned)
-        return np.searchsorted(self._keys, keys)
-
-    def _analysed(self) -> Factorisation:
-        indptr = np.searchsorted(self._keys, np.arange(self._n + 1) * np.int64(self._n))
-        return factorisation(indptr.astype(np.int64), self._keys % self._n, single=self._single)

@@ -2,11 +2,27 @@
 
 Where commands change little, so does the tangent. The chord method with a kept tangent K0,
 
-    z <- z - K0^-1 r(z),    from what the last equilibria predict (see `Trail`),
+    z <- z - K0^-1 r(z),    |r| -> q |r| with q about |1 - K0^-1 K|,
 
 shrinks the residual by about the relative change of the tangent in each iteration, and an iteration needs neither a
-tangent nor a factorisation. A new factorisation is made where the residual shrinks too slowly, and where the robot has
-moved on since its stability was judged, which needs one. What such steps do not reach, the march does.
+tangent nor a factorisation. A step from commands u_n to u (`WarmSteps._warm`):
+
+1. *Tangent.* The kept K0, if it is still the one factorised last and the same actuators are driven; else that of the
+   last equilibrium, factorised, judged and kept with dz/du (`_judged`). If that is unstable, the march does the step.
+2. *Prediction* (`_ahead`). Along the tangent, dz = (dz/du) (u - u_n); or, from the polynomial through the last
+   equilibria (`trail.py`), if it is off that by at most `BENT` of its way: a kink is no polynomial, and the trail
+   begins anew there.
+3. *Chord iterations* (`_solved`), until |r| < `ACCURATE` * `TOLERANCE`, or, where it shrinks no further, `TOLERANCE`:
+   so a state does not depend on the step to it. If two iterations do not shrink it to `SLOW`, or after `KEPT` of them,
+   the tangent of the iterate is factorised, once in a step; if that is slow too, or after `MOST`, the march does it.
+4. *Branch.* As on a path, the corrections together must be no longer than the prediction, and no actuator reversed.
+5. *Taut and slack* (`_switches`). Efforts stay within their limits, and an actuator at a limit does not return; if one
+   must switch, the march does the step, with its active set.
+6. *Stability* is judged, by a new factorisation, where the robot moved by more than `JUDGED` of its extent since it
+   was last, where the step took more than `MANY` iterations or replaced the tangent, and where derivatives are wanted.
+
+The march (`march.py`) follows the load path from the last equilibrium or, where that line passes commands without an
+equilibrium, from the beginning; a warm step to the same commands then makes the result as accurate as others.
 """
 
 from __future__ import annotations
@@ -82,7 +98,14 @@ class WarmSteps:
         SimulationError
             Where there is no equilibrium, or none was found.
         """
-        self._release(aim.controls)
+        # Actuators that are commanded by their effort from now on begin at their present one.
+        state, controls = self.last.state, self.last.controls
+        released = aim.controls.is_held & ~controls.is_held
+        if released.any():
+            effort = np.where(released, state.effort, controls.effort)
+            controls = replace(controls, is_held=controls.is_held | released, effort=effort)
+            self.last = replace(self.last, controls=controls, commanded=None)
+            self._trail = self._begun(self.last)
         try:
             reached = self._warm(aim)
         except SimulationError:
@@ -90,7 +113,11 @@ class WarmSteps:
         if reached is None:
             reached = self._marched(aim)
             self.n_iterations = 0
-        self.last, self._trail = reached, self._followed(reached)
+        self.last = reached
+        # The trail begins anew where the robot snapped, where other actuators are driven, or where it has turned far.
+        leads_here = not reached.snaps and self._trail.leads_to(reached.controls)
+        if not leads_here or self.statics.limited(self._trail.add(reached.controls, reached.state)) < 1.0:
+            self._trail = self._begun(reached)
         return reached
 
     def factorise(self, state: State, controls: Controls) -> None:
@@ -126,16 +153,6 @@ class WarmSteps:
             return None
         return remembered(statics, state, controls, aim, (False, last.has_snapped))
 
-    def _release(self, target: Controls) -> None:
-        """Hold at their present efforts the actuators that are commanded by these from now on."""
-        state, controls = self.last.state, self.last.controls
-        released = target.is_held & ~controls.is_held
-        if released.any():
-            effort = np.where(released, state.effort, controls.effort)
-            controls = replace(controls, is_held=controls.is_held | released, effort=effort)
-            self.last = replace(self.last, controls=controls, commanded=None)
-            self._trail = self._begun(self.last)
-
     def _marched(self, aim: Target) -> Reached:
         """The step along a load path: from the last equilibrium, or from the beginning where its line passes commands
         without one. What remembers has no second way.
@@ -168,7 +185,7 @@ class WarmSteps:
         return kept if np.all(kept.is_held == controls.is_held) else None
 
     def _judged(self, state: State, controls: Controls) -> _Kept | None:
-        """The tangent of an equilibrium, factorised and kept; None where it is not stable.
+        """The tangent of an equilibrium, factorised and kept; None where that is unstable.
 
         Raises
         ------
@@ -194,7 +211,7 @@ class WarmSteps:
             return None
         state = statics.reachable(self.last.state, ahead)
         state = replace(state, effort=np.where(controls.is_held, controls.effort, state.effort))
-        correction = np.zeros_like(ahead)
+        correction, moving = np.zeros_like(ahead), slice(statics.system.layout.first_pressure_unknown)
         before = previous = np.inf
         for iteration in range(MOST):
             at = statics.system.linearise(state, controls, statics.theta, tangent=False)
@@ -202,7 +219,10 @@ class WarmSteps:
             is_slow = not residual < SLOW * before
             at_end = is_slow or iteration == MOST - 1
             if residual < ACCURATE * TOLERANCE or (at_end and residual < TOLERANCE):
-                if self._strays(state, ahead, correction):
+                # As `path.strays`, by the steps themselves.
+                way, off = (float(np.linalg.norm(dz[moving])) for dz in (ahead, correction))
+                is_reversed = any(term.is_reversed(self.last.state.x, state.x) for term in statics.system.actuated)
+                if is_reversed or off > way + SAME * statics.length:
                     return None
                 kept.way += statics.reach(ahead)
                 return state, iteration + 1
@@ -231,16 +251,6 @@ class WarmSteps:
         self._trail = self._begun(last)
         return tangent
 
-    def _followed(self, reached: Reached) -> Trail:
-        """The trail to an equilibrium; it begins there where the robot snapped, where other actuators are driven, or
-        where the robot has turned far from the first one.
-        """
-        controls = reached.controls
-        if reached.snaps or not self._trail.leads_to(controls):
-            return self._begun(reached)
-        step = self._trail.add(controls, reached.state)
-        return self._begun(reached) if self.statics.limited(step) < 1.0 else self._trail
-
     def _begun(self, reached: Reached) -> Trail:
         return Trail(self.statics.system.layout, reached.controls, reached.state)
 
@@ -253,11 +263,3 @@ class WarmSteps:
             return False
         gap = target.coordinate - self.statics.system.coordinates(state, self.statics.theta)
         return bool((at_limit & returning(self.statics, state.effort, gap)).any())
-
-    def _strays(self, found: State, ahead: Floats, correction: Floats) -> bool:
-        """As `path.strays`, by the steps themselves."""
-        statics = self.statics
-        moving = slice(statics.system.layout.first_pressure_unknown)
-        way, off = (float(np.linalg.norm(dz[moving])) for dz in (ahead, correction))
-        is_reversed = any(term.is_reversed(self.last.state.x, found.x) for term in statics.system.actuated)
-        return is_reversed or off > way + SAME * statics.length

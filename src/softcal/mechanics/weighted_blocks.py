@@ -15,8 +15,16 @@ def blocks_on_points(
     """The sum of matrices of groups of vertices by the points that the vertices are weighted sums of: rows and columns
     (k,), ascending, row <= column, and blocks (k, 3, 3).
 
-    groups: vertices (m, 4), -1: none; blocks: their symmetric matrices (m, 12, 12); vertex v is the sum of `points`
-    times `weights` (n,) from ptr[v] to ptr[v + 1].
+    Parameters
+    ----------
+    groups
+        Vertices of the groups (m, 4), -1: none.
+    blocks
+        Their symmetric matrices (m, 12, 12).
+    ptr, points, weights
+        Vertex v is the sum of points times weights (n,) from ptr[v] to ptr[v + 1].
+    n_points
+        Number of points.
     """
     begin, members = _members(groups, len(ptr) - 1)
     right, column, value = _times_weights(groups, blocks, begin, members, ptr, points, weights, n_points)

@@ -78,7 +78,7 @@ class WireContactTerm(Term):
         return self.stiffness.parameters
 
     def add(self, into: Sum, given: Given) -> None:
-        """The set of contacts is found anew at every state, so the tangent is outside the pattern."""
+        """What touches changes from state to state, so the tangent is outside the pattern."""
         import scipy.sparse as sp
 
         for potential, contacts, at in self._pushing(given):
@@ -181,7 +181,17 @@ class WireContactTerm(Term):
 
 
 def collision_mesh(X: Floats, edges: Ints, faces: Ints, patch: Ints, apart: Ints) -> Any:
-    """The surfaces as a mesh of IPC Toolkit; see `WireContactTerm` for the pairs excluded from contact."""
+    """The surfaces as a mesh of IPC Toolkit; see `WireContactTerm` for the pairs excluded from contact.
+
+    Parameters
+    ----------
+    X
+        Vertices at rest (n, 3) [m].
+    edges, faces
+        Their vertices (m, 2), (k, 3).
+    patch, apart
+        As of `WireContactTerm`.
+    """
     import ipctk
 
     edges_and_faces = (np.asfortranarray(part.astype(np.int32)) for part in (edges, faces))
@@ -194,8 +204,16 @@ def collision_mesh(X: Floats, edges: Ints, faces: Ints, patch: Ints, apart: Ints
 
 
 def passes_through(X: Floats, faces: Ints, apart: Ints) -> bool:
-    """Whether triangles (k, 3) of points X (n, 3) [m] pass through each other; apart: pairs of points of which no
-    triangles count.
+    """Whether triangles pass through each other.
+
+    Parameters
+    ----------
+    X
+        Points (n, 3) [m].
+    faces
+        The triangles (k, 3).
+    apart
+        Pairs of points of which no triangles count (n_pairs, 2).
     """
     import ipctk
 

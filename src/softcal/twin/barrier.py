@@ -52,7 +52,13 @@ class Contact(Declared):
     depth: Size = FITTED
 
     def fitted(self, bodies: Sequence[Body], rods: Sequence[Rod], plates: Sequence[Plate]) -> Contact:
-        """With the lengths that are omitted chosen for the parts of a robot."""
+        """The contact with the lengths that are omitted, chosen for the parts of a robot.
+
+        Parameters
+        ----------
+        bodies, rods, plates
+            The parts.
+        """
         depth, gap = self.depth, self.gap
         if depth is FITTED:
             thick = [plate.disc.thickness for plate in plates if plate.disc is not None]
@@ -96,6 +102,6 @@ def wire_diameter(rod: Rod) -> float:
 
 
 def edge_lengths(mesh: TetMesh) -> Floats:
-    """Of the surface's edges from corner to corner [m]."""
+    """Lengths of the surface's edges from corner to corner [m]."""
     edges = edges_of(boundary_faces(mesh)[:, :3])
     return np.linalg.norm(mesh.points[edges[:, 0]] - mesh.points[edges[:, 1]], axis=1)

@@ -1,4 +1,4 @@
-"""How a robot's bodies support the via points of its cables: in a bore, by its wall all around; over which extent."""
+"""Supports of via points by a robot's bodies: in a bore, by its wall all around; and their extent."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from softcal.twin.robot import Robot
 def supports(robot: Robot) -> dict[str, dict[int, Attachment]]:
     """Cable -> the numbers of its via points on bodies, from 0, with their attachment; only cables with such points."""
     meshes = {body.name: body.mesh for body in robot.bodies}
-    found: dict[str, dict[int, Attachment]] = {}
+    attachments: dict[str, dict[int, Attachment]] = {}
     for cable in robot.cables:
         for i, via in enumerate(cable.via_points):
             if via.on in meshes:
                 where = f"{cable.name}, via point {i + 1}"
-                found.setdefault(cable.name, {})[i] = attach_ball(meshes[via.on], via.at, via.radius, where=where)
-    return found
+                attachments.setdefault(cable.name, {})[i] = attach_ball(meshes[via.on], via.at, via.radius, where=where)
+    return attachments
 
 
 def bores(robot: Robot) -> dict[str, dict[int, float]]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError, unknown
@@ -117,7 +116,13 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
         rider = _riders(body, mesh, robot, frames.of_plate)
         first = builder.add(mesh.points, rider)
         builder.first[body.name] = first
-        deforms = _deforms(body, mesh, rider)
+        # A tet whose nodes are all fixed, or all on one plate, moves rigidly and is stress-free.
+        riders = rider[mesh.tets]
+        deforms = (riders != riders[:, :1]).any(axis=1) | (riders[:, 0] == FREE) | (riders[:, 0] == TIED)
+        if not deforms.any():
+            raise MeshError(
+                Fault("no tet of the body can deform: its nodes are all fixed or on one plate", where=body.name)
+            )
         motion = _motion(body, mesh, rider, first)
         for material in body.materials:
             tets = mesh.tets[material.elements[deforms[material.elements]]]
@@ -208,20 +213,20 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
     def placed(cable: Cable) -> dict[str, list[Weights]]:
         """Derivatives of the via points by each parameter that moves them."""
         size = 0.1 * cable.length
-        found: dict[str, list[Weights]] = {}
+        rates_of: dict[str, list[Weights]] = {}
         for name, ways in cable.ways().items():
-            found[name] = []
+            rates_of[name] = []
             for i, (point, way) in enumerate(zip(cable.via_points, ways, strict=True)):
                 if not way.any():
-                    found[name].append([])
+                    rates_of[name].append([])
                 elif point.on in meshes:
                     where = f"{cable.name}, via point {i + 1}"
                     nodes, rates = attach_rate(meshes[point.on], point.at, way, point.radius, where=where)
                     first = builder.first[point.on]
-                    found[name].append([(first + int(n), float(r)) for n, r in zip(nodes, rates, strict=True)])
+                    rates_of[name].append([(first + int(n), float(r)) for n, r in zip(nodes, rates, strict=True)])
                 else:
-                    found[name].append(beside(point.at, point.on, way, size, point.at - point.offset))
-        return found
+                    rates_of[name].append(beside(point.at, point.on, way, size, point.at - point.offset))
+        return rates_of
 
     def offsets(marker: Marker) -> tuple[Weights, ...]:
         """Derivatives of a marker's place by its offsets, on a body or rod."""
@@ -276,7 +281,16 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
     slowness = np.array([0.0 if speed is None else 1.0 / speed for speed in speeds]) if any(speeds) else None
     cables = build_cables(layout.X, via, pulled_last, placed_by, stated, slowness)
     system = build_system(layout, (*solids, *rod_terms, cables, loads, moments, *contacts), points_of_forces(robot))
-    return Twin(robot, system, builder.first, meshes, frames.of_plate, via, markers, pressure_nodes)
+    return Twin(
+        robot=robot,
+        system=system,
+        first_point=builder.first,
+        meshes=meshes,
+        frame=frames.of_plate,
+        via=via,
+        markers=markers,
+        pressure_nodes=pressure_nodes,
+    )
 
 
 def twin_of(robot: Robot, theta: Mapping[str, float] | None = None) -> Twin:
@@ -396,14 +410,3 @@ def _motion(body: Body, mesh: TetMesh, rider: Ints, first: int) -> MeshMotion | 
             )
         )
     return motion
-
-
-def _deforms(body: Body, mesh: TetMesh, rider: Ints) -> NDArray[np.bool_]:
-    """Which tets can deform: one whose nodes are all fixed, or all on one plate, moves rigidly and is stress-free."""
-    riders = rider[mesh.tets]
-    stiff = (riders == riders[:, :1]).all(axis=1) & (riders[:, 0] != FREE) & (riders[:, 0] != TIED)
-    if stiff.all():
-        raise MeshError(
-            Fault("no tet of the body can deform: its nodes are all fixed or on one plate", where=body.name)
-        )
-    return ~stiff

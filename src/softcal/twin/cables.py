@@ -101,8 +101,18 @@ class RoutingAxis(Declared):
         }
 
     def moved(self, at: Floats, offset: float, angle: float, twist: float) -> Floats:
-        """Points (n, 3) [m], moved away from the axis by an offset [m], and turned around it by an angle [rad] and by a
-        twist [rad/m].
+        """Points (n, 3) [m], moved away from the axis and turned around it.
+
+        Parameters
+        ----------
+        at
+            The points (n, 3) [m].
+        offset
+            Distance by which they move away [m].
+        angle
+            Angle by which they turn [rad].
+        twist
+            Angle by which they turn for each metre along the axis [rad/m].
         """
         away, distances = self.away(at)
         angles = (angle + twist * self._along(at))[:, None]
@@ -110,7 +120,7 @@ class RoutingAxis(Declared):
         return at + (distances + offset)[:, None] * turned - distances[:, None] * away
 
     def _along(self, at: Floats) -> Floats:
-        """How far along the axis from its point the feet of points (n, 3) are (n,) [m]."""
+        """Distances (n,) [m] along the axis, from its point, of the feet of points (n, 3)."""
         return (at - np.asarray(self.point)) @ np.asarray(self.direction) / float(np.linalg.norm(self.direction))
 
 
@@ -345,20 +355,30 @@ class Cable(NamedPart):
         """The values [SI] of the parameters that move via points: of the cable with an axis, of named points."""
         routing = ROUTING if self.routing_axis is not None else ()
         own = {f"{self.name}.{kind}": float(getattr(self, kind)) for kind in routing}
-        named = {self._offset_name(via, axis): off for via in self.via_points for axis, off in _by_axis(via)}
+        named = {
+            self._offset_name(via, axis): offset
+            for via in self.via_points
+            if via.name
+            for axis, offset in zip("xyz", via.offset.tolist(), strict=True)
+        }
         return {**own, **named}
 
     def ways(self) -> dict[str, Floats]:
-        """How each via point moves (n_via, 3) with each of the parameters of `placing`."""
+        """Rates of the via points (n_via, 3) by each of the parameters of `placing`."""
         if self.routing_axis is not None:
             rates = self.routing_axis.routing_rates(self._points)
             return {f"{self.name}.{kind}": ways for kind, ways in rates.items()}
-        found = {}
+        # Stated points are at 0, 1, …, those added between two of them in between.
+        stated = np.flatnonzero([via.share is None for via in self.via_points])
+        shares = np.array([via.share or 0.0 for via in self.via_points])
+        place = np.searchsorted(stated, np.arange(len(shares)), side="right") - 1 + shares
+        rates: dict[str, Floats] = {}
         for i, via in enumerate(self.via_points):
-            share = self._following(i) if via.name else np.zeros(0)
-            for axis, way in zip("xyz" if via.name else "", np.eye(3), strict=False):
-                found[self._offset_name(via, axis)] = share[:, None] * way
-        return found
+            if via.name:
+                share = np.clip(1.0 - np.abs(place - place[i]), 0.0, None)
+                for axis, way in zip("xyz", np.eye(3), strict=True):
+                    rates[self._offset_name(via, axis)] = share[:, None] * way
+        return rates
 
     def placed_by(self, values: Mapping[str, float]) -> Cable:
         """The same cable at other values [SI] of parameters by name, its via points moved accordingly."""
@@ -378,15 +398,6 @@ class Cable(NamedPart):
             for via, move in zip(self.via_points, moves, strict=True)
         )
         return replace(self, via_points=moved, **routing)
-
-    def _following(self, i: int) -> Floats:
-        """How much of the offset of via point i each of them takes part in (n_via,) [-]."""
-        stated = [k for k, via in enumerate(self.via_points) if via.share is None]
-        place = np.zeros(len(self.via_points))
-        for k, via in enumerate(self.via_points):
-            before = int(np.searchsorted(stated, k, side="right")) - 1
-            place[k] = before + (via.share or 0.0)
-        return np.clip(1.0 - np.abs(place - stated.index(i)), 0.0, None)
 
     def _offset_name(self, via: ViaPoint, axis: str) -> str:
         return f"{self.name}.{via.name}.{axis}_offset"
@@ -413,8 +424,3 @@ def require_changing_length(cable: Cable, plates: Iterable[Plate]) -> None:
                 "`on` of the first or last via point",
             )
         )
-
-
-def _by_axis(via: ViaPoint) -> list[tuple[str, float]]:
-    """The offset of a named via point by axis; of another one nothing."""
-    return list(zip("xyz", via.offset.tolist(), strict=True)) if via.name else []

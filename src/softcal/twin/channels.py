@@ -47,9 +47,16 @@ def require_sensors(robot: Robot) -> None:
 
 
 def part_fault(name: str, sensor: Sensor, parts: Mapping[str, Iterable[str]]) -> Fault | None:
-    """The fault of a sensor that every part has, or that reads one which is not among a robot's parts; or None.
+    """The fault of a sensor that every part has, or that reads a part which is not among those of a robot; or None.
 
-    parts: names by kind, such as "plates"; where they are is not known yet.
+    Parameters
+    ----------
+    name
+        Name of the sensor.
+    sensor
+        The sensor.
+    parts
+        Names of the parts by kind, such as "plates"; their places may not be known yet.
     """
     if fault := _of_parts(name, sensor):
         return fault
@@ -68,11 +75,26 @@ def part_fault(name: str, sensor: Sensor, parts: Mapping[str, Iterable[str]]) ->
 
 
 def sensor_fault(robot: Robot, name: str, sensor: Sensor) -> Fault | None:
-    """The fault of a sensor on a robot at rest, or None."""
+    """The fault of a sensor on a robot at rest, or None.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    name
+        Name of the sensor.
+    sensor
+        The sensor.
+    """
     if fault := _of_parts(name, sensor):
         return fault
     try:
-        read = np.asarray(sensor.sense(_at_rest(robot)), dtype=np.float64)
+        at_rest = _AtRest(
+            {marker.name: marker.place for marker in robot.markers},
+            {plate.name: plate.reference for plate in robot.plates},
+            {cable.name: cable for cable in robot.cables},
+        )
+        read = np.asarray(sensor.sense(at_rest), dtype=np.float64)
     except ParameterError as error:
         (fault,) = error.faults
         return Fault(fault.what, name, fault.got, fault.allowed, fault.attempt)
@@ -115,14 +137,6 @@ class _AtRest:
 
     def tension(self, cable: str) -> float:
         return self.shortening(cable)
-
-
-def _at_rest(robot: Robot) -> _AtRest:
-    return _AtRest(
-        {marker.name: marker.place for marker in robot.markers},
-        {plate.name: plate.reference for plate in robot.plates},
-        {cable.name: cable for cable in robot.cables},
-    )
 
 
 V = TypeVar("V")

@@ -33,7 +33,7 @@ SHORTEST = 0.02
 @displayed
 @dataclass(frozen=True)
 class Clamp(Declared):
-    """What fixes a body at a plane face.
+    """The clamp of a body at a plane face.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Clamp(Declared):
 
 @dataclass(frozen=True)
 class Zone:
-    """Where a clamp moves the mesh.
+    """The zone in which a clamp moves the mesh.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Zone:
         return replace(QUANTITIES["length"], lower=-0.5 * self.length, upper=0.5 * self.length, ends="[]")
 
     def shares(self, mesh: TetMesh) -> Floats:
-        """How far each node (n_points,) moves with the face: one in it and before it, zero beyond the zone."""
+        """Shares of the face's motion that nodes (n_points,) follow: one in it and before it, zero beyond the zone."""
         height = mesh.points @ self.direction - self.face
         share = np.clip(1.0 - height / self.length, 0.0, 1.0)
         for k, (a, b) in enumerate(mesh.cell.edges):  # so that a straight edge stays straight
@@ -75,7 +75,18 @@ class Zone:
 
 
 def clamp_zone(mesh: TetMesh, fixed: Ints, clamp: Clamp, *, where: str = "") -> Zone:
-    """Where a clamp can move a mesh [m] whose nodes `fixed` (n,) do not move; its depth is within.
+    """The zone in which a clamp can move a mesh; the depth of the clamp is within.
+
+    Parameters
+    ----------
+    mesh
+        The mesh [m].
+    fixed
+        Nodes that do not move (n,).
+    clamp
+        The clamp.
+    where
+        What an error names as the place.
 
     Raises
     ------

@@ -21,7 +21,7 @@ from softcal.mechanics.layout import FIXED, Layout
 from softcal.mechanics.wire_contact import WireContactTerm, passes_through
 from softcal.twin.barrier import Contact, edge_lengths, wire_diameter
 from softcal.twin.cores import CoredSkin, body_skin, columns, joined, numbers, pressing, rigid_skin
-from softcal.twin.robot import Disc, Plate, Robot, Rod
+from softcal.twin.robot import Disc, Robot, Rod
 
 NEIGHBOURS = 4.0  # wire diameters along a rod within which it does not touch itself
 RIM = 32  # straight pieces of a disc's rim
@@ -49,8 +49,18 @@ def build_contacts(
     """The contact of all bodies and discs with each other and themselves, of all rods of one diameter with each other
     and themselves, and of these with the discs.
 
-    first: the first point of each body, of each rod, and of the skin of each plate with a disc; drawn: the bodies'
-    meshes before their shapes were changed.
+    Parameters
+    ----------
+    robot
+        The robot.
+    layout
+        Numbering of points, frames and unknowns.
+    meshes
+        Body -> the mesh of its elements [m].
+    first
+        The first point of each body, of each rod, and of the skin of each plate with a disc.
+    drawn
+        Body -> its mesh before shapes were changed [m].
 
     Raises
     ------
@@ -62,42 +72,44 @@ def build_contacts(
     terms: list[ContactTerm | WireContactTerm] = []
     discs = [first[plate.name] + disc_skin(plate.disc)[1] for plate in robot.plates if plate.disc is not None]
     if meshes or discs:
-        terms.append(_surfaces(robot, contact, layout, meshes, first, drawn))
+        rigid = {plate.name: rigid_skin(*disc_skin(plate.disc)) for plate in robot.plates if plate.disc is not None}
+        skins = {name: body_skin(mesh, drawn[name]) for name, mesh in meshes.items()} | rigid
+        skin = joined(skins, first, len(layout.X))
+        bonded = bonded_pairs(robot, numbers(skins), skin.X)
+        surfaces = pressing_skins(skin, contact, contact.pressure(robot.bodies or robot.rods), layout, bonded)
+        if passes_through(surfaces.X[len(surfaces.reach) :], skin.triangles, bonded):
+            raise MeshError(Fault("surfaces pass through each other at rest", where="contact"))
+        terms.append(surfaces)
     stiffness = contact.pressure(robot.rods)
     for diameter in sorted({wire_diameter(rod) for rod in robot.rods}):
         rods = [rod for rod in robot.rods if wire_diameter(rod) == diameter]
         wires = np.concatenate([first[r.name] + np.arange(len(r.centreline.nodes) - 1)[:, None] + [0, 1] for r in rods])
-        apart = [first[r.name] + _neighbours(r, NEIGHBOURS * diameter) for r in rods]
-        apart.append(_around_plates(rods, first, NEIGHBOURS * diameter))
+        # Nodes that are near each other along a rod, or near the plate that two rods are clamped to, never touch.
+        near, apart = NEIGHBOURS * diameter, [NO_PAIRS]
+        for rod in rods:
+            s = rod.centreline.stations
+            i, j = np.triu_indices(len(s), 1)
+            is_near = s[j] - s[i] < near
+            apart.append(first[rod.name] + np.stack([i[is_near], j[is_near]], axis=1))
+        for a, b in combinations(rods, 2):
+            for plate in a.clamped.keys() & b.clamped.keys():
+                ends = [first[rod.name] + _around(rod, rod.clamped[plate], near) for rod in (a, b)]
+                apart.append(_each_with_each(*ends))
         none = np.zeros((0, 3), dtype=np.int64)
         terms.append(_wires(contact, stiffness, layout, wires, none, diameter, np.concatenate(apart)))
         if discs:
             faces = np.concatenate(discs)
-            near = [_ends_on_disc(rod, plate, first, NEIGHBOURS * diameter) for rod in rods for plate in robot.plates]
+            apart = [NO_PAIRS]
+            for rod in rods:
+                for plate in robot.plates:
+                    if plate.disc is not None and plate.name in rod.clamped:
+                        nodes = first[rod.name] + _around(rod, rod.clamped[plate.name], near)
+                        apart.append(_each_with_each(nodes, first[plate.name] + np.arange(DISC_POINTS)))
             edges = np.concatenate([wires, edges_of(faces)])
-            term = _wires(contact, stiffness, layout, edges, faces, 0.5 * diameter, np.concatenate(near))
+            term = _wires(contact, stiffness, layout, edges, faces, 0.5 * diameter, np.concatenate(apart))
             # Contact between discs, and between wires, is in other terms.
             terms.append(replace(term, patch=np.isin(term.points, faces).astype(np.int64)))
     return tuple(terms)
-
-
-def _surfaces(
-    robot: Robot,
-    contact: Contact,
-    layout: Layout,
-    meshes: dict[str, TetMesh],
-    first: dict[str, int],
-    drawn: Mapping[str, TetMesh],
-) -> ContactTerm:
-    """The contact of bodies and discs, see `pressing_skins`."""
-    discs = {plate.name: rigid_skin(*disc_skin(plate.disc)) for plate in robot.plates if plate.disc is not None}
-    skins = {name: body_skin(mesh, drawn[name]) for name, mesh in meshes.items()} | discs
-    skin = joined(skins, first, len(layout.X))
-    bonded = bonded_pairs(robot, numbers(skins), skin.X)
-    term = pressing_skins(skin, contact, contact.pressure(robot.bodies or robot.rods), layout, bonded)
-    if passes_through(term.X[len(term.reach) :], skin.triangles, bonded):
-        raise MeshError(Fault("surfaces pass through each other at rest", where="contact"))
-    return term
 
 
 def pressing_skins(
@@ -106,6 +118,19 @@ def pressing_skins(
     """The contact of skins by the layout's points: every point on a surface presses, and has a core below it.
 
     bonded: pairs of the skin's points that do not touch (n, 2).
+
+    Parameters
+    ----------
+    skin
+        The skins.
+    contact
+        Settings of the contact.
+    stiffness
+        The contact's stiffness [Pa].
+    layout
+        Numbering of points, frames and unknowns.
+    bonded
+        Pairs of the skin's points that do not touch (n, 2).
     """
     import scipy.sparse as sp
 
@@ -218,41 +243,24 @@ def moving_together(layout: Layout, points: Ints) -> Ints:
     return np.where(rider == FIXED, layout.n_frames, np.maximum(rider, -1))
 
 
-def _neighbours(rod: Rod, distance: float) -> Ints:
-    """Pairs of nodes of a rod less than a distance apart along it."""
-    s = rod.centreline.stations
-    i, j = np.triu_indices(len(s), 1)
-    near = s[j] - s[i] < distance
-    return np.stack([i[near], j[near]], axis=1)
-
-
-def _around_plates(rods: list[Rod], first: dict[str, int], distance: float) -> Ints:
-    """Pairs of nodes of two rods that are clamped to one plate, both near it along their rods."""
-    pairs = [NO_PAIRS]
-    for a, b in combinations(rods, 2):
-        for plate in a.clamped.keys() & b.clamped.keys():
-            near = [first[rod.name] + _around(rod, rod.clamped[plate], distance) for rod in (a, b)]
-            pairs.append(_each_with_each(*near))
-    return np.concatenate(pairs)
-
-
-def _ends_on_disc(rod: Rod, plate: Plate, first: dict[str, int], distance: float) -> Ints:
-    """Pairs of a disc's points and the nodes near those that a rod is clamped with to its plate."""
-    if plate.disc is None or plate.name not in rod.clamped:
-        return NO_PAIRS
-    nodes = first[rod.name] + _around(rod, rod.clamped[plate.name], distance)
-    return _each_with_each(nodes, first[plate.name] + np.arange(DISC_POINTS))
-
-
 def _around(rod: Rod, nodes: Ints, distance: float) -> Ints:
-    """The nodes of a rod less than a distance away from given ones along it."""
+    """The nodes of a rod less than a distance [m] away, along it, from some of them."""
     s = rod.centreline.stations
     return np.flatnonzero(np.abs(s[:, None] - s[nodes]).min(axis=1) < distance)
 
 
 def bonded_pairs(robot: Robot, on_skin: dict[str, Ints], X: Floats) -> Ints:
-    """Pairs of points of skins (n, 3) [m] that are bonded, and do not touch: of tied bodies close to their bond, and of
-    a disc and the bodies that its plate is tied to. on_skin: the points of each body and disc.
+    """Pairs (n, 2) of points of skins that are bonded, and do not touch: of tied bodies close to their bond, and of a
+    disc and the bodies that its plate is tied to.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    on_skin
+        Body or disc -> the numbers of its points.
+    X
+        Points of the skins (n, 3) [m].
     """
     from scipy.spatial import KDTree
 

@@ -138,8 +138,9 @@ def body_skin(mesh: TetMesh, drawn: TetMesh | None = None) -> CoredSkin:
     _, first, number = np.unique(key.reshape(-1, 6), axis=0, return_index=True, return_inverse=True)
     number = number.reshape(len(faces), len(grid))
     face, at = np.divmod(first, len(grid))
-    shape = _face_functions(grid / float(n), faces.shape[1])[at]
-    weights = _rows(faces[face], shape, mesh.n_points)
+    L = grid / float(n)
+    shape = L if faces.shape[1] == 3 else np.concatenate([L * (2.0 * L - 1.0), 4.0 * L * L[:, [1, 2, 0]]], axis=1)
+    weights = _rows(faces[face], shape[at], mesh.n_points)
     triangles, owners = number[:, small].reshape(-1, 3), np.repeat(boundary_owners(mesh), len(small))
     X, before = weights @ mesh.points, weights @ drawn.points
     vertex, tet = triangles.ravel(), np.repeat(owners, 3)
@@ -150,7 +151,17 @@ def body_skin(mesh: TetMesh, drawn: TetMesh | None = None) -> CoredSkin:
 
 
 def joined(skins: Mapping[str, CoredSkin], first: Mapping[str, int], n_points: int) -> CoredSkin:
-    """All skins as one, by the points of a layout; first: that of each part's nodes."""
+    """All skins as one, by the points of a layout.
+
+    Parameters
+    ----------
+    skins
+        Part -> its skin.
+    first
+        Part -> the number of its first point.
+    n_points
+        Number of the layout's points.
+    """
     import scipy.sparse as sp
 
     def on_layout(name: str, matrix: Any) -> Any:
@@ -182,7 +193,12 @@ def rigid_skin(X: Floats, triangles: Ints) -> CoredSkin:
     """The skin of a rigid part, of which each point is a node."""
     import scipy.sparse as sp
 
-    chosen = _spread(X)
+    chosen = [0]  # four points that span space well
+    left = X - X[0]
+    for _ in range(3):
+        chosen.append(int(np.argmax(np.linalg.norm(left, axis=1))))
+        along = left[chosen[-1]] / np.linalg.norm(left[chosen[-1]])
+        left = left - np.outer(left @ along, along)
     last = np.linalg.solve((X[chosen[1:]] - X[chosen[0]]).T, _inwards(X, triangles).T).T
     rates = np.column_stack([-last.sum(axis=1), last])
     own = sp.csr_matrix((np.ones(len(X)), np.arange(len(X)), np.arange(len(X) + 1)))
@@ -222,13 +238,6 @@ def _across(X: Floats, triangles: Ints) -> Floats:
     return np.cross(b - a, c - a)
 
 
-def _face_functions(L: Floats, n_nodes: int) -> Floats:
-    """Shape functions (n, 3 or 6) of a face at barycentric coordinates L (n, 3)."""
-    if n_nodes == 3:
-        return L
-    return np.concatenate([L * (2.0 * L - 1.0), 4.0 * L * L[:, [1, 2, 0]]], axis=1)
-
-
 def _best(merit: Floats, group: Ints, n: int) -> tuple[Ints, Floats]:
     """Of each of n groups the members (k,) of most merit, and their shares in it (k,): all that are equal count alike,
     so that in a symmetric mesh rounding does not choose.
@@ -250,14 +259,3 @@ def _rows(nodes: Ints, values: Any, n_nodes: int, row: Ints | None = None, n_row
     matrix = sp.csr_matrix((values.ravel(), places), (len(nodes) if n_rows is None else n_rows, n_nodes))
     matrix.eliminate_zeros()
     return matrix
-
-
-def _spread(points: Floats) -> Ints:
-    """Four of the points (n, 3) that span space well."""
-    chosen = [0]
-    left = points - points[0]
-    for _ in range(3):
-        chosen.append(int(np.argmax(np.linalg.norm(left, axis=1))))
-        along = left[chosen[-1]] / np.linalg.norm(left[chosen[-1]])
-        left = left - np.outer(left @ along, along)
-    return np.array(chosen)

@@ -27,7 +27,19 @@ Pair = tuple[str, str]
 
 
 def build_skins(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first: dict[str, int]) -> Skins | None:
-    """The skins that are checked for crossings; None where there is no body, or contact prevents crossings."""
+    """The skins that are checked for crossings; None where there is no body, or contact prevents crossings.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    layout
+        Numbering of points, frames and unknowns.
+    meshes
+        Body -> the mesh of its elements [m].
+    first
+        Part -> the number of its first point.
+    """
     if robot.contact is not None or not meshes:
         return None
     contact = Contact().fitted(robot.bodies, (), ())
@@ -60,25 +72,39 @@ def build_skins(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first:
 
 
 def crossed_on_path(skins: Skins | None, layout: Layout, nodes: Sequence[Node], end: float, cable: str) -> str:
-    """The sentences on crossings along a path of one cable's shortening, up to `end` [m]."""
+    """The sentences on crossings along a path of one cable's shortening.
+
+    Parameters
+    ----------
+    skins
+        The skins; None: nothing is checked.
+    layout
+        Numbering of points, frames and unknowns.
+    nodes
+        The nodes of the path.
+    end
+        Shortening up to which crossings count [m].
+    cable
+        Name of the cable.
+    """
     if skins is None:
         return ""
-    found = [skins.pairs(node.state.x) for node in nodes]
+    crossing = [skins.pairs(node.state.x) for node in nodes]
     sentences: list[str] = []
-    for pair in sorted({pair for one in found for pair in one}):
+    for pair in sorted({pair for one in crossing for pair in one}):
 
         def crosses(a: Node, b: Node, c: float, pair: Pair = pair) -> bool:
             return pair in skins.pairs(interpolated(layout, a, b, c).x)
 
         spans = [
             span_in_words(begin if begin > nodes[0].c else None, stop, cable)
-            for begin, stop in _spans(nodes, [pair in one for one in found], crosses)
+            for begin, stop in _spans(nodes, [pair in one for one in crossing], crosses)
             if begin <= end
         ]
         if len(nodes) == 1 and spans:
             spans = ["under the loads"]
         if spans:
-            i = max(i for i, one in enumerate(found) if pair in one)
+            i = max(i for i, one in enumerate(crossing) if pair in one)
             beyond = nodes[i].c > end and i > 0
             shape = interpolated(layout, nodes[i - 1], nodes[i], end) if beyond else nodes[i].state
             sentences.append(_sentence(pair, " and ".join(spans), skins.crossings(shape.x).get(pair, 0.0)))
@@ -86,7 +112,15 @@ def crossed_on_path(skins: Skins | None, layout: Layout, nodes: Sequence[Node], 
 
 
 def span_in_words(begin: float | None, stop: float | None, cable: str) -> str:
-    """The range of shortening [m] with the crossing, in words; None: from the start, and to the end."""
+    """The range of shortening with a crossing, in words.
+
+    Parameters
+    ----------
+    begin, stop
+        Its ends [m]; None: from the start, and to the end.
+    cable
+        Name of the cable.
+    """
     of = f" mm of shortening of {cable}"
     if begin is None:
         return "from the start on" if stop is None else f"from the start to {1e3 * stop:.3g}{of}"

@@ -63,7 +63,7 @@ class Curve:
         return self._error(self.values, self.slopes)
 
     def error_by_parameter(self) -> Floats:
-        """As `error`, of the channels' derivatives by the parameters, (n - 1, n_channels, k)."""
+        """Errors of the channels' derivatives by the parameters (n - 1, n_channels, k), as `error`."""
         n, *shape = self.by_parameter.shape
         return self._error(self.by_parameter.reshape(n, -1), self.by_parameter_slopes.reshape(n, -1)).reshape(
             -1, *shape

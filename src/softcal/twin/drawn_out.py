@@ -19,7 +19,19 @@ NOTICED = 1e-3  # of a cable's length
 
 
 def drawn_out(system: System, theta: Mapping[str, float], begin: Floats, state: State) -> dict[str, float]:
-    """Elongation [m] of each taut cable with friction beyond its length `begin` under the loads alone."""
+    """Elongation [m] of each taut cable with friction beyond its length under the loads alone.
+
+    Parameters
+    ----------
+    system
+        The discretised robot.
+    theta
+        Parameter values by dotted name [SI].
+    begin
+        Lengths under the loads alone (n_cables,) [m].
+    state
+        The state.
+    """
     cables = cables_of(system)
     more = cables.lengths(state.x) - begin
     taut = state.effort > NO_EFFORT * np.abs(state.effort).max(initial=0.0)

@@ -48,7 +48,19 @@ class Samples:
 
 
 def by_shortening(along: EquilibriumPath, start: Node, d: Floats, *, ends_there: bool = False) -> Samples:
-    """The samples of shortenings d (n,) [m]. ends_there: whether the path ends at the last of them, and not beyond."""
+    """The samples of shortenings.
+
+    Parameters
+    ----------
+    along
+        The path of the driven cable.
+    start
+        Its first node.
+    d
+        Shortenings (n,) [m].
+    ends_there
+        Whether the path ends at the last sample, and not beyond.
+    """
     end, taut = float(d.max()), d > start.c
     # Solved first, with the factors of the start: the same tangent.
     still = None if taut.all() else along.curve((along.slack_node(start),))
@@ -64,7 +76,13 @@ def by_shortening(along: EquilibriumPath, start: Node, d: Floats, *, ends_there:
     # Beyond a snap-through the curve is neither smooth nor reached from both sides.
     is_curve = (is_curve and not path.snaps) or path.stopped_by is not None
     if not is_curve:
-        path = _through(along, start, np.unique(d[taut]))
+        path, places = Path((start,), True, names=along.names), np.unique(d[taut])
+        for i, c in enumerate(places.tolist()):
+            with part_of_series(i, len(places)):
+                leg = along.follow(path.nodes[-1], c)
+            path = replace(leg, nodes=(*path.nodes, *leg.nodes[1:]))
+            if not leg.reached:
+                break
     reached = path.nodes[-1].c
     n = len(d) if path.reached else int(np.argmax(np.append(d, np.inf) > reached))
     if along.tolerance <= 0.0 and is_curve and path.stopped_by is None:
@@ -80,16 +98,39 @@ def by_shortening(along: EquilibriumPath, start: Node, d: Floats, *, ends_there:
     values[:, along.column(SHORTENING)] = d[:n]
     slopes[:, along.column(SHORTENING)] = 1.0
     by_parameter[:, along.column(SHORTENING)] = 0.0
-    status, tension = along.sentence(path, n, len(d)), values[:, along.column(TENSION)]
+    status, succeeded = along.sentence(path, n, len(d)), path.reached
+    tension = values[:, along.column(TENSION)]
     if path.reached and np.any(tension < 0.0):
         low = float(d[:n][np.argmin(tension)])
         status = f"Cable {along.cable} would have to push at {1e3 * low:.4g} mm: the robot snaps through there."
-        return Samples(path, c[:0], d[:0], values[:0], slopes[:0], by_parameter[:0], status, False)
-    return Samples(path, c, d[:n], values, slopes, by_parameter, status, path.reached)
+        n, c, values, slopes, by_parameter = 0, c[:0], values[:0], slopes[:0], by_parameter[:0]
+        succeeded = False
+    return Samples(
+        path=path,
+        c=c,
+        commands=d[:n],
+        values=values,
+        slopes=slopes,
+        by_parameter=by_parameter,
+        status=status,
+        succeeded=succeeded,
+    )
 
 
 def by_tension(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: bool) -> Samples:
-    """The samples of tensions T (n,) [N]. ends_there: whether the path ends at the last of them, and not beyond."""
+    """The samples of tensions.
+
+    Parameters
+    ----------
+    along
+        The path of the driven cable.
+    start
+        Its first node.
+    T
+        Tensions (n,) [N].
+    ends_there
+        Whether the path ends at the last sample, and not beyond.
+    """
     i_tension, largest = along.column(TENSION), float(T.max())
     path = Path((start,), True, names=along.names)
     if largest > 0.0:
@@ -97,11 +138,27 @@ def by_tension(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: bo
     path, curve = along.refined(path, T, of_tension=True)
     if len(path.nodes) == 1:
         at = np.full(len(T), start.c)
-        return Samples(path, at, np.zeros(len(T)), *curve.at(at), "Solved: no tension.", True, start.c)
+        values, slopes, by_parameter = curve.at(at)
+        return Samples(
+            path=path,
+            c=at,
+            commands=np.zeros(len(T)),
+            values=values,
+            slopes=slopes,
+            by_parameter=by_parameter,
+            status="Solved: no tension.",
+            succeeded=True,
+            end=start.c,
+        )
     is_wound = path.reached and path.nodes[-1].c >= along.wound_up * (1.0 - 1e-9)
     c = curve.first_passage(i_tension, T)
     if along.tolerance <= 0.0 and path.stopped_by is None:
-        path = _with_tensions(along, path, c, T)
+        # A node at each tension whose shortening is about c: to solve at c and read the tension again takes two solves.
+        about = dict(zip(c.tolist(), T.tolist(), strict=True))
+        missing = along.missing(path, c[np.isfinite(c)]).tolist()
+        extra = [_at_tension(along, path, value, about[value]) for value in missing]
+        nodes = [*path.nodes, *(node for node in extra if node is not None)]
+        path = replace(path, nodes=tuple(sorted(nodes, key=lambda node: node.c)))
         curve = along.curve(path.nodes)
         c = curve.first_passage(i_tension, T)
     # The rest: tensions that the solved curve reaches at another shortening than the interpolated one.
@@ -129,30 +186,17 @@ def by_tension(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: bo
         path = _up_to(along, path, last)
     # Where the path ends early, crossings up to its end may be the cause.
     reached = n == len(T)
-    return Samples(path, at, T[:n], values, slopes, by_parameter, status, reached, last if reached else np.inf)
-
-
-def _through(along: EquilibriumPath, start: Node, c: Floats) -> Path:
-    """The path through every value of c, in their order."""
-    path = Path((start,), True, names=along.names)
-    for i, value in enumerate(c):
-        with part_of_series(i, len(c)):
-            leg = along.follow(path.nodes[-1], float(value))
-        path = replace(leg, nodes=(*path.nodes, *leg.nodes[1:]))
-        if not leg.reached:
-            break
-    return path
-
-
-def _with_tensions(along: EquilibriumPath, path: Path, c: Floats, T: Floats) -> Path:
-    """The path with a node at each tension whose shortening is known about; to solve at that and read the tension
-    again would take two solves.
-    """
-    about = dict(zip(c.tolist(), T.tolist(), strict=True))
-    missing = along.missing(path, c[np.isfinite(c)]).tolist()
-    extra = [_at_tension(along, path, value, about[value]) for value in missing]
-    nodes = [*path.nodes, *(node for node in extra if node is not None)]
-    return replace(path, nodes=tuple(sorted(nodes, key=lambda node: node.c)))
+    return Samples(
+        path=path,
+        c=at,
+        commands=T[:n],
+        values=values,
+        slopes=slopes,
+        by_parameter=by_parameter,
+        status=status,
+        succeeded=reached,
+        end=last if reached else np.inf,
+    )
 
 
 def _at_tension(along: EquilibriumPath, path: Path, c: float, T: float) -> Node | None:

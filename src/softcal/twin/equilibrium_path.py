@@ -136,7 +136,10 @@ class EquilibriumPath:
 
     def curve(self, nodes: tuple[Node, ...]) -> Curve:
         """The channels along some nodes."""
-        readings = [self._reading(node) for node in nodes]
+        for node in nodes:
+            if node not in self.readings:
+                self.readings[node] = read(self.twin, self.statics, node, self.names)
+        readings = [self.readings[node] for node in nodes]
         values = np.array([reading.values for reading in readings])
         # A neck may fold past half a turn: atan2's jump there is not the curve's.
         turns = angle_columns(self.twin)
@@ -148,17 +151,20 @@ class EquilibriumPath:
         snapped_to = np.array([node.is_snapped for node in nodes[1:]], dtype=bool)
         return Curve(c, values, slopes, by_parameter, mixed, snapped_to)
 
-    def _reading(self, node: Node) -> SensorReading:
-        """The reading of a node, cached."""
-        if node not in self.readings:
-            self.readings[node] = read(self.twin, self.statics, node, self.names)
-        return self.readings[node]
-
     def refined(self, path: Path, samples: Floats, *, of_tension: bool = False) -> tuple[Path, Curve]:
-        """The path, refined until the curve is within tolerance at the samples (n,): shortenings [m], by nodes between
-        many or at some of them, or tensions [N], wherever it may reach them. It stays as it is where it was stopped.
+        """The path, refined until the curve is within tolerance at the samples. It stays as it is where it was stopped.
 
         A kink, as where surfaces meet, is within no tolerance: there every shortening becomes a node.
+
+        Parameters
+        ----------
+        path
+            The path.
+        samples
+            Shortenings (n,) [m], by nodes between many or at some of them, or tensions (n,) [N], wherever the curve may
+            reach them.
+        of_tension
+            Whether they are tensions.
         """
         if path.stopped_by is None:
             try:
@@ -242,7 +248,7 @@ class EquilibriumPath:
         return replace(path, nodes=tuple(sorted([*path.nodes, *extra], key=lambda node: node.c)))
 
     def missing(self, path: Path, c: Floats) -> Floats:
-        """Those values of c without a node."""
+        """The values of c that have no node."""
         have = np.array([node.c for node in path.nodes])
         unique = np.unique(c)
         return unique[np.abs(unique[:, None] - have[None, :]).min(axis=1) > SAME * self.length]
@@ -256,8 +262,20 @@ class EquilibriumPath:
         past: float = np.inf,
         guide: tuple[Node, ...] = (),
     ) -> Path:
-        """The path from a node to a shortening [m], or to where the tension reaches `until` [N], or to its first node
-        from a shortening `past` [m] on. guide: as in `softcal.mechanics.path.follow`.
+        """The path from a node.
+
+        Parameters
+        ----------
+        start
+            The node.
+        end
+            Shortening at which it ends [m].
+        until
+            Tension at which it ends [N].
+        past
+            Shortening [m] from which on it ends at the next node.
+        guide
+            As of `softcal.mechanics.path.follow`.
         """
         i = self.number
         step = FIRST_STEP * self.length
@@ -316,25 +334,41 @@ class EquilibriumPath:
         return path.nodes if path.is_smooth else ()
 
     def sentence(self, path: Path, n: int, n_samples: int) -> str:
-        """How the path ended, with n of the samples reached."""
+        """The sentence on the path's end.
+
+        Parameters
+        ----------
+        path
+            The path.
+        n
+            Number of samples reached.
+        n_samples
+            Number of all samples.
+        """
         if path.reached:
-            solved = f"Solved: {len(path.nodes)} equilibria, {self.statics.n_factorisations} factorisations."
-            return solved + self._met(path)
+            sentence = f"Solved: {len(path.nodes)} equilibria, {self.statics.n_factorisations} factorisations."
+            for node in path.nodes:  # from where on via points coincide, unless the cable is wound up there
+                if node.c < self.wound_up * (1.0 - SAME) and (limit := self.twin.system.at_limit(node.state.x)):
+                    return f"{sentence} From {1e3 * node.c:.4g} mm of shortening of {self.cable} on {limit}."
+            return sentence
         end = f"{1e3 * path.nodes[-1].c:.4g} mm of shortening of {self.cable}"
         ended = path.ended[0].upper() + path.ended[1:]
         return f"{ended} {end} ({n} of {n_samples} samples reached): {path.status}."
 
-    def _met(self, path: Path) -> str:
-        """Sentence, after a blank, on the shortening from which on via points coincide; not for a wound-up cable."""
-        for node in path.nodes:
-            if node.c < self.wound_up * (1.0 - SAME) and (limit := self.twin.system.at_limit(node.state.x)):
-                return f" From {1e3 * node.c:.4g} mm of shortening of {self.cable} on {limit}."
-        return ""
-
 
 @contextmanager
 def statics_of(twin: Twin, theta: Mapping[str, float], kept: KeptNodes | None = None) -> Generator[Statics]:
-    """Statics whose factors are released at the end."""
+    """Statics whose factors are released at the end.
+
+    Parameters
+    ----------
+    twin
+        The twin.
+    theta
+        Parameter values by dotted name [SI].
+    kept
+        Nodes of other paths at theta, where these are kept.
+    """
     statics = Statics(twin.system, theta, twin.robot.limits, kept)
     try:
         yield statics
@@ -348,6 +382,15 @@ def guide_of(twin: Twin, theta: Mapping[str, float], cable: str | None) -> Gener
 
     Where points meet surfaces a path turns, and its last nodes say little of the next one; a path at other parameters
     turns there too. Not one of another shape at rest: in that, the guide's surfaces may have passed through each other.
+
+    Parameters
+    ----------
+    twin
+        The twin.
+    theta
+        Parameter values by dotted name [SI].
+    cable
+        The driven cable; None: none is.
     """
     own = parameter_values(twin.robot)
     if cable is None or not twin.system.contacts or dict(theta) == own:

@@ -9,11 +9,10 @@ import numpy as np
 
 from softcal.checks import Ints
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.refine import MeshCounts, count, refined_centreline, refined_mesh, refined_nodes
-from softcal.mechanics.element import Element
+from softcal.geometry.refine import count, refined_centreline, refined_mesh, refined_nodes
 from softcal.mechanics.elements import ELEMENTS
 from softcal.quantities import QUANTITIES
-from softcal.twin.robot import Body, Moment, Plate, PointLoad, Robot, Rod, SurfaceLoad
+from softcal.twin.robot import Body, Moment, Plate, PointLoad, Robot, SurfaceLoad
 
 # Apart from the names of the mesh's own sets.
 _OURS = "of the robot: "
@@ -30,18 +29,16 @@ class Size:
 
 def size(robot: Robot, halvings: int = 0) -> Size:
     """The size of a robot with its elements halved so many times; no mesh is built for it."""
-    bodies: list[tuple[Body, MeshCounts]] = []
+    tets = unknowns = 0
     for body in robot.bodies:
-        counts = count(body.mesh)
+        counts, element = count(body.mesh), ELEMENTS[body.element]
         for _ in range(halvings):
             counts = counts.refined
-        bodies.append((body, counts))
+        tets += counts.tets
+        unknowns += 3 * counts.nodes(element.cell)
+        unknowns += 0 if element.pressure is None else counts.nodes(element.pressure)
     elements = [(len(rod.centreline.nodes) - 1) * 2**halvings for rod in robot.rods]
-    return Size(
-        sum(counts.tets for _, counts in bodies),
-        sum(elements),
-        sum(_unknowns(ELEMENTS[body.element], counts) for body, counts in bodies) + 6 * sum(n + 1 for n in elements),
-    )
+    return Size(tets, sum(elements), unknowns + 6 * sum(n + 1 for n in elements))
 
 
 def has_lower(robot: Robot, element: str) -> bool:
@@ -81,7 +78,19 @@ def halved(robot: Robot) -> Robot:
     return replace(
         robot,
         bodies=tuple(body for body, _ in bodies.values()),
-        rods=tuple(_halved_rod(rod) for rod in robot.rods),
+        rods=tuple(
+            replace(
+                rod,
+                centreline=refined_centreline(rod.centreline),
+                clamped={plate: refined_nodes(nodes) for plate, nodes in rod.clamped.items()},
+                fixed=refined_nodes(rod.fixed),
+                inclusions=tuple(
+                    replace(part, elements=np.sort(np.concatenate([2 * part.elements, 2 * part.elements + 1])))
+                    for part in rod.inclusions
+                ),
+            )
+            for rod in robot.rods
+        ),
         plates=tuple(plate(old) for old in robot.plates),
         ties=tuple(
             replace(
@@ -122,21 +131,3 @@ def _refined_body(body: Body, robot: Robot) -> tuple[Body, TetMesh]:
 
 def _own(sets: Mapping[str, Ints]) -> dict[str, Ints]:
     return {name: values for name, values in sets.items() if not name.startswith(_OURS)}
-
-
-def _halved_rod(rod: Rod) -> Rod:
-    return replace(
-        rod,
-        centreline=refined_centreline(rod.centreline),
-        clamped={plate: refined_nodes(nodes) for plate, nodes in rod.clamped.items()},
-        fixed=refined_nodes(rod.fixed),
-        inclusions=tuple(
-            replace(part, elements=np.sort(np.concatenate([2 * part.elements, 2 * part.elements + 1])))
-            for part in rod.inclusions
-        ),
-    )
-
-
-def _unknowns(element: Element, counts: MeshCounts) -> int:
-    pressures = 0 if element.pressure is None else counts.nodes(element.pressure)
-    return 3 * counts.nodes(element.cell) + pressures

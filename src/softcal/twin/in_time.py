@@ -21,7 +21,6 @@ from softcal.mechanics.term import Controls
 from softcal.mechanics.time_step import Instant, at_rest
 from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.build import Twin, twin_of
-from softcal.twin.cables import Cable
 from softcal.twin.crossings import crossed_at
 from softcal.twin.masses import robot_inertia
 from softcal.twin.parameters import parameter_values
@@ -31,7 +30,7 @@ from softcal.twin.robot import Robot
 from softcal.twin.schedule import Schedule
 from softcal.twin.sensors import cable_columns, channel_units, sense
 from softcal.twin.start import UNDER_LOADS, Start, instability, pretensioned, snapshot
-from softcal.twin.time_settings import Settling, TimeSettings
+from softcal.twin.time_settings import TimeSettings
 
 DEFAULT = TimeSettings()
 MOST_SHAPES = replace(LIMITS["shapes of a film"], least=0)
@@ -77,7 +76,13 @@ def simulate_in_time(
     """
     faults = [*command_faults(robot, protocol := Protocol(schedule.commands)), *let_go_faults(robot, protocol)]
     if settings.scheme == "one-solve":
-        faults += [fault for cable in robot.cables for fault in _one_solve_faults(cable)]
+        what = "one linear solve for each step is too coarse for friction that depends on the slip"
+        for cable in robot.cables:
+            keys = ["friction_memory: true"] if cable.line.friction_memory else []
+            keys += ["friction_speed"] if cable.line.friction_speed is not None else []
+            for key in keys:
+                got, attempt = f"scheme: one-solve, {key}", f"scheme: converged, or no {key}"
+                faults.append(Fault(what, cable.name, got, "scheme: converged", attempt))
     if faults:
         raise ParameterError(faults)
     schedule = schedule.completed(robot)
@@ -109,16 +114,6 @@ def simulate_in_time(
     finally:
         dynamics.release()
     return run.response(dynamics)
-
-
-def _one_solve_faults(cable: Cable) -> list[Fault]:
-    line, what = cable.line, "one linear solve for each step is too coarse for friction that depends on the slip"
-    stated = {"friction_memory: true": line.friction_memory, "friction_speed": line.friction_speed is not None}
-    return [
-        Fault(what, cable.name, f"scheme: one-solve, {key}", "scheme: converged", f"scheme: converged, or no {key}")
-        for key, is_stated in stated.items()
-        if is_stated
-    ]
 
 
 def _start(twin: Twin, theta: Mapping[str, float], schedule: Schedule, settings: TimeSettings) -> Start:
@@ -173,7 +168,15 @@ class _Motion:
                 )
                 break
         else:
-            self._end_without(now, settling, longest)
+            speed = self._speed(now)
+            if settling is None:
+                self.status = f"Moved for {now.time:.6g} s in {longest} steps; speed at the end {speed:.3g} m/s."
+            else:
+                self.succeeded = False
+                self.status = (
+                    f"Not settled after {now.time:.6g} s, {longest} steps: {self._watched} still at {speed:.3g} m/s, "
+                    f"tolerance {settling.speed:.3g} m/s. Try more rayleigh_mass, a longer step, or a slower ramp."
+                )
         if dynamics.n_halvings:
             self.status += f" {dynamics.n_halvings} step(s) were taken in halves."
         if self.n_snapshots and (not self.shapes or self.shapes[-1].drive != now.time):
@@ -223,17 +226,6 @@ class _Motion:
     def _watched(self) -> str:
         settling = self.settings.settle
         return settling.on if settling is not None and settling.on else "every point"
-
-    def _end_without(self, now: Instant, settling: Settling | None, n_steps: int) -> None:
-        speed = self._speed(now)
-        if settling is None:
-            self.status = f"Moved for {now.time:.6g} s in {n_steps} steps; speed at the end {speed:.3g} m/s."
-            return
-        self.succeeded = False
-        self.status = (
-            f"Not settled after {now.time:.6g} s, {n_steps} steps: {self._watched} still at {speed:.3g} m/s, tolerance "
-            f"{settling.speed:.3g} m/s. Try more rayleigh_mass, a longer step, or a slower ramp."
-        )
 
     def _controls(self, time: float) -> Controls:
         none = np.zeros(self.twin.system.layout.n_actuators)

@@ -79,6 +79,15 @@ def number_frames(robot: Robot) -> Frames:
 def join_ties(robot: Robot, meshes: dict[str, TetMesh], first: dict[str, int]) -> Ties:
     """The masters of the tied nodes: the nearest element of the other body for each.
 
+    Parameters
+    ----------
+    robot
+        The robot.
+    meshes
+        Body -> the mesh of its elements [m].
+    first
+        Part -> the number of its first point.
+
     Raises
     ------
     MeshError
@@ -108,9 +117,16 @@ def join_ties(robot: Robot, meshes: dict[str, TetMesh], first: dict[str, int]) -
 
 
 def tie_fault(tie: Tie, mesh: TetMesh, on: TetMesh) -> Fault | None:
-    """The fault of a tie whose nodes lie too far from the body that they are to be bonded to.
+    """The fault of a tie whose nodes lie too far from the body that they are to be bonded to; or None.
 
-    mesh: that of the tied body, whose numbering the tie's nodes have.
+    Parameters
+    ----------
+    tie
+        The tie.
+    mesh
+        Mesh of the tied body, whose numbering the tie's nodes have [m].
+    on
+        Mesh of the other body [m].
     """
     if len(tie.nodes) == 0:
         return Fault("the tie has no nodes", where=tie.name)
@@ -141,7 +157,17 @@ def tie_fault(tie: Tie, mesh: TetMesh, on: TetMesh) -> Fault | None:
 
 
 def nodes_in_use(given: TetMesh, used: TetMesh, nodes: Ints) -> Ints:
-    """Node numbers of the mesh in use for node numbers of the mesh as given (middle nodes gained or lost)."""
+    """Node numbers of the mesh in use, for those of the body's mesh (middle nodes gained or lost).
+
+    Parameters
+    ----------
+    given
+        Mesh of the body.
+    used
+        Mesh of its elements.
+    nodes
+        Node numbers in the former (n,).
+    """
     if given.cell is used.cell:
         return nodes
     chosen = np.zeros(max(given.n_points, used.n_points), dtype=bool)

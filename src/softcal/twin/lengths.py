@@ -15,7 +15,7 @@ from softcal.checks import Floats
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quality import inverted_tets
-from softcal.geometry.shape import LENGTHS, BodyShape
+from softcal.geometry.shape import LENGTHS
 from softcal.mechanics.attachment import attach_point
 from softcal.twin.robot import Body, Plate, PointLoad, Robot
 from softcal.units import format_quantity
@@ -35,26 +35,21 @@ def with_lengths(robot: Robot, values: Mapping[str, float]) -> Robot:
         old = body.shape.values
         stated = {key: values.get(f"{body.name}.{key}", value) for key, value in old.items()}
         if new := {key: value for key, value in stated.items() if value != old[key]}:
-            robot = _with_body(robot, body, _moved(robot, body, body.shape, new))
+            still = [plate.nodes[body.name] for plate in robot.plates if plate.fixed and body.name in plate.nodes]
+            points, shape = body.shape.moved(body.mesh, np.concatenate([body.fixed, *still]), new)
+            mesh = replace(body.mesh, points=points)
+            if len(inverted := inverted_tets(mesh)):
+                raise MeshError(
+                    Fault(
+                        f"{len(inverted)} of {mesh.n_tets} tets are turned inside out",
+                        body.name,
+                        got=", ".join(f"{key} {format_quantity(v, LENGTHS[key].unit)}" for key, v in new.items()),
+                        allowed="lengths nearer to those of the mesh",
+                        attempt="narrower bounds, or a mesh of that shape",
+                    )
+                )
+            robot = _with_body(robot, body, replace(body, mesh=mesh, shape=shape))
     return robot
-
-
-def _moved(robot: Robot, body: Body, old: BodyShape, values: Mapping[str, float]) -> Body:
-    """The body with other values of its shape."""
-    still = [plate.nodes[body.name] for plate in robot.plates if plate.fixed and body.name in plate.nodes]
-    points, shape = old.moved(body.mesh, np.concatenate([body.fixed, *still]), values)
-    mesh = replace(body.mesh, points=points)
-    if len(inverted := inverted_tets(mesh)):
-        raise MeshError(
-            Fault(
-                f"{len(inverted)} of {mesh.n_tets} tets are turned inside out",
-                body.name,
-                got=", ".join(f"{key} {format_quantity(v, LENGTHS[key].unit)}" for key, v in values.items()),
-                allowed="lengths nearer to those of the mesh",
-                attempt="narrower bounds, or a mesh of that shape",
-            )
-        )
-    return replace(body, mesh=mesh, shape=shape)
 
 
 def _with_body(robot: Robot, old: Body, new: Body) -> Robot:
@@ -63,16 +58,28 @@ def _with_body(robot: Robot, old: Body, new: Body) -> Robot:
     _require_free(robot, old, shifts)
 
     def place(at: Floats, on: str, *, beside: bool = False) -> Floats:
-        """Where a point (3,) [m] on a part is then; beside: it may be outside the material."""
+        """The new place of a point (3,) [m] on a part; beside: it may be outside the material."""
         if on != old.name:
             return at + shifts.get(on, 0.0)
-        held = attach_point(old.mesh, at, may_stand_off=beside, where=old.name)
-        return held.weights @ new.mesh.points[held.nodes]
+        attached = attach_point(old.mesh, at, may_stand_off=beside, where=old.name)
+        return attached.weights @ new.mesh.points[attached.nodes]
 
+    plates: list[Plate] = []
+    for plate in robot.plates:
+        shift, disc = shifts[plate.name], plate.disc
+        plates.append(
+            replace(
+                plate,
+                reference=plate.reference + shift,
+                centre_of_mass=plate.centre_of_mass + shift,
+                holes={name: at + shift for name, at in plate.holes.items()},
+                disc=None if disc is None else replace(disc, centre=disc.centre + shift),
+            )
+        )
     return replace(
         robot,
         bodies=tuple(new if body is old else body for body in robot.bodies),
-        plates=tuple(_shifted(plate, shifts[plate.name]) for plate in robot.plates),
+        plates=tuple(plates),
         cables=tuple(
             replace(
                 cable,
@@ -88,8 +95,8 @@ def _with_body(robot: Robot, old: Body, new: Body) -> Robot:
 
 
 def _shift(plate: Plate, old: Body, mesh: TetMesh) -> Floats:
-    """How far a plate moves (3,) [m]: as the affine motion of its nodes does at the point of their box that is nearest
-    to its reference.
+    """Displacement of a plate (3,) [m]: that of the affine motion of its nodes, where their box is nearest to its
+    reference.
     """
     if plate.fixed or old.name not in plate.nodes:
         return np.zeros(3)
@@ -99,29 +106,18 @@ def _shift(plate: Plate, old: Body, mesh: TetMesh) -> Floats:
     return motion[0]
 
 
-def _shifted(plate: Plate, shift: Floats) -> Plate:
-    disc = plate.disc
-    return replace(
-        plate,
-        reference=plate.reference + shift,
-        centre_of_mass=plate.centre_of_mass + shift,
-        holes={name: at + shift for name, at in plate.holes.items()},
-        disc=None if disc is None else replace(disc, centre=disc.centre + shift),
-    )
-
-
 def _require_free(robot: Robot, body: Body, shifts: Mapping[str, Floats]) -> None:
     """Refuse parts that are attached to a body and would not move along with it."""
     moving = [plate for plate in robot.plates if shifts[plate.name].any()]
-    found = [f"tie {tie.name}" for tie in robot.ties if body.name in (tie.body, tie.on)]
-    found += [f"body {name} on {plate.name}" for plate in moving for name in plate.nodes if name != body.name]
-    found += [f"rod {rod.name} on {plate.name}" for plate in moving for rod in robot.rods if plate.name in rod.clamped]
-    if found:
+    parts = [f"tie {tie.name}" for tie in robot.ties if body.name in (tie.body, tie.on)]
+    parts += [f"body {name} on {plate.name}" for plate in moving for name in plate.nodes if name != body.name]
+    parts += [f"rod {rod.name} on {plate.name}" for plate in moving for rod in robot.rods if plate.name in rod.clamped]
+    if parts:
         raise MeshError(
             Fault(
                 "the lengths of a body cannot vary where other parts would have to move along",
                 body.name,
-                got=", ".join(found),
+                got=", ".join(parts),
                 allowed="a body that is attached to plates of its own",
             )
         )

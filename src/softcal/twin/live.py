@@ -37,7 +37,7 @@ from softcal.units import format_quantity
 
 @runtime_checkable
 class HasRobot(Shape):
-    """What has a robot: a project, or a run with its calibrated values."""
+    """A project, or a run with its calibrated values: both have a robot."""
 
     @property
     def robot(self) -> Robot: ...
@@ -210,7 +210,7 @@ class LiveTwin:
         """Return to rest: under the loads, all cables slack, nothing remembered."""
         self._steps.reset()
         n, last = self._steps.statics.n_factorisations, self._steps.last
-        place = _Place(self._twin, self._steps, last.state, Target(last.controls), last, {}, self._names)
+        place = self._place(last.state, Target(last.controls), last, {})
         status = f"At rest, all cables slack.{self._at_rest}"
         return self._moved_to(place, {}, self._values(place, None), status, n)
 
@@ -244,30 +244,46 @@ class LiveTwin:
         try:
             reached = steps.to(Target(target, self._names))
         except SimulationError as error:
-            told = f"Not reached{self._told(values)}: {str(error).rstrip('.')}. The twin stays where it was."
+            status = f"Not reached{self._told(values)}: {str(error).rstrip('.')}. The twin stays where it was."
             return replace(
                 self._state,
                 succeeded=False,
-                status=told,
+                status=status,
                 n_iterations=0,
                 n_factorisations=steps.statics.n_factorisations - n,
             )
         # Derivatives are at the memory before the step.
         state = replace(reached.state, memory=before.memory) if self._twin.system.remembers else reached.state
         shortenings = {name: values[name] for name, one in named.items() if one.control == SHORTENING.name}
-        place = _Place(self._twin, steps, state, Target(target), reached, shortenings, self._names)
+        place = self._place(state, Target(target), reached, shortenings)
         status = f"Solved: {steps.n_iterations} iterations." if steps.n_iterations else "Solved along the load path."
         if reached.snaps:
             status += instability(f"before these commands{self._told(values)}")
         return self._moved_to(place, values, self._values(place, self._state), status, n)
 
+    def _place(self, state: State, aim: Target, reached: Reached, shortenings: Mapping[str, float]) -> _Place:
+        return _Place(
+            twin=self._twin,
+            steps=self._steps,
+            state=state,
+            aim=aim,
+            reached=reached,
+            shortenings=shortenings,
+            names=self._names,
+        )
+
     def _moved_to(
         self, place: _Place, commands: Mapping[str, float], values: Floats, status: str, n_before: int
     ) -> LiveState:
-        steps = self._steps
-        channels = dict(zip(self.units, values.tolist(), strict=True))
-        n = steps.statics.n_factorisations - n_before
-        self._state = LiveState(commands, channels, True, status, steps.n_iterations, n, place)
+        self._state = LiveState(
+            commands=commands,
+            channels=dict(zip(self.units, values.tolist(), strict=True)),
+            succeeded=True,
+            status=status,
+            n_iterations=self._steps.n_iterations,
+            n_factorisations=self._steps.statics.n_factorisations - n_before,
+            _place=place,
+        )
         return self._state
 
     def _values(self, place: _Place, last: LiveState | None) -> Floats:
@@ -304,7 +320,7 @@ class LiveTwin:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a live twin is, or was: the equilibrium with the memory before its step, and what was reached by it.
+    """The place of a live twin: the equilibrium with the memory before its step, and the sample that the step reached.
 
     names: parameters by which the memory has derivatives.
     """

@@ -35,7 +35,16 @@ def surface_forces(
 ) -> list[PointForce]:
     """Consistent nodal forces of a constant traction; quadratic straight faces load their middle nodes alone.
 
-    given: the bodies' meshes in whose node numbers the load's faces are; meshes: those of the bodies' elements.
+    Parameters
+    ----------
+    load
+        The load.
+    given
+        Body -> the mesh in whose node numbers the load's faces are [m].
+    meshes
+        Body -> the mesh of its elements [m].
+    first
+        Part -> the number of its first point.
 
     Raises
     ------
@@ -66,7 +75,21 @@ def build_loads(
     forces: list[PointForce],
     n_points: int,
 ) -> Loads:
-    """Every dead load of the robot, by the parameter it is proportional to."""
+    """Every dead load of the robot, by the parameter it is proportional to.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    meshes
+        Body -> the mesh of its elements [m].
+    first
+        Part -> the number of its first point.
+    forces
+        Forces on points: parameter, weighted points, and direction or acceleration.
+    n_points
+        Number of the layout's points.
+    """
     constant = np.zeros((n_points, 3))
     per_unit: dict[str, Floats] = {}
     for name, weights, force in forces:
@@ -89,7 +112,16 @@ def build_loads(
 
 
 def build_moments(robot: Robot, layout: Layout, of_plate: Mapping[str, int], of_rod: Mapping[str, Ints]) -> Moments:
-    """Every dead moment of the robot, on its part's frames: of_plate, of_rod as `Frames` has them.
+    """Every dead moment of the robot, on its part's frames.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    layout
+        Numbering of points, frames and unknowns.
+    of_plate, of_rod
+        Plate -> its frame, rod -> the frames of its nodes.
 
     Raises
     ------

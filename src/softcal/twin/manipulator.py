@@ -142,7 +142,7 @@ class Cables(Declared):
 
 @dataclass(frozen=True)
 class DiscMarkers(Declared):
-    """Where the marker of each disc is, in its middle plane.
+    """Places of the markers of discs, in their middle planes.
 
     Attributes
     ----------
@@ -236,20 +236,30 @@ class Manipulator(Declared):
         return self.base.thickness + (number - 1) * (self.spring_length + self.discs.thickness)
 
     def on_disc(self, number: int, radius: float, azimuth: float) -> Floats:
-        """A point in the middle plane of a disc [m]."""
+        """A point in the middle plane of a disc (3,) [m].
+
+        Parameters
+        ----------
+        number
+            Of the disc: 0 is the base, 1 the first that moves.
+        radius
+            Distance from the axis [m].
+        azimuth
+            About +z from +x [rad].
+        """
         return np.array([radius * math.cos(azimuth), radius * math.sin(azimuth), 0.0]) + self.outwards * (
             self.disc_middle(number)
         )
 
     @property
     def disc_volume(self) -> float:
-        """Of a disc less its holes [m^3]."""
+        """Volume of a disc less its holes [m^3]."""
         holes = len(self.cable_azimuths) * self.discs.hole_diameter**2
         return 0.25 * math.pi * (self.discs.diameter**2 - holes) * self.discs.thickness
 
     @property
     def coil(self) -> Coil:
-        """How the wire of every spring winds."""
+        """The winding of every spring's wire."""
         springs = self.springs
         return Coil(
             coil_diameter=springs.coil_diameter,
@@ -277,7 +287,17 @@ def manipulator(of: Manipulator, *, gravity: Sequence[float] = (0.0, 0.0, -9.81)
     """
     springs, is_solid = of.springs, of.springs.model == "solid"
     moduli = springs.youngs_modulus
-    per_turn = 2 * _layers(of) if is_solid else springs.elements_per_turn or ELEMENTS_PER_TURN
+    rings = springs.rings or 1
+    if is_solid:
+        solid = SolidSpring(
+            **vars(of.coil),
+            wire_diameter=springs.wire_diameter,
+            rings=rings,
+            layers_per_turn=springs.layers_per_turn,
+        )
+        per_turn = 2 * solid.layers
+    else:
+        per_turn = springs.elements_per_turn or ELEMENTS_PER_TURN
     elements = max(1, math.ceil(springs.turns * per_turn - 1e-9))
     LIMITS["elements of a rod"].check(elements)
     towards = (math.cos(springs.azimuth), math.sin(springs.azimuth), 0.0)
@@ -292,23 +312,18 @@ def manipulator(of: Manipulator, *, gravity: Sequence[float] = (0.0, 0.0, -9.81)
         clamped = {before: np.array([0]), after: np.array([elements])}
         rods.append(Rod(name, line, RoundBar(springs.wire_diameter), parameters, clamped, density=springs.density))
     plates = _plates(of)
+    markers = [
+        Marker(name, disc, of.on_disc(k + 1, of.markers.radius, of.markers.azimuth))
+        for k, (name, disc) in enumerate(zip(of.marker_names, of.disc_names, strict=True))
+    ]
     robot = Robot(
-        plates=plates, cables=_cables(of, plates), rods=tuple(rods), markers=_markers(of), gravity=np.asarray(gravity)
+        plates=plates,
+        cables=_cables(of, plates),
+        rods=tuple(rods),
+        markers=tuple(markers),
+        gravity=np.asarray(gravity),
     )
-    if not is_solid:
-        return robot
-    return with_solid_rods(robot, rings=springs.rings or 1, element=springs.element or DEFAULT.name)
-
-
-def _layers(of: Manipulator) -> int:
-    """Number of layers of tets in a turn of a solid spring."""
-    springs, coil = of.springs, of.coil
-    return SolidSpring(
-        **vars(coil),
-        wire_diameter=springs.wire_diameter,
-        rings=springs.rings or 1,
-        layers_per_turn=springs.layers_per_turn,
-    ).layers
+    return with_solid_rods(robot, rings=rings, element=springs.element or DEFAULT.name) if is_solid else robot
 
 
 def _plates(of: Manipulator) -> tuple[Plate, ...]:
@@ -336,14 +351,6 @@ def _cables(of: Manipulator, plates: Sequence[Plate]) -> tuple[Cable, ...]:
         via = (ViaPoint(exit_point), *(plate.via(hole) for plate in plates[: end + 1]))
         cables.append(Cable(name, via, of.cables.friction_coefficient, "first", line=of.cables.line))
     return tuple(cables)
-
-
-def _markers(of: Manipulator) -> tuple[Marker, ...]:
-    """A marker on every disc that moves."""
-    return tuple(
-        Marker(name, disc, of.on_disc(k + 1, of.markers.radius, of.markers.azimuth))
-        for k, (name, disc) in enumerate(zip(of.marker_names, of.disc_names, strict=True))
-    )
 
 
 def _name_faults(of: Manipulator) -> list[Fault]:

@@ -41,8 +41,25 @@ def simulate_many(
     crossings: bool = True,
     commanded: Mapping[str, str],
 ) -> Response:
-    """See `simulate`. Slopes are not given, since there is no single control, but derivatives by the commands of the
-    cables in `commanded`, by their names as channels.
+    """See `simulate`. There are no slopes, since there is no single control, but derivatives by the commands of some
+    cables.
+
+    Parameters
+    ----------
+    twin
+        The twin.
+    statics
+        The system at its parameters, with the factors of its tangent.
+    protocol
+        The protocol.
+    names
+        Parameters of the sensitivities (k,).
+    snapshots
+        Which shapes are kept.
+    crossings
+        Whether crossings of bodies are searched for.
+    commanded
+        Channel -> the cable by whose command, as that channel, there are derivatives.
     """
     units, cables = channel_units(twin), tuple(commanded.values())
     labels, actuators = (*names, *commanded), [actuator.name for actuator in twin.system.actuators]
@@ -51,7 +68,11 @@ def simulate_many(
     rates: list[Floats] = []
     shapes: list[Snapshot] = []
     instabilities, met, snaps_at = "", "", list[int]()
-    sizes, furthest = _sizes(protocol), 0.0
+    # How far each sample's commands are from none (n_samples,), each command over its largest.
+    sizes, furthest = np.zeros(protocol.n_samples), 0.0
+    for command in protocol.commands.values():
+        size = np.abs(command.values)
+        sizes += (size / max(float(size.max(initial=0.0)), 1e-300)) ** 2
     far: State | None = None
     solved: list[int] = []
     failed: dict[int, str] = {}
@@ -105,7 +126,11 @@ def simulate_many(
             values.append(sense(twin, state, statics.theta, _shortenings(protocol, i)))
             of_commands = by_command(statics, state, reached.controls, target, numbers)
             dz, by = np.hstack([reached.by_parameter, of_commands]), (*names, *("" for _ in cables))
-            commanded_rates = _shortening_rates(protocol, i, labels)
+            commanded_rates = dict[str, Floats]()  # a shortening depends on its own command alone
+            for cable in _shortenings(protocol, i):
+                own = {name: float(rate[i]) for name, rate in protocol.commands[cable].by.items()}
+                own[str(ChannelName(SHORTENING, cable))] = 1.0
+                commanded_rates[cable] = np.array([own.get(label, 0.0) for label in labels])
             rates.append(sense_rates(twin, state, statics.theta, dz, by, commanded_rates))
             if snapshots:
                 shapes.append(snapshot(twin, state, protocol.at(i), i + 1, ""))
@@ -124,17 +149,17 @@ def simulate_many(
     if snaps_at:
         later = f" and {len(snaps_at) - 1} later ones" if len(snaps_at) > 1 else ""
         instabilities += instability(f"before sample {snaps_at[0] + 1}{_pulls(protocol, snaps_at[0])}{later}")
-    told, slid = crossed_at(crossed), drawn_out_at(out)
+    overlaps, slid = crossed_at(crossed), drawn_out_at(out)
     remarks = "" if far is None else twin.system.remarks(far, statics.theta)
     table = np.array(values).reshape(len(values), len(units))
     by_parameter = np.array(rates).reshape(len(values), len(units), len(labels))
     return Response(
         channels=by_column(units, table),
         units=units,
-        status=status + instabilities + told + slid + remarks,
+        status=status + instabilities + overlaps + slid + remarks,
         succeeded=not failed and stopped is None,
         instabilities=instabilities.strip(),
-        crossings=told.strip(),
+        crossings=overlaps.strip(),
         drawn_out=slid.strip(),
         remarks=remarks.strip(),
         n_factorisations=statics.n_factorisations,
@@ -144,15 +169,6 @@ def simulate_many(
         samples=tuple(solved) if failed or stopped is not None else None,
         stopped_by=stopped,
     )
-
-
-def _sizes(protocol: Protocol) -> Floats:
-    """How far each sample's commands are from none (n_samples,), each command over its largest."""
-    total = np.zeros(protocol.n_samples)
-    for command in protocol.commands.values():
-        size = np.abs(command.values)
-        total += (size / max(float(size.max(initial=0.0)), 1e-300)) ** 2
-    return total
 
 
 def _beyond(protocol: Protocol, i: int, failed: Collection[int], *, remembers: bool) -> str:
@@ -174,15 +190,17 @@ def _beyond(protocol: Protocol, i: int, failed: Collection[int], *, remembers: b
 def _not_reached(protocol: Protocol, failed: Mapping[int, str], n_solved: int) -> str:
     """The sentences on samples without an equilibrium: the first few with their reasons, the others by number."""
     n = protocol.n_samples
-    told = [
+    sentences = [
         f"Sample {i + 1} of {n} was not reached{_pulls(protocol, i)}: {failed[i]}" for i in list(failed)[:SENTENCES]
     ]
     numbers = [str(i + 1) for i in list(failed)[SENTENCES:]]
     if numbers:
-        told.append(f"Nor was sample {numbers[0]}." if len(numbers) == 1 else f"Nor were samples {', '.join(numbers)}.")
+        sentences.append(
+            f"Nor was sample {numbers[0]}." if len(numbers) == 1 else f"Nor were samples {', '.join(numbers)}."
+        )
     if n_solved:
-        told.append("The other one is solved." if n_solved == 1 else f"The other {n_solved} are solved.")
-    return " ".join(told)
+        sentences.append("The other one is solved." if n_solved == 1 else f"The other {n_solved} are solved.")
+    return " ".join(sentences)
 
 
 def _shortenings(protocol: Protocol, i: int) -> dict[str, float]:
@@ -191,18 +209,8 @@ def _shortenings(protocol: Protocol, i: int) -> dict[str, float]:
     return {cable: float(command.values[i]) for cable, command in each if command.control == SHORTENING.name}
 
 
-def _shortening_rates(protocol: Protocol, i: int, labels: tuple[str, ...]) -> dict[str, Floats]:
-    """Their rates by parameters and commands: each depends on its own command alone."""
-    out = dict[str, Floats]()
-    for cable in _shortenings(protocol, i):
-        by = {name: float(rate[i]) for name, rate in protocol.commands[cable].by.items()}
-        by[str(ChannelName(SHORTENING, cable))] = 1.0
-        out[cable] = np.array([by.get(label, 0.0) for label in labels])
-    return out
-
-
 def _pulls(protocol: Protocol, i: int) -> str:
     """The pulled cables of a sample, in brackets after a blank; "" where none is pulled."""
     commands = {name: (command.values[i], kinds()[command.control].unit) for name, command in protocol.commands.items()}
-    told = ", ".join(f"{name} {format_quantity(float(v), unit)}" for name, (v, unit) in commands.items() if v != 0.0)
-    return f" ({told})" if told else ""
+    pulled = ", ".join(f"{name} {format_quantity(float(v), unit)}" for name, (v, unit) in commands.items() if v != 0.0)
+    return f" ({pulled})" if pulled else ""

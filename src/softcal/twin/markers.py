@@ -1,4 +1,4 @@
-"""Where markers are on the parts that carry them: where they are drawn, and their offsets, which move with the part.
+"""Places of markers on the parts that carry them: as drawn, with offsets that move with the part.
 
 On a plate an offset turns with it, on a rod with its section; on a body it is turned and stretched by the deformation
 gradient where the marker is drawn. No equilibrium depends on it: another offset needs no other system of equations.
@@ -33,7 +33,7 @@ class MarkerPlace:
     directions: tuple[Weights, ...] = ()
 
     def of(self, marker: Marker) -> MarkerPlace:
-        """That of the same marker with another offset."""
+        """The place of the same marker with another offset."""
         return replace(self, marker=marker)
 
     @property
@@ -60,6 +60,16 @@ class MarkerPlace:
 
 
 def directions_in(mesh: TetMesh, marker: Marker, first: int) -> tuple[Weights, ...]:
-    """`MarkerPlace.directions` in a body whose first point has a number in the system."""
+    """`MarkerPlace.directions` in a body.
+
+    Parameters
+    ----------
+    mesh
+        The body's mesh [m].
+    marker
+        The marker.
+    first
+        Number of the body's first point in the system.
+    """
     nodes, rates = attach_directions(mesh, marker.at, where=marker.name)
     return tuple([(first + int(n), float(r)) for n, r in zip(nodes, column, strict=True)] for column in rates.T)

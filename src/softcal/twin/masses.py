@@ -6,7 +6,6 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.mechanics.inertia import (
-    FrameMasses,
     Inertia,
     build_inertia,
     element_masses,
@@ -16,15 +15,24 @@ from softcal.mechanics.inertia import (
 )
 from softcal.mechanics.layout import FREE, TIED
 from softcal.twin.build import Twin
-from softcal.twin.robot import Plate, Robot, Rod
+from softcal.twin.robot import Plate, Robot
 from softcal.twin.time_settings import MassMatrix
 
 
 def robot_inertia(twin: Twin, robot: Robot, masses: MassMatrix = "consistent") -> Inertia:
-    """The inertia of `robot`, of which `twin` is the twin but for parameters.
+    """The inertia of a robot.
 
     A body's mass is consistent or lumped. A rod's is lumped at its nodes, with the rotary inertia of its section. A
     plate has its mass, its inertia tensor (see `Plate`) and the mass of whatever tets lie on it whole.
+
+    Parameters
+    ----------
+    twin
+        The twin of the robot, but for parameters.
+    robot
+        The robot.
+    masses
+        Whether masses of bodies are consistent or lumped.
     """
     layout = twin.system.layout
     carried = no_frame_masses(layout)
@@ -43,34 +51,25 @@ def robot_inertia(twin: Twin, robot: Robot, masses: MassMatrix = "consistent") -
         bends = ~as_one | (riders[:, 0] == FREE) | (riders[:, 0] == TIED)
         elements.append((points[bends], matrices[bends]))
     for rod in robot.rods:
-        _add_rod(carried, twin, rod)
+        frames = layout.rider[twin.first_point[rod.name] :][: len(rod.centreline.nodes)]
+        stations, half = rod.centreline.stations / rod.centreline.stations[-1], 0.5 * rod.centreline.lengths
+        density = np.zeros(len(half))
+        for material in rod.materials:
+            density[material.elements] = material.density
+        volumes = density[:, None] * rod.volumes
+        at_nodes = np.append(volumes[:, 0], 0.0) + np.insert(volumes[:, 1], 0, 0.0)
+        line = np.append(density * half, 0.0) + np.insert(density * half, 0, 0.0)  # [kg/m^2]: times I is inertia
+        sections = [rod.section.at(float(share)) for share in stations]
+        # The second moment along axis 1 is I2, that about axis 2.
+        along = np.array([[section.I2, section.I1, 0.0] for section in sections])
+        triads = rod.centreline.triads
+        tensors = line[:, None, None] * (triads * along[:, None, :]) @ np.swapaxes(triads, 1, 2)
+        carried.add(frames, at_nodes, rod.centreline.nodes - layout.references[frames], tensors)
     for plate in robot.plates:
-        _add_plate(carried, twin, plate)
+        frame = twin.frame[plate.name]
+        arm = plate.centre_of_mass - layout.references[frame]
+        carried.add(np.array([frame]), np.array([plate.mass]), arm[None], _plate_moments(plate)[None])
     return build_inertia(layout, twin.system.pattern, elements, carried)
-
-
-def _add_rod(carried: FrameMasses, twin: Twin, rod: Rod) -> None:
-    layout = twin.system.layout
-    m = len(rod.centreline.nodes)
-    frames = layout.rider[twin.first_point[rod.name] :][:m]
-    stations, half = rod.centreline.stations / rod.centreline.stations[-1], 0.5 * rod.centreline.lengths
-    density = np.zeros(len(half))
-    for material in rod.materials:
-        density[material.elements] = material.density
-    volumes = density[:, None] * rod.volumes
-    masses = np.append(volumes[:, 0], 0.0) + np.insert(volumes[:, 1], 0, 0.0)
-    line = np.append(density * half, 0.0) + np.insert(density * half, 0, 0.0)  # [kg/m^2]: times I is inertia
-    sections = [rod.section.at(float(share)) for share in stations]
-    along = np.array([[one.I2, one.I1, 0.0] for one in sections])  # second moment along axis 1 is I2, that about axis 2
-    triads = rod.centreline.triads
-    tensors = line[:, None, None] * (triads * along[:, None, :]) @ np.swapaxes(triads, 1, 2)
-    carried.add(frames, masses, rod.centreline.nodes - layout.references[frames], tensors)
-
-
-def _add_plate(carried: FrameMasses, twin: Twin, plate: Plate) -> None:
-    frame = twin.frame[plate.name]
-    arm = plate.centre_of_mass - twin.system.layout.references[frame]
-    carried.add(np.array([frame]), np.array([plate.mass]), arm[None], _plate_moments(plate)[None])
 
 
 def plate_inertia(plate: Plate) -> Floats:

@@ -54,9 +54,16 @@ class Deformable(Protocol):
 
 
 def complete_materials(part: Deformable, n_elements: int, of: str) -> None:
-    """Give a part, which is being made, all its constants, and each inclusion those that it leaves out.
+    """Complete the constants of a part, which is being made, and those that each inclusion leaves out.
 
-    of: what its elements are called.
+    Parameters
+    ----------
+    part
+        The part.
+    n_elements
+        Number of its elements.
+    of
+        What its elements are called.
 
     Raises
     ------

@@ -21,7 +21,6 @@ from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.node import Node, node_at
 from softcal.mechanics.path import Path, strays
 from softcal.mechanics.state import State, difference, moved, rest_state
-from softcal.mechanics.system import System
 from softcal.twin.build import twin_of
 from softcal.twin.curve import FINE
 from softcal.twin.drives import by_shortening
@@ -173,7 +172,8 @@ def _change(
         return None
     system = finer.twin.system
     scale = along.scale(along.curve(path.nodes).values)
-    touches = _touches(system, prolong(along.at(path, end).state))
+    x = prolong(along.at(path, end).state).x
+    touches = any(contact.overlap(x) > 0.0 for contact in system.of(ContactTerm))
     rough, of_curve = (ROUGH, ROUGH_CURVE) if touches else (1.0, 1.0)
     places = PLACES[:3] if touches else PLACES[:2]
     none = np.zeros(system.layout.n_unknowns)
@@ -193,7 +193,9 @@ def _change(
             movements[place] = difference(system.layout, node.state, prolonged)
             here, there = along.curve((own,)), finer.curve((node,))
             c.append(own.c)
-            values.append(_turned(there.values[0] - here.values[0], angle_columns(along.twin)))
+            angles, by_mesh = angle_columns(along.twin), there.values[0] - here.values[0]
+            by_mesh[angles] -= 2.0 * np.pi * np.round(by_mesh[angles] / (2.0 * np.pi))
+            values.append(by_mesh)
             slopes.append(there.slopes[0] - here.slopes[0])
         change = _Change(start, np.array(c), np.array(values), np.array(slopes), is_rough=touches)
         allowed = np.maximum(
@@ -205,11 +207,6 @@ def _change(
         if len(c) >= MOST_PLACES or (len(c) >= len(PLACES) and not touches):
             return None
         places = PLACES[len(c) : len(c) + 1] or change.beside(1 + int(excess.argmax()))
-
-
-def _touches(system: System, state: State) -> bool:
-    """Whether surfaces of the finer mesh touch at a state."""
-    return any(contact.overlap(state.x) > 0.0 for contact in system.of(ContactTerm))
 
 
 def _on_finer(finer: EquilibriumPath, c: float, guess: State, *, judged: bool, is_rough: bool) -> Node | None:
@@ -232,10 +229,3 @@ def _on_finer(finer: EquilibriumPath, c: float, guess: State, *, judged: bool, i
             return None
     none = np.zeros((layout.n_unknowns, 0))
     return Node(c, solved.state, np.zeros(layout.n_unknowns), none, none)
-
-
-def _turned(change: Floats, angles: Sequence[int]) -> Floats:
-    """The change (n_channels,) with angles between half a turn to and fro."""
-    out = change.copy()
-    out[angles] -= 2.0 * np.pi * np.round(out[angles] / (2.0 * np.pi))
-    return out

@@ -20,18 +20,27 @@ def neighbours_of(robot: Robot, theta: Mapping[str, float], build: Build) -> dic
     """By the name of each length, the twins next to that of a robot at theta; built when they are needed.
 
     What theta states of its shape stays as one length changes; other lengths follow it, as in the robot at theta.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    theta
+        Parameter values by dotted name [SI].
+    build
+        Robot -> its twin, or a part of it.
     """
     own = {name: info.value for name, info in robot_parameters(robot).items() if info.shapes}
     stated = {name: theta[name] for name, value in own.items() if theta.get(name, value) != value}
     shape = {name: info.value for name, info in robot_parameters(with_shape(robot, stated)).items() if info.shapes}
-    found: dict[str, Neighbours] = {}
+    neighbours: dict[str, Neighbours] = {}
     for body in robot.bodies:
         extent = float(np.ptp(body.mesh.points, axis=0).max())
         for key in body.shape.values if body.shape else ():
             name = f"{body.name}.{key}"
             step = STEP * (extent if LENGTHS[key].unit == "m" else 1.0)
-            found[name] = Neighbours(partial(_beside, robot, {**stated, name: shape[name]}, name, build), step)
-    return found
+            neighbours[name] = Neighbours(partial(_beside, robot, {**stated, name: shape[name]}, name, build), step)
+    return neighbours
 
 
 def _beside(robot: Robot, stated: Mapping[str, float], name: str, build: Build, offset: float) -> Any:

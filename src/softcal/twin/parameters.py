@@ -145,7 +145,7 @@ def parameter_values(robot: Robot, theta: Mapping[str, float] | None = None) -> 
 
 
 def value_faults(known: Mapping[str, ParameterInfo], theta: Mapping[str, float]) -> list[Fault]:
-    """What is wrong with values given by name: an unknown name (with the nearest known one), a value out of range."""
+    """The faults of values by name: an unknown name (with the nearest that exists), a value out of range."""
     return [
         fault
         for name, value in theta.items()
@@ -172,7 +172,13 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
     if all(value == known[name].value for name, value in values.items()):
         return robot
     robot = with_lengths(robot, values)
-    bodies = tuple(_with_clamp(_with_materials(body, values), values) for body in robot.bodies)
+    bodies = tuple(
+        replace(
+            _with_materials(body, values),
+            clamp=body.clamp and replace(body.clamp, depth=values.get(f"{body.name}.clamp_depth", body.clamp.depth)),
+        )
+        for body in robot.bodies
+    )
     rods = tuple(_with_materials(rod, values) for rod in robot.rods)
     plates = tuple(replace(p, mass=values.get(f"{p.name}.mass", p.mass)) for p in robot.plates)
     cables = tuple(
@@ -208,15 +214,6 @@ def with_shape(robot: Robot, theta: Mapping[str, float]) -> Robot:
 def _with_materials(part: Whole, values: Mapping[str, float]) -> Whole:
     inclusions = (_with_material(one, values, f"{part.name}.{one.name}") for one in part.inclusions)
     return replace(_with_material(part, values, part.name), inclusions=tuple(inclusions))
-
-
-def _with_clamp(body: Body, values: Mapping[str, float]) -> Body:
-    clamp = body.clamp
-    return (
-        body
-        if clamp is None
-        else replace(body, clamp=replace(clamp, depth=values.get(f"{body.name}.clamp_depth", clamp.depth)))
-    )
 
 
 def _with_material(part: Part, values: Mapping[str, float], name: str) -> Part:

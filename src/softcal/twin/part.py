@@ -1,4 +1,4 @@
-"""What all parts of a robot have: a name, by which messages name their fields."""
+"""Parts of a robot: all have a name, by which messages name their fields."""
 
 from __future__ import annotations
 

@@ -41,11 +41,8 @@ class Prolongation:
             own = slice(self.fine.first_point[body], self.fine.first_point[body] + len(at.tets))
             x[own] += np.einsum("pn,pni->pi", mesh.cell.functions(at.barycentric), moved[mesh.tets[at.tets]])
         layout.links.place(x, state.position, state.rotation)
-        return State(x, state.position, state.rotation, self._pressures(state), state.effort)
-
-    def _pressures(self, state: State) -> Floats:
-        """The pressures, linear in each tet; zero where the coarse elements have none."""
-        pressure = np.zeros(self.fine.system.layout.n_pressures)
+        # Pressures are linear in each tet; zero where the coarse elements have none.
+        pressure = np.zeros(layout.n_pressures)
         for material, (first, body, nodes) in self.fine.pressure_nodes.items():
             if material not in self.coarse.pressure_nodes:
                 continue
@@ -55,19 +52,26 @@ class Prolongation:
             nodal[own] = state.pressure[first_coarse : first_coarse + len(own)]
             corners = nodal[mesh.tets[at.tets[nodes], :4]]
             pressure[first : first + len(nodes)] = np.einsum("pk,pk->p", at.barycentric[nodes], corners)
-        return pressure
+        return State(x, state.position, state.rotation, pressure, state.effort)
 
 
 def prolongation(coarse: Twin, fine: Twin, corners: Mapping[str, Floats]) -> Prolongation:
-    """corners: body -> barycentric coordinates (n_tets, 4, 4) of the corners of each of its finer tets in the coarse
-    tet that it is a piece of; the pieces of one follow those of the one before.
+    """The prolongation from a twin to one on a refined mesh.
+
+    Parameters
+    ----------
+    coarse, fine
+        The twins.
+    corners
+        Body -> barycentric coordinates (n_tets, 4, 4) [-] of the corners of each of its finer tets in the coarse tet
+        that it is a piece of; the pieces of each coarse tet follow those of the tet before.
     """
-    return Prolongation(coarse, fine, {body: _places(coarse, fine, body, at) for body, at in corners.items()})
-
-
-def _places(coarse: Twin, fine: Twin, body: str, corners: Floats) -> InElements:
-    mesh = fine.meshes[body]
-    pieces = mesh.n_tets // coarse.meshes[body].n_tets
-    _, first = np.unique(mesh.tets, return_index=True)
-    tets, nodes = np.divmod(first, mesh.cell.n_nodes)
-    return InElements(tets // pieces, np.einsum("pk,pkj->pj", mesh.cell.nodes[nodes], corners[tets]))
+    places: dict[str, InElements] = {}
+    for body, of_tets in corners.items():
+        mesh = fine.meshes[body]
+        pieces = mesh.n_tets // coarse.meshes[body].n_tets
+        _, first = np.unique(mesh.tets, return_index=True)
+        tets, nodes = np.divmod(first, mesh.cell.n_nodes)
+        coordinates = np.einsum("pk,pkj->pj", mesh.cell.nodes[nodes], of_tets[tets])
+        places[body] = InElements(tets // pieces, coordinates)
+    return Prolongation(coarse, fine, places)

@@ -35,7 +35,17 @@ def at_own_moduli(twin: Twin, theta: Mapping[str, float]) -> tuple[dict[str, flo
 
 
 def at_moduli(twin: Twin, response: Response, s: float) -> Response:
-    """A response at moduli s times as large."""
+    """A response at moduli s times as large.
+
+    Parameters
+    ----------
+    twin
+        The twin.
+    response
+        The response.
+    s
+        Factor on all moduli [-].
+    """
     if s == 1.0:
         return response
     moduli = {name for name, info in robot_parameters(twin.robot).items() if info.unit == MODULUS}
@@ -63,7 +73,19 @@ def at_moduli(twin: Twin, response: Response, s: float) -> Response:
 
 
 def with_modulus(response: Response, name: str, modulus: float, names: Sequence[str]) -> Response:
-    """A response with its derivatives by the only modulus [Pa], at a prescribed shortening, in the order of `names`."""
+    """A response with its derivatives by the only modulus, at a prescribed shortening.
+
+    Parameters
+    ----------
+    response
+        The response.
+    name
+        Dotted name of the modulus.
+    modulus
+        Its value [Pa].
+    names
+        Parameters of the derivatives, in their order.
+    """
     sensitivities = {
         channel: {
             by: DEGREES[response.units[channel]] * values / modulus

@@ -90,7 +90,17 @@ class Protocol(Checked):
         return tuple(dict.fromkeys(name for command in self.commands.values() for name in command.by))
 
     def rates(self, i: int, cables: Sequence[str], names: Sequence[str]) -> Floats:
-        """Derivatives of the commands at a sample, counted from 0, by parameters: (n_cables, n_names)."""
+        """Derivatives of the commands at a sample by parameters: (n_cables, n_names).
+
+        Parameters
+        ----------
+        i
+            Number of the sample, from 0.
+        cables
+            Names of the cables.
+        names
+            Dotted names of the parameters.
+        """
         none = Command("tension", np.zeros(1))
         own = [self.commands.get(cable, none).by for cable in cables]
         return np.array([[by[name][i] if name in by else 0.0 for name in names] for by in own]).reshape(len(own), -1)
@@ -140,8 +150,18 @@ class Protocol(Checked):
 def controls_at(
     system: System, commands: Mapping[str, Command], values: Mapping[str, float], coordinate: Floats
 ) -> Controls:
-    """The controls at values of the commands, by actuator. One without a command is held at no effort; `coordinate`
-    (n_actuators,): of those that are not commanded by it.
+    """The controls at values of the commands, by actuator. An actuator without a command has no effort.
+
+    Parameters
+    ----------
+    system
+        The discretised robot.
+    commands
+        Cable -> its command.
+    values
+        Cable -> the value of its command [m; N].
+    coordinate
+        Coordinates (n_actuators,) of those that are not commanded by it, each in its own unit.
     """
     from softcal.mechanics.term import Controls
 
@@ -189,7 +209,17 @@ def let_go_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
 
 
 def let_go_fault(where: str, cable: str, got: str) -> Fault:
-    """The fault of a test that releases a cable with friction."""
+    """The fault of a test that releases a cable with friction.
+
+    Parameters
+    ----------
+    where
+        The test.
+    cable
+        Name of the cable.
+    got
+        What the test has.
+    """
     return Fault(
         f"the friction of {cable} is modelled for a cable that is pulled in: it reverses where the cable is released",
         where=where,

@@ -29,7 +29,19 @@ class SensorReading:
 
 
 def read(twin: Twin, statics: Statics, node: Node, names: tuple[str, ...]) -> SensorReading:
-    """Read the sensors at a node. names (k,): the parameters of the node's derivatives."""
+    """The reading of the sensors at a node.
+
+    Parameters
+    ----------
+    twin
+        The twin.
+    statics
+        The system at its parameters, with the factors of its tangent.
+    node
+        The node.
+    names
+        Parameters (k,) of the node's derivatives.
+    """
     k = len(names)
     by = ("", *[""] * k, *names)
     rates = sense_rates(

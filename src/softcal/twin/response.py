@@ -178,5 +178,15 @@ def by_column(names: Iterable[str], table: Floats) -> dict[str, Floats]:
 def derivatives_by_column(
     channels: Iterable[str], parameters: Sequence[str], table: Floats
 ) -> dict[str, dict[str, Floats]]:
-    """Channel -> parameter -> derivative (n_samples,), of a table (n_samples, n_channels, n_parameters)."""
+    """Channel -> parameter -> derivative (n_samples,).
+
+    Parameters
+    ----------
+    channels
+        The channels.
+    parameters
+        Dotted names of the parameters.
+    table
+        Derivatives (n_samples, n_channels, n_parameters).
+    """
     return {channel: by_column(parameters, of_channel) for channel, of_channel in by_column(channels, table).items()}

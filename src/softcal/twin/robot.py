@@ -105,7 +105,7 @@ class Body(NamedPart):
 
     @property
     def past(self) -> History:
-        """What its materials do beyond the law."""
+        """The history of its materials, beyond the law."""
         return history_of(self.history, f"{self.name}.history")
 
     @property
@@ -128,7 +128,7 @@ class Body(NamedPart):
 
     @cached_property
     def zone(self) -> Zone | None:
-        """Where the depth of its clamp moves the mesh; None without a clamp."""
+        """The zone in which the depth of its clamp moves the mesh; None without a clamp."""
         return clamp_zone(self.mesh, self.fixed, self.clamp, where=f"{self.name}.clamp") if self.clamp else None
 
     def motion(self, mesh: TetMesh, first: int = 0) -> MeshMotion | None:
@@ -203,7 +203,7 @@ class Rod(NamedPart):
 
     @property
     def past(self) -> History:
-        """What its materials do beyond their elasticity."""
+        """The history of its materials, beyond their elasticity."""
         return history_of(self.history, f"{self.name}.history", of_rod=True)
 
     @property
@@ -213,7 +213,7 @@ class Rod(NamedPart):
 
     @cached_property
     def volumes(self) -> Floats:
-        """What each end of each element carries of its volume (n, 2) [m^3]."""
+        """Volumes that the two ends of each element carry (n, 2) [m^3]."""
         stations = self.centreline.stations / self.centreline.stations[-1]
         at = np.array([self.section.at(float(share)).area for share in stations])
         middle = np.array([self.section.at(float(share)).area for share in 0.5 * (stations[1:] + stations[:-1])])

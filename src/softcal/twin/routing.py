@@ -35,33 +35,35 @@ def bored(
     centrelines: Mapping[str, Centreline] | None = None,
 ) -> tuple[ViaPoint, ...]:
     """The via points, with additional ones along the bore between two neighbours: wherever the line between them runs
-    inside the material of a body that one of them is on, or inside a bore of its mesh; on one rod, at its nodes.
+    inside the material of a body that one of them is on, or inside a bore of its mesh; on one rod, at its nodes. Across
+    a gap, and through other bodies, the cable runs straight.
 
-    meshes, centrelines [m]: by the name of the body or rod. Across a gap, and through other bodies, the cable runs
-    straight.
+    Parameters
+    ----------
+    via_points
+        The via points of a cable, in their order.
+    meshes
+        Body -> its mesh [m].
+    centrelines
+        Rod -> its centreline [m].
     """
     lines = centrelines or {}
     out = list(via_points[:1])
     for start, end in pairwise(via_points):
         if start.on == end.on and start.on in lines:
             out += [_between(at, start.on, start, end) for at in _along(lines[start.on], start.at, end.at)]
-        out += _guided(start, end, meshes)
-        out.append(end)
+        # In the bodies that the two are on; where these overlap, in the first.
+        inside: list[ViaPoint] = []
+        spacing = 0.0
+        for on in dict.fromkeys((start.on, end.on)):
+            if on in meshes:
+                passage = _passage(meshes[on], start.at, end.at)
+                taken = np.array([via.at for via in inside]).reshape(-1, 3)
+                spacing = max(spacing, passage.spacing)
+                points = [at for at in passage.inside if np.all(np.linalg.norm(taken - at, axis=1) > 0.5 * spacing)]
+                inside += [_between(at, on, start, end) for at in points]
+        out += [*sorted(inside, key=lambda via: float(via.share or 0.0)), end]
     return tuple(out)
-
-
-def _guided(start: ViaPoint, end: ViaPoint, meshes: Mapping[str, TetMesh]) -> list[ViaPoint]:
-    """The points added between two neighbours in the bodies that they are on; where these overlap, in the first."""
-    found: list[ViaPoint] = []
-    spacing = 0.0
-    for on in dict.fromkeys((start.on, end.on)):
-        if on in meshes:
-            passage = _passage(meshes[on], start.at, end.at)
-            taken = np.array([via.at for via in found]).reshape(-1, 3)
-            spacing = max(spacing, passage.spacing)
-            own = [at for at in passage.inside if np.all(np.linalg.norm(taken - at, axis=1) > 0.5 * spacing)]
-            found += [_between(at, on, start, end) for at in own]
-    return sorted(found, key=lambda via: float(via.share or 0.0))
 
 
 class OffBore(NamedTuple):
@@ -81,7 +83,7 @@ def off_bore(cable: Cable, meshes: Mapping[str, TetMesh]) -> dict[str, OffBore]:
 
     meshes [m]: by body's name. What `route: straight` leaves straight between two points in one body is not counted.
     """
-    found: dict[str, OffBore] = {}
+    lengths_of: dict[str, OffBore] = {}
     stated = [i for i, via in enumerate(cable.via_points) if via.share is None]
     for i, j in pairwise(stated):
         start, end = cable.via_points[i], cable.via_points[j]
@@ -93,8 +95,8 @@ def off_bore(cable: Cable, meshes: Mapping[str, TetMesh]) -> dict[str, OffBore]:
                 more = OffBore(guided=passage.in_material if 0.0 < bore < passage.in_material else 0.0)
             else:
                 more = OffBore(passage.in_material, passage.spacing * int(passage.in_bore.sum()))
-            found[name] = OffBore(*(a + b for a, b in zip(found.get(name, OffBore()), more, strict=True)))
-    return {name: lengths for name, lengths in found.items() if any(lengths)}
+            lengths_of[name] = OffBore(*(a + b for a, b in zip(lengths_of.get(name, OffBore()), more, strict=True)))
+    return {name: lengths for name, lengths in lengths_of.items() if any(lengths)}
 
 
 def _between(at: Floats, on: str, start: ViaPoint, end: ViaPoint) -> ViaPoint:
@@ -147,7 +149,7 @@ class _Passage:
 
     @cached_property
     def in_bore(self) -> NDArray[np.bool_]:
-        """Which of the points the wall of a bore surrounds (n,)."""
+        """Whether the wall of a bore surrounds each point (n,)."""
         outside = ~self.in_tets
         outside[outside] = [wall_around(self.mesh, at) is not None for at in self.points[outside]]
         return outside

@@ -15,7 +15,6 @@ from softcal.mechanics.term import Theta
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensor import Posture
 from softcal.twin.build import Twin
-from softcal.twin.loads import Weights
 from softcal.twin.markers import MarkerPlace
 from softcal.twin.parameters import MARKER_OFFSETS
 
@@ -36,9 +35,18 @@ def angle_columns(twin: Twin) -> list[int]:
 
 
 def sense(twin: Twin, state: State, theta: Theta, shortenings: Mapping[str, float] | None = None) -> Floats:
-    """The channels' values (n_channels,) at a state and theta, in the order of `channel_units`.
+    """The channels' values (n_channels,) at a state, in the order of `channel_units`.
 
-    shortenings: of the cables that are commanded by it, which read as commanded, taut or slack [m].
+    Parameters
+    ----------
+    twin
+        The twin.
+    state
+        The state.
+    theta
+        Parameter values by dotted name [SI].
+    shortenings
+        Of the cables that are commanded by it, which read as commanded, taut or slack [m].
     """
     return read_all(twin, _StatePosture(twin, state, theta, shortenings or {}))
 
@@ -56,12 +64,22 @@ def sense_rates(
     names: Sequence[str] = (),
     shortenings: Mapping[str, Floats] | None = None,
 ) -> Floats:
-    """The channels' rates (n_channels, k) for rates dz (n_unknowns, k) of the unknowns.
+    """The channels' rates (n_channels, k).
 
+    Parameters
+    ----------
+    twin
+        The twin.
+    state
+        The state.
+    theta
+        Parameter values by dotted name [SI].
+    dz
+        Rates of the unknowns (n_unknowns, k).
     names
         Parameters (k,) of which dz is the derivative, or "": they may change a channel at fixed unknowns too.
     shortenings
-        Rates (k,) of the cables that are commanded by it.
+        Rates (k,) of the cables that are commanded by it [m].
     """
     if dz.shape[1] == 0:
         return np.zeros((len(twin.columns), 0))
@@ -123,7 +141,14 @@ class _StateRates:
         if name in self.twin.frame:
             return self._of_frame(name)[:3]
         place = self.twin.markers[name]
-        rates, R = _point_rates(self.twin, self.state, place.points) @ self._dq, _turned(self.twin, self.state, place)
+        layout, R = self.twin.system.layout, _turned(self.twin, self.state, place)
+        rows: list[Floats] = []  # d(weighted point)/dz, by axis (n_unknowns - n_cables,)
+        for axis in range(3):
+            gradient = np.zeros(3 * layout.n_points + layout.n_pressures)
+            for point, weight in place.points:
+                gradient[3 * point + axis] += weight
+            rows.append(self.twin.system.motion.reduce_gradient(self.state, gradient))
+        rates = np.array(rows) @ self._dq
         if place.turns:
             rates += np.cross(self.rotation(place.marker.on), R @ place.marker.offset, axis=0)
         # An offset moves its marker at fixed unknowns.
@@ -163,15 +188,3 @@ class _StateRates:
 def _turned(twin: Twin, state: State, place: MarkerPlace) -> Floats:
     """The rotation (3, 3) of a marker's plate; none for one on a body."""
     return state.rotation[twin.frame[place.marker.on]] if place.turns else np.eye(3)
-
-
-def _point_rates(twin: Twin, state: State, weights: Weights) -> Floats:
-    """d(weighted point)/dz, shape (3, n_unknowns - n_cables)."""
-    layout = twin.system.layout
-    rows: list[Floats] = []
-    for axis in range(3):
-        gradient = np.zeros(3 * layout.n_points + layout.n_pressures)
-        for point, weight in weights:
-            gradient[3 * point + axis] += weight
-        rows.append(twin.system.motion.reduce_gradient(state, gradient))
-    return np.array(rows)

@@ -125,10 +125,24 @@ def respond(  # noqa: PLR0913 (one keyword for each option)
     guided: bool = False,
     crossings: bool = True,
 ) -> Response:
-    """The response of a twin that is built, at the values theta of all its parameters. See `simulate`; guided: by the
-    path at the robot's own parameters, see `guide_of`.
+    """The response of a twin that is built, at the values of all its parameters. See `simulate`.
 
     Where a term remembers, every sample is solved, in the order of the protocol.
+
+    Parameters
+    ----------
+    twin
+        The twin.
+    theta
+        Values of all parameters by dotted name [SI].
+    protocol
+        The protocol.
+    sensitivities
+        Parameters of the derivatives, and cables' channels for those by their commands.
+    snapshots, curve_tolerance, shared, crossings
+        As of `simulate`.
+    guided
+        Whether paths are guided by that at the robot's own parameters, see `guide_of`.
 
     Raises
     ------
@@ -154,30 +168,25 @@ def respond(  # noqa: PLR0913 (one keyword for each option)
     cable = driven[0] if driven else None
     with statics_of(twin, own, twin.kept.at(own)) as statics, guide_of(twin, own, cable if guided else None) as guide:
         tolerance = 0.0 if snapshots == "samples" else curve_tolerance
-        along = EquilibriumPath(twin, statics, solved, cable, tolerance, shared, guide)
+        along = EquilibriumPath(
+            twin=twin,
+            statics=statics,
+            names=solved,
+            cable=cable,
+            tolerance=tolerance,
+            is_shared=shared,
+            guide=guide,
+        )
         response = Sweep(along, snapshots, crossings).response(protocol)
     response = at_moduli(twin, response, s)
     if modulus in names:
         response = with_modulus(response, modulus, theta[modulus], names)
-    return _with_commands(response, driven, commanded)
-
-
-def _with_commands(response: Response, driven: Sequence[str], commanded: Mapping[str, str]) -> Response:
-    """The response with its slopes as derivatives by the driven cable's command; that of a slack cable has no
-    effect.
-    """
     if not commanded:
         return response
-    sensitivities = {
-        channel: {
-            **response.sensitivities.get(channel, {}),
-            **{
-                name: response.slopes[channel]
-                if cable in driven and channel in response.slopes
-                else np.zeros(len(values))
-                for name, cable in commanded.items()
-            },
-        }
-        for channel, values in response.channels.items()
-    }
-    return replace(response, sensitivities=sensitivities)
+    # Slopes are the derivatives by the driven cable's command; that of a slack cable has no effect.
+    rates = {channel: dict(response.sensitivities.get(channel, {})) for channel in response.channels}
+    for channel, values in response.channels.items():
+        for name, cable in commanded.items():
+            is_driven = cable in driven and channel in response.slopes
+            rates[channel][name] = response.slopes[channel] if is_driven else np.zeros(len(values))
+    return replace(response, sensitivities=rates)

@@ -31,6 +31,8 @@ def with_solid_rods(
 
     Parameters
     ----------
+    robot
+        The robot.
     names
         Of the rods to replace; all if None.
     rings
@@ -48,16 +50,33 @@ def with_solid_rods(
     if faults := [unknown("there is no such rod", "robot", name, rods) for name in chosen if name not in rods]:
         raise MeshError(faults)
     bodies = {name: solid_body(rods[name], rings=rings, element=element) for name in chosen}
+    plates: list[Plate] = []
+    for plate in robot.plates:
+        nodes = dict(plate.nodes)
+        for name in chosen:
+            if plate.name in rods[name].clamped:
+                sets = bodies[name].mesh.node_sets
+                nodes[name] = _end_nodes(rods[name], rods[name].clamped[plate.name], sets["start"], sets["end"])
+        plates.append(replace(plate, nodes=nodes))
     return replace(
         robot,
         bodies=(*robot.bodies, *bodies.values()),
         rods=tuple(rod for rod in robot.rods if rod.name not in bodies),
-        plates=tuple(_holding(plate, [rods[name] for name in chosen], bodies) for plate in robot.plates),
+        plates=tuple(plates),
     )
 
 
 def solid_body(rod: Rod, *, rings: int = 1, element: str = DEFAULT.name) -> Body:
     """A rod as a body, its fixed end faces among the fixed nodes; see `with_solid_rods`.
+
+    Parameters
+    ----------
+    rod
+        The rod.
+    rings
+        Number of tets from the axis to the surface.
+    element
+        Name of the element.
 
     Raises
     ------
@@ -98,15 +117,6 @@ def solid_body(rod: Rod, *, rings: int = 1, element: str = DEFAULT.name) -> Body
     mesh = wire_mesh(rod.centreline, np.array(diameters), rings=rings, order=2, where=rod.name)
     fixed = _end_nodes(rod, rod.fixed, mesh.node_sets["start"], mesh.node_sets["end"])
     return Body(rod.name, mesh, fixed, rod.parameters, element=element, density=rod.density, history=rod.history)
-
-
-def _holding(plate: Plate, rods: list[Rod], bodies: dict[str, Body]) -> Plate:
-    nodes = dict(plate.nodes)
-    for rod in rods:
-        if plate.name in rod.clamped:
-            sets = bodies[rod.name].mesh.node_sets
-            nodes[rod.name] = _end_nodes(rod, rod.clamped[plate.name], sets["start"], sets["end"])
-    return replace(plate, nodes=nodes)
 
 
 def _end_nodes(rod: Rod, held: Ints, start: Ints, end: Ints) -> Ints:

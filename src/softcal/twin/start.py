@@ -47,8 +47,16 @@ class Start:
 
 
 def loaded(twin: Twin, statics: Statics, names: tuple[str, ...] = ()) -> Start:
-    """The stable equilibrium under the dead loads, applied in adaptive steps. names: of the parameters by which its
-    memory has derivatives.
+    """The stable equilibrium under the dead loads, applied in adaptive steps.
+
+    Parameters
+    ----------
+    twin
+        The twin.
+    statics
+        The system at its parameters, with the factors of its tangent.
+    names
+        Parameters (k,) by which its memory has derivatives.
 
     Raises
     ------
@@ -85,6 +93,15 @@ def pretensioned(twin: Twin, statics: Statics, slack: Collection[str]) -> Start:
     """The stable equilibrium under the dead loads with all cables that have a pretension at zero shortening, but for
     some that are slack.
 
+    Parameters
+    ----------
+    twin
+        The twin.
+    statics
+        The system at its parameters, with the factors of its tangent.
+    slack
+        Names of these.
+
     Raises
     ------
     SimulationError
@@ -102,7 +119,21 @@ def pretensioned(twin: Twin, statics: Statics, slack: Collection[str]) -> Start:
 
 
 def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float, unit: str) -> Snapshot:
-    """The shape of a state, to draw."""
+    """The shape of a state, to draw.
+
+    Parameters
+    ----------
+    twin
+        The twin.
+    state
+        The state.
+    controls
+        Cable -> its command [m; N].
+    drive
+        Place in an animation, see `Snapshot`.
+    unit
+        Unit of the drive.
+    """
     robot = twin.robot
     points = {
         name: state.x[first : first + twin.meshes[name].n_points].copy()
@@ -121,40 +152,27 @@ def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float,
         name: marker.position(state.x, plates.get(marker.marker.on, still)[1]) for name, marker in twin.markers.items()
     }
     tensions = {cable.name: float(state.effort[i]) for i, cable in enumerate(robot.cables)}
-    return Snapshot(
-        _label(drive, unit),
-        points,
-        cables,
-        plates,
-        controls,
-        tensions,
-        rods,
-        _pressures(twin, state),
-        markers,
-        drive,
-        unit,
-        _rod_strains(twin, state),
-    )
-
-
-def _label(drive: float, unit: str) -> str:
-    if not unit:
-        return f"sample {drive:.0f}" if drive else "at rest"
-    return format_quantity(drive, unit, digits=6 if unit == "s" else 4)
-
-
-def _rod_strains(twin: Twin, state: State) -> dict[str, float]:
-    strains = {term.name: term.strains(state.position, state.rotation)[:, :3] for term in twin.system.of(RodTerm)}
-    found: dict[str, float] = {}
-    for rod in twin.robot.rods:
-        whole = np.concatenate([strains[material.name] for material in rod.materials])
-        found[rod.name] = float(np.sqrt(np.mean(np.sum(whole**2, axis=1))))
-    return found
-
-
-def _pressures(twin: Twin, state: State) -> dict[str, Floats]:
-    found: dict[str, Floats] = {}
+    pressures: dict[str, Floats] = {}
     for name, (first, body, nodes) in twin.pressure_nodes.items():
-        found[name] = np.zeros(twin.meshes[body].n_points)
-        found[name][nodes] = state.pressure[first : first + len(nodes)]
-    return found
+        pressures[name] = np.zeros(twin.meshes[body].n_points)
+        pressures[name][nodes] = state.pressure[first : first + len(nodes)]
+    strains = {term.name: term.strains(state.position, state.rotation)[:, :3] for term in twin.system.of(RodTerm)}
+    rod_strains: dict[str, float] = {}
+    for rod in robot.rods:
+        whole = np.concatenate([strains[material.name] for material in rod.materials])
+        rod_strains[rod.name] = float(np.sqrt(np.mean(np.sum(whole**2, axis=1))))
+    sample = f"sample {drive:.0f}" if drive else "at rest"
+    return Snapshot(
+        label=format_quantity(drive, unit, digits=6 if unit == "s" else 4) if unit else sample,
+        points=points,
+        cables=cables,
+        plates=plates,
+        controls=controls,
+        tensions=tensions,
+        rods=rods,
+        pressures=pressures,
+        markers=markers,
+        drive=drive,
+        drive_unit=unit,
+        rod_strains=rod_strains,
+    )

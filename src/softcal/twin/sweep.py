@@ -31,20 +31,29 @@ class Sweep:
         try:
             start = along.start()
             if along.cable is None:
-                return self._at_rest(start, protocol.n_samples)
+                path, none = Path((start,), True), np.zeros(protocol.n_samples)
+                values, slopes, by_parameter = along.curve(path.nodes).at(none)
+                numbers = range(1, protocol.n_samples + 1) if self.snapshots == "samples" else (0,)
+                shapes = [snapshot(along.twin, start.state, {}, k, "") for k in numbers if self.snapshots]
+                samples = Samples(
+                    path=path,
+                    c=none,
+                    commands=none,
+                    values=values,
+                    slopes=slopes,
+                    by_parameter=by_parameter,
+                    status="Solved: no cable is driven.",
+                    succeeded=True,
+                )
+                return self._response(samples, shapes)
             command = protocol.commands[along.cable]
             read, unit = (by_shortening, "m") if command.control == "shortening" else (by_tension, "N")
             samples = read(along, start, command.values, ends_there=bool(self.snapshots))
             return self._response(samples, self._shapes(samples, unit))
         except SimulationError as error:
-            return self._failed(str(error))
-
-    def _at_rest(self, start: Node, n: int) -> Response:
-        path, none = Path((start,), True), np.zeros(n)
-        read = self.along.curve(path.nodes).at(none)
-        numbers = range(1, n + 1) if self.snapshots == "samples" else (0,)
-        shapes = [snapshot(self.along.twin, start.state, {}, k, "") for k in numbers if self.snapshots]
-        return self._response(Samples(path, none, none, *read, "Solved: no cable is driven.", True), shapes)
+            # Not even the loads, or a state on the way, could be solved.
+            channels = by_column(along.units, np.zeros((0, len(along.units))))
+            return Response(channels, along.units, str(error), False, along.statics.n_factorisations)
 
     def _shapes(self, samples: Samples, unit: str) -> list[Snapshot]:
         """The shapes to draw, of commands in this unit: at every sample, or at every node of the path."""
@@ -61,15 +70,11 @@ class Sweep:
     def _shape(self, node: Node, command: float, unit: str) -> Snapshot:
         return snapshot(self.along.twin, node.state, {self.along.cable or "": command}, command, unit)
 
-    def _snaps(self, path: Path) -> str:
-        """Sentences on snap-throughs, with a blank before each, or nothing."""
-        loads = [instability(UNDER_LOADS)] if path.nodes[0].is_snapped else []
-        at = ", ".join(f"{1e3 * node.c:.4g}" for node in path.nodes[1:] if node.is_snapped)
-        return "".join([*loads, *([instability(f"at {at} mm of shortening of {self.along.cable}")] if at else [])])
-
     def _response(self, samples: Samples, shapes: list[Snapshot]) -> Response:
         along, units, path = self.along, self.along.units, samples.path
-        snaps, crossed = self._snaps(path), ""
+        snaps, crossed = instability(UNDER_LOADS) if path.nodes[0].is_snapped else "", ""
+        if at := ", ".join(f"{1e3 * node.c:.4g}" for node in path.nodes[1:] if node.is_snapped):
+            snaps += instability(f"at {at} mm of shortening of {along.cable}")
         remarks = along.twin.system.remarks(path.nodes[-1].state, along.statics.theta)
         if self.crossings:
             crossed = crossed_on_path(
@@ -90,9 +95,3 @@ class Sweep:
             tets={name: mesh.tets for name, mesh in along.twin.meshes.items()} if shapes else {},
             stopped_by=path.stopped_by,
         )
-
-    def _failed(self, why: str) -> Response:
-        """The response where not even the loads, or a state on the way, could be solved."""
-        units = self.along.units
-        channels = by_column(units, np.zeros((0, len(units))))
-        return Response(channels, units, why, False, self.along.statics.n_factorisations)

@@ -8,8 +8,8 @@ from scripts.house import house
 LIMITS = {
     "lines": (92_500, 73_000),
     "lines of the core": (74_400, 50_000),
-    "private helpers called once": (960, 400),
-    "files below 60 lines": (146, 80),
+    "private helpers called once": (957, 400),
+    "files below 60 lines": (140, 80),
     "share of imports [%]": (8.6, 7.0),
     "public functions of 3 arguments without Parameters": (486, 0),
 }

@@ -1,9 +1,9 @@
 """A surrogate of the twin over the whole search box, from simulated points with their exact derivatives.
 
-Each kind of channel has its own polynomial (`surrogate.py`), in the coordinates of the search or in the values
-themselves, whichever predicts better: a force at a given shortening is proportional to a modulus that is searched by
-its logarithm. Every round begins with points that the surrogate has not seen, uniform in the box: what it misses there
-is its error.
+Each kind of channel has its own polynomial (`calibration/interval_studies/surrogate.py`), in the coordinates of the
+search or in the values themselves, whichever predicts better: a force at a given shortening is proportional to a
+modulus that is searched by its logarithm. Every round begins with points that the surrogate has not seen, uniform in
+the box: what it misses there is its error.
 """
 
 from __future__ import annotations

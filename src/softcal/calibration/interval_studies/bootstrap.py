@@ -2,8 +2,8 @@
 
 The weights are Dirichlet's with mean and variance one (Rubin, Annals of Statistics 9, 1981; Newton and Raftery, JRSS B
 56, 1994). No group is lost, and the variance of a mean is s^2/n without bias. The draws are minima of the loss with
-linear residuals (`reweighted.py`), which cost no simulation, widened by Student's t of the jackknife. Those at the ends
-of the intervals are then fitted by simulations, and the ends move by what is between.
+linear residuals (`statistics/reweighted.py`), which cost no simulation, widened by Student's t of the jackknife. Those
+at the ends of the intervals are then fitted by simulations, and the ends move by what is between.
 """
 
 from __future__ import annotations

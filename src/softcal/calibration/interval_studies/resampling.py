@@ -1,8 +1,8 @@
 """Intervals by what groups of measurements show, beside the quick ones.
 
-The quick intervals follow a model of the noise. These follow how much the estimates scatter when a group (`groups.py`)
-is left out at a time: the jackknife; a bootstrap is in `bootstrap.py`. Errors that no group shows, of priors and of
-uncertain parameters, are those of the quick intervals.
+The quick intervals follow a model of the noise. These follow how much the estimates scatter when a group
+(`statistics/groups.py`) is left out at a time: the jackknife; a bootstrap is in `bootstrap.py`. Errors that no group
+shows, of priors and of uncertain parameters, are those of the quick intervals.
 """
 
 from __future__ import annotations

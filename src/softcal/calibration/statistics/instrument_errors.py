@@ -2,7 +2,7 @@
 
 An error of a load cell or an IMU of one sign in all samples, an offset, a gain or a drift in proportion to time, is in
 no residual. By how much it would move the minimum is known from the derivatives: -A^-1 J^T W c for the change c of the
-residuals, as of an uncertain parameter (`uncertain.py`). A parameter at a bound stays there.
+residuals, as of an uncertain parameter (`problem/uncertain.py`). A parameter at a bound stays there.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ sys.path[:0] = {path!r}
 from pathlib import Path
 from fake_twin import soft_necks_fail
 from test_calibration_run import problem_of
-from softcal.calibration import shared_study
+from softcal.calibration.search import shared_study
 from softcal.calibration.run import calibrate
 from softcal.calibration.search.shared_search import Sharing
 

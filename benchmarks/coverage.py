@@ -25,20 +25,20 @@ from benchmarks.neck_case import pull
 from benchmarks.section import table
 from benchmarks.table_twins import NU, ComplianceTable, E, NeckTable, compliance_table, neck_table
 from benchmarks.written_page import written_page
-from softcal.calibration.experiment import PULLEY_FRICTION, Experiment
-from softcal.calibration.frame import FRAME
-from softcal.calibration.loss import Loss
-from softcal.calibration.losses.distance import DistanceLoss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.misfit import CONTACT, DRIFT, FRICTION, LAW, OFFSET
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.residuals import ResidualRecord
-from softcal.calibration.result import CalibrationResult
-from softcal.calibration.rig import Pulleys, Rig
+from softcal.calibration.problem.experiment import PULLEY_FRICTION, Experiment
+from softcal.calibration.problem.frame import FRAME
+from softcal.calibration.problem.loss import Loss
+from softcal.calibration.problem.losses.distance import DistanceLoss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.problem.rig import Pulleys, Rig
+from softcal.calibration.problem.uncertain import UncertainParameter
+from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.run import calibrate
-from softcal.calibration.uncertain import UncertainParameter
+from softcal.calibration.statistics.misfit import CONTACT, DRIFT, FRICTION, LAW, OFFSET
+from softcal.calibration.statistics.residuals import ResidualRecord
 from softcal.executors.chosen import executor_of, executor_on
 from softcal.executors.each import results
 from softcal.executors.executor import Executor
@@ -392,7 +392,7 @@ def _smooth(n: int, chance: np.random.Generator) -> np.ndarray:
 
 
 def _manipulator_study(case: Case, chance: np.random.Generator) -> Problem:
-    from softcal.calibration.frame import rotation
+    from softcal.calibration.problem.frame import rotation
 
     robot, twin = manipulator(case.six)
     noise = (2e-4 if case.six else 5e-4) * np.array([1.0, 1.0, case.depth])

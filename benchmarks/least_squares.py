@@ -9,10 +9,10 @@ from pathlib import Path
 from benchmarks.neck_case import POISSONS_RATIO, YOUNGS_MODULUS, standard_robot
 from benchmarks.problems import BOUNDS, N_SAMPLES, NU, SIGMA_PITCH, SIGMA_TENSION, E, known_problem
 from benchmarks.section import Goal, Section, run_alone
-from softcal.calibration.option import options_of
-from softcal.calibration.problem import Problem
+from softcal.calibration.problem.option import options_of
+from softcal.calibration.problem.problem import Problem
 from softcal.calibration.run import calibrate
-from softcal.calibration.sensitivity import local_statistics
+from softcal.calibration.statistics.sensitivity import local_statistics
 from softcal.project.project import load
 from softcal.workflows.calibration import make_problem
 

@@ -11,11 +11,11 @@ import numpy as np
 
 import softcal
 from benchmarks.section import Goal, Section, run_alone
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.losses.distance import DistanceLoss
-from softcal.calibration.parameters import FreeParameter, split
-from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.rig import Rig
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.losses.distance import DistanceLoss
+from softcal.calibration.problem.parameters import FreeParameter, split
+from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.problem.rig import Rig
 from softcal.calibration.run import calibrate
 from softcal.calibration.sweep import sweep
 from softcal.experiments.dataset import Channel, Dataset

@@ -25,10 +25,10 @@ from benchmarks.table_twins import NU, E
 from benchmarks.written_page import written_page
 from softcal.analysis.candidate import Candidate
 from softcal.analysis.next_test import next_tests
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.loss import Loss
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.loss import Loss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
 from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.project.project import load

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.neck_case import PITCH, PULL, TENSION, pull
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate

@@ -13,8 +13,8 @@ import numpy as np
 
 from benchmarks.coverage import CASES, SPRINGS, study
 from benchmarks.section import table
-from softcal.calibration.bootstrap import bootstrap
-from softcal.calibration.resampling import jackknife
+from softcal.calibration.interval_studies.bootstrap import bootstrap
+from softcal.calibration.interval_studies.resampling import jackknife
 from softcal.calibration.run import calibrate
 
 STUDIES = 60

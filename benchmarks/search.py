@@ -19,18 +19,18 @@ import numpy as np
 from benchmarks.coverage import CABLES, CAMERA, FORCES, LENGTH, MARKERS, NECK, REACH, SPRINGS, manipulator, neck
 from benchmarks.section import table
 from benchmarks.table_twins import NU, SOLVED, E
-from softcal.calibration.convergence import in_standard_errors
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.frame import FRAME
-from softcal.calibration.local_model import Point
-from softcal.calibration.loss import Loss
-from softcal.calibration.losses.distance import DistanceLoss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.parameters import FreeParameter, SearchSpace
-from softcal.calibration.problem import Evaluation, Problem, make_problem
-from softcal.calibration.rig import Rig
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.frame import FRAME
+from softcal.calibration.problem.loss import Loss
+from softcal.calibration.problem.losses.distance import DistanceLoss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem.problem import Evaluation, Problem, make_problem
+from softcal.calibration.problem.rig import Rig
 from softcal.calibration.run import calibrate
+from softcal.calibration.statistics.convergence import in_standard_errors
+from softcal.calibration.statistics.local_model import Point
 from softcal.checks import Floats
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.project.project import load
@@ -175,7 +175,7 @@ def _neck(kind: Kind, chance: np.random.Generator) -> Problem:
 
 
 def _manipulator(kind: Kind, chance: np.random.Generator) -> Problem:
-    from softcal.calibration.frame import rotation
+    from softcal.calibration.problem.frame import rotation
 
     robot, twin = manipulator()
     experiments: list[Experiment] = []

@@ -20,7 +20,7 @@ from benchmarks.neck_case import PITCH, PULL, TENSION, pull, standard_robot
 from benchmarks.problems import known_problem
 from benchmarks.section import Section, run_alone
 from benchmarks.timing import interleaved
-from softcal.calibration.problem import Problem
+from softcal.calibration.problem.problem import Problem
 from softcal.calibration.run import calibrate
 from softcal.errors import InputError
 from softcal.plugins.sofa.simulator import SofaEngine, sofa_engine

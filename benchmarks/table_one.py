@@ -32,8 +32,9 @@ from benchmarks.table_one_fits import (
 )
 from benchmarks.table_twins import NU, E
 from benchmarks.written_page import written_page
-from softcal.calibration.digits import interval_text
-from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.calibration.results.digits import interval_text
+from softcal.calibration.results.result import CalibrationResult
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.cli.calibration_table import value_text
 from softcal.report.agreement import spread_sentences
 from softcal.units import format_quantity

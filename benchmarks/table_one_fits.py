@@ -12,10 +12,10 @@ from scipy.interpolate import CubicSpline
 
 from benchmarks.neck_case import PITCH, TENSION, neck_robot, pull
 from benchmarks.table_twins import NU, E, NeckTable, neck_table
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.run import calibrate
 from softcal.checks import Floats
 from softcal.experiments.dataset import Channel, Dataset

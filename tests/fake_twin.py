@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.rig import Rig
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.rig import Rig
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.mesh import TetMesh
 from softcal.twin.parameters import parameter_values, with_parameters

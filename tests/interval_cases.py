@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from fake_twin import NU, STEADY, E, fake_experiment, fake_robot, fake_simulate
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.loss import Loss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.loss import Loss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
 from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.parameters import parameter_values

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.testing import assert_allclose
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.loss import Block, Loss, by_experiment, gradient, total
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.loss import Block, Loss, by_experiment, gradient, total
 from softcal.experiments.dataset import Channel, Dataset
 
 LENGTH = 0.4  # [m]

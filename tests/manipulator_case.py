@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.frame import Frame, rotation
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.rig import Rig
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.frame import Frame, rotation
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.rig import Rig
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.centreline import helix
 from softcal.geometry.section import RoundBar

@@ -14,14 +14,14 @@ from typing import Any
 from fake_twin import NU, E, soft_necks_fail
 from test_calibration_run import problem_of
 
-from softcal.calibration import storage_url
-from softcal.calibration.optimisers.tpe import tpe_sampler
-from softcal.calibration.result_reading import load_result
+from softcal.calibration.results.result_reading import load_result
+from softcal.calibration.results.trial_journal import StoredTrial, stored_trials
 from softcal.calibration.run import calibrate
-from softcal.calibration.shared_search import Sharing
-from softcal.calibration.shared_study import SharedStudy, StudyIdentity
-from softcal.calibration.storage_url import StorageUrl
-from softcal.calibration.trial_journal import StoredTrial, stored_trials
+from softcal.calibration.search import storage_url
+from softcal.calibration.search.optimisers.tpe import tpe_sampler
+from softcal.calibration.search.shared_search import Sharing
+from softcal.calibration.search.shared_study import SharedStudy, StudyIdentity
+from softcal.calibration.search.storage_url import StorageUrl
 
 _PROCESS = """
 import sys, time
@@ -29,9 +29,9 @@ sys.path[:0] = {path!r}
 from pathlib import Path
 from fake_twin import soft_necks_fail
 from test_calibration_run import problem_of
-from softcal.calibration import shared_study
+from softcal.calibration.search import shared_study
 from softcal.calibration.run import calibrate
-from softcal.calibration.shared_search import Sharing
+from softcal.calibration.search.shared_search import Sharing
 
 shared_study.BEAT, shared_study.GRACE = 0.2, 2.0
 
@@ -129,7 +129,7 @@ def joined(place: str | StorageUrl) -> SharedStudy:
 
 
 def outcome(number: int, theta: Any, loss: float | None = 1.0) -> StoredTrial:
-    from softcal.calibration.result import Trial
+    from softcal.calibration.results.result import Trial
 
     state = "FAILED" if loss is None else "COMPLETE"
     return StoredTrial(Trial(number, theta, state, loss, "" if loss else "No."), 1, 1.0, None)

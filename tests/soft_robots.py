@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.frame import rotation
-from softcal.calibration.loss import Loss
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.rig import Rig
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.frame import rotation
+from softcal.calibration.problem.loss import Loss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.problem.rig import Rig
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
@@ -187,7 +187,7 @@ def begun_at(problem: Problem, z: Sequence[float] | Mapping[str, float]) -> Prob
     """The problem with the search beginning at a point of the unit box."""
     from dataclasses import replace
 
-    from softcal.calibration.parameters import SearchSpace
+    from softcal.calibration.problem.parameters import SearchSpace
 
     theta = z if isinstance(z, Mapping) else problem.space.to_model(z)
     free = tuple(replace(p, start=theta[p.label]) for p in problem.space.parameters)

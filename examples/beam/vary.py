@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from softcal.calibration.parameters import SearchSpace
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.problem.parameters import SearchSpace
+from softcal.calibration.results.result import CalibrationResult
 from softcal.geometry.primitives import box_mesh
 from softcal.project.project import Project, load
 from softcal.twin.robot import Marker, PointLoad, Robot

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from ruamel.yaml import YAML
 
-from softcal.calibration.pulley_gain import reversals
+from softcal.calibration.problem.pulley_gain import reversals
 from softcal.checks import Floats
 from softcal.project.project import Project, load
 from softcal.twin.parameters import robot_parameters

@@ -20,19 +20,19 @@ if TYPE_CHECKING:
     __version__: str
     from softcal.analysis.candidate import Candidate as Candidate
     from softcal.analysis.record import RecordFit as RecordFit
-    from softcal.calibration.experiment import Experiment as Experiment
-    from softcal.calibration.loss import Loss as Loss
-    from softcal.calibration.loss import register_loss as register_loss
-    from softcal.calibration.optimiser import Optimiser as Optimiser
-    from softcal.calibration.optimiser import Proposal as Proposal
-    from softcal.calibration.optimiser import register_optimiser as register_optimiser
-    from softcal.calibration.option import Option as Option
-    from softcal.calibration.parameters import FreeParameter as FreeParameter
-    from softcal.calibration.problem import make_problem as make_problem
-    from softcal.calibration.result import CalibrationResult as CalibrationResult
-    from softcal.calibration.result import SweepResult as SweepResult
-    from softcal.calibration.settings import SearchSettings as SearchSettings
-    from softcal.calibration.uncertain import UncertainParameter as UncertainParameter
+    from softcal.calibration.problem.experiment import Experiment as Experiment
+    from softcal.calibration.problem.loss import Loss as Loss
+    from softcal.calibration.problem.loss import register_loss as register_loss
+    from softcal.calibration.problem.option import Option as Option
+    from softcal.calibration.problem.parameters import FreeParameter as FreeParameter
+    from softcal.calibration.problem.problem import make_problem as make_problem
+    from softcal.calibration.problem.uncertain import UncertainParameter as UncertainParameter
+    from softcal.calibration.results.result import CalibrationResult as CalibrationResult
+    from softcal.calibration.results.result import SweepResult as SweepResult
+    from softcal.calibration.search.optimiser import Optimiser as Optimiser
+    from softcal.calibration.search.optimiser import Proposal as Proposal
+    from softcal.calibration.search.optimiser import register_optimiser as register_optimiser
+    from softcal.calibration.search.settings import SearchSettings as SearchSettings
     from softcal.cli.command import register_command as register_command
     from softcal.errors import CalibrationError as CalibrationError
     from softcal.errors import DatasetError as DatasetError
@@ -141,7 +141,7 @@ _HOMES = {
     "Cable": "softcal.twin.robot",
     "CableLine": "softcal.twin.cables",
     "CalibrationError": "softcal.errors",
-    "CalibrationResult": "softcal.calibration.result",
+    "CalibrationResult": "softcal.calibration.results.result",
     "Calibrations": "softcal.workflows.calibration",
     "Candidate": "softcal.analysis.candidate",
     "Channel": "softcal.experiments.dataset",
@@ -156,11 +156,11 @@ _HOMES = {
     "DrawnShape": "softcal.geometry.shape",
     "Engine": "softcal.export.engine",
     "Executor": "softcal.executors.executor",
-    "Experiment": "softcal.calibration.experiment",
+    "Experiment": "softcal.calibration.problem.experiment",
     "ExportOption": "softcal.workflows.export",
     "ExportRequest": "softcal.workflows.export",
     "Fault": "softcal.errors",
-    "FreeParameter": "softcal.calibration.parameters",
+    "FreeParameter": "softcal.calibration.problem.parameters",
     "GivenSection": "softcal.geometry.section",
     "InputError": "softcal.errors",
     "Jacobian": "softcal.twin.live",
@@ -168,15 +168,15 @@ _HOMES = {
     "Limit": "softcal.limits",
     "LiveState": "softcal.twin.live",
     "LiveTwin": "softcal.twin.live",
-    "Loss": "softcal.calibration.loss",
+    "Loss": "softcal.calibration.problem.loss",
     "Manipulator": "softcal.twin.manipulator",
     "Marker": "softcal.twin.robot",
     "Material": "softcal.twin.material",
     "MeshError": "softcal.errors",
     "Moment": "softcal.twin.robot",
     "NamedSensor": "softcal.sensing.sensor",
-    "Optimiser": "softcal.calibration.optimiser",
-    "Option": "softcal.calibration.option",
+    "Optimiser": "softcal.calibration.search.optimiser",
+    "Option": "softcal.calibration.problem.option",
     "Parameter": "softcal.materials.parameter",
     "ParameterError": "softcal.errors",
     "PathLimits": "softcal.mechanics.path_limits",
@@ -185,7 +185,7 @@ _HOMES = {
     "PrimitiveShape": "softcal.geometry.shape",
     "Project": "softcal.project.project",
     "ProjectFileError": "softcal.errors",
-    "Proposal": "softcal.calibration.optimiser",
+    "Proposal": "softcal.calibration.search.optimiser",
     "Protocol": "softcal.twin.protocol",
     "Quantity": "softcal.quantities",
     "RecordFit": "softcal.analysis.record",
@@ -197,7 +197,7 @@ _HOMES = {
     "RoundBar": "softcal.geometry.section",
     "RoutingAxis": "softcal.twin.cables",
     "Schedule": "softcal.twin.schedule",
-    "SearchSettings": "softcal.calibration.settings",
+    "SearchSettings": "softcal.calibration.search.settings",
     "Sensor": "softcal.sensing.sensor",
     "Setting": "softcal.experiments.step",
     "Settling": "softcal.twin.time_settings",
@@ -206,12 +206,12 @@ _HOMES = {
     "Springs": "softcal.twin.manipulator",
     "StorageError": "softcal.errors",
     "SurfaceLoad": "softcal.twin.robot",
-    "SweepResult": "softcal.calibration.result",
+    "SweepResult": "softcal.calibration.results.result",
     "Swept": "softcal.workflows.sweep",
     "TetMesh": "softcal.geometry.mesh",
     "Tie": "softcal.twin.robot",
     "TimeSettings": "softcal.twin.time_settings",
-    "UncertainParameter": "softcal.calibration.uncertain",
+    "UncertainParameter": "softcal.calibration.problem.uncertain",
     "UnitError": "softcal.errors",
     "VariedSection": "softcal.geometry.varied_section",
     "ViaPoint": "softcal.twin.robot",
@@ -226,7 +226,7 @@ _HOMES = {
     "intervals": "softcal.workflows.intervals",
     "load": "softcal.project.project",
     "load_run": "softcal.workflows.run_folder",
-    "make_problem": "softcal.calibration.problem",
+    "make_problem": "softcal.calibration.problem.problem",
     "manipulator": "softcal.twin.manipulator",
     "mesh_study": "softcal.workflows.mesh_study",
     "next_test": "softcal.workflows.next_test",
@@ -240,8 +240,8 @@ _HOMES = {
     "register_export": "softcal.workflows.export",
     "register_figure": "softcal.report.figure",
     "register_law": "softcal.materials.catalogue",
-    "register_loss": "softcal.calibration.loss",
-    "register_optimiser": "softcal.calibration.optimiser",
+    "register_loss": "softcal.calibration.problem.loss",
+    "register_optimiser": "softcal.calibration.search.optimiser",
     "register_sensor": "softcal.sensing.sensor",
     "register_step": "softcal.experiments.step",
     "robot_parameters": "softcal.twin.parameters",

@@ -14,8 +14,8 @@ import pytest
 from pydantic_core import PydanticUndefined
 from ruamel.yaml import YAML
 
-from softcal.calibration.frame import Frame
-from softcal.calibration.rig import CommonRig, Pulleys, Rig
+from softcal.calibration.problem.frame import Frame
+from softcal.calibration.problem.rig import CommonRig, Pulleys, Rig
 from softcal.declare import Declared
 from softcal.errors import InputError, ProjectFileError
 from softcal.experiments.synchronise import CommonMotion

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import pytest
 from loss_checks import CHECKS, loss_of
 
-from softcal.calibration.loss import LOSSES, Loss
-from softcal.calibration.relative_squares import RelativeSquares
+from softcal.calibration.problem.loss import LOSSES, Loss
+from softcal.calibration.problem.losses.papers import RelativeSquares
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)

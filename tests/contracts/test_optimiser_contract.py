@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 import pytest
 from fake_twin import NU, E, all_necks_fail, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
 
-from softcal.calibration.optimiser import OPTIMISERS, Optimiser, Proposal
-from softcal.calibration.optimisers.grid import GridOptimiser
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Evaluation, Problem, Simulate, make_problem
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Evaluation, Problem, Simulate, make_problem
 from softcal.calibration.run import calibrate
-from softcal.calibration.settings import SearchSettings
+from softcal.calibration.search.optimiser import OPTIMISERS, Optimiser, Proposal
+from softcal.calibration.search.optimisers.grid import GridOptimiser
+from softcal.calibration.search.settings import SearchSettings
 from softcal.report.format import method_label
 
 Make = Callable[[Problem], Optimiser]

@@ -14,8 +14,8 @@ from own_module import imported
 from project_case import MODULUS, SLACK, write_project
 
 from softcal import CalibrationError, Loss, calibrate, load, quantity, register_loss, sweep
-from softcal.calibration.loss import LOSSES
-from softcal.calibration.option import Option
+from softcal.calibration.problem.loss import LOSSES
+from softcal.calibration.problem.option import Option
 from softcal.errors import InputError, ParameterError, ProjectFileError
 from softcal.workflows.run_folder import load_run
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import softcal
 from softcal import Option, calibrate, load, quantity, register_optimiser
-from softcal.calibration.optimiser import OPTIMISERS, Optimiser
+from softcal.calibration.search.optimiser import OPTIMISERS, Optimiser
 from softcal.cli import app
 from softcal.errors import InputError, ParameterError, ProjectFileError
 from softcal.report.format import method_label

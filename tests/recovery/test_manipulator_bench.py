@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.results.result import CalibrationResult
 from softcal.errors import ParameterError
 from softcal.plugins.markers.workflow import measure_markers
 from softcal.project.project import Project

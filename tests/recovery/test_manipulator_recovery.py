@@ -9,16 +9,16 @@ import pytest
 from manipulator_case import CABLES, FREE, LENGTH, MODULI, TIED, experiment, manipulator
 
 from softcal.analysis.validation import Validation, folds_of, leave_out, with_split
-from softcal.calibration.frame import FRAME
-from softcal.calibration.loss import Loss
-from softcal.calibration.losses.distance import DistanceLoss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.result import CalibrationResult
-from softcal.calibration.result_reading import load_result
+from softcal.calibration.problem.frame import FRAME
+from softcal.calibration.problem.loss import Loss
+from softcal.calibration.problem.losses.distance import DistanceLoss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.results.result import CalibrationResult
+from softcal.calibration.results.result_reading import load_result
 from softcal.calibration.run import calibrate
-from softcal.calibration.settings import SearchSettings
+from softcal.calibration.search.settings import SearchSettings
 from softcal.errors import ParameterError
 
 CAMERA = (0.01, -0.02, 0.03, 0.05, -0.1, 0.2)

@@ -9,13 +9,13 @@ import pytest
 
 from softcal.analysis.mesh_study import MeshStudy, mesh_study
 from softcal.analysis.mesh_verdict import mesh_verdicts
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.loss import Loss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.loss import Loss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.neck import Neck

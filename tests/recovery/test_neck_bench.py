@@ -19,13 +19,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.parameters import SearchSpace
-from softcal.calibration.problem import Problem
-from softcal.calibration.pulley_gain import reversals
-from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.parameters import SearchSpace
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.problem.pulley_gain import reversals
+from softcal.calibration.results.result import CalibrationResult, ExperimentFit
 from softcal.calibration.run import calibrate
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.experiments.dataset import Dataset
 from softcal.project.project import Project, load
 from softcal.twin.parameters import with_parameters

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from example_script import example_script
 
-from softcal.calibration.parameters import SearchSpace
-from softcal.calibration.problem import Problem
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.problem.parameters import SearchSpace
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.run import calibrate
 from softcal.experiments.steps.cycles import find_cycles
 from softcal.project.project import Project, load

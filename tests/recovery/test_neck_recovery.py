@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.parameters import FreeParameter, SearchSpace
-from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem.problem import Problem, make_problem
 from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.mesh import TetMesh

@@ -16,11 +16,11 @@ from soft_robots import (
     tentacle_problem,
 )
 
-from softcal.calibration.loss import Loss
-from softcal.calibration.losses.distance import DistanceLoss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.problem import Problem
+from softcal.calibration.problem.loss import Loss
+from softcal.calibration.problem.losses.distance import DistanceLoss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.problem import Problem
 from softcal.calibration.run import calibrate
 
 LIMIT = 12  # trajectories, of all loads together

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from project_case import bench_values, write_project
 
-from softcal.calibration.parameters import Scale
-from softcal.calibration.result import Estimate
+from softcal.calibration.problem.parameters import Scale
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.plugins.fleet.specimen import Factor, Specimen
 
 E, SLACK = "bar.youngs_modulus", "front.slack[pull]"

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import Delaunay
 
-from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Trial
+from softcal.calibration.results.result import CalibrationResult, ExperimentFit, Trial
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.geometry.mesh import TetMesh
 from softcal.materials.infill import PrintInfill

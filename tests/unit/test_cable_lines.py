@@ -10,10 +10,10 @@ import pytest
 from project_case import bar_robot, write_project
 from test_friction_branches import NOISE, loop_csv, prepared
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.rig import Rig
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.problem.rig import Rig
 from softcal.errors import InputError, ParameterError, ProjectFileError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.export.reduced import Reach, reduced

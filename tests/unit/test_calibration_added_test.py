@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softcal.calibration.added_test import AddedChannel, AddedTest, ExpectedEstimates, with_added_test
-from softcal.calibration.estimator import Estimator, estimator
-from softcal.calibration.loss import Block, Loss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
+from softcal.calibration.problem.loss import Block, Loss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.statistics.added_test import AddedChannel, AddedTest, ExpectedEstimates, with_added_test
+from softcal.calibration.statistics.estimator import Estimator, estimator
 
 N = 50
 PLACES = np.linspace(0.02, 1.0, N)

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from softcal.calibration.search import Progress
+from softcal.calibration.search.search import Progress
 from softcal.cli.calibration_bars import CalibrationBars, calibration_progress
 from softcal.cli.calibration_lines import CalibrationLines
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softcal.calibration.estimator import Estimator, estimator
-from softcal.calibration.loss import Block
-from softcal.calibration.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.loss import Block
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.statistics.estimator import Estimator, estimator
 
 N, K = 40, 4
 PLACES = np.linspace(0.1, 1.0, N)

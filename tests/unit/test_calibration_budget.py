@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softcal.calibration.budget import Budget
-from softcal.calibration.correlation import ErrorRecord
-from softcal.calibration.noise import Source
+from softcal.calibration.statistics.budget import Budget
+from softcal.calibration.statistics.correlation import ErrorRecord
+from softcal.calibration.statistics.noise import Source
 
 
 def source(kind: str, size: float, dof: float = np.inf) -> Source:

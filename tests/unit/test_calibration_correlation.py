@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softcal.calibration.correlation import BINS, ErrorRecord, process, record
+from softcal.calibration.statistics.correlation import BINS, ErrorRecord, process, record
 
 N = 60
 LINE = np.column_stack([np.ones(N), np.linspace(-1, 1, N)])

@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from interval_cases import TRUE, linear_problem
 
-from softcal.calibration.estimator import Estimator, estimator
-from softcal.calibration.loss import Loss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.problem.loss import Loss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.problem.uncertain import UncertainParameter
 from softcal.calibration.run import calibrate
-from softcal.calibration.uncertain import UncertainParameter
+from softcal.calibration.statistics.estimator import Estimator, estimator
 
 LOSSES = {"likelihood": LikelihoodLoss(), "papers": PapersLoss()}
 TENSION, PITCH = STEADY

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from softcal.calibration.estimator import estimator
-from softcal.calibration.loss import Block, Loss, gradient
-from softcal.calibration.losses.distance import DistanceLoss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
+from softcal.calibration.problem.loss import Block, Loss, gradient
+from softcal.calibration.problem.losses.distance import DistanceLoss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.statistics.estimator import estimator
 
 DRAWS = 2000
 # The sampling error of a standard deviation from that many draws is 1.6 %; three of these, and the sandwich's own.

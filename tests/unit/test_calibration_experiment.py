@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate
 
-from softcal.calibration.experiment import Experiment, rig_parameters
-from softcal.calibration.observation import Observation, commands, observe
-from softcal.calibration.rig import Pulleys, Rig
+from softcal.calibration.problem.experiment import Experiment, rig_parameters
+from softcal.calibration.problem.observation import Observation, commands, observe
+from softcal.calibration.problem.rig import Pulleys, Rig
 from softcal.errors import DatasetError, InputError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.parameters import with_parameters

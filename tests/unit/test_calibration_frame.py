@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from softcal.calibration.frame import Frame, rotation, rotation_rates
+from softcal.calibration.problem.frame import Frame, rotation, rotation_rates
 from softcal.errors import InputError
 
 VECTORS = st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3).map(np.array)

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.loss import Loss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import make_problem
-from softcal.calibration.result import CalibrationResult
-from softcal.calibration.result_reading import load_result
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.loss import Loss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import make_problem
+from softcal.calibration.problem.uncertain import UncertainParameter
+from softcal.calibration.results.result import CalibrationResult
+from softcal.calibration.results.result_reading import load_result
 from softcal.calibration.run import calibrate
-from softcal.calibration.uncertain import UncertainParameter
 from softcal.report.first_screen import FirstScreen, three_sentences
 
 FREE = (

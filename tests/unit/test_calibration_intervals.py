@@ -13,14 +13,14 @@ from fake_twin import NU, STEADY, E, fake_experiment, fake_robot, fake_simulate
 from hypothesis import given
 from hypothesis import strategies as st
 
-from softcal.calibration.intervals import beyond_bounds, box_intervals
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.outcome import bound_note
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import make_problem
-from softcal.calibration.result_reading import load_result
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import make_problem
+from softcal.calibration.results.result_reading import load_result
 from softcal.calibration.run import calibrate
-from softcal.calibration.sensitivity import local_statistics
+from softcal.calibration.search.outcome import bound_note
+from softcal.calibration.statistics.intervals import beyond_bounds, box_intervals
+from softcal.calibration.statistics.sensitivity import local_statistics
 from softcal.cli.calibration_table import print_results
 from softcal.experiments.dataset import Step
 from softcal.report.figures.parameter import draw_forest

@@ -12,20 +12,19 @@ import pytest
 from fake_twin import NU, STEADY, TRUE, E, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
 from scipy.optimize import minimize
 
-from softcal.calibration.convergence import in_standard_errors
-from softcal.calibration.descent import Descent
-from softcal.calibration.experiment import PULLEY_FRICTION, Rig
-from softcal.calibration.local_model import LocalModel, Point
-from softcal.calibration.loss import Block, Loss, total
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.optimisers import least_squares
-from softcal.calibration.optimisers.least_squares import LeastSquaresOptimiser
-from softcal.calibration.parameters import FreeParameter, SearchSpace
-from softcal.calibration.problem import Evaluation, Problem, make_problem
-from softcal.calibration.rig import Pulleys
-from softcal.calibration.sensitivity import local_statistics
-from softcal.calibration.trusted_model import trusted_model
+from softcal.calibration.problem.experiment import PULLEY_FRICTION, Rig
+from softcal.calibration.problem.loss import Block, Loss, total
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem.problem import Evaluation, Problem, make_problem
+from softcal.calibration.problem.rig import Pulleys
+from softcal.calibration.search.descent import Descent, trusted_model
+from softcal.calibration.search.optimisers import least_squares
+from softcal.calibration.search.optimisers.least_squares import LeastSquaresOptimiser
+from softcal.calibration.statistics.convergence import in_standard_errors
+from softcal.calibration.statistics.local_model import LocalModel, Point
+from softcal.calibration.statistics.sensitivity import local_statistics
 from softcal.experiments.dataset import Channel
 
 BOUNDS = {E: (0.1e6, 40e6), NU: (0.4, 0.4999)}
@@ -457,7 +456,7 @@ def test_standard_errors_are_those_of_repeated_noise() -> None:
 
 
 def test_what_the_data_cannot_tell_apart_is_named() -> None:
-    from softcal.calibration.rig import Pulleys, Rig
+    from softcal.calibration.problem.rig import Pulleys, Rig
 
     experiment = fake_experiment(rig=Rig(pulleys=Pulleys(wrap=np.pi, friction_coefficient=0.1)))
     parameters = [

@@ -12,17 +12,17 @@ from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate
 from interval_cases import SIGMA as SIGMA_OF
 from interval_cases import linear_problem
 
-from softcal.calibration import between_experiments, correlation
-from softcal.calibration.estimator import estimator
-from softcal.calibration.left_out import LeftOut, left_out
-from softcal.calibration.loss import Block, Loss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.result import CalibrationResult
-from softcal.calibration.result_reading import load_result
+from softcal.calibration.problem.loss import Block, Loss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.results.result import CalibrationResult
+from softcal.calibration.results.result_reading import load_result
 from softcal.calibration.run import calibrate
+from softcal.calibration.statistics import between_experiments, correlation
+from softcal.calibration.statistics.estimator import estimator
+from softcal.calibration.statistics.left_out import LeftOut, left_out
 
 N, K, SIGMA = 40, 4, 0.01
 PLACES = np.linspace(0.1, 1.0, N)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate
 
-from softcal.calibration.loss import Loss, rms, rms_detrended
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.problem.loss import Loss, rms, rms_detrended
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
 from softcal.errors import DatasetError, InputError
 
 MODULUS = FreeParameter(E, "Pa", 0.1e6, 40e6, "log")

@@ -11,12 +11,12 @@ from fake_twin import fake_experiment, fake_robot, fake_simulate
 from project_case import bar_mesh, bar_robot
 
 from softcal.analysis.mesh_study import mesh_study
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.mesh_error import with_mesh_error
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
 from softcal.calibration.run import calibrate
+from softcal.calibration.statistics.mesh_error import with_mesh_error
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.finer import halved
 from softcal.twin.protocol import Command, Protocol
@@ -94,7 +94,7 @@ def test_a_stop_ends_it_alone(monkeypatch: pytest.MonkeyPatch) -> None:
         raise KeyboardInterrupt
 
     problem = problem_of(robot("P2P1"), robot("P2P1"))
-    monkeypatch.setattr("softcal.calibration.mesh_error.halved", stopped)
+    monkeypatch.setattr("softcal.calibration.statistics.mesh_error.halved", stopped)
     result = calibrate(problem, mesh_error=True)
     assert result.parameters[E].interval is not None
     assert any("stopped by the user" in str(note) for note in result.notes)

@@ -10,14 +10,14 @@ from fake_twin import NU, E
 from interval_cases import TRUE, linear_problem
 from scipy.signal import lfilter
 
-from softcal.calibration import estimator as estimator_module
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.loss import Block, Loss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.misfit import CONTACT, DRIFT, FRICTION, GAIN, LAW, OFFSET, misfits
-from softcal.calibration.residuals import SHOWN, outliers, residual_record, step_of_readings
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.loss import Block, Loss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
 from softcal.calibration.run import calibrate
+from softcal.calibration.statistics import estimator as estimator_module
+from softcal.calibration.statistics.misfit import CONTACT, DRIFT, FRICTION, GAIN, LAW, OFFSET, misfits
+from softcal.calibration.statistics.residuals import SHOWN, outliers, residual_record, step_of_readings
 
 N = 120
 D = np.linspace(0.0, 1.0, N)

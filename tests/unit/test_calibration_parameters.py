@@ -8,8 +8,8 @@ from fake_twin import NU, E, fake_experiment, fake_robot
 from hypothesis import given
 from hypothesis import strategies as st
 
-from softcal.calibration.experiment import rig_parameters
-from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
+from softcal.calibration.problem.experiment import rig_parameters
+from softcal.calibration.problem.parameters import FreeParameter, SearchSpace, search_space
 from softcal.errors import InputError, ParameterError
 from softcal.twin.parameters import robot_parameters
 

@@ -19,16 +19,16 @@ from manipulator_case import (
     true_places,
 )
 
-from softcal.calibration.experiment import Experiment, rig_parameters
-from softcal.calibration.fit import experiment_fit, missing_rows
-from softcal.calibration.frame import FRAME
-from softcal.calibration.loss import Block, gradient, total
-from softcal.calibration.losses.distance import DistanceLoss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.parameters import FreeParameter, search_space, split
-from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.rig import Rig
+from softcal.calibration.problem.experiment import Experiment, rig_parameters
+from softcal.calibration.problem.frame import FRAME
+from softcal.calibration.problem.loss import Block, gradient, total
+from softcal.calibration.problem.losses.distance import DistanceLoss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.parameters import FreeParameter, search_space, split
+from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.problem.rig import Rig
+from softcal.calibration.results.fit import experiment_fit, missing_rows
 from softcal.errors import DatasetError, InputError, ParameterError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.parameters import robot_parameters

@@ -9,12 +9,12 @@ import pytest
 from fake_twin import NU, E
 from interval_cases import curved, linear_problem, values
 
-from softcal.calibration.checked_interval import IntervalStudy
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.parameters import SearchSpace
-from softcal.calibration.posterior import ERROR, posterior
-from softcal.calibration.problem import Problem
-from softcal.calibration.sensitivity import local_estimator
+from softcal.calibration.interval_studies.checked_interval import IntervalStudy
+from softcal.calibration.interval_studies.posterior import ERROR, posterior
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.parameters import SearchSpace
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.statistics.sensitivity import local_estimator
 from softcal.errors import CalibrationError, ParameterError
 
 # Percentiles of some 4000 effective draws scatter by 0.04 standard deviations; three of these.

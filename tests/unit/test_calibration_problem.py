@@ -11,15 +11,15 @@ import pytest
 from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
 from project_case import bar_robot, bench_values
 
-from softcal.calibration.evaluator import Evaluator
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.fingerprint import fingerprint, fingerprints
-from softcal.calibration.loss import rms
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.optimiser import Proposal
-from softcal.calibration.parameters import FreeParameter, SearchSpace
-from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.trajectory import Member, shared_out
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.fingerprint import fingerprint, fingerprints
+from softcal.calibration.problem.loss import rms
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.problem.trajectory import Member, shared_out
+from softcal.calibration.search.evaluator import Evaluator
+from softcal.calibration.search.optimiser import Proposal
 from softcal.errors import InputError, ParameterError, SimulationError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.protocol import Command, Protocol
@@ -73,7 +73,7 @@ def test_the_further_from_the_measurements_the_less_closely_a_curve_is_interpola
         asked.append(curve_tolerance)
         return fake_simulate(*args, **options)
 
-    monkeypatch.setattr("softcal.calibration.problem._real_simulate", lambda: simulate)
+    monkeypatch.setattr("softcal.calibration.problem.problem._real_simulate", lambda: simulate)
     problem = make_problem(fake_robot(), [fake_experiment("a")], (MODULUS, RATIO, SLACK))
     found = problem.evaluate({E: TRUE[E], NU: TRUE[NU], "front.slack[a]": slack}, jacobian=True)
     misfit = min(rms(b.residual) / np.abs(b.residual + b.measured).max() for b in found.blocks)
@@ -87,7 +87,7 @@ def test_a_prediction_of_zeros_is_far_from_the_measurements(monkeypatch: pytest.
         response = fake_simulate(*args, **options)
         return replace(response, channels={name: 0.0 * values for name, values in response.channels.items()})
 
-    monkeypatch.setattr("softcal.calibration.problem._real_simulate", lambda: slack)
+    monkeypatch.setattr("softcal.calibration.problem.problem._real_simulate", lambda: slack)
     problem = make_problem(fake_robot(), [fake_experiment("a")], (MODULUS, RATIO, SLACK))
     found = problem.evaluate({E: TRUE[E], NU: TRUE[NU], "front.slack[a]": 0.0}, jacobian=True)
     assert all(np.all(block.residual == -block.measured) for block in found.blocks)
@@ -111,7 +111,7 @@ def test_long_tests_of_several_cables_are_trajectories_of_their_own_and_short_on
 def test_workers_share_the_trajectories_of_one_evaluation(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = three("tension")
     here = problem.evaluate(THETA, jacobian=True)
-    monkeypatch.setattr("softcal.calibration.evaluator._WORTH", 0.0)
+    monkeypatch.setattr("softcal.calibration.search.evaluator._WORTH", 0.0)
     with Evaluator(problem, workers=2, jacobian=True) as evaluator:
         (_, shared), (_, again) = (one for _ in range(2) for one in evaluator.evaluate([Proposal(0, THETA)]))
     for one in (shared, again):

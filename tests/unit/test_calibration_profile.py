@@ -10,12 +10,13 @@ from fake_twin import NU, E, fake_simulate, soft_necks_fail
 from interval_cases import STATED, curved, linear_problem, values
 from scipy.optimize import brentq, least_squares
 
-from softcal.calibration import adjusted_likelihood, sensitivity
-from softcal.calibration.estimator import estimator
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.problem import Problem
-from softcal.calibration.profile import profile
+from softcal.calibration.interval_studies import adjusted_likelihood
+from softcal.calibration.interval_studies.profile import profile
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.statistics import sensitivity
+from softcal.calibration.statistics.estimator import estimator
 from softcal.errors import InputError
 from softcal.twin.protocol import Protocol
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, t
 
-from softcal.calibration.random_effects import random_effects
+from softcal.calibration.statistics.random_effects import random_effects
 
 EXACT = np.inf
 

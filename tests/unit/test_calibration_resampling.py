@@ -12,25 +12,25 @@ from interval_cases import curved, linear_problem, values
 from manipulator_case import CABLES, LENGTH, manipulator
 from scipy.optimize import lsq_linear, minimize
 
-from softcal.calibration.between_markers import with_markers
-from softcal.calibration.bootstrap import bootstrap
-from softcal.calibration.checked_interval import CheckedInterval, IntervalStudy
-from softcal.calibration.estimator import estimator
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.frame import FRAME
-from softcal.calibration.groups import KINDS, groups_of
-from softcal.calibration.jackknife import delete_one
-from softcal.calibration.loss import Block, Loss, total
-from softcal.calibration.losses.distance import DistanceLoss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.random_effects import RandomEffects
-from softcal.calibration.resampling import jackknife, resampled
-from softcal.calibration.reweighted import NONE, Reweighted, reweighted
-from softcal.calibration.rig import Rig
-from softcal.calibration.sensitivity import local_statistics
+from softcal.calibration.interval_studies.bootstrap import bootstrap
+from softcal.calibration.interval_studies.checked_interval import CheckedInterval, IntervalStudy
+from softcal.calibration.interval_studies.resampling import jackknife, resampled
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.frame import FRAME
+from softcal.calibration.problem.loss import Block, Loss, total
+from softcal.calibration.problem.losses.distance import DistanceLoss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.problem.rig import Rig
+from softcal.calibration.statistics.between_markers import with_markers
+from softcal.calibration.statistics.estimator import estimator
+from softcal.calibration.statistics.groups import KINDS, groups_of
+from softcal.calibration.statistics.jackknife import delete_one
+from softcal.calibration.statistics.random_effects import RandomEffects
+from softcal.calibration.statistics.reweighted import NONE, Reweighted, reweighted
+from softcal.calibration.statistics.sensitivity import local_statistics
 from softcal.errors import InputError, ParameterError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.parameters import parameter_values

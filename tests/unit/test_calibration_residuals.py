@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softcal.calibration.residuals import residual_record
+from softcal.calibration.statistics.residuals import residual_record
 
 
 def test_independent_residuals_are_worth_their_number() -> None:

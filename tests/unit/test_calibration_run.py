@@ -26,14 +26,14 @@ from fake_twin import (
     soft_necks_fail,
 )
 
-from softcal.calibration import outcome
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, Simulate, make_problem
-from softcal.calibration.result import CalibrationResult
-from softcal.calibration.result_reading import load_result
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, Simulate, make_problem
+from softcal.calibration.results.result import CalibrationResult
+from softcal.calibration.results.result_reading import load_result
+from softcal.calibration.results.trial_journal import stored_trials
 from softcal.calibration.run import calibrate, calibrate_each
-from softcal.calibration.search import Progress
-from softcal.calibration.trial_journal import stored_trials
+from softcal.calibration.search import outcome
+from softcal.calibration.search.search import Progress
 from softcal.errors import CalibrationError, InputError, StorageError
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response

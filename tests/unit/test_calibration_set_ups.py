@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softcal.calibration.estimator import Estimator, estimator
-from softcal.calibration.intervals import box_intervals
-from softcal.calibration.left_out import left_out
-from softcal.calibration.loss import Block
-from softcal.calibration.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.loss import Block
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.statistics.estimator import Estimator, estimator
+from softcal.calibration.statistics.intervals import box_intervals
+from softcal.calibration.statistics.left_out import left_out
 
 N, SET_UPS, EACH = 20, 4, 5
 PLACES = np.linspace(0.1, 1.0, N)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softcal.calibration.loss import Block
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.parameters import FreeParameter, SearchSpace
-from softcal.calibration.random_effects import Spread
-from softcal.calibration.sensitivity import local_statistics
-from softcal.calibration.uncertain import MESH_ERROR
+from softcal.calibration.problem.loss import Block
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem.uncertain import MESH_ERROR
+from softcal.calibration.statistics.random_effects import Spread
+from softcal.calibration.statistics.sensitivity import local_statistics
 
 K, TRUE = "spring.stiffness", 1000.0  # N/m
 SIGMA = 0.1  # N

@@ -19,16 +19,17 @@ import pytest
 from changed_trials import change_trials
 from fake_twin import NU, E, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
 
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.payload import decode, encode
-from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.result import CalibrationResult, Note
-from softcal.calibration.result_files import result_json
-from softcal.calibration.result_reading import load_result
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.results.payload import decode, encode
+from softcal.calibration.results.result import CalibrationResult
+from softcal.calibration.results.result_files import result_json
+from softcal.calibration.results.result_reading import load_result
+from softcal.calibration.results.store import RunStore, write_text
+from softcal.calibration.results.trial_journal import cut_to_whole_lines, stored_trials
 from softcal.calibration.run import calibrate
-from softcal.calibration.search import Progress
-from softcal.calibration.store import RunStore, write_text
-from softcal.calibration.trial_journal import cut_to_whole_lines, stored_trials
+from softcal.calibration.search.search import Progress
+from softcal.calibration.statistics.estimate import Note
 from softcal.errors import StorageError
 
 MODULUS = FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=0.2e6)
@@ -427,7 +428,7 @@ def test_a_process_that_is_killed_as_a_run_begins_leaves_nothing_that_is_refused
 
     with monkeypatch.context() as patched:
         # What was written so far stays, and nothing is tidied up.
-        patched.setattr("softcal.calibration.store.write_text", killed)
+        patched.setattr("softcal.calibration.results.store.write_text", killed)
         patched.setattr("shutil.rmtree", lambda *_, **__: None)
         with pytest.raises(KeyboardInterrupt):
             RunStore.create(folder, space, **about)

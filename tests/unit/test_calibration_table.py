@@ -7,9 +7,10 @@ from dataclasses import replace
 
 from report_example import E_NAME, bench_experiment, tpe_result
 
-from softcal.calibration.digits import interval_text
-from softcal.calibration.outcome import bound_note
-from softcal.calibration.result import Distance, Estimate, Note
+from softcal.calibration.results.digits import interval_text
+from softcal.calibration.results.result import Distance
+from softcal.calibration.search.outcome import bound_note
+from softcal.calibration.statistics.estimate import Estimate, Note
 from softcal.cli.calibration_table import print_results, value_text
 
 

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from fake_twin import NU, STEADY, TRUE, E, fake_experiment, fake_robot, fake_simulate
 
-from softcal.calibration.estimator import estimator
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.loss import Loss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.loss import Loss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.problem.uncertain import UncertainParameter
+from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.run import calibrate
-from softcal.calibration.sensitivity import local_statistics
-from softcal.calibration.uncertain import UncertainParameter
+from softcal.calibration.statistics.estimator import estimator
+from softcal.calibration.statistics.sensitivity import local_statistics
 from softcal.errors import InputError
 from softcal.experiments.dataset import Channel
 

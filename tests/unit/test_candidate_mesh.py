@@ -14,12 +14,12 @@ from softcal.analysis.candidate import Candidate
 from softcal.analysis.candidate_bench import joined, planned
 from softcal.analysis.candidate_mesh import mesh_change, step_of_parameters
 from softcal.analysis.next_test import next_tests
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.mesh_error import on_finer_mesh
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Evaluation, Problem, make_problem
-from softcal.calibration.uncertain import UncertainParameter
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Evaluation, Problem, make_problem
+from softcal.calibration.problem.uncertain import UncertainParameter
+from softcal.calibration.statistics.mesh_error import on_finer_mesh
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
@@ -102,7 +102,7 @@ def test_a_stop_during_the_finer_simulation_is_a_stop(problem: Problem, monkeypa
     def stopped(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("softcal.calibration.mesh_error.elevated", stopped)
+    monkeypatch.setattr("softcal.calibration.statistics.mesh_error.elevated", stopped)
     with pytest.raises(KeyboardInterrupt):
         next_tests(problem, THETA, CANDIDATES[:1])
 

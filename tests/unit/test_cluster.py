@@ -26,9 +26,9 @@ from project_case import write_project
 from test_calibration_run import problem_of, same
 
 import softcal
-from softcal.calibration.result_reading import load_result
+from softcal.calibration.results.result_reading import load_result
 from softcal.calibration.run import calibrate
-from softcal.calibration.search import Progress
+from softcal.calibration.search.search import Progress
 from softcal.calibration.sweep import sweep
 from softcal.cli import main
 from softcal.errors import CalibrationError, InputError

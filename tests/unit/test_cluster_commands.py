@@ -13,7 +13,7 @@ from sweep_case import write_sweep
 from test_calibration_run import same
 from typer.testing import CliRunner
 
-from softcal.calibration.result_reading import load_result
+from softcal.calibration.results.result_reading import load_result
 from softcal.cli.app import app
 from softcal.executors.chosen import executor_on
 from softcal.plugins.fleet.workflow import fleet

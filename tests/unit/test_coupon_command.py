@@ -13,7 +13,7 @@ from project_case import write_project
 from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
-from softcal.calibration.loss import gradient, total
+from softcal.calibration.problem.loss import gradient, total
 from softcal.cli import app
 from softcal.materials.catalogue import LAWS as MATERIALS
 from softcal.plugins.coupons.comparison import compare_laws

@@ -14,7 +14,7 @@ import pytest
 from coupon_case import MOONEY_RIVLIN, mooney_coupon, strains_of, write_coupon
 from typer.testing import CliRunner
 
-from softcal.calibration.digits import interval_text, value_text
+from softcal.calibration.results.digits import interval_text, value_text
 from softcal.cli import app
 from softcal.plugins.coupons.comparison import LawComparison, compare_laws
 from softcal.plugins.coupons.coupon import Coupon

@@ -11,11 +11,11 @@ import pytest
 from project_case import write_project
 from test_whole_record import LOOP, cycles, dataset, table, with_steps
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.fit import experiment_fit
-from softcal.calibration.observation import Observation
-from softcal.calibration.result import ExperimentFit
-from softcal.calibration.result_reading import load_result
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.observation import Observation
+from softcal.calibration.results.fit import experiment_fit
+from softcal.calibration.results.result import ExperimentFit
+from softcal.calibration.results.result_reading import load_result
 from softcal.cli.calibration_table import print_results
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.hysteresis import loops

@@ -21,8 +21,8 @@ from project_case import write_project
 from sweep_case import write_sweep
 
 import softcal
-from softcal.calibration.loss import LOSSES
-from softcal.calibration.optimiser import OPTIMISERS
+from softcal.calibration.problem.loss import LOSSES
+from softcal.calibration.search.optimiser import OPTIMISERS
 from softcal.experiments.step import STEPS
 from softcal.materials.catalogue import LAWS
 from softcal.plugins.bench.case import CASES

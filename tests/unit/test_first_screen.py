@@ -17,11 +17,12 @@ from test_trend import NECK, joint
 import softcal
 from softcal.analysis.mesh_changes import Change
 from softcal.analysis.mesh_study import Finer, MeshStudy
-from softcal.calibration.random_effects import Spread
-from softcal.calibration.residuals import ResidualRecord
-from softcal.calibration.result import CalibrationResult, Distance, Estimate, ExperimentFit, Note
-from softcal.calibration.sensitivity import not_included
-from softcal.calibration.uncertain import MESH_ERROR
+from softcal.calibration.problem.uncertain import MESH_ERROR
+from softcal.calibration.results.result import CalibrationResult, Distance, ExperimentFit
+from softcal.calibration.statistics.estimate import Estimate, Note
+from softcal.calibration.statistics.random_effects import Spread
+from softcal.calibration.statistics.residuals import ResidualRecord
+from softcal.calibration.statistics.sensitivity import not_included
 from softcal.cli.calibration_table import print_results
 from softcal.report.agreement import agreement_sentences
 from softcal.report.all_tables import all_tables

@@ -15,7 +15,7 @@ import pytest
 from fleet_case import FILE, E, write_fleet
 from project_case import MODULUS
 
-from softcal.calibration import problem
+from softcal.calibration.problem import problem
 from softcal.cli import main
 from softcal.errors import InputError, ProjectFileError, SimulationError, StorageError
 from softcal.executors.kinds.local import LocalExecutor

@@ -33,7 +33,7 @@ ROWS = "".join(f"s{k},p{k}.csv\n" for k in range(1, 5))
 TABLE = f"specimen,{FILE}\n{ROWS}"
 HOLDS = """\
 import pathlib, sys
-from softcal.calibration.file_lock import hold
+from softcal.calibration.results.file_lock import hold
 held = hold(pathlib.Path(sys.argv[1]))
 print("held", flush=True)
 sys.stdin.read()

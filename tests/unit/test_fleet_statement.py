@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from fleet_case import estimates
 
-from softcal.calibration.mixed_effects import mixed_effects
-from softcal.calibration.result import Estimate
+from softcal.calibration.statistics.estimate import Estimate
+from softcal.calibration.statistics.mixed_effects import mixed_effects
 from softcal.plugins.fleet.specimen import Specimen, own_error
 from softcal.plugins.fleet.statement import FleetStatement, fleet_statement
 from softcal.plugins.fleet.verdict import fleet_sentences, spread_text
@@ -91,7 +91,7 @@ def test_on_the_log_scale_mean_and_spread_are_those_of_the_logarithm() -> None:
 
 def test_what_all_specimens_share_is_no_error_of_one() -> None:
     shares = {"noise": 0.5, "mesh": 0.25, "gain": 0.15, "angle (each)": 0.1}
-    from softcal.calibration.uncertain import EACH
+    from softcal.calibration.problem.uncertain import EACH
 
     shares = {name.replace(" (each)", EACH): part for name, part in shares.items()}
     one = Estimate(1.0, "1", False, 0.0, 2.0, 0.2, (0.6, 1.4), shares=shares)

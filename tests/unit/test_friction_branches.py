@@ -12,11 +12,11 @@ from fake_twin import TRUE, fake_experiment, fake_robot, fake_simulate
 from project_case import bar_robot, bench_values, write_project
 
 import softcal
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.observation import observe
-from softcal.calibration.parameters import FreeParameter, SearchSpace
-from softcal.calibration.problem import Problem
-from softcal.calibration.rig import Pulleys, Rig
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.observation import observe
+from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.problem.rig import Pulleys, Rig
 from softcal.errors import DatasetError, InputError, ParameterError, ProjectFileError
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.steps.branches import Branch, take_branch

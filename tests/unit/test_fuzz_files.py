@@ -23,10 +23,10 @@ from test_calibration_store import MODULUS, RATIO
 from test_motion_capture import MARKERS, written
 from test_stored_files import write_study
 
-from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.result_reading import load_result
+from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.results.result_reading import load_result
+from softcal.calibration.results.trial_journal import stored_trials
 from softcal.calibration.run import calibrate
-from softcal.calibration.trial_journal import stored_trials
 from softcal.cli import main
 from softcal.errors import InputError
 from softcal.experiments.motion_capture import read_c3d

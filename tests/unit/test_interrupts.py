@@ -18,8 +18,11 @@ import pytest
 from project_case import write_project
 from test_calibration_run import problem_of, same
 
-from softcal.calibration import store as storing
-from softcal.calibration.interrupts import (
+from softcal.calibration.results import store as storing
+from softcal.calibration.results.store import RunStore
+from softcal.calibration.results.trial_journal import TrialJournal, stored_trials
+from softcal.calibration.run import calibrate
+from softcal.calibration.search.interrupts import (
     STOP_SIGNALS,
     Stop,
     StopSignal,
@@ -28,10 +31,7 @@ from softcal.calibration.interrupts import (
     stop_signals_raised,
     stoppable,
 )
-from softcal.calibration.run import calibrate
-from softcal.calibration.search import Progress
-from softcal.calibration.store import RunStore
-from softcal.calibration.trial_journal import TrialJournal, stored_trials
+from softcal.calibration.search.search import Progress
 from softcal.errors import CalibrationError
 from softcal.project.project import load
 from softcal.workflows.calibration import calibrate as calibrate_project

@@ -10,7 +10,7 @@ import pytest
 from project_case import bar_robot, write_project
 
 from softcal.analysis.landscape import ProportionalTwin, loss_over, scales_with_modulus
-from softcal.calibration.problem import Problem
+from softcal.calibration.problem.problem import Problem
 from softcal.errors import ParameterError
 from softcal.project.project import load
 from softcal.twin.barrier import Contact

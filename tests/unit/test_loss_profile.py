@@ -12,15 +12,15 @@ from interval_cases import linear_problem, values
 from report_example import bench_experiment, tpe_result
 from scipy.optimize import minimize_scalar
 
-from softcal.calibration.loss import Loss
-from softcal.calibration.loss_profile import loss_profiles
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.problem import Problem
-from softcal.calibration.result_files import write_result
-from softcal.calibration.result_reading import load_result
+from softcal.calibration.problem.loss import Loss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.results.result_files import write_result
+from softcal.calibration.results.result_reading import load_result
 from softcal.calibration.run import calibrate
-from softcal.calibration.sensitivity import local_statistics
+from softcal.calibration.statistics.loss_profile import loss_profiles
+from softcal.calibration.statistics.sensitivity import local_statistics
 from softcal.report.content import ReportContent
 from softcal.report.figure import FIGURES
 

@@ -10,7 +10,7 @@ import pytest
 from mechanics_cases import side_cable
 from project_case import bar_robot
 
-from softcal.calibration.mesh_error import finer_twin
+from softcal.calibration.statistics.mesh_error import finer_twin
 from softcal.geometry.quadratic import to_quadratic
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics

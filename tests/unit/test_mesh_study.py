@@ -16,12 +16,12 @@ from softcal.analysis import mesh_study as studying
 from softcal.analysis.mesh_changes import Change, pooled
 from softcal.analysis.mesh_study import LIMIT, Finer, MeshStudy, mesh_study
 from softcal.analysis.mesh_verdict import mesh_verdicts, shift_text, times_text
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.result import Estimate
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
 from softcal.calibration.run import calibrate
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.errors import SimulationError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.finer import Size

@@ -7,8 +7,8 @@ import pytest
 from softcal.analysis.candidate import Candidate
 from softcal.analysis.next_test import NextTests, Outlook
 from softcal.analysis.next_test_verdict import interval_text, verdict
-from softcal.calibration.checked_interval import CheckedInterval
-from softcal.calibration.checked_interval import interval_text as ends_of
+from softcal.calibration.interval_studies.checked_interval import CheckedInterval
+from softcal.calibration.interval_studies.checked_interval import interval_text as ends_of
 from softcal.units import digits_that_tell
 
 

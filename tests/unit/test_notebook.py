@@ -14,7 +14,8 @@ from PIL import Image
 from project_case import write_project
 
 import softcal
-from softcal.calibration.result import CalibrationResult, Note
+from softcal.calibration.results.result import CalibrationResult
+from softcal.calibration.statistics.estimate import Note
 from softcal.html_text import MOST_ROWS, curve, heading, html_table, paragraph, picture
 from softcal.pictures import pictures_of
 from softcal.project.project import Project

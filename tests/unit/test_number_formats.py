@@ -14,8 +14,9 @@ from report_example import E_NAME, bench_experiment, example_content, tpe_result
 
 from softcal.analysis.agreement import Agreement
 from softcal.analysis.mesh_verdict import times_text
-from softcal.calibration.digits import interval_text
-from softcal.calibration.result import Distance, Estimate
+from softcal.calibration.results.digits import interval_text
+from softcal.calibration.results.result import Distance
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.cli.calibration_table import print_results, value_text
 from softcal.report.agreement import chance_text, range_text, size_text
 from softcal.report.closeness import Miss, closeness, miss_text

@@ -12,11 +12,10 @@ import pytest
 from interval_cases import linear_problem, values
 from project_case import write_project
 
-from softcal.calibration import posterior as module
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.posterior import LogPosterior, posterior
-from softcal.calibration.posterior_shape import reasons
-from softcal.calibration.surrogate import Surrogate
+from softcal.calibration.interval_studies import posterior as module
+from softcal.calibration.interval_studies.posterior import LogPosterior, posterior, reasons
+from softcal.calibration.interval_studies.surrogate import Surrogate
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
 from softcal.cli import main
 
 SIZE, REACH, THIN = 8, 0.3, 1e-4

@@ -13,7 +13,7 @@ from report_example import example_content
 from rich.table import Table
 from sweep_case import write_sweep
 
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.results.result import CalibrationResult
 from softcal.cli import main, printing
 from softcal.cli.calibration_table import print_results
 from softcal.cli.printing import print_report_table, print_table, shown_path

@@ -10,7 +10,7 @@ from project_case import write_project
 from robot_case import write_robot
 
 from softcal import load
-from softcal.calibration.observation import protocol_told
+from softcal.calibration.problem.observation import protocol_told
 from softcal.errors import ParameterError, ProjectFileError
 from softcal.plugins.calculix.deck import deck_faults
 from softcal.plugins.sofa.robot import linear_robot

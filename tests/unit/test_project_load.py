@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from project_case import MODULUS, bar_robot, bench_csv, bench_values, write_project
 
-from softcal.calibration.rig import Pulleys
+from softcal.calibration.problem.rig import Pulleys
 from softcal.errors import ParameterError, ProjectFileError
 from softcal.project.project import Project, load
 

@@ -13,7 +13,7 @@ import pytest
 from project_text import changed
 from typer.testing import CliRunner
 
-from softcal.calibration.frame import rotation
+from softcal.calibration.problem.frame import rotation
 from softcal.cli.app import app
 from softcal.errors import InputError, ProjectFileError
 from softcal.project.project import Project, load

@@ -336,7 +336,7 @@ def test_a_run_whose_generated_mesh_is_not_known_to_be_the_same_is_refused(
 
 
 def test_fingerprints_tell_the_new_parts_apart(tmp_path: Path):
-    from softcal.calibration.fingerprint import fingerprint
+    from softcal.calibration.problem.fingerprint import fingerprint
 
     changes = [
         (),

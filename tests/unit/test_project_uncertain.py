@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from project_case import PROJECT, write_project
 
-from softcal.calibration.frame import FRAME
+from softcal.calibration.problem.frame import FRAME
 from softcal.errors import ProjectFileError
 from softcal.geometry.shape import LENGTHS
 from softcal.mechanics.tensions import KINDS

@@ -9,9 +9,10 @@ import pytest
 from report_example import E_NAME, NU_NAME
 
 from softcal.analysis.agreement import agreements
-from softcal.calibration.outcome import bound_note, saturated_note
-from softcal.calibration.random_effects import Spread
-from softcal.calibration.result import CalibrationResult, Distance, Estimate, ExperimentFit, Note
+from softcal.calibration.results.result import CalibrationResult, Distance, ExperimentFit
+from softcal.calibration.search.outcome import bound_note, saturated_note
+from softcal.calibration.statistics.estimate import Estimate, Note
+from softcal.calibration.statistics.random_effects import Spread
 from softcal.cli.calibration_table import print_results
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.materials.infill import PrintInfill

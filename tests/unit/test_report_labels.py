@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fleet_case import estimates
 
-from softcal.calibration.result import Distance, ExperimentFit
+from softcal.calibration.results.result import Distance, ExperimentFit
 from softcal.plugins.fleet.figures import draw_specimens
 from softcal.plugins.fleet.statement import fleet_statement
 from softcal.report.comparison import NominalComparison

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from softcal.calibration.result import Distance, ExperimentFit
+from softcal.calibration.results.result import Distance, ExperimentFit
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.surface import boundary_triangles
 from softcal.report.equilibrium_shapes import EquilibriumShapes

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from report_example import E_NAME, NU_NAME, bench_experiment, example_content, fit_of, tpe_result
 
-from softcal.calibration.result import Trial
+from softcal.calibration.results.result import Trial
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.report.figures.force_displacement import draw_record
 from softcal.report.figures.history import draw_history, search_history

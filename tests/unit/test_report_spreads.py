@@ -11,12 +11,12 @@ import pytest
 from fake_twin import E, fake_experiment, fake_robot, fake_simulate
 from test_report_conclusions import content
 
-from softcal.calibration.loss import Loss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import make_problem
-from softcal.calibration.result import CalibrationResult
-from softcal.calibration.result_reading import load_result
+from softcal.calibration.problem.loss import Loss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import make_problem
+from softcal.calibration.results.result import CalibrationResult
+from softcal.calibration.results.result_reading import load_result
 from softcal.calibration.run import calibrate
 from softcal.cli.calibration_table import print_results
 from softcal.report.agreement import MISFIT, MORE_THAN_NOISE, OUTLIERS, STEPS, residual_sentences, spread_sentences

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from report_example import E_NAME, NU_NAME, column_mesh, example_content, tpe_result, twin_view
 
-from softcal.calibration.outcome import bound_note
-from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Note, Trial
+from softcal.calibration.results.result import CalibrationResult, ExperimentFit, Trial
+from softcal.calibration.search.outcome import bound_note
+from softcal.calibration.statistics.estimate import Estimate, Note
 from softcal.errors import InputError
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.materials.infill import PrintInfill

@@ -10,12 +10,12 @@ from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from softcal.calibration.loss import Loss
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.losses.papers import PapersLoss
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.problem.loss import Loss
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.losses.papers import PapersLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.run import calibrate
 
 TENSION, PITCH, SLACK = "front.tension_offset", "plate.pitch_offset", "front.slack"

@@ -10,10 +10,10 @@ from project_case import write_project
 
 from softcal import SearchSettings, load
 from softcal import calibrate as calibrate_project
-from softcal.calibration.optimiser import OPTIMISERS
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
 from softcal.calibration.run import calibrate
+from softcal.calibration.search.optimiser import OPTIMISERS
 from softcal.errors import InputError
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softcal.calibration.result import Distance, ExperimentFit
+from softcal.calibration.results.result import Distance, ExperimentFit
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.experiments.plausibility import check_plausible
 from softcal.sensing.channel import ChannelName, carriers, channel_name, channel_unit, kinds, positions
@@ -72,7 +72,7 @@ def test_names_of_channels_and_parameters_are_taken_apart_in_one_file_each(repos
     names = {"sensing/channel.py", "twin/parameter_name.py"}
     # Keys of faults in a file, titles of stored columns, and what runs without softcal.
     others = {
-        "calibration/result_reading.py", "declare.py", "plugins/sofa/sofa_files/robot/pulling.py",
+        "calibration/results/result_reading.py", "declare.py", "plugins/sofa/sofa_files/robot/pulling.py",
         "plugins/fleet/table.py", "project/bench_plan.py", "project/law_schema.py", "project/robot_bodies.py",
     }  # fmt: skip
     assert found == names | others

@@ -9,12 +9,12 @@ import pytest
 from manipulator_case import FREE, LENGTH, MODULI, experiment, manipulator
 from project_case import write_project
 
-from softcal.calibration import hold_out
-from softcal.calibration.frame import FRAME
-from softcal.calibration.losses.distance import DistanceLoss
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import make_problem
+from softcal.calibration.problem.frame import FRAME
+from softcal.calibration.problem.losses.distance import DistanceLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import make_problem
 from softcal.calibration.run import calibrate
+from softcal.calibration.search import hold_out
 from softcal.errors import ParameterError, ProjectFileError
 from softcal.project.project import load
 from softcal.workflows.calibration import calibrated

@@ -12,8 +12,8 @@ import pytest
 from postgres_server import postgres_folder, postgres_served
 from shared_processes import at_end, joined, outcome, processes, require_whole, shared, until
 
-from softcal.calibration import shared_study, storage_url
-from softcal.calibration.trial_journal import stored_trials
+from softcal.calibration.results.trial_journal import stored_trials
+from softcal.calibration.search import shared_study, storage_url
 
 
 @pytest.fixture

@@ -15,13 +15,13 @@ from fake_twin import E, all_necks_fail, soft_necks_fail
 from shared_processes import require_whole, shared, study_at
 from test_calibration_run import problem_of
 
-from softcal.calibration import shared_search, shared_study
-from softcal.calibration.result_reading import load_result
+from softcal.calibration.results.result_reading import load_result
+from softcal.calibration.results.trial_journal import stored_trials
 from softcal.calibration.run import calibrate
-from softcal.calibration.shared_search import Sharing
-from softcal.calibration.shared_study import SharedStudy
-from softcal.calibration.storage_url import UnansweredError, storage_url
-from softcal.calibration.trial_journal import stored_trials
+from softcal.calibration.search import shared_search, shared_study
+from softcal.calibration.search.shared_search import Sharing
+from softcal.calibration.search.shared_study import SharedStudy
+from softcal.calibration.search.storage_url import UnansweredError, storage_url
 from softcal.errors import CalibrationError, ParameterError, StorageError
 
 

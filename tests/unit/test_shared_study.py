@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from shared_processes import joined, outcome, study_at
 
-from softcal.calibration import shared_study
-from softcal.calibration.optimiser import Proposal
-from softcal.calibration.shared_study import SharedStudy
-from softcal.calibration.storage_url import StorageUrl, UnansweredError
+from softcal.calibration.search import shared_study
+from softcal.calibration.search.optimiser import Proposal
+from softcal.calibration.search.shared_study import SharedStudy
+from softcal.calibration.search.storage_url import StorageUrl, UnansweredError
 
 
 @pytest.fixture

@@ -15,8 +15,8 @@ from softcal.analysis.box_surrogate import ERROR, LOSS, kind_of, residuals
 from softcal.analysis.importance import ImportanceStudy, OutputImportance, Range, importance_study
 from softcal.analysis.importance_verdict import importance_sentences, index_text
 from softcal.analysis.sobol import Index, box_points, sobol_indices
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem, make_problem
 from softcal.errors import CalibrationError, InputError, ParameterError, SimulationError
 from softcal.project.project import load
 from softcal.twin.parameters import parameter_values

@@ -16,9 +16,10 @@ from hypothesis import strategies as st
 from project_case import write_project
 from sqlalchemy import make_url
 
-from softcal.calibration import file_lock, shared_journal, storage_url
-from softcal.calibration.result_reading import load_result
-from softcal.calibration.storage_url import StorageUrl
+from softcal.calibration.results import file_lock
+from softcal.calibration.results.result_reading import load_result
+from softcal.calibration.search import shared_journal, storage_url
+from softcal.calibration.search.storage_url import StorageUrl
 from softcal.cli import main
 from softcal.errors import StorageError
 

@@ -20,10 +20,10 @@ from changed_trials import change_trials
 from project_case import write_project
 
 import softcal
-from softcal.calibration.result_reading import load_result
-from softcal.calibration.store import RECORD, write_text
-from softcal.calibration.stored import read_rows
-from softcal.calibration.trial_journal import JOURNAL
+from softcal.calibration.results.result_reading import load_result
+from softcal.calibration.results.store import RECORD, write_text
+from softcal.calibration.results.stored import read_rows
+from softcal.calibration.results.trial_journal import JOURNAL
 from softcal.cli import main
 from softcal.csv_text import csv_text, plain
 from softcal.errors import StorageError
@@ -682,16 +682,17 @@ OTHERS = {
     "plugins/watch/live.py": 3,
     "plugins/watch/server.py": 1,
     "plugins/watch/twin.py": 2,
-    "calibration/interrupts.py": 1,
-    "calibration/shared_journal.py": 1,
-    "calibration/trial_journal.py": 1,
+    "calibration/search/interrupts.py": 1,
+    "calibration/search/shared_journal.py": 1,
+    "calibration/results/trial_journal.py": 1,
 }
 
 
 def test_files_of_a_run_folder_are_opened_in_one_way() -> None:
     source = Path(softcal.__file__).parent
     ours = ("plugins/watch/*.py", "plugins/fleet/folder.py", "plugins/fleet/report.py", "plugins/bench/page.py")
-    places = ("calibration/*.py", "workflows/*_folder.py", *ours)
+    places = ("calibration/**/*.py", "workflows/*_folder.py", *ours)
+    assert all(any(source.glob(place)) for place in places)
     paths = [path for place in places for path in source.glob(place)]
     found = {path.relative_to(source).as_posix(): len(OPENING.findall(path.read_text("utf-8"))) for path in paths}
     assert {place: n for place, n in found.items() if n} == OTHERS

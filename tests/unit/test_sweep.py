@@ -17,7 +17,7 @@ from sweep_case import CABLES, FORCES, LENGTH, OVER, robot, table, write_sweep
 
 from softcal.analysis.nominal import Nominal
 from softcal.analysis.sweep import ALL, best_cells, improvement, reduction, section_errors, sections
-from softcal.calibration.search import Progress
+from softcal.calibration.search.search import Progress
 from softcal.cli import main
 from softcal.errors import CalibrationError, InputError, StorageError
 from softcal.project.project import Project, load

@@ -12,8 +12,9 @@ from report_example import E_NAME
 from test_report_conclusions import result
 
 from softcal.analysis.trend import slope, trends
-from softcal.calibration.random_effects import Spread, random_effects
-from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit
+from softcal.calibration.results.result import CalibrationResult, ExperimentFit
+from softcal.calibration.statistics.estimate import Estimate
+from softcal.calibration.statistics.random_effects import Spread, random_effects
 from softcal.checks import Floats
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.report.agreement import spread_sentences

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from watch_case import HOST, NOW, RESULT, add_trials, gone, live_record, write_fleet, write_json, write_run
 
-from softcal.calibration.result import Trial
+from softcal.calibration.results.result import Trial
 from softcal.plugins.watch import trials
 from softcal.plugins.watch.charts import MOST_POINTS, loss_chart, parameter_chart
 from softcal.plugins.watch.live import live_sign, process_exists, process_start

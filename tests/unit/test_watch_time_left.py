@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from watch_case import NOW, add_trials, live_record, write_json, write_run
 
-from softcal.calibration.result import Trial
+from softcal.calibration.results.result import Trial
 from softcal.plugins.watch.live import live_sign
 from softcal.plugins.watch.run_reader import RunReader
 from softcal.plugins.watch.time_left import fleet_time_left, search_time_left

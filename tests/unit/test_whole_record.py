@@ -12,8 +12,8 @@ from report_example import example_content
 
 from softcal.analysis import record as record_module
 from softcal.analysis.record import RecordFit, record_fit
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.rig import Pulleys, Rig
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.rig import Pulleys, Rig
 from softcal.errors import ParameterError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.experiments.steps.cycles import find_cycles

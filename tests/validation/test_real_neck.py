@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.run import calibrate
 from softcal.project.project import load
 from softcal.workflows.calibration import make_problem

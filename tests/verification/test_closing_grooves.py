@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softcal.calibration.mesh_error import finer_twin
+from softcal.calibration.statistics.mesh_error import finer_twin
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.mechanics import bordered, linear_solve

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from manipulator_case import MARKERS, MODULI, manipulator
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.frame import FRAME
-from softcal.calibration.observation import Observation, commands, control_parameters, observe
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.frame import FRAME
+from softcal.calibration.problem.observation import Observation, commands, control_parameters, observe
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol

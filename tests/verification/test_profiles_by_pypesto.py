@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from interval_cases import curved, values
 
-from softcal.calibration.profile import profile
+from softcal.calibration.interval_studies.profile import profile
 
 pytest.importorskip("pypesto", reason="pyPESTO, a peer of the benchmarks, is not installed")
 RISE = 1.959964**2

@@ -7,11 +7,11 @@ import pytest
 from drum_case import MU, robot_over_a_drum
 from mechanics_cases import column_robot, elastic
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.observation import commands, observe
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import make_problem
-from softcal.calibration.rig import Pulleys, Rig
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.observation import commands, observe
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import make_problem
+from softcal.calibration.problem.rig import Pulleys, Rig
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.cables import CableLine
 from softcal.twin.parameters import robot_parameters, with_parameters

@@ -27,10 +27,10 @@ from sofa_case import (
     use_fake,
 )
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import make_problem
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import make_problem
 from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.centreline import straight

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.experiment import rig_kind
-from softcal.calibration.result import Estimate, SearchResult
+from softcal.calibration.problem.experiment import rig_kind
+from softcal.calibration.results.result import SearchResult
+from softcal.calibration.statistics.estimate import Estimate
 
 LIMIT = 0.05  # p-value below which fits count as different
 

@@ -1,9 +1,9 @@
 """A surrogate of the twin over the whole search box, from simulated points with their exact derivatives.
 
-Each kind of channel has its own polynomial (`surrogate.py`), in the coordinates of the search or in the values
-themselves, whichever predicts better: a force at a given shortening is proportional to a modulus that is searched by
-its logarithm. Every round begins with points that the surrogate has not seen, uniform in the box: what it misses there
-is its error.
+Each kind of channel has its own polynomial (`calibration/interval_studies/surrogate.py`), in the coordinates of the
+search or in the values themselves, whichever predicts better: a force at a given shortening is proportional to a
+modulus that is searched by its logarithm. Every round begins with points that the surrogate has not seen, uniform in
+the box: what it misses there is its error.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from softcal.calibration.evaluator import Evaluator
-from softcal.calibration.likelihood_points import Observer
-from softcal.calibration.local_model import jacobian_of
-from softcal.calibration.loss import Block, rms, total
-from softcal.calibration.optimiser import Proposal
-from softcal.calibration.parameters import SearchSpace
-from softcal.calibration.problem import Problem
-from softcal.calibration.surrogate import Surrogate, fewest_points, fitted_surrogate
+from softcal.calibration.interval_studies.likelihood_points import Observer
+from softcal.calibration.interval_studies.surrogate import Surrogate, fewest_points, fitted_surrogate
+from softcal.calibration.problem.loss import Block, rms, total
+from softcal.calibration.problem.parameters import SearchSpace
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.search.evaluator import Evaluator
+from softcal.calibration.search.optimiser import Proposal
+from softcal.calibration.statistics.local_model import jacobian_of
 from softcal.checks import Floats
 from softcal.errors import CalibrationError, SimulationError
 from softcal.executors.executor import Executor

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment, rig_kind
-from softcal.calibration.scope import P
+from softcal.calibration.problem.experiment import Experiment, rig_kind
+from softcal.calibration.problem.scope import P
 from softcal.checks import Floats
 from softcal.declare import Checked
 from softcal.display import displayed

@@ -9,16 +9,16 @@ import numpy as np
 
 from softcal.analysis.candidate import Candidate, as_experiment, noise_like, own_parameters
 from softcal.analysis.candidate_mesh import mesh_change, step_of_parameters
-from softcal.calibration.added_test import AddedChannel, AddedTest
-from softcal.calibration.evaluator import evaluated
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.loss import Block
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.observation import protocol_told, slack_faults
-from softcal.calibration.parameters import FreeParameter, SearchSpace
-from softcal.calibration.problem import Evaluation, Problem
-from softcal.calibration.scope import P
-from softcal.calibration.uncertain import MESH_ERROR, UncertainParameter
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.loss import Block
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.observation import protocol_told, slack_faults
+from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem.problem import Evaluation, Problem
+from softcal.calibration.problem.scope import P
+from softcal.calibration.problem.uncertain import MESH_ERROR, UncertainParameter
+from softcal.calibration.search.evaluator import evaluated
+from softcal.calibration.statistics.added_test import AddedChannel, AddedTest
 from softcal.checks import Floats
 from softcal.errors import Fault, InputError, SimulationError, unknown
 from softcal.executors.executor import Executor

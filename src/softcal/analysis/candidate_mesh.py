@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.local_model import jacobian_of
-from softcal.calibration.loss import Block
-from softcal.calibration.mesh_error import on_finer_mesh, unknown
-from softcal.calibration.problem import Evaluation, Problem
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.loss import Block
+from softcal.calibration.problem.problem import Evaluation, Problem
+from softcal.calibration.statistics.local_model import jacobian_of
+from softcal.calibration.statistics.mesh_error import on_finer_mesh, unknown
 from softcal.checks import Floats
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.sensing.channel import channel_name

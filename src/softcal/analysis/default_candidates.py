@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from softcal.analysis.candidate import Candidate
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.problem import Problem
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.problem import Problem
 from softcal.sensing.channel import ChannelName, positions
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.sensing.sensors.plate import ANGLES

@@ -1,7 +1,8 @@
 """Importance of parameters over the search box: Sobol indices of the loss and of every kind of channel.
 
 The parameters are independent and uniform within their bounds, on the scale of the search, as they are for fANOVA
-(`calibration/fanova.py`), which explains the losses of the trials. The twin is evaluated by its surrogate over the box.
+(`calibration/statistics/fanova.py`), which explains the losses of the trials. The twin is evaluated by its surrogate
+over the box.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ from dataclasses import dataclass, field
 
 from softcal.analysis.box_surrogate import checked_box
 from softcal.analysis.sobol import Index, box_points, sobol_indices
-from softcal.calibration.likelihood_points import Observer
-from softcal.calibration.parameters import Scale
-from softcal.calibration.problem import Problem
+from softcal.calibration.interval_studies.likelihood_points import Observer
+from softcal.calibration.problem.parameters import Scale
+from softcal.calibration.problem.problem import Problem
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.executors.executor import Executor

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from softcal.calibration.fingerprint import fingerprint
-from softcal.calibration.problem import Problem, Simulate
+from softcal.calibration.problem.fingerprint import fingerprint
+from softcal.calibration.problem.problem import Problem, Simulate
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
 from softcal.sensing.channel import ChannelName, channel_name

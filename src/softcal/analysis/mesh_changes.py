@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softcal.calibration.loss import Block, rms
-from softcal.calibration.problem import Problem
+from softcal.calibration.problem.loss import Block, rms
+from softcal.calibration.problem.problem import Problem
 from softcal.checks import Floats
 
 

@@ -24,14 +24,14 @@ from typing import Any
 import numpy as np
 
 from softcal.analysis.mesh_changes import Change, changes_between, grouped
-from softcal.calibration.digits import shown, value_text, with_unit
-from softcal.calibration.local_model import LocalModel, Point
-from softcal.calibration.loss import Block, rms, total
-from softcal.calibration.mesh_error import UNKNOWNS
-from softcal.calibration.parameters import SearchSpace
-from softcal.calibration.problem import Evaluation, Problem
-from softcal.calibration.result import Estimate
-from softcal.calibration.sensitivity import local_statistics
+from softcal.calibration.problem.loss import Block, rms, total
+from softcal.calibration.problem.parameters import SearchSpace
+from softcal.calibration.problem.problem import Evaluation, Problem
+from softcal.calibration.results.digits import shown, value_text, with_unit
+from softcal.calibration.statistics.estimate import Estimate
+from softcal.calibration.statistics.local_model import LocalModel, Point
+from softcal.calibration.statistics.mesh_error import UNKNOWNS
+from softcal.calibration.statistics.sensitivity import local_statistics
 from softcal.checks import Floats
 from softcal.display import displayed
 from softcal.errors import MeshError, SimulationError

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from softcal.analysis.mesh_study import LIMIT, Finer, MeshStudy
-from softcal.calibration.digits import shown, with_unit
-from softcal.calibration.result import Estimate
+from softcal.calibration.results.digits import shown, with_unit
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.units import format_quantity, readable_unit
 
 Tone = Literal["good", "note", "warning"]

@@ -2,7 +2,7 @@
 
 Every candidate is simulated at the calibrated values, with exact derivatives, beside the calibration's experiments:
 candidates that pull the same cable in the same way share one trajectory. What is then expected of the estimates is
-linear algebra (`softcal.calibration.added_test`).
+linear algebra (`softcal.calibration.statistics.added_test`).
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import numpy as np
 
 from softcal.analysis.candidate import Candidate
 from softcal.analysis.candidate_bench import Plan, Simulated, added_test, base_blocks, counts, planned, simulated
-from softcal.calibration.added_test import ExpectedEstimates, with_added_test
-from softcal.calibration.estimator import Estimator, estimator, unseen_parameters
-from softcal.calibration.experiment import rig_kind
-from softcal.calibration.intervals import box_intervals, student
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import Problem
+from softcal.calibration.problem.experiment import rig_kind
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.statistics.added_test import ExpectedEstimates, with_added_test
+from softcal.calibration.statistics.estimator import Estimator, estimator, unseen_parameters
+from softcal.calibration.statistics.intervals import box_intervals, student
 from softcal.checks import Floats
 from softcal.display import displayed
 from softcal.errors import CalibrationError, InputError, ParameterError, unknown

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from softcal.calibration.fit import experiment_fit
-from softcal.calibration.parameters import FreeParameter, SearchSpace
-from softcal.calibration.problem import Problem
-from softcal.calibration.result import ExperimentFit
+from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.results.fit import experiment_fit
+from softcal.calibration.results.result import ExperimentFit
 from softcal.display import displayed
 from softcal.twin.parameters import parameter_values
 

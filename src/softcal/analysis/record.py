@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.fit import experiment_fit
-from softcal.calibration.observation import observe, protocol_told
-from softcal.calibration.result import ExperimentFit
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.observation import observe, protocol_told
+from softcal.calibration.results.fit import experiment_fit
+from softcal.calibration.results.result import ExperimentFit
 from softcal.display import displayed
 from softcal.errors import ParameterError
 from softcal.experiments.dataset import Dataset

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softcal.analysis.nominal import Nominal
-from softcal.calibration.loss import LOSSES
-from softcal.calibration.outcome import bound_note
-from softcal.calibration.result import SearchResult, SweepResult, Trial
+from softcal.calibration.problem.loss import LOSSES
+from softcal.calibration.results.result import SearchResult, SweepResult, Trial
+from softcal.calibration.search.outcome import bound_note
 from softcal.display import displayed
 from softcal.units import format_quantity
 

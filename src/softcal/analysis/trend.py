@@ -20,8 +20,8 @@ from typing import Literal
 
 import numpy as np
 
-from softcal.calibration.random_effects import Spread
-from softcal.calibration.result import ExperimentFit, SearchResult
+from softcal.calibration.results.result import ExperimentFit, SearchResult
+from softcal.calibration.statistics.random_effects import Spread
 from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
 from softcal.sensing.channel import channel_name

@@ -14,12 +14,12 @@ from functools import partial
 
 import numpy as np
 
-from softcal.calibration.parameters import split
-from softcal.calibration.problem import Problem
-from softcal.calibration.result import CalibrationResult, ExperimentFit, HeldOut
+from softcal.calibration.problem.parameters import split
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.results.result import CalibrationResult, ExperimentFit, HeldOut
 from softcal.calibration.run import calibrate
-from softcal.calibration.search import Progress
-from softcal.calibration.settings import SearchSettings
+from softcal.calibration.search.search import Progress
+from softcal.calibration.search.settings import SearchSettings
 from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.executors.executor import Executor

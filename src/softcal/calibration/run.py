@@ -8,17 +8,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from softcal.calibration.fingerprint import fingerprints
-from softcal.calibration.hold_out import fitted_part, predicted
-from softcal.calibration.mesh_error import with_mesh_error
-from softcal.calibration.optimiser import OPTIMISERS
-from softcal.calibration.outcome import conclude
-from softcal.calibration.problem import Problem
-from softcal.calibration.result import CalibrationResult, Note
-from softcal.calibration.result_files import write_result
-from softcal.calibration.search import Found, Observer, Search, searched
-from softcal.calibration.settings import SearchSettings
-from softcal.calibration.shared_search import Sharing, require_shareable, searched_together
+from softcal.calibration.problem.fingerprint import fingerprints
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.results.result import CalibrationResult
+from softcal.calibration.results.result_files import write_result
+from softcal.calibration.search.hold_out import fitted_part, predicted
+from softcal.calibration.search.optimiser import OPTIMISERS
+from softcal.calibration.search.outcome import conclude
+from softcal.calibration.search.search import Found, Observer, Search, searched
+from softcal.calibration.search.settings import SearchSettings
+from softcal.calibration.search.shared_search import Sharing, require_shareable, searched_together
+from softcal.calibration.statistics.estimate import Note
+from softcal.calibration.statistics.mesh_error import with_mesh_error
 from softcal.declare import checked_arguments
 from softcal.executors.chosen import Workers
 

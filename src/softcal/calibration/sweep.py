@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from softcal.calibration.fingerprint import fingerprints
-from softcal.calibration.optimisers.grid import GridOptimiser
-from softcal.calibration.outcome import conclude
-from softcal.calibration.problem import Problem
-from softcal.calibration.result import SweepResult
-from softcal.calibration.result_files import write_result
-from softcal.calibration.search import Observer, Search, searched
-from softcal.calibration.settings import SearchSettings
+from softcal.calibration.problem.fingerprint import fingerprints
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.results.result import SweepResult
+from softcal.calibration.results.result_files import write_result
+from softcal.calibration.search.optimisers.grid import GridOptimiser
+from softcal.calibration.search.outcome import conclude
+from softcal.calibration.search.search import Observer, Search, searched
+from softcal.calibration.search.settings import SearchSettings
 from softcal.executors.executor import Executor
 
 

@@ -2,7 +2,7 @@
 
 import os
 
-from softcal.calibration.interrupts import stop_signals_raised
+from softcal.calibration.search.interrupts import stop_signals_raised
 from softcal.cli.app import app
 from softcal.cli.printing import any_terminal
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from softcal.mechanics.path_watch import PathProgress, paths_watched
 
 if TYPE_CHECKING:
-    from softcal.calibration.search import Progress
+    from softcal.calibration.search.search import Progress
     from softcal.cli.calibration_lines import CalibrationLines
 
 WIDE = 110  # columns

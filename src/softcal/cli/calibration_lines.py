@@ -12,7 +12,7 @@ import typer
 from softcal.mechanics.path_watch import PathProgress, paths_watched
 
 if TYPE_CHECKING:
-    from softcal.calibration.search import Progress
+    from softcal.calibration.search.search import Progress
 
 LEAST, MOST = 10.0, 60.0  # [s] between two lines of one calibration
 SHARE = 10  # a line for each tenth of the trials

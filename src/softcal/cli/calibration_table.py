@@ -14,7 +14,8 @@ from softcal.cli.printing import print_table
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Note
+    from softcal.calibration.results.result import CalibrationResult, ExperimentFit
+    from softcal.calibration.statistics.estimate import Estimate, Note
     from softcal.experiments.dataset import Dataset
     from softcal.twin.response import Response
 
@@ -95,7 +96,7 @@ def _remarks(
     solved: Mapping[str, Response],
 ) -> Iterator[_Remark]:
     """All remarks on the calibrations; shown: those of the answer."""
-    from softcal.calibration.sensitivity import INCLUDED
+    from softcal.calibration.statistics.sensitivity import INCLUDED
     from softcal.report.agreement import agreement_sentences, residual_sentences, spread_sentences
     from softcal.report.closeness import closeness_by_experiment, misses_of
     from softcal.report.cycles import cycle_sentences
@@ -183,7 +184,7 @@ def _result_table(results: Mapping[str, CalibrationResult], *, verbose: bool) ->
 
 def _add_parameters(table: Table, fits: Sequence[Mapping[str, Estimate]], *, verbose: bool) -> None:
     """A line for each parameter; of one that each test has by itself a line for all, and if verbose for the vaguest."""
-    from softcal.calibration.digits import interval_text
+    from softcal.calibration.results.digits import interval_text
     from softcal.report.format import worst
 
     own: dict[str, list[str]] = {}
@@ -213,7 +214,7 @@ def _vagueness(estimate: Estimate | None) -> float:
 
 def _range_text(estimates: Sequence[Estimate]) -> str:
     """The least and the largest of several values, to the digits of the least certain."""
-    from softcal.calibration.digits import shown, with_unit
+    from softcal.calibration.results.digits import shown, with_unit
 
     if len(estimates) < 2:
         return "".join(map(value_text, estimates))
@@ -285,6 +286,6 @@ def _error(fits: Sequence[ExperimentFit | None], channel: str) -> str:
 
 def value_text(estimate: Estimate) -> str:
     """A value with its standard error and unit, and whether it is at a bound."""
-    from softcal.calibration.digits import estimate_text
+    from softcal.calibration.results.digits import estimate_text
 
     return estimate_text(estimate) + (" (at a bound)" if estimate.at_bound else "")

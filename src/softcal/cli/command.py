@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, ParamSpec, TypeVar, get_args
 
 import typer
 
-from softcal.calibration.interrupts import exit_code
+from softcal.calibration.search.interrupts import exit_code
 from softcal.catalogue import Catalogue, FunctionMember
 from softcal.cli.printing import shown_path
 from softcal.errors import Fault, InputError, SoftcalError, unknown

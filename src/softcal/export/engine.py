@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from softcal.calibration.problem import SOFTCAL, Simulate
+from softcal.calibration.problem.problem import SOFTCAL, Simulate
 from softcal.catalogue import Catalogue
 from softcal.checks import Floats
 from softcal.declare import Checked, Declared

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.problem.parameters import FreeParameter
 from softcal.errors import Fault, InputError, ParameterError
 from softcal.limits import LIMITS
 from softcal.twin.parameters import ParameterInfo, out_of_range, unknown_name

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.frame import Frame
-from softcal.calibration.observation import slack_faults
-from softcal.calibration.rig import CommonRig, Rig
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.frame import Frame
+from softcal.calibration.problem.observation import slack_faults
+from softcal.calibration.problem.rig import CommonRig, Rig
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.header import MASS
 from softcal.experiments.merge import merge_on_labels, merge_on_one_clock

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.friction import friction_faults
-from softcal.calibration.observation import protocol_told, slack_faults
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.friction import friction_faults
+from softcal.calibration.problem.observation import protocol_told, slack_faults
 from softcal.errors import Fault
 from softcal.project.document import Findings, dotted
 from softcal.twin.parameters import robot_parameters, with_parameters

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment, drive_faults, rig_parameters
+from softcal.calibration.problem.experiment import Experiment, drive_faults, rig_parameters
 from softcal.errors import Fault, ParameterError
 from softcal.experiments.header import MASS
 from softcal.experiments.orientation import QUATERNION

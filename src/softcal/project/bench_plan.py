@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from softcal.calibration.rig import CommonRig
+from softcal.calibration.problem.rig import CommonRig
 from softcal.errors import InputError
 from softcal.experiments.header import raise_faults, read_layout
 from softcal.experiments.prepare import PlannedStep, parse_steps

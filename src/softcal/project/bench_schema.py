@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from softcal.calibration.frame import Frame
-from softcal.calibration.rig import Rig
+from softcal.calibration.problem.frame import Frame
+from softcal.calibration.problem.rig import Rig
 from softcal.declare import Reading
 from softcal.errors import Fault, InputError
 from softcal.experiments.synchronise import CommonMotion

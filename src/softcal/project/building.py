@@ -6,8 +6,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from softcal.calibration.experiment import PULLEY_FRICTION, rig_parameters
-from softcal.calibration.rig import CommonRig
+from softcal.calibration.problem.experiment import PULLEY_FRICTION, rig_parameters
+from softcal.calibration.problem.rig import CommonRig
 from softcal.errors import Fault, ParameterError, ProjectFileError
 from softcal.experiments.plausibility import copies
 from softcal.materials.components import NO_DIRECTION

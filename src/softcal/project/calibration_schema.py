@@ -8,11 +8,11 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, SerializerFunctionWrapHandler, model_serializer
 from pydantic_core import InitErrorDetails
 
-from softcal.calibration.loss import LOSSES
-from softcal.calibration.optimiser import OPTIMISERS
-from softcal.calibration.option import options_of
-from softcal.calibration.parameters import FreeParameter, Scale
-from softcal.calibration.settings import SearchSettings
+from softcal.calibration.problem.loss import LOSSES
+from softcal.calibration.problem.option import options_of
+from softcal.calibration.problem.parameters import FreeParameter, Scale
+from softcal.calibration.search.optimiser import OPTIMISERS
+from softcal.calibration.search.settings import SearchSettings
 from softcal.declare import listed, member_of
 from softcal.limits import LIMITS
 from softcal.project.section import Given, Section, read_quantities

@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import BeforeValidator, Field
 
 from softcal.analysis.candidate import Candidate
-from softcal.calibration.experiment import Experiment
+from softcal.calibration.problem.experiment import Experiment
 from softcal.declare import listed
 from softcal.errors import Fault, InputError
 from softcal.limits import LIMITS

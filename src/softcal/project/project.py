@@ -18,9 +18,9 @@ from softcal.project.yaml_file import read_document
 
 if TYPE_CHECKING:
     from softcal.analysis.candidate import Candidate
-    from softcal.calibration.experiment import Experiment
-    from softcal.calibration.parameters import SearchSpace
-    from softcal.calibration.uncertain import UncertainParameter
+    from softcal.calibration.problem.experiment import Experiment
+    from softcal.calibration.problem.parameters import SearchSpace
+    from softcal.calibration.problem.uncertain import UncertainParameter
     from softcal.checks import Ints
     from softcal.declare import Declared
     from softcal.errors import Fault
@@ -106,7 +106,7 @@ class Project:
     @property
     def parameters(self) -> dict[str, ParameterInfo]:
         """Every parameter by dotted name, of the robot and of the rig, with its present value."""
-        from softcal.calibration.experiment import rig_parameters
+        from softcal.calibration.problem.experiment import rig_parameters
         from softcal.twin.parameters import robot_parameters
 
         return {**robot_parameters(self.robot), **rig_parameters(self.experiments.values())}

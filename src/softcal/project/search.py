@@ -7,9 +7,9 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
 
-from softcal.calibration.experiment import rig_kind
-from softcal.calibration.frame import FRAME
-from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
+from softcal.calibration.problem.experiment import rig_kind
+from softcal.calibration.problem.frame import FRAME
+from softcal.calibration.problem.parameters import FreeParameter, SearchSpace, search_space
 from softcal.errors import Fault, InputError, ParameterError
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.project.calibration_schema import ParameterSection, UncertainSection

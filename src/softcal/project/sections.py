@@ -6,9 +6,9 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-from softcal.calibration.loss import LOSSES
-from softcal.calibration.rig import CommonRig
-from softcal.calibration.uncertain import RESERVED
+from softcal.calibration.problem.loss import LOSSES
+from softcal.calibration.problem.rig import CommonRig
+from softcal.calibration.problem.uncertain import RESERVED
 from softcal.declare import Declared
 from softcal.errors import Fault, ProjectFileError, unknown
 from softcal.experiments.prepare import PlannedStep

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from softcal.calibration.parameters import SearchSpace
-from softcal.calibration.uncertain import UncertainParameter, free_and_uncertain, sd_fault, uncertain_parameters
+from softcal.calibration.problem.parameters import SearchSpace
+from softcal.calibration.problem.uncertain import UncertainParameter, free_and_uncertain, sd_fault, uncertain_parameters
 from softcal.errors import ParameterError
 from softcal.project.calibration_schema import UncertainSection
 from softcal.project.document import Findings

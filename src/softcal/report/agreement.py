@@ -10,10 +10,11 @@ from dataclasses import replace
 
 from softcal.analysis.agreement import Agreement, agreements
 from softcal.analysis.trend import ENOUGH, Trend, trends
-from softcal.calibration.digits import display_unit, half_width, interval_text, shown, value_text, with_unit
-from softcal.calibration.random_effects import WORDS, Spread
-from softcal.calibration.residuals import SHOWN, ResidualRecord
-from softcal.calibration.result import Estimate, ExperimentFit, SearchResult
+from softcal.calibration.results.digits import display_unit, half_width, interval_text, shown, value_text, with_unit
+from softcal.calibration.results.result import ExperimentFit, SearchResult
+from softcal.calibration.statistics.estimate import Estimate
+from softcal.calibration.statistics.random_effects import WORDS, Spread
+from softcal.calibration.statistics.residuals import SHOWN, ResidualRecord
 from softcal.experiments.dataset import Dataset
 from softcal.report.format import estimate_scale, few, joined, number, parameter_label, result_label, worst
 from softcal.report.statement import WHOLE, interval_share

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from softcal.calibration.result import SearchResult
+from softcal.calibration.results.result import SearchResult
 from softcal.experiments.dataset import Dataset
 from softcal.report.format import joined, number, scale_of
 from softcal.report.format import worst as worst_ones

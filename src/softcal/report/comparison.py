@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.analysis.sweep import ALL, BestCell, improvement, reduction
-from softcal.calibration.result import ExperimentFit, SearchResult
-from softcal.calibration.result_files import fits_of
+from softcal.calibration.results.result import ExperimentFit, SearchResult
+from softcal.calibration.results.result_files import fits_of
 from softcal.checks import Floats
 from softcal.report.content import ReportContent
 from softcal.report.format import Scale, estimate_scale, joined, number, parameter_label, scale_of

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from softcal.analysis.agreement import Agreement, agreements
-from softcal.calibration.outcome import beyond_text, saturated_note
-from softcal.calibration.result import Estimate, ExperimentFit, SearchResult
+from softcal.calibration.results.result import ExperimentFit, SearchResult
+from softcal.calibration.search.outcome import beyond_text, saturated_note
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.report.agreement import (
     agreement_sentences,
     chance_text,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from softcal.analysis.importance import ImportanceStudy
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.analysis.record import RecordFit
-from softcal.calibration.result import CalibrationResult, SearchResult, SweepResult
+from softcal.calibration.results.result import CalibrationResult, SearchResult, SweepResult
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, unknown

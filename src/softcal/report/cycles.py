@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from softcal.calibration.fit import has_cycles
-from softcal.calibration.result import CycleFit, ExperimentFit, SearchResult
+from softcal.calibration.results.fit import has_cycles
+from softcal.calibration.results.result import CycleFit, ExperimentFit, SearchResult
 from softcal.experiments.hysteresis import Loop, loops
 from softcal.report.content import ReportContent
 from softcal.report.format import number

@@ -11,11 +11,11 @@ import numpy as np
 
 from softcal.analysis.agreement import Agreement, agreements
 from softcal.analysis.mesh_study import MeshStudy
-from softcal.calibration.budget import BOUNDS
-from softcal.calibration.digits import half_width, shown, value_text, with_unit
-from softcal.calibration.random_effects import WORDS, Spread
-from softcal.calibration.residuals import FEWEST, ResidualRecord
-from softcal.calibration.result import SearchResult, SweepResult
+from softcal.calibration.results.digits import half_width, shown, value_text, with_unit
+from softcal.calibration.results.result import SearchResult, SweepResult
+from softcal.calibration.statistics.budget import BOUNDS
+from softcal.calibration.statistics.random_effects import WORDS, Spread
+from softcal.calibration.statistics.residuals import FEWEST, ResidualRecord
 from softcal.experiments.dataset import Dataset
 from softcal.report.agreement import range_text, trend_sentences
 from softcal.report.closeness import Miss, closeness, misses_of, worst_of

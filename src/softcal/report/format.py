@@ -7,8 +7,9 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
-from softcal.calibration.optimiser import OPTIMISERS
-from softcal.calibration.result import Estimate, SearchResult
+from softcal.calibration.results.result import SearchResult
+from softcal.calibration.search.optimiser import OPTIMISERS
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.twin.parameter_name import parameter_name
 from softcal.units import readable_unit, unit_factor

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 from softcal.analysis.nominal import Nominal
 from softcal.analysis.sweep import ALL, BestCell, ErrorSection, best_cells, section_errors, sections
-from softcal.calibration.result import ExperimentFit, SearchResult, SweepResult
+from softcal.calibration.results.result import ExperimentFit, SearchResult, SweepResult
 from softcal.report.content import ReportContent
 from softcal.report.format import (
     joined,

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from softcal.analysis.importance_verdict import importance_sentences
 from softcal.analysis.mesh_verdict import mesh_verdicts
-from softcal.calibration.result import SearchResult
+from softcal.calibration.results.result import SearchResult
 from softcal.report.closeness import misses_of, worst
 from softcal.report.comparison import improvements
 from softcal.report.conclusions import conclusions, first_screen, verdict

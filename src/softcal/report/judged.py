@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TypeVar
 
-from softcal.calibration.result import SearchResult
+from softcal.calibration.results.result import SearchResult
 
 R = TypeVar("R", bound=SearchResult)
 JOINT = "joint"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from softcal.calibration.result import SearchResult
+from softcal.calibration.results.result import SearchResult
 from softcal.report.content import ReportContent
 from softcal.report.format import number, result_label, scale_of
 from softcal.report.tables import Column, ReportTable

@@ -5,7 +5,7 @@ from __future__ import annotations
 from softcal.analysis.mesh_changes import pooled
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.analysis.mesh_verdict import shift_text
-from softcal.calibration.digits import estimate_text, shown, with_unit
+from softcal.calibration.results.digits import estimate_text, shown, with_unit
 from softcal.report.content import ReportContent
 from softcal.report.format import number, scale_of
 from softcal.report.tables import Cell, Column, ReportTable

@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from softcal.calibration.result import CalibrationResult, ExperimentFit
+from softcal.calibration.results.result import CalibrationResult, ExperimentFit
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.fine_surface import fine_surface
 from softcal.geometry.surface import boundary

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from softcal.calibration.result import Distance, ExperimentFit, SearchResult
+from softcal.calibration.results.result import Distance, ExperimentFit, SearchResult
 from softcal.report.content import ReportContent
 from softcal.report.format import joined, number, result_label
 from softcal.report.headline import headline

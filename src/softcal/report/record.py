@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.analysis.record import RecordFit
-from softcal.calibration.result import ExperimentFit
+from softcal.calibration.results.result import ExperimentFit
 from softcal.report.closeness import in_words, of_carrier
 from softcal.report.content import ReportContent
 from softcal.report.format import number, scale_of

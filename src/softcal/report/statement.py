@@ -12,12 +12,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from softcal.analysis.mesh_study import MeshStudy
-from softcal.calibration.between_markers import MARKERS
-from softcal.calibration.budget import BOUNDS
-from softcal.calibration.digits import NORMAL_95, estimate_text, half_width, interval_text, value_text
-from softcal.calibration.noise import DRIFT, MISFIT
-from softcal.calibration.result import Estimate
-from softcal.calibration.uncertain import EACH
+from softcal.calibration.problem.uncertain import EACH
+from softcal.calibration.results.digits import NORMAL_95, estimate_text, half_width, interval_text, value_text
+from softcal.calibration.statistics.between_markers import MARKERS
+from softcal.calibration.statistics.budget import BOUNDS
+from softcal.calibration.statistics.estimate import Estimate
+from softcal.calibration.statistics.noise import DRIFT, MISFIT
 from softcal.report.format import parameter_label
 from softcal.twin.parameter_name import parameter_name
 from softcal.units import format_range

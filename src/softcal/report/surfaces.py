@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.analysis.sweep import ALL, ErrorSection, least_cell, section_errors, sections
-from softcal.calibration.loss import LOSSES
-from softcal.calibration.result import SearchResult, SweepResult, Trial
+from softcal.calibration.problem.loss import LOSSES
+from softcal.calibration.results.result import SearchResult, SweepResult, Trial
 from softcal.checks import Floats
 from softcal.report.format import Scale, find_parameter, scale_of
 

@@ -9,14 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.digits import (
-    difference,
-    ends_text,
-    estimate_text,
-    shown,
-    value_and_error,
-)
-from softcal.calibration.result import Estimate, ExperimentFit, SearchResult
+from softcal.calibration.results.digits import difference, ends_text, estimate_text, shown, value_and_error
+from softcal.calibration.results.result import ExperimentFit, SearchResult
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.csv_text import csv_text
 from softcal.experiments.dataset import Dataset, Step
 from softcal.materials.catalogue import LAWS, constants_of

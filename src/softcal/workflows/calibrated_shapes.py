@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from softcal.calibration.result import SearchResult
+from softcal.calibration.results.result import SearchResult
 from softcal.project.project import Project
 from softcal.report.equilibrium_shapes import EquilibriumShapes
 from softcal.report.twin_view import TwinView

@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from softcal.analysis.validation import with_split
-from softcal.calibration.experiment import PULLEY_FRICTION
-from softcal.calibration.hold_out import fitted_part
-from softcal.calibration.interrupts import stoppable
-from softcal.calibration.loss import LOSSES, Loss
-from softcal.calibration.optimiser import OPTIMISERS
-from softcal.calibration.option import options_of
-from softcal.calibration.problem import Problem
-from softcal.calibration.result import CalibrationResult, SearchResult
-from softcal.calibration.result_html import ESTIMATE, estimate_cells, result_html
+from softcal.calibration.problem.experiment import PULLEY_FRICTION
+from softcal.calibration.problem.loss import LOSSES, Loss
+from softcal.calibration.problem.option import options_of
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.results.digits import ESTIMATE, estimate_cells
+from softcal.calibration.results.result import CalibrationResult, SearchResult, result_html
 from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.calibration.run import require_joinable
-from softcal.calibration.search import Progress
-from softcal.calibration.shared_search import Sharing
+from softcal.calibration.search.hold_out import fitted_part
+from softcal.calibration.search.interrupts import stoppable
+from softcal.calibration.search.optimiser import OPTIMISERS
+from softcal.calibration.search.search import Progress
+from softcal.calibration.search.shared_search import Sharing
 from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError, unknown

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment, rig_parameters
-from softcal.calibration.scope import ScopedParameter
+from softcal.calibration.problem.experiment import Experiment, rig_parameters
+from softcal.calibration.problem.scope import ScopedParameter
 from softcal.checks import Ints
 from softcal.declare import checked_arguments
 from softcal.display import displayed

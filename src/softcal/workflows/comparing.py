@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from softcal.analysis.nominal import Nominal, nominal
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.frame import FRAME, rotation
-from softcal.calibration.observation import commands
-from softcal.calibration.parameters import FreeParameter, SearchSpace
-from softcal.calibration.problem import Problem
-from softcal.calibration.result import CalibrationResult, SearchResult, SweepResult
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.frame import FRAME, rotation
+from softcal.calibration.problem.observation import commands
+from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.results.result import CalibrationResult, SearchResult, SweepResult
 from softcal.checks import Floats
 from softcal.project.axes import shown_configurations
 from softcal.project.calibration_schema import CalibrationSection

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from softcal.calibration.problem import SOFTCAL, Simulate
+from softcal.calibration.problem.problem import SOFTCAL, Simulate
 from softcal.declare import Declared
 from softcal.errors import ParameterError
 from softcal.twin.robot import Robot

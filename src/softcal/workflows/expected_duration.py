@@ -6,9 +6,9 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from softcal.calibration.optimiser import OPTIMISERS
-from softcal.calibration.problem import Problem
-from softcal.calibration.settings import SearchSettings
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.search.optimiser import OPTIMISERS
+from softcal.calibration.search.settings import SearchSettings
 from softcal.errors import SimulationError
 
 # Typical fewest and most points at which an experiment's own rig values are fitted.

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from softcal.calibration.result import SearchResult
+from softcal.calibration.results.result import SearchResult
 from softcal.project.project import Project
 from softcal.twin.parameters import parameter_values
 from softcal.twin.response import Response

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 from softcal.analysis.importance import SIMULATIONS, ImportanceStudy, importance_study
-from softcal.calibration.likelihood_points import Observer
+from softcal.calibration.interval_studies.likelihood_points import Observer
 from softcal.declare import checked_arguments
 from softcal.executors.chosen import Workers
 from softcal.limits import LIMITS

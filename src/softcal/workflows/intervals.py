@@ -6,15 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from softcal.calibration.bootstrap import DRAWS, bootstrap
-from softcal.calibration.checked_interval import IntervalStudy
-from softcal.calibration.groups import KINDS
-from softcal.calibration.likelihood_points import Observer
-from softcal.calibration.posterior import SAMPLES, posterior
-from softcal.calibration.profile import profile
-from softcal.calibration.resampling import jackknife
-from softcal.calibration.result import SearchResult
-from softcal.calibration.uncertain import MESH_ERROR
+from softcal.calibration.interval_studies.bootstrap import DRAWS, bootstrap
+from softcal.calibration.interval_studies.checked_interval import IntervalStudy
+from softcal.calibration.interval_studies.likelihood_points import Observer
+from softcal.calibration.interval_studies.posterior import SAMPLES, posterior
+from softcal.calibration.interval_studies.profile import profile
+from softcal.calibration.interval_studies.resampling import jackknife
+from softcal.calibration.problem.uncertain import MESH_ERROR
+from softcal.calibration.results.result import SearchResult
+from softcal.calibration.statistics.groups import KINDS
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, unknown
 from softcal.executors.chosen import Workers, executor_of

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from softcal.calibration.checked_interval import IntervalStudy
-from softcal.calibration.result import CalibrationResult
-from softcal.calibration.stored import Record, contradiction, read_rows
+from softcal.calibration.interval_studies.checked_interval import IntervalStudy
+from softcal.calibration.results.result import CalibrationResult
+from softcal.calibration.results.stored import Record, contradiction, read_rows
 from softcal.csv_text import csv_text
 from softcal.project.project import Project
 from softcal.workflows.study_files import are_values_of, read_study_record, write_study_files

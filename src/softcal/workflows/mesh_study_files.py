@@ -8,8 +8,8 @@ from pathlib import Path
 
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.analysis.mesh_verdict import mesh_verdicts
-from softcal.calibration.result import CalibrationResult
-from softcal.calibration.stored import Record
+from softcal.calibration.results.result import CalibrationResult
+from softcal.calibration.results.stored import Record
 from softcal.csv_text import csv_text
 from softcal.project.project import Project
 from softcal.workflows.study_files import are_values_of, read_study_record, write_study_files

@@ -8,9 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.friction import pulley_faults
-from softcal.calibration.observation import commands
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.friction import pulley_faults
+from softcal.calibration.problem.observation import commands
 from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Dataset
 from softcal.project.project import Project

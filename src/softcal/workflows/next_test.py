@@ -10,7 +10,7 @@ from softcal.analysis.candidate import Candidate
 from softcal.analysis.default_candidates import default_candidates, furthest
 from softcal.analysis.next_test import NextTests, next_tests
 from softcal.analysis.next_test_verdict import verdict
-from softcal.calibration.uncertain import MESH_ERROR
+from softcal.calibration.problem.uncertain import MESH_ERROR
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, StorageError

@@ -12,8 +12,8 @@ import numpy as np
 from softcal.analysis.importance import ImportanceStudy
 from softcal.analysis.landscape import ProportionalTwin, loss_over, scales_with_modulus
 from softcal.analysis.mesh_study import MeshStudy
-from softcal.calibration.problem import Problem
-from softcal.calibration.result import CalibrationResult, SearchResult
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.results.result import CalibrationResult, SearchResult
 from softcal.declare import checked_arguments
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project

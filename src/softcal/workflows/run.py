@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from softcal.calibration.result import CalibrationResult, Estimate, SearchResult, SweepResult
-from softcal.calibration.result_html import result_html
+from softcal.calibration.results.result import CalibrationResult, SearchResult, SweepResult, result_html
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.display import displayed
 from softcal.html_text import paragraph
 from softcal.project.calibration_schema import CalibrationSection

@@ -1,7 +1,7 @@
 """A run folder: the project as used with copies of all its inputs, every calibration, and the headline's files.
 
 project.yaml, inputs/…, run.json      the input; sufficient to load the project from any location of the folder
-calibrations/<label>/…                each calibration with every trial (see `softcal.calibration.store`)
+calibrations/<label>/…                each calibration with every trial (see `softcal.calibration.results.store`)
 result.json, trials.csv, response-<experiment>.csv      the headline result, and the trials of all calibrations
 """
 
@@ -17,12 +17,12 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, ValidatorFunctionWrapHandler, WrapValidator
 
-from softcal.calibration.outcome import installed_versions
-from softcal.calibration.result import CalibrationResult, SearchResult, SweepResult
-from softcal.calibration.result_files import fits_of, response_file, result_json
-from softcal.calibration.result_reading import load_result
-from softcal.calibration.store import write_bytes, write_text
-from softcal.calibration.stored import Record, contradiction, read_bytes, read_record
+from softcal.calibration.results.result import CalibrationResult, SearchResult, SweepResult
+from softcal.calibration.results.result_files import fits_of, response_file, result_json
+from softcal.calibration.results.result_reading import load_result
+from softcal.calibration.results.store import write_bytes, write_text
+from softcal.calibration.results.stored import Record, contradiction, read_bytes, read_record
+from softcal.calibration.search.outcome import installed_versions
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, StorageError

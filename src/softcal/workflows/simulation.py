@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.observation import protocol_told
-from softcal.calibration.problem import Simulate
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.observation import protocol_told
+from softcal.calibration.problem.problem import Simulate
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, ParameterError, SimulationError, unknown

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from softcal.calibration.outcome import installed_versions
-from softcal.calibration.result_files import response_file
+from softcal.calibration.results.result_files import response_file
+from softcal.calibration.search.outcome import installed_versions
 from softcal.project.project import Project
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot

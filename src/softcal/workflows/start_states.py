@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment
+from softcal.calibration.problem.experiment import Experiment
 from softcal.checks import Ints
 from softcal.mechanics.actuator import NO_EFFORT
 from softcal.mechanics.state import rest_state

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from softcal.calibration.outcome import installed_versions
-from softcal.calibration.result import CalibrationResult
-from softcal.calibration.store import write_text
-from softcal.calibration.stored import Record, read_record
+from softcal.calibration.results.result import CalibrationResult
+from softcal.calibration.results.store import write_text
+from softcal.calibration.results.stored import Record, read_record
+from softcal.calibration.search.outcome import installed_versions
 from softcal.project.project import Project
 from softcal.workflows.output import new_folder
 

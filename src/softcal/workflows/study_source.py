@@ -17,8 +17,8 @@ from softcal.project.project import Project, ProjectSource, load
 MESH_STUDY, IMPORTANCE = "mesh-study", "importance"  # folders of studies in a run
 
 if TYPE_CHECKING:
-    from softcal.calibration.problem import Problem
-    from softcal.calibration.result import CalibrationResult
+    from softcal.calibration.problem.problem import Problem
+    from softcal.calibration.results.result import CalibrationResult
     from softcal.workflows.run import CalibrationRun
 
 
@@ -97,7 +97,7 @@ def default_folder(path: Path, name: str) -> Path | None:
 
 
 def _of_run(run: CalibrationRun, calibration: str) -> StudySource:
-    from softcal.calibration.problem import SOFTCAL
+    from softcal.calibration.problem.problem import SOFTCAL
     from softcal.workflows.calibration import make_problem
 
     label = calibration or (JOINT if JOINT in run.results else next(iter(run.results)))

@@ -9,15 +9,15 @@ from typing import Any
 
 from softcal.analysis.nominal import Nominal, nominal
 from softcal.analysis.sweep import BestCell, best_cells, section_errors, sections
-from softcal.calibration.interrupts import stoppable
-from softcal.calibration.loss import LOSSES, Loss
-from softcal.calibration.parameters import search_space
-from softcal.calibration.problem import Problem
-from softcal.calibration.result import SweepResult, Trial
-from softcal.calibration.search import Progress
-from softcal.calibration.store import write_text
+from softcal.calibration.problem.loss import LOSSES, Loss
+from softcal.calibration.problem.parameters import search_space
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.results.result import SweepResult, Trial
+from softcal.calibration.results.store import write_text
+from softcal.calibration.results.trial_journal import stored_trials
+from softcal.calibration.search.interrupts import stoppable
+from softcal.calibration.search.search import Progress
 from softcal.calibration.sweep import sweep as sweep_problem
-from softcal.calibration.trial_journal import stored_trials
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.display import displayed

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from softcal.analysis.validation import Prediction, Validation, folds_of, leave_out, with_split
-from softcal.calibration.interrupts import stoppable
-from softcal.calibration.problem import Problem
-from softcal.calibration.search import Progress
-from softcal.calibration.settings import SearchSettings
+from softcal.calibration.problem.problem import Problem
+from softcal.calibration.search.interrupts import stoppable
+from softcal.calibration.search.search import Progress
+from softcal.calibration.search.settings import SearchSettings
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, ParameterError

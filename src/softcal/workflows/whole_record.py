@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from softcal.analysis.record import RecordFit, record_fit
-from softcal.calibration.experiment import PULLEY_FRICTION
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.problem.experiment import PULLEY_FRICTION
+from softcal.calibration.results.result import CalibrationResult
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Dataset

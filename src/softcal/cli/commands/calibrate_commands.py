@@ -111,7 +111,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     }
     options = calibration_options(option, {**changes, "mesh_error": mesh_error})
     loaded = load(project, values=parsed_values(values))
-    from softcal.calibration.storage_url import storage_url
+    from softcal.calibration.search.storage_url import storage_url
     from softcal.workflows.calibration import calibrate as calibrate_project
     from softcal.workflows.furthest import furthest_responses
 

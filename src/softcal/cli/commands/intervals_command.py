@@ -13,7 +13,7 @@ from softcal.cli.running import clock, executor_told
 from softcal.cli.values import LOCAL, On, Workers
 
 if TYPE_CHECKING:
-    from softcal.calibration.checked_interval import IntervalStudy
+    from softcal.calibration.interval_studies.checked_interval import IntervalStudy
 
 
 @register_command("judge", 4)
@@ -88,7 +88,7 @@ def intervals(  # noqa: PLR0913 (one argument for each option)
 def _print_study(found: IntervalStudy) -> None:
     from rich.table import Table
 
-    from softcal.calibration.checked_interval import interval_text
+    from softcal.calibration.interval_studies.checked_interval import interval_text
     from softcal.units import format_quantity, plain
 
     table = Table("parameter", "value", "quick", found.by, "difference")

@@ -170,7 +170,7 @@ def _parameters(found: MeshStudy, finer: Sequence[Finer]) -> Table:
     from rich.table import Table
 
     from softcal.analysis.mesh_verdict import shift_text
-    from softcal.calibration.digits import shown, with_unit
+    from softcal.calibration.results.digits import shown, with_unit
     from softcal.cli.calibration_table import value_text
 
     table = Table("parameter", "on", "value", "shift")

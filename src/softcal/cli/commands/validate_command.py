@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from softcal.analysis.validation import Validation
-    from softcal.calibration.result import Estimate, ExperimentFit
+    from softcal.calibration.results.result import ExperimentFit
+    from softcal.calibration.statistics.estimate import Estimate
 
 
 @register_command("judge", 1)

@@ -10,8 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 import softcal
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.result import CalibrationResult, ExperimentFit
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.results.result import CalibrationResult, ExperimentFit
 from softcal.checks import Floats
 from softcal.errors import CalibrationError, Fault, InputError, StorageError
 from softcal.executors.executor import Executor

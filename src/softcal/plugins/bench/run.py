@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from softcal.calibration.store import write_text
+from softcal.calibration.results.store import write_text
 from softcal.errors import Fault, StorageError
 from softcal.executors.executor import Executor
 from softcal.plugins.bench.case import CASES, BenchmarkCase, Progress

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from softcal.calibration.problem import SOFTCAL
+from softcal.calibration.problem.problem import SOFTCAL
 from softcal.checks import Floats
 from softcal.declare import Declared
 from softcal.errors import InputError, SimulationError

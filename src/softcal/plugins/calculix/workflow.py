@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from softcal.calibration.outcome import installed_versions
-from softcal.calibration.problem import SOFTCAL
+from softcal.calibration.problem.problem import SOFTCAL
+from softcal.calibration.search.outcome import installed_versions
 from softcal.csv_text import csv_text
 from softcal.declare import Declared
 from softcal.errors import Fault, InputError

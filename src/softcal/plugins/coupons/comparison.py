@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.digits import value_text
+from softcal.calibration.results.digits import value_text
 from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import CalibrationError, Fault, ParameterError

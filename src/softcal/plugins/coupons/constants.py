@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from unicodedata import normalize
 
-from softcal.calibration.digits import interval_text, value_text
+from softcal.calibration.results.digits import interval_text, value_text
 from softcal.plugins.coupons.law_fit import LawFit
 from softcal.report.statement import ErrorSource, Statement, statement
 

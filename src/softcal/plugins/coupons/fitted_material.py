@@ -1,7 +1,7 @@
 """A material as coupon tests found it, and what it predicts of further tests, with 95 % bands.
 
 The band of a further specimen has the covariance of the constants, the differences between the specimens where they
-show, and the noise of the tests of that kind that were fitted: as those of `softcal.calibration.band`.
+show, and the noise of the tests of that kind that were fitted: as those of `softcal.calibration.statistics.band`.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.estimator import Estimator
-from softcal.calibration.intervals import student
+from softcal.calibration.statistics.estimator import Estimator
+from softcal.calibration.statistics.intervals import student
 from softcal.checks import Floats
 from softcal.plugins.coupons.coupon import Coupon
 from softcal.plugins.coupons.free_constants import FreeConstants

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from softcal.calibration.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
 from softcal.materials.histories import history_of

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.parameters import SearchSpace
-from softcal.calibration.result import Estimate
-from softcal.calibration.sensitivity import Statistics, local_estimator, local_statistics
+from softcal.calibration.problem.parameters import SearchSpace
+from softcal.calibration.statistics.estimate import Estimate
+from softcal.calibration.statistics.sensitivity import Statistics, local_estimator, local_statistics
 from softcal.checks import Floats, ReadOnly
 from softcal.display import displayed
 from softcal.materials.law import Law

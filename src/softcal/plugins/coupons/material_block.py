@@ -7,7 +7,7 @@ the error of their mean: the prior of a free parameter.
 
 from __future__ import annotations
 
-from softcal.calibration.digits import NORMAL_95
+from softcal.calibration.results.digits import NORMAL_95
 from softcal.plugins.coupons.comparison import LawComparison
 from softcal.plugins.coupons.law_fit import LawFit
 from softcal.plugins.coupons.tables import modulus_texts

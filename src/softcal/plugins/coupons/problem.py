@@ -14,9 +14,9 @@ from functools import cached_property
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.loss import Block, Loss, rms
-from softcal.calibration.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.loss import Block, Loss, rms
+from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
 from softcal.checks import Floats
 from softcal.errors import Fault
 from softcal.materials.law import Law

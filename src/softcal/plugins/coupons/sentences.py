@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softcal.calibration.sensitivity import ONE_EXPERIMENT, not_included
+from softcal.calibration.statistics.sensitivity import ONE_EXPERIMENT, not_included
 from softcal.plugins.coupons.comparison import ComparedLaw, LawComparison
 from softcal.plugins.coupons.fitted_material import PredictedCoupon
 from softcal.plugins.coupons.tables import modulus_texts, percent

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.result import Estimate
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.checks import Floats
 from softcal.display import displayed
 from softcal.plugins.coupons.fitted_material import FittedMaterial

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softcal.calibration.digits import interval_text, value_text
+from softcal.calibration.results.digits import interval_text, value_text
 from softcal.plugins.coupons.comparison import ComparedLaw, LawComparison
 from softcal.plugins.coupons.coupon import Coupon
 from softcal.plugins.coupons.fitted_material import PredictedCoupon

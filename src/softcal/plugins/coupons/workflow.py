@@ -10,8 +10,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from softcal.calibration.outcome import installed_versions
-from softcal.calibration.store import write_text
+from softcal.calibration.results.store import write_text
+from softcal.calibration.search.outcome import installed_versions
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, InputError, ParameterError
 from softcal.plugins.coupons.comparison import ComparedLaw, LawComparison, require_apart

@@ -95,7 +95,7 @@ def fleet(  # noqa: PLR0913 (one argument for each option)
 def _bar() -> Generator[Observer]:
     """On a terminal, a progress bar for what is done with the specimens; elsewhere lines now and then."""
     if not sys.stderr.isatty():
-        from softcal.calibration.search import Progress as Done
+        from softcal.calibration.search.search import Progress as Done
 
         with CalibrationLines() as lines:
             yield lambda what, of, done, failed: lines.show(what, Done(done, of, failed, None, None))

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softcal.calibration.mixed_effects import mixed_effects
-from softcal.calibration.random_effects import DIFFERS
+from softcal.calibration.statistics.mixed_effects import mixed_effects
+from softcal.calibration.statistics.random_effects import DIFFERS
 from softcal.plugins.fleet.infill_law import INFILL
 from softcal.plugins.fleet.population import Comparable, Interval
 from softcal.plugins.fleet.specimen import Factor, Specimen

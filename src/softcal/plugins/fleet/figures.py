@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softcal.calibration.result import Estimate
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.plugins.fleet.infill_law import INFILL, InfillLaw
 from softcal.plugins.fleet.population import Population
 from softcal.plugins.fleet.specimen import Specimen

@@ -8,7 +8,7 @@ specimens/<name>.json          from its end on: {"format", "specimen", "state": 
 specimens/<name>.failed-<n>/   with its .json: a run that FAILED and was tried again in a new one (n from 1 on)
 specimens/<name>.changed-<n>/  a run that was in work when the specimen's files were changed, so that it began anew
 fleet.csv                      at the end: a row for each specimen and parameter
-live.json                      how many are finished, and the workers (see `calibration.live`)
+live.json                      how many are finished, and the workers (see `calibration.search.live`)
 report.html, figures, tables   at the end
 report.old-<n>/                an earlier report, moved here where the specimens are other ones now (n from 1 on)
 fleet.lock                     held by the process that calibrates; empty
@@ -33,11 +33,11 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from softcal.calibration.file_lock import hold_in
-from softcal.calibration.outcome import installed_versions
-from softcal.calibration.result import Estimate
-from softcal.calibration.store import write_text
-from softcal.calibration.stored import Amount, Record, read_bytes, read_record
+from softcal.calibration.results.file_lock import hold_in
+from softcal.calibration.results.store import write_text
+from softcal.calibration.results.stored import Amount, Record, read_bytes, read_record
+from softcal.calibration.search.outcome import installed_versions
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, StorageError
 from softcal.plugins.fleet.specimen import Factor, Specimen, State

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.mixed_effects import mixed_effects
-from softcal.calibration.random_effects import DIFFERS
-from softcal.calibration.result import Estimate
+from softcal.calibration.statistics.estimate import Estimate
+from softcal.calibration.statistics.mixed_effects import mixed_effects
+from softcal.calibration.statistics.random_effects import DIFFERS
 from softcal.checks import Floats
 from softcal.plugins.fleet.population import Comparable, Interval
 from softcal.plugins.fleet.specimen import Specimen
@@ -94,7 +94,7 @@ def _is_modulus(one: Comparable | Estimate) -> bool:
 
 
 def _law(one: Comparable, phi: Mapping[str, float]) -> InfillLaw:
-    from softcal.calibration.intervals import student
+    from softcal.calibration.statistics.intervals import student
 
     x = np.array([phi[name] for name in one.names])
     fit = mixed_effects(one.values, one.variances, _design(x))

@@ -1,9 +1,9 @@
 """Hierarchical model of a fleet: the population mean of a parameter, and the spread between its specimens.
 
 A specimen's estimate is the mean of the population, a difference of the specimen's own, and the error of its
-calibration (`calibration.mixed_effects`). A parameter that is searched by its logarithm is compared by its logarithm:
-its mean is then the geometric one, and its spread a ratio. Of several comparisons each chance counts as many times
-(Bonferroni), so that alike specimens are called different in any of them one time in twenty.
+calibration (`calibration.statistics.mixed_effects`). A parameter that is searched by its logarithm is compared by its
+logarithm: its mean is then the geometric one, and its spread a ratio. Of several comparisons each chance counts as many
+times (Bonferroni), so that alike specimens are called different in any of them one time in twenty.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from softcal.calibration.intervals import student
-from softcal.calibration.mixed_effects import mixed_effects
-from softcal.calibration.parameters import Scale
-from softcal.calibration.random_effects import DIFFERS, welch_test
-from softcal.calibration.result import Estimate
+from softcal.calibration.problem.parameters import Scale
+from softcal.calibration.statistics.estimate import Estimate
+from softcal.calibration.statistics.intervals import student
+from softcal.calibration.statistics.mixed_effects import mixed_effects
+from softcal.calibration.statistics.random_effects import DIFFERS, welch_test
 from softcal.checks import Floats
 from softcal.display import displayed
 from softcal.plugins.fleet.specimen import Factor, Specimen, own_error

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softcal.calibration.stored import read_bytes
+from softcal.calibration.results.stored import read_bytes
 from softcal.plugins.fleet.figures import draw_infill, draw_specimens
 from softcal.plugins.fleet.folder import FLEET, REPORT, held_fleet
 from softcal.plugins.fleet.page import FleetPage, render_fleet_page

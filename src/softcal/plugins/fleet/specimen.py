@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from softcal.calibration.between_markers import MARKERS
-from softcal.calibration.budget import BOUNDS
-from softcal.calibration.noise import DRIFT, MISFIT
-from softcal.calibration.result import Estimate
-from softcal.calibration.uncertain import EACH
+from softcal.calibration.problem.uncertain import EACH
+from softcal.calibration.statistics.between_markers import MARKERS
+from softcal.calibration.statistics.budget import BOUNDS
+from softcal.calibration.statistics.estimate import Estimate
+from softcal.calibration.statistics.noise import DRIFT, MISFIT
 from softcal.display import displayed
 
 State = Literal["DONE", "FAILED"]

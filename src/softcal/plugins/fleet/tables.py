@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from softcal.calibration.digits import estimate_text, interval_text
+from softcal.calibration.results.digits import estimate_text, interval_text
 from softcal.plugins.fleet.specimen import Specimen
 from softcal.plugins.fleet.statement import FleetStatement
 from softcal.plugins.fleet.verdict import chance_text, ends_text, level_text, spread_of, spread_text, value_text

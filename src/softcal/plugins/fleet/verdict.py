@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from softcal.analysis.mesh_verdict import Tone
-from softcal.calibration.parameters import Scale
+from softcal.calibration.problem.parameters import Scale
 from softcal.plugins.fleet.factors import FactorEffect
 from softcal.plugins.fleet.infill_law import INFILL, InfillLaw
 from softcal.plugins.fleet.population import Interval, Population

@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
 
-from softcal.calibration.digits import value_text
-from softcal.calibration.interrupts import stoppable
-from softcal.calibration.live import told_live
-from softcal.calibration.search import Progress
+from softcal.calibration.results.digits import value_text
+from softcal.calibration.search.interrupts import stoppable
+from softcal.calibration.search.live import told_live
+from softcal.calibration.search.search import Progress
 from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import ProjectFileError, SoftcalError, StorageError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from softcal.calibration.problem import Simulate
+from softcal.calibration.problem.problem import Simulate
 from softcal.errors import InputError
 from softcal.export.engine import Engine, EngineState, Running, register_engine, state_of
 from softcal.plugins.sofa.install import find_sofa

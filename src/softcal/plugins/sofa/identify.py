@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment
-from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.parameters import FreeParameter
-from softcal.calibration.problem import make_problem
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import make_problem
 from softcal.calibration.run import calibrate
 from softcal.errors import Fault, ParameterError, SimulationError
 from softcal.experiments.dataset import Channel, Dataset

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from softcal.calibration.result import Trial
+from softcal.calibration.results.result import Trial
 from softcal.plugins.watch.twin import ParameterFacts
 from softcal.plugins.watch.watched import WatchedRun, WatchedSearch
 from softcal.report.format import parameter_label

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from softcal.calibration.fit import experiment_fit
-from softcal.calibration.observation import observe
-from softcal.calibration.result import CalibrationResult, ExperimentFit
+from softcal.calibration.problem.observation import observe
+from softcal.calibration.results.fit import experiment_fit
+from softcal.calibration.results.result import CalibrationResult, ExperimentFit
 from softcal.errors import SoftcalError
 from softcal.project.project import Project
 from softcal.report.content import ReportContent

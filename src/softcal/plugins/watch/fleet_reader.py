@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from softcal.calibration.live import LIVE
+from softcal.calibration.search.live import LIVE
 from softcal.plugins.fleet.folder import FLEET, SPECIMENS
 from softcal.plugins.watch.live import LiveSign, moment, read_live
 from softcal.plugins.watch.reading import Unreadable, clean, finite, inside, read_record, told

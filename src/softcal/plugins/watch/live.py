@@ -11,7 +11,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Literal
 
-from softcal.calibration.live import LIVE
+from softcal.calibration.search.live import LIVE
 from softcal.plugins.watch.reading import clean, count, read_record
 
 LONG = 60.0  # [s] without a sign of life

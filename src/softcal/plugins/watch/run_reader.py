@@ -8,9 +8,9 @@ from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeGuard
 
-from softcal.calibration.live import LIVE
-from softcal.calibration.store import RECORD, RESULT
-from softcal.calibration.trial_journal import JOURNAL
+from softcal.calibration.results.store import RECORD, RESULT
+from softcal.calibration.results.trial_journal import JOURNAL
+from softcal.calibration.search.live import LIVE
 from softcal.plugins.watch.fleet_reader import FLEET, SPECIMENS, FleetReader
 from softcal.plugins.watch.live import moment, read_live
 from softcal.plugins.watch.reading import clean, count, inside, numbers, read_record, told

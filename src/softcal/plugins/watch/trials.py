@@ -7,8 +7,8 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from softcal.calibration.result import Trial
-from softcal.calibration.trial_journal import JOURNAL, LONGEST_LINE, StoredTrial, trial_of_line
+from softcal.calibration.results.result import Trial
+from softcal.calibration.results.trial_journal import JOURNAL, LONGEST_LINE, StoredTrial, trial_of_line
 from softcal.limits import LIMITS
 from softcal.plugins.watch.reading import Unreadable, clean, finite, inside, numbers
 from softcal.regular_file import own_file

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Literal
 
-from softcal.calibration.result import Trial
+from softcal.calibration.results.result import Trial
 from softcal.plugins.watch.live import LONG, LiveSign
 from softcal.plugins.watch.report_figures import DrawnFigure
 

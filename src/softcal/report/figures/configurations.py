@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softcal.calibration.digits import value_text
-from softcal.calibration.result import Estimate
+from softcal.calibration.results.digits import value_text
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.report.compared import Compared, Configuration
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softcal.analysis.sweep import ALL
-from softcal.calibration.result import SweepResult
+from softcal.calibration.results.result import SweepResult
 from softcal.report import surfaces
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure

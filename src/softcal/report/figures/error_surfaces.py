@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softcal.analysis.sweep import ALL
-from softcal.calibration.result import SweepResult
+from softcal.calibration.results.result import SweepResult
 from softcal.checks import Floats
 from softcal.report import surfaces
 from softcal.report.content import ReportContent

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softcal.calibration.result import Trial
+from softcal.calibration.results.result import Trial
 from softcal.checks import Floats, Ints
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure

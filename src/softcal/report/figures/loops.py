@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softcal.calibration.result import ExperimentFit
+from softcal.calibration.results.result import ExperimentFit
 from softcal.experiments.dataset import Dataset
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure

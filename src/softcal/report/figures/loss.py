@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softcal.calibration.digits import estimate_text, value_text
-from softcal.calibration.optimiser import OPTIMISERS
-from softcal.calibration.result import Estimate, SearchResult
+from softcal.calibration.results.digits import estimate_text, value_text
+from softcal.calibration.results.result import SearchResult
+from softcal.calibration.search.optimiser import OPTIMISERS
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.report.content import Landscape, ReportContent
 from softcal.report.figure import Drawing, register_figure

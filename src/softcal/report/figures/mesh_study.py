@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from softcal.analysis.mesh_study import MeshStudy
-from softcal.calibration.digits import shown, value_text, with_unit
+from softcal.calibration.results.digits import shown, value_text, with_unit
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import estimate_scale, parameter_label

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softcal.calibration.result import SearchResult
+from softcal.calibration.results.result import SearchResult
 from softcal.checks import Floats
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figure import Drawing, register_figure

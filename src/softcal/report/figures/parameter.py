@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from softcal.calibration.digits import estimate_text, half_width
-from softcal.calibration.result import Estimate, SearchResult
+from softcal.calibration.results.digits import estimate_text, half_width
+from softcal.calibration.results.result import SearchResult
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import (

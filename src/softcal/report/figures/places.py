@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softcal.calibration.result import ExperimentFit
+from softcal.calibration.results.result import ExperimentFit
 from softcal.checks import Floats, Ints
 from softcal.geometry.fine_surface import fine_surface
 from softcal.geometry.surface import boundary

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from softcal.calibration.result import Estimate, SearchResult
+from softcal.calibration.results.result import SearchResult
+from softcal.calibration.statistics.estimate import Estimate
 from softcal.materials.infill import PrintInfill
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure

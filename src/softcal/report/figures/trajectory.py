@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softcal.calibration.result import ExperimentFit
+from softcal.calibration.results.result import ExperimentFit
 from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
 from softcal.report.content import ExperimentContent, ReportContent

@@ -1,0 +1,1 @@
+"""Intervals in another way, beside the quick ones: by profiles, a posterior, groups of the data, a bootstrap."""

@@ -1,0 +1,175 @@
+"""Intervals found another way, beside the quick ones of the linearised estimator, and where the two differ."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from softcal.calibration.problem.parameters import Scale
+from softcal.calibration.statistics.estimate import Estimate
+from softcal.calibration.statistics.jackknife import UNLIKELY
+from softcal.display import displayed
+from softcal.html_text import summary
+from softcal.units import digits_that_tell, format_quantity, readable_unit
+
+DIFFERS = 0.1
+"""Share of the quick interval's half-length: where an end moves by more, the two intervals differ."""
+LARGE = 1.0
+"""Share of the quick interval's half-length: where an end moves by more, chance alone is no comfort."""
+
+
+@displayed
+@dataclass(frozen=True)
+class CheckedInterval:
+    """The 95 % interval of one parameter, found twice.
+
+    Attributes
+    ----------
+    value
+        The calibrated value [unit].
+    unit
+        Its SI unit.
+    lower, upper
+        The bounds of the search [unit].
+    scale
+        Scale on which the parameter was searched, on which the ends are compared.
+    quick
+        Ends of the quick interval [unit]; None where there is none.
+    found
+        Ends of the other one [unit], within the bounds; None where it could not be found.
+    reason
+        Why the two differ, the end of a sentence; "" where that is not known.
+    chance
+        The probability that two estimates of one scatter differ as much; None where the ends are compared instead.
+    """
+
+    value: float
+    unit: str
+    lower: float
+    upper: float
+    scale: Scale
+    quick: tuple[float, float] | None
+    found: tuple[float, float] | None
+    reason: str = ""
+    chance: float | None = None
+
+    @property
+    def difference(self) -> float | None:
+        """Largest distance between corresponding ends over half the quick interval's length [-]; None without both."""
+        if self.quick is None or self.found is None:
+            return None
+        (low, high), (found_low, found_high) = (tuple(map(self._on_scale, ends)) for ends in (self.quick, self.found))
+        apart = max(abs(found_low - low), abs(found_high - high))
+        return 2 * apart / (high - low) if high > low else (math.inf if apart > 0 else 0.0)
+
+    @property
+    def differs(self) -> bool:
+        """Whether an end is elsewhere by more than `DIFFERS`, or chance does not explain how the scatters differ."""
+        if self.chance is not None:
+            return self.chance < UNLIKELY
+        return self.difference is not None and self.difference > DIFFERS
+
+    @property
+    def at_bounds(self) -> tuple[bool, bool]:
+        """Whether each end is the bound of the search."""
+        return (False, False) if self.found is None else (self.found[0] <= self.lower, self.found[1] >= self.upper)
+
+    def _on_scale(self, value: float) -> float:
+        return math.log(value) if self.scale == "log" else value
+
+
+@displayed
+@dataclass(frozen=True)
+class IntervalStudy:
+    """Intervals of all parameters by one method.
+
+    Attributes
+    ----------
+    by
+        The method: "profile", "posterior", "jackknife" or "bootstrap".
+    intervals
+        Label -> interval beside the quick one.
+    notes
+        Remarks on how they were found, sentences.
+    facts
+        What was counted, by name: simulations, effective samples.
+    wall_s
+        Wall time [s].
+    points
+        Label -> values [SI] of the simulated points of a profile, of the draws of a posterior or a bootstrap, or those
+        without each group of a jackknife; all equally long.
+    excess
+        Of each point: minus twice the log-likelihood (or log-posterior) less the least found; empty for a bootstrap
+        or a jackknife.
+    """
+
+    by: str
+    intervals: Mapping[str, CheckedInterval]
+    notes: tuple[str, ...]
+    facts: Mapping[str, float]
+    wall_s: float
+    points: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
+    excess: tuple[float, ...] = ()
+
+    def _by_chance(self) -> str:
+        """That chance explains the differences, with those that are large all the same."""
+        text = f"No interval by {self.by} differs from the quick one by more than chance explains"
+        large = [
+            f"{label} (p = {one.chance:.2g})"
+            for label, one in self.intervals.items()
+            if one.chance is not None and one.difference is not None and one.difference > LARGE
+        ]
+        if not large:
+            return f"{text}."
+        return (
+            f"{text}, but of so few groups chance explains much: {', '.join(large)} differ{'s' * (len(large) == 1)} by "
+            "more than the quick half-length. Where a group is suspect, look at the values without it."
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [
+            [label, format_quantity(one.value, one.unit), interval_text(one, one.quick), interval_text(one, one.found)]
+            for label, one in self.intervals.items()
+        ]
+        header = ["parameter", "value", "quick", self.by]
+        return summary("95 % intervals", header, rows, [*self.notes, *self.sentences])
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What the comparison with the quick intervals says."""
+        found = tuple(_sentence(self.by, label, one) for label, one in self.intervals.items() if one.differs)
+        missing = [label for label, one in self.intervals.items() if one.quick is None and one.found is not None]
+        if missing:
+            found = (*found, f"There is no quick interval of {', '.join(missing)}.")
+        if not found and any(one.difference is not None for one in self.intervals.values()):
+            if any(one.chance is not None for one in self.intervals.values()):
+                return (self._by_chance(),)
+            share = f"{100 * DIFFERS:.0f} %"
+            return (f"No end differs from that of the quick interval by more than {share} of its half-length.",)
+        return found
+
+
+def checked(
+    estimates: Mapping[str, Estimate], found: Mapping[str, tuple[float, float] | None], reason: str
+) -> dict[str, CheckedInterval]:
+    """The intervals `found` [SI by label] beside the quick ones of the estimates; reason: why they may differ."""
+    return {
+        label: CheckedInterval(e.value, e.unit, e.lower, e.upper, e.scale, e.interval, found.get(label), reason)
+        for label, e in estimates.items()
+    }
+
+
+def interval_text(one: CheckedInterval, ends: tuple[float, float] | None) -> str:
+    """Both ends with their unit, to the digits that tell them apart; "-" where there is no interval."""
+    if ends is None:
+        return "-"
+    unit = readable_unit(one.value, one.unit)
+    low, high = (format_quantity(end, one.unit, unit, digits=digits_that_tell(*ends)) for end in ends)
+    return f"{low} to {high}"
+
+
+def _sentence(by: str, label: str, one: CheckedInterval) -> str:
+    found, quick = interval_text(one, one.found), interval_text(one, one.quick)
+    reason = f": {one.reason}" if one.reason else ""
+    return f"{label}: the interval by {by} is {found}, the quick one {quick}{reason}."

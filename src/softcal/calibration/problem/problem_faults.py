@@ -1,0 +1,148 @@
+"""What can be wrong with a calibration problem before anything is simulated."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from softcal.calibration.problem.experiment import Experiment, rig_parameters
+from softcal.calibration.problem.friction import friction_faults
+from softcal.calibration.problem.loss import Loss
+from softcal.calibration.problem.parameters import SearchSpace, search_space
+from softcal.calibration.problem.uncertain import UncertainParameter, free_and_uncertain, uncertain_parameters
+from softcal.errors import Fault, ParameterError, unknown
+from softcal.sensing.channel import carriers
+from softcal.twin.channels import channels_of, sensors_of
+from softcal.twin.parameters import ParameterInfo, out_of_range, robot_parameters, unknown_name
+from softcal.twin.robot import Robot
+
+
+def problem_faults(
+    robot: Robot,
+    experiments: Sequence[Experiment],
+    space: SearchSpace,
+    loss: Loss,
+    uncertain: Sequence[UncertainParameter] = (),
+) -> list[Fault]:
+    """Every fault of a problem's parts, and of how they go together."""
+    known = {**robot_parameters(robot), **rig_parameters(experiments)}
+    return [
+        *_part_faults(robot, experiments),
+        *_space_faults(experiments, space, loss, known),
+        *_setting_faults(robot, experiments, space, known),
+        *(fault for e in experiments for fault in friction_faults(robot, e, _varied_in(e.name, space, uncertain))),
+        *_uncertain_faults(uncertain, experiments, space, known),
+    ]
+
+
+def _part_faults(robot: Robot, experiments: Sequence[Experiment]) -> list[Fault]:
+    """Experiments' names, and the cables and channels that the robot does not have."""
+    names = [experiment.name for experiment in experiments]
+    cables = [cable.name for cable in robot.cables]
+    faults = [Fault("two experiments share a name", got=name) for name in sorted(set(names)) if names.count(name) > 1]
+    for name in sorted(name for name in names if not re.fullmatch(r"[\w.+-][\w.+ -]*", name)):
+        faults.append(
+            Fault(
+                "the experiment's name cannot name a file",
+                got=f"'{name}'",
+                allowed="letters, digits, space and . _ + -",
+            )
+        )
+    if not experiments:
+        faults.append(Fault("there is no experiment to calibrate with", "experiments", allowed="at least one"))
+    for experiment in experiments:
+        faults += [
+            unknown("the robot has no such cable", experiment.name, cable, cables)
+            for cable in experiment.cables
+            if cable not in cables
+        ]
+        faults += channel_faults(robot, experiment)
+    return faults
+
+
+def _space_faults(
+    experiments: Sequence[Experiment], space: SearchSpace, loss: Loss, known: Mapping[str, ParameterInfo]
+) -> list[Fault]:
+    """Free parameters that no experiment has, priors that the loss does not count, and names that do not exist."""
+    names = {experiment.name for experiment in experiments}
+    faults = [
+        Fault("the parameter belongs to no experiment of the problem", p.label, allowed=", ".join(sorted(names)))
+        for p in space.parameters
+        if not p.serves(*names)
+    ]
+    if not loss.uses_priors:
+        faults += [
+            Fault(
+                f"the loss '{loss.name}' does not use priors",
+                p.label,
+                attempt="the loss 'likelihood', or no prior",
+            )
+            for p in space.parameters
+            if p.prior_sd is not None
+        ]
+    try:
+        search_space(space.parameters, (), known)
+    except ParameterError as error:
+        faults += error.faults
+    return faults
+
+
+def _varied_in(experiment: str, space: SearchSpace, uncertain: Sequence[UncertainParameter]) -> set[str]:
+    """The parameters of the robot and the rig that are free or uncertain in an experiment."""
+    return space.free_in(experiment) | {t for p in uncertain if p.serves(experiment) for t in p.targets}
+
+
+def _uncertain_faults(
+    uncertain: Sequence[UncertainParameter],
+    experiments: Sequence[Experiment],
+    space: SearchSpace,
+    known: Mapping[str, ParameterInfo],
+) -> list[Fault]:
+    try:
+        uncertain_parameters(uncertain, (), known)
+    except ParameterError as error:
+        return list(error.faults)
+    names = [experiment.name for experiment in experiments]
+    return free_and_uncertain(uncertain, names, {name: space.free_in(name) for name in names})
+
+
+def _setting_faults(
+    robot: Robot, experiments: Sequence[Experiment], space: SearchSpace, known: Mapping[str, ParameterInfo]
+) -> list[Fault]:
+    """Settings of an experiment that name no parameter of it, are out of range, or are free at once."""
+    faults: list[Fault] = []
+    for experiment in experiments:
+        where = f"settings of {experiment.name}"
+        here = {**robot_parameters(robot), **rig_parameters([experiment])}
+        free = space.free_in(experiment.name)
+        for name, value in experiment.settings.items():
+            if name not in here:
+                faults.append(replace(unknown_name(name, here), where=f"{where}, {name}"))
+            elif fault := out_of_range(known[name], value):
+                faults.append(replace(fault, where=f"{where}, {name}"))
+            if name in free:
+                faults.append(
+                    Fault("the parameter is set and free at once", f"{where}, {name}", attempt="one of the two")
+                )
+    return faults
+
+
+def channel_faults(robot: Robot, experiment: Experiment) -> list[Fault]:
+    """Compared channels that the robot does not have, one fault for each part that it lacks."""
+    there = channels_of(sensors_of(robot))
+    faults: dict[str, Fault] = {}
+    for short in experiment.compared:
+        channel = experiment.twin_channel(short)
+        own = [str(one) for one in there if one.carrier == channel.carrier]
+        if channel in there or channel.carrier in experiment.cables:
+            continue
+        if own:
+            what = f"{channel.carrier} has no such channel"
+            faults[short] = unknown(what, experiment.name, str(channel), own, got=short)
+            continue
+        parts = ("plates",) if short != str(channel) else carriers(channel.kind)
+        known = [part.name for of in parts for part in getattr(robot, of)]
+        what = f"the robot has no such {' or '.join(of.removesuffix('s') for of in parts) or 'channel'}"
+        faults[channel.carrier] = unknown(what, experiment.name, channel.carrier, known, got=channel.carrier or short)
+    return [faults[key] for key in sorted(faults)]

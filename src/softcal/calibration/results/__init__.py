@@ -1,0 +1,1 @@
+"""The results: what a search ends with, how many digits of it are shown, and its files, trial by trial."""

@@ -1,0 +1,101 @@
+"""Goodness of fit of one experiment: errors by channel, distances by marker, cycles, and what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.loss import rms, rms_detrended
+from softcal.calibration.problem.observation import Observation
+from softcal.calibration.results.result import CycleFit, Distance, ExperimentFit
+from softcal.checks import Floats
+from softcal.experiments.dataset import Dataset
+from softcal.experiments.hysteresis import loops
+from softcal.experiments.steps.branches import cycle_rows
+
+
+def experiment_fit(
+    experiment: Experiment,
+    seen: Observation,
+    bands: Mapping[str, Floats] | None = None,
+    repeats: Mapping[str, Floats] | None = None,
+) -> ExperimentFit:
+    """The errors of the predicted measurements `seen`; bands and repeats: channel -> half-width [SI] at its measured
+    samples.
+    """
+    channels = experiment.dataset.channels
+    errors = {
+        channel: (seen.predicted[channel] - channels[channel].values)[experiment.seen(channel)]
+        for channel in experiment.compared
+    }
+    return ExperimentFit(
+        rmse={channel: rms(error) for channel, error in errors.items()},
+        rmse_detrended={channel: rms_detrended(error) for channel, error in errors.items()},
+        measured={name: channel.values for name, channel in channels.items()},
+        simulated=dict(seen.predicted),
+        units={**seen.units, **{name: channel.unit for name, channel in channels.items()}},
+        response=dict(seen.response),
+        distances=_distances(experiment, errors),
+        length=experiment.rig.length,
+        missing=_missing(experiment),
+        bands=_at_all(experiment, bands or {}),
+        repeats=_at_all(experiment, repeats or {}),
+        cycles=_cycles(experiment.dataset, seen.predicted),
+    )
+
+
+def missing_rows(experiment: Experiment) -> dict[str, list[int]]:
+    """Rows (from 0) in which a marker or a compared channel was not measured, by its name; only names with
+    such rows.
+    """
+    rows: dict[str, list[int]] = {}
+    for channel in experiment.compared:
+        name = experiment.point_of(channel) or channel
+        rows[name] = np.flatnonzero(~experiment.seen(channel)).tolist()
+    return {name: held for name, held in rows.items() if held}
+
+
+def _at_all(experiment: Experiment, widths: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Values of the measured samples at all samples, NaN at the others."""
+    found: dict[str, Floats] = {}
+    for channel, values in widths.items():
+        seen = experiment.seen(channel)
+        found[channel] = np.full(len(seen), np.nan)
+        found[channel][seen] = values
+    return found
+
+
+def _missing(experiment: Experiment) -> dict[str, int]:
+    return {name: len(rows) for name, rows in missing_rows(experiment).items()}
+
+
+def _distances(experiment: Experiment, errors: dict[str, Floats]) -> dict[str, Distance]:
+    """The distances of every marker and plate with all three coordinates compared."""
+    found: dict[str, Distance] = {}
+    for point in experiment.points:
+        parts = experiment.parts_of(point)
+        if len(parts) == 3:
+            away = np.sqrt(sum(errors[part] ** 2 for part in parts))
+            found[point] = Distance(float(away.mean()), float(away.max()), rms(away), len(away))
+    return found
+
+
+def _cycles(data: Dataset, predicted: Mapping[str, Floats]) -> tuple[CycleFit, ...]:
+    """The whole cycles of force and travel; none where their samples were not looked for, or go one way."""
+    if not has_cycles(data) or not {"shortening", "tension"} & predicted.keys():
+        return ()
+    channels = {name: replace(one, values=predicted.get(name, one.values)) for name, one in data.channels.items()}
+    both = zip(loops(data), loops(replace(data, channels=channels)), strict=True)
+    return tuple(CycleFit(measured, simulated) for measured, simulated in both)
+
+
+def has_cycles(data: Dataset) -> bool:
+    """Whether a dataset has cycles of force and travel that go both ways, every sample of them measured."""
+    if data.cycle is None or not (data.cycle >= 0).any() or not {"shortening", "tension"} <= data.channels.keys():
+        return False
+    known = np.isfinite(data.values("shortening")) & np.isfinite(data.values("tension"))
+    both = all(min(len(one.loading), len(one.unloading)) > 1 for one in cycle_rows(data))
+    return both and bool(known[data.cycle >= 0].all())

@@ -1,0 +1,129 @@
+"""Evaluations by an executor's workers, or in this process; results in the order of the proposals."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from itertools import islice
+
+from softcal.calibration.problem.problem import Contribution, Evaluation, Problem
+from softcal.calibration.search.optimiser import Proposal
+from softcal.errors import CalibrationError
+from softcal.executors.chosen import executor_of
+from softcal.executors.each import LostCall, each, here
+from softcal.executors.executor import Executor
+
+_WORTH = 2.0  # [s]: an evaluation by itself that takes less is not worth the start of processes
+_HOPELESS = 5  # evaluations that end their workers, with none that does not
+
+
+class Evaluator:
+    """Evaluates a problem at many points.
+
+    An evaluation that ends its worker each time that it is tried is a failed one, with a sentence.
+
+    Parameters
+    ----------
+    problem
+        What is evaluated.
+    workers
+        An executor, which stays open; or a number of processes of this machine.
+    jacobian
+        Whether with derivatives.
+    long
+        Whether it is known that an evaluation is worth the start of processes.
+
+    Raises
+    ------
+    ParameterError
+        For less than one worker.
+    """
+
+    def __init__(self, problem: Problem, *, workers: int | Executor, jacobian: bool, long: bool = False) -> None:
+        self._problem, self._jacobian = problem, jacobian
+        self._stack = contextlib.ExitStack()
+        self._executor = self._stack.enter_context(executor_of(workers))
+        self._seconds = 0.0  # of the last evaluation by itself
+        self._begun, self._succeeded = long, False
+        self._lost = 0
+
+    def __enter__(self) -> Evaluator:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._stack.close()
+
+    def evaluate(self, proposals: Sequence[Proposal]) -> Iterator[tuple[Proposal, Evaluation]]:
+        """Each proposal with its evaluation, in order, as soon as it is there.
+
+        Raises
+        ------
+        CalibrationError
+            Where workers end at whatever they evaluate, or no more can be had.
+        """
+        short = len(proposals) == 1 and not self._begun and self._seconds < _WORTH
+        if self._executor.alone or (self._executor.here and short):
+            for proposal in proposals:
+                evaluation = here(_evaluate, self._problem, dict(proposal.theta), self._jacobian)
+                if isinstance(evaluation, LostCall):
+                    evaluation = self._problem.failed(proposal.theta, evaluation.why)
+                self._seconds = evaluation.seconds
+                yield proposal, evaluation
+            return
+        if not proposals:
+            return
+        self._begun = True
+        # Where there are fewer points than workers, these share the trajectories of each.
+        found = self._shared if len(proposals) < self._executor.count else self._whole
+        for proposal, evaluation in zip(proposals, found([dict(p.theta) for p in proposals]), strict=True):
+            if isinstance(evaluation, LostCall):
+                yield proposal, self._failed(proposal, evaluation)
+            else:
+                self._succeeded = True
+                yield proposal, evaluation
+
+    def _whole(self, thetas: Sequence[dict[str, float]]) -> Iterator[Evaluation | LostCall]:
+        return each(self._executor, _evaluate, self._problem, [(theta, self._jacobian) for theta in thetas])
+
+    def _shared(self, thetas: Sequence[dict[str, float]]) -> Generator[Evaluation | LostCall]:
+        began = time.perf_counter()
+        counts = [len(self._problem.trajectories(theta)) for theta in thetas]
+        calls = [(t, k, self._jacobian) for t, n in zip(thetas, counts, strict=True) for k in range(n)]
+        parts = each(self._executor, _part, self._problem, calls)
+        for theta, count in zip(thetas, counts, strict=True):
+            done: list[Contribution | LostCall] = list(islice(parts, count))
+            lost = [part for part in done if isinstance(part, LostCall)]
+            told = [part for part in done if isinstance(part, Contribution)]
+            yield lost[0] if lost else self._problem.joined(theta, told, time.perf_counter() - began)
+
+    def _failed(self, proposal: Proposal, lost: LostCall) -> Evaluation:
+        self._lost += 1
+        if self._lost >= _HOPELESS and not self._succeeded:
+            raise CalibrationError(
+                f"The first {self._lost} evaluations ended their workers, trial {proposal.number} the last of them. "
+                f"{lost.why} The trials so far are kept. Try: fewer workers than {self._executor.count}, and resume."
+            )
+        return self._problem.failed(proposal.theta, lost.why)
+
+
+def evaluated(
+    problem: Problem, theta: Mapping[str, float], *, workers: int | Executor = 1, jacobian: bool = False
+) -> Evaluation:
+    """One evaluation at theta [SI by label], its trajectories shared by the workers.
+
+    Raises
+    ------
+    CalibrationError
+        Where no more workers can be had.
+    """
+    with Evaluator(problem, workers=workers, jacobian=jacobian, long=True) as evaluator:
+        return next(iter(evaluator.evaluate([Proposal(0, theta)])))[1]
+
+
+def _evaluate(problem: Problem, theta: dict[str, float], jacobian: bool) -> Evaluation:
+    return problem.evaluate(theta, jacobian=jacobian)
+
+
+def _part(problem: Problem, theta: Mapping[str, float], number: int, jacobian: bool) -> Contribution:
+    return problem.part(theta, problem.trajectories(theta)[number], jacobian=jacobian)

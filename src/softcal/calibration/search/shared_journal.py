@@ -1,0 +1,112 @@
+"""The journal file of shared studies: opened by Optuna under a lock of the system, and looked at before it is."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from softcal.calibration.results.file_lock import hold, lock
+from softcal.calibration.results.trial_journal import BEGIN, LONGEST_LINE, cut_to_whole_lines
+from softcal.errors import Fault, StorageError
+from softcal.regular_file import not_a_file
+
+if TYPE_CHECKING:
+    import optuna
+    from optuna.storages.journal import JournalFileOpenLock
+
+MOST_BYTES = 2**30  # of a journal; that of a hundred thousand trials has less than half of it
+NO_JOURNAL, ANOTHER = "this file is no journal of a study", "journal:FILE of a new file, or of a study's"
+
+
+def is_new_journal(path: Path) -> bool:
+    """Whether a journal is still to be made; it is not made, and one that is there is not changed.
+
+    Raises
+    ------
+    StorageError
+        Where it cannot be made, or a file is there that is no journal.
+    ValueError, RecursionError
+        Where the last line of one that is there is damaged.
+    OSError
+        Where the one that is there cannot be read, written or locked.
+    """
+    if not_a_file(path):
+        folder = path.resolve().parent
+        try:
+            with tempfile.TemporaryFile(dir=folder) as file:
+                lock(file)
+        except OSError as error:
+            got = error.strerror or str(error)
+            raise StorageError(Fault("no file can be made and locked in this folder", str(folder), got)) from error
+        return True
+    _require_journal(path)
+    with contextlib.suppress(BlockingIOError):  # of another process that writes
+        hold(path).close()
+    return False
+
+
+def open_journal(path: Path) -> optuna.storages.BaseStorage:
+    """Optuna's storage in a file, made if it is not there.
+
+    Raises
+    ------
+    StorageError
+        Where a file is there that is no journal.
+    OSError, *BROKEN
+        Where it cannot be read or made; where one of its lines is damaged.
+    """
+    from optuna.storages import JournalStorage
+    from optuna.storages.journal import JournalFileBackend
+
+    if not not_a_file(path):
+        _require_journal(path)
+    return JournalStorage(JournalFileBackend(str(path), lock_obj=_held(path)))
+
+
+def _require_journal(path: Path) -> None:
+    """Raise where a file is there that is no journal: it is the user's, and nothing is written into it.
+
+    Only its beginning and its last line are looked at; Optuna reads the lines between, and says what is wrong there.
+
+    Raises
+    ------
+    StorageError, ValueError, RecursionError
+        As said.
+    OSError
+        Where it cannot be read.
+    """
+    first = last = b""
+    with path.open("rb") as file:
+        is_large = os.fstat(file.fileno()).st_size > MOST_BYTES
+        while not is_large and (line := file.readline(LONGEST_LINE)):
+            first = first or line
+            is_large = len(line) == LONGEST_LINE
+            last = line if line.endswith(b"\n") else last  # one without an end may be written at this moment
+    if is_large or (first and not (first.startswith(BEGIN) and first.endswith(b"\n"))):
+        raise StorageError(Fault(NO_JOURNAL, str(path), attempt=ANOTHER))
+    if last:
+        json.loads(last)
+
+
+def _held(path: Path) -> JournalFileOpenLock:
+    """A lock that the operating system holds, on the file itself, so that none is left where a process is killed."""
+    from optuna.storages.journal import JournalFileOpenLock
+
+    class HeldFile(JournalFileOpenLock):
+        def acquire(self) -> bool:
+            self._file = hold(path, wait=True)
+            try:
+                cut_to_whole_lines(path)
+            except BaseException:
+                self._file.close()
+                raise
+            return True
+
+        def release(self) -> None:
+            self._file.close()
+
+    return HeldFile(str(path))

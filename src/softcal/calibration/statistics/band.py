@@ -1,0 +1,89 @@
+"""The 95 % bands of further measurements around the twin's predictions: the intervals carried into force and pitch.
+
+A further experiment, on a new set-up, errs by the covariance of the estimates, by the spread between the experiments
+where they differ, and by the noise of the measurements. A further sample of the same experiment has the same specimen
+and the same errors of instruments, mesh and rig, which the fit has followed: what is left of them is in the residuals.
+It errs by these, or by the noise where that is larger, and by what the noise of the fitted samples makes of the
+estimates. All by the exact derivatives at the minimum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from softcal.calibration.problem.loss import Block, Loss
+from softcal.calibration.statistics.estimator import Estimator
+from softcal.calibration.statistics.intervals import student
+from softcal.checks import Floats
+
+_AROUND, _PART = 5, 10  # samples around one whose residuals are alike, or such a part of the record
+
+
+def half_width(loss: Loss, block: Block, slopes: Floats, covariance: Floats, found: Estimator) -> Floats:
+    """Half the width (n,) [SI] of the band of a block.
+
+    Parameters
+    ----------
+    slopes
+        Derivative (n, size) of the prediction by the point of the unit box.
+    covariance
+        Of the estimates that predict, shape (size, size).
+    found
+        The estimator of all experiments: their noise, and how they differ.
+    """
+    differing = [one for one in found.between if one.effects.differs and np.any(slopes[:, one.column])]
+    variance = np.einsum("ni,ij,nj->n", slopes, covariance, slopes)
+    for one in differing:
+        variance = variance + (one.effects.spread * slopes[:, one.column]) ** 2
+    noise = noise_of(loss, block, found)
+    dof = min((float(one.effects.dof) for one in differing), default=np.inf)
+    return float(student(np.array([dof]))[0]) * np.sqrt(variance + noise**2)
+
+
+def noise_of(loss: Loss, block: Block, found: Estimator) -> Floats | float:
+    """The standard deviation [SI] of the measurements of a block: of each (n,) where it is stated."""
+    stated = loss.stated_noise(block)
+    return found.noise[loss.noise_group(block)].size * (1.0 if stated is None else stated)
+
+
+def bands(loss: Loss, slopes: Floats, blocks: Sequence[Block], found: Estimator) -> dict[str, dict[str, Floats]]:
+    """Experiment -> compared channel -> half the width (n,) [SI] of the band of a further experiment at its measured
+    samples.
+
+    slopes: d theta / d z (size,).
+    """
+    return _by_channel(blocks, lambda block, J: half_width(loss, block, J * slopes, found.within_bounds, found))
+
+
+def repeat_bands(loss: Loss, slopes: Floats, blocks: Sequence[Block], found: Estimator) -> dict[str, dict[str, Floats]]:
+    """Experiment -> compared channel -> half the width (n,) [SI] of the band of a further sample of the same experiment
+    at its measured samples.
+
+    slopes: d theta / d z (size,).
+    """
+
+    def width(block: Block, jacobian: Floats) -> Floats:
+        J = jacobian * slopes
+        off = np.maximum(noise_of(loss, block, found) ** 2, _around(block.residual**2))
+        return float(student(np.array([np.inf]))[0]) * np.sqrt(np.einsum("ni,ij,nj->n", J, found.by_noise, J) + off)
+
+    return _by_channel(blocks, width)
+
+
+def _around(squares: Floats) -> Floats:
+    """The mean (n,) of squares around each sample."""
+    from scipy.ndimage import uniform_filter1d
+
+    n = len(squares)
+    size = min(n, max(_AROUND, n // _PART))
+    return np.asarray(uniform_filter1d(squares, size=size, mode="nearest"), dtype=np.float64)
+
+
+def _by_channel(blocks: Sequence[Block], width: Callable[[Block, Floats], Floats]) -> dict[str, dict[str, Floats]]:
+    widths: dict[str, dict[str, Floats]] = {}
+    for block in blocks:
+        if block.experiment and block.jacobian is not None:
+            widths.setdefault(block.experiment, {})[block.channel] = width(block, block.jacobian)
+    return widths

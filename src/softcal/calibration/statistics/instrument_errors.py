@@ -1,0 +1,63 @@
+"""Which systematic error of an instrument would move an estimate by its interval.
+
+An error of a load cell or an IMU of one sign in all samples, an offset, a gain or a drift in proportion to time, is in
+no residual. By how much it would move the minimum is known from the derivatives: -A^-1 J^T W c for the change c of the
+residuals, as of an uncertain parameter (`problem/uncertain.py`). A parameter at a bound stays there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from softcal.calibration.problem.loss import Block, Loss
+from softcal.calibration.statistics.estimator import curving, linearised, weighed
+from softcal.checks import Floats
+
+
+def instrument_errors(loss: Loss, slopes: Floats, blocks: Sequence[Block], half: Floats) -> list[dict[str, float]]:
+    """Of each parameter: name of an instrument's error, on which nothing is stated -> its size [SI] that moves the
+    estimate by `half` (size,) in the unit box. Of each instrument the one that is smallest over what it reads.
+
+    slopes: d theta / d z, zero of parameters that stay where they are; the blocks must have jacobians.
+    """
+    seen = [weighed(loss, one) for one in blocks]
+    parts, inverse, _ = linearised(loss, seen, slopes)
+    pulls: dict[str, Floats] = {}
+    reads: dict[str, float] = {}
+    instruments: dict[str, str] = {}
+    for one, part in zip(seen, parts, strict=True):
+        unit = np.ones(len(one.weights)) if one.stated is None else one.stated
+        for name, shape, scale in _errors(one.block):
+            changed = curving(loss, one.block, one.weights, shape[:, None])[:, 0]
+            pulls[name] = pulls.get(name, 0.0) + (changed / unit) @ part.pull
+            reads[name] = max(reads.get(name, 0.0), scale)
+            instruments[name] = one.block.instrument
+    moved = {name: np.abs(pull @ inverse) for name, pull in pulls.items()}
+    return [_smallest(j, float(half[j]), moved, reads, instruments) for j in range(len(slopes))]
+
+
+def _errors(block: Block) -> Iterable[tuple[str, Floats, float]]:
+    """Name of each error, the change of the residual (n,) by one unit, and how many units are all that is read."""
+    offset, gain, drift = block.unstated
+    largest = float(np.abs(block.measured).max())
+    if offset:
+        yield offset, np.ones(len(block.residual)), largest
+    if gain:
+        yield gain, block.residual + block.measured, 1.0
+    if drift and block.drift is not None:
+        yield drift, block.drift, largest
+
+
+def _smallest(
+    j: int, half: float, moved: Mapping[str, Floats], reads: Mapping[str, float], instruments: Mapping[str, str]
+) -> dict[str, float]:
+    found: dict[str, tuple[float, str, float]] = {}
+    for name, shift in moved.items():
+        if shift[j] * reads[name] <= half:
+            continue  # not even an error as large as what is read
+        size = half / float(shift[j])
+        best = (size / reads[name], name, size)
+        found[instruments[name]] = min(found.get(instruments[name], best), best)
+    return {name: size for _, name, size in sorted(found.values())}

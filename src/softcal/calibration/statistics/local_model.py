@@ -1,0 +1,265 @@
+"""A model of all residuals around one simulated point, from its exact derivatives and the scaling of forces with
+moduli.
+
+By dimensional analysis, at prescribed displacements the force of an elastic robot is proportional to its moduli, and
+under prescribed loads its displacements depend on load over modulus. So, with s = E / E_0 for each modulus,
+
+    force:           y = y_0 + sum g (s - 1)     + s D (w - w_0) + L (p - p_0)
+    place or angle:  y = y_0 + sum g (1 - 1 / s) +   D (w - w_0) + L (p - p_0) / s
+
+with g = d y / d ln E, p the loads (forces, masses, densities), w all other parameters (lengths, angles, ratios), and D
+and L the derivatives by them. Where there are several moduli, the s that multiplies is the product of their powers, the
+exponents being their shares in g. Poisson's ratio enters as itself or, where elements lock, as 1 / (ceiling - nu),
+which is proportional to the bulk modulus over E near the ceiling.
+
+A second simulated point bends it: the model's error there is subtracted along the line to it, growing with the square
+of the distance (`bend`; compare tensor methods, Schnabel and Frank, SIAM J. Numer. Anal. 21, 1984).
+
+Value and first derivative at the point are the twin's, whatever the formulas predict away from it (`reproduces`): only
+the number of trajectories depends on them. The plain model omits the formulas; it is Gauss-Newton's, linear in the
+search's own variables.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.calibration.problem.loss import Block, Loss, rms
+from softcal.calibration.problem.parameters import SearchSpace
+from softcal.calibration.statistics.correlation import triangle
+from softcal.checks import Floats, Ints
+from softcal.twin.parameters import MODULUS
+
+_LOADS = ("N", "kg", "kg/m^3")  # units of loads
+_LARGEST_LOG = 500.0  # exp(700) is near the largest double; a model that far off is refused by the trust region
+_BEND_REACH = 1.5  # of the distance to the other point, on both sides: beyond, a bend is continued linearly
+_REPRODUCED = 1e-9  # of a block's root mean square, and of its largest derivative
+
+
+@dataclass(frozen=True)
+class Point:
+    """A simulated point: its place z in the unit box and its blocks, with jacobians."""
+
+    z: Floats
+    blocks: Sequence[Block]
+
+
+class LocalModel:
+    """The residuals of all blocks as functions of x in the unit box, around the simulated point `here`.
+
+    plain: Gauss-Newton's model. reciprocal: parameters below a ceiling enter as 1 / (ceiling - theta).
+    """
+
+    def __init__(
+        self, space: SearchSpace, loss: Loss, here: Point, *, plain: bool = False, reciprocal: bool = False
+    ) -> None:
+        self._space, self._loss, self._here, self._plain = space, loss, here, plain
+        self._share = loss.share(here.blocks)
+        modulus = np.array([p.unit == MODULUS and not plain for p in space.parameters])
+        load = np.array([p.unit in _LOADS and not plain for p in space.parameters])
+        self._moduli = np.flatnonzero(modulus)
+        below = np.array([reciprocal and math.isfinite(p.ceiling) and not plain for p in space.parameters])
+        self._below = np.flatnonzero(below)
+        self._w, slopes = self._coordinates(here.z)
+        factors = space.jacobian(here.z) / slopes
+        self._derived = [_Derived.of(block, factors, modulus, load) for block in here.blocks]
+        self._along, self._bends = np.zeros(space.size), [np.zeros(len(block.residual)) for block in here.blocks]
+
+    def bend(self, to: Point) -> None:
+        """Add a curvature along the line to another simulated point, so that the model reproduces its values too.
+
+        Without it, the steps along a valley in which parameters compensate each other overshoot alternately. The
+        scaling with moduli is known, so the curvature is by the other parameters.
+        """
+        w, _ = self._coordinates(to.z)
+        way = w - self._w
+        felt = np.zeros(self._space.size)
+        for block, one in zip(self._here.blocks, self._derived, strict=True):
+            squares = (one.derivatives**2).sum(axis=0)
+            felt[one.columns] += squares / max(float(block.measured @ block.measured), 1e-300)
+        felt[self._moduli] = 0.0
+        length = float(way @ (felt * way))
+        missed = [b.residual - r for b, (r, _) in zip(to.blocks, self._residuals(to.z)[0], strict=True)]
+        size = sum(
+            float(m @ m) / max(float(b.measured @ b.measured), 1e-300) for m, b in zip(missed, to.blocks, strict=True)
+        )
+        # An error above half of the predicted change is not a curvature.
+        if 0.0 < size <= 0.25 * length:
+            self._along = felt * way / length
+            scales = [one.scale(way[one.columns]) if one.is_force else 1.0 for one in self._derived]
+            self._bends = [m / s for m, s in zip(missed, scales, strict=True)]
+
+    def loss(self, x: Floats) -> float:
+        """The modelled loss."""
+        blocks = zip(self._here.blocks, self._residuals(x)[0], strict=True)
+        summed = self._share * sum(self._loss.block_value(block, residual) for block, (residual, _) in blocks)
+        return math.sqrt(summed) if self._loss.rooted else summed
+
+    def missed(self, at: Point) -> float:
+        """The share of the residuals' change to another simulated point that the model does not predict, at most 1."""
+        error, change = 0.0, 1e-300
+        for here, there, (residual, _) in zip(self._here.blocks, at.blocks, self._residuals(at.z)[0], strict=True):
+            weights = self._loss.square_weights(here, here.residual)
+            error += float(weights @ (there.residual - residual) ** 2)
+            change += float(weights @ (there.residual - here.residual) ** 2)
+        return min(1.0, math.sqrt(error / change))
+
+    def reproduces(self) -> bool:
+        """Whether it has the value and the first derivative of the twin at its own point, to nine digits."""
+        slopes = self._space.jacobian(self._here.z)
+        found, _ = self._residuals(self._here.z)
+        for block, one, (residual, jacobian) in zip(self._here.blocks, self._derived, found, strict=True):
+            exact = (jacobian_of(block) * slopes)[:, one.columns]
+            size = max(rms(block.measured), rms(block.residual))
+            if not float(np.abs(residual - block.residual).max()) <= _REPRODUCED * size:
+                return False
+            off = np.abs(jacobian()[:, :-1] - exact)
+            if not float(off.max(initial=0.0)) <= _REPRODUCED * float(np.abs(exact).max(initial=0.0)):
+                return False
+        return True
+
+    def minimise(
+        self, lower: Floats, upper: Floats, *, begin: Floats | None = None, max_iterations: int = 60
+    ) -> Floats:
+        """The minimiser of the modelled loss in a box, searched from the point of the box nearest to `begin`, or to z.
+
+        Each pass solves the bounded linear least squares that touch the loss from above. For the likelihood that is
+        Gauss-Newton; for a sum of RMSEs it is iterative reweighting, which ends at the minimiser of the sum itself and
+        not of a sum of squares. No pass needs a simulation.
+        """
+        from scipy.optimize import lsq_linear
+
+        x = np.clip(self._here.z if begin is None else begin, lower, upper)
+        value = self.loss(x)
+        for _ in range(max_iterations):
+            matrix, right = self._squares(x)
+            ends = np.minimum(lower - x, -1e-300), np.maximum(upper - x, 1e-300)
+            step = lsq_linear(matrix, right, ends, method="bvls", tol=1e-14).x
+            factor, candidate, lowered = 1.0, x, value
+            while factor > 1e-6 and not lowered < value:
+                candidate = np.clip(x + factor * step, lower, upper)
+                lowered = self.loss(candidate)
+                factor *= 0.5
+            if not lowered < value:
+                return x
+            settled = value - lowered <= 1e-13 * value or float(np.abs(candidate - x).max()) < 1e-12
+            x, value = candidate, lowered
+            if settled:
+                break
+        return x
+
+    def rescaled(self) -> Floats:
+        """z with the moduli of least modelled loss, all else unchanged: one simulated point determines the residuals at
+        any moduli.
+        """
+        z = self._here.z
+        if not len(self._moduli):
+            return z
+        lower, upper = np.array(z), np.array(z)
+        lower[self._moduli], upper[self._moduli] = 0.0, 1.0
+        return self.minimise(lower, upper)
+
+    def _coordinates(self, x: Floats) -> tuple[Floats, Floats]:
+        """w and d w / d x, each (size,): x itself in the plain model; else ln(modulus), reciprocals and theta."""
+        if self._plain:
+            return np.array(x, dtype=np.float64), np.ones(self._space.size)
+        w = np.array(list(self._space.to_model(x).values()))
+        slopes = np.array(self._space.jacobian(x))
+        for j in self._moduli:
+            w[j], slopes[j] = math.log(w[j]), slopes[j] / w[j]
+        for j in self._below:
+            distance = self._space.parameters[j].ceiling - w[j]
+            w[j], slopes[j] = 1.0 / distance, slopes[j] / distance**2
+        return w, slopes
+
+    def _residuals(self, x: Floats) -> tuple[list[tuple[Floats, Callable[[], Floats]]], Floats]:
+        """Of every block: its residual (n,), and what computes the jacobian by x in the columns of its own, and by its
+        bend as the last (n, k + 1). Then the turn (size,) by x of all bends.
+        """
+        w, slopes = self._coordinates(x)
+        moved = w - self._w
+        t = float(self._along @ moved)
+        near = min(max(t, -_BEND_REACH), _BEND_REACH)
+        square, turn = near * (2 * t - near), 2 * near * self._along
+        blocks = zip(self._derived, self._bends, strict=True)
+        return [one.at(moved[one.columns], slopes[one.columns], bend, square) for one, bend in blocks], turn * slopes
+
+    def _squares(self, x: Floats) -> tuple[Floats, Floats]:
+        """The touching least squares at x, compressed by QR to as many rows as there are parameters; each block first,
+        in the columns of its own.
+        """
+        rows: list[Floats] = []
+        found, turn = self._residuals(x)
+        for block, one, (residual, jacobian) in zip(self._here.blocks, self._derived, found, strict=True):
+            root = np.sqrt(self._loss.square_weights(block, residual))
+            own = triangle(root[:, None] * np.column_stack([jacobian(), -residual]))
+            whole = np.column_stack([np.outer(own[:, -2], turn), own[:, -1]])
+            whole[:, one.columns] += own[:, :-2]
+            rows.append(whole)
+        every = triangle(np.concatenate(rows))[: self._space.size]
+        return every[:, :-1], every[:, -1]
+
+
+@dataclass(frozen=True)
+class _Derived:
+    """A block with its derivatives (n, k) by w in the columns (k,) of the parameters that have an effect on it.
+
+    moduli, scaled, fixed: which of them are moduli, which multiply what moduli scale, and which do not (k,). shares: of
+    the moduli in the factor of what is proportional to them.
+    """
+
+    residual: Floats
+    is_force: bool
+    columns: Ints
+    derivatives: Floats
+    moduli: np.ndarray
+    scaled: np.ndarray
+    fixed: np.ndarray
+    shares: Floats
+
+    @classmethod
+    def of(cls, block: Block, factors: Floats, modulus: np.ndarray, load: np.ndarray) -> _Derived:
+        """factors: d theta / d w (size,); modulus, load: which parameters are such (size,)."""
+        jacobian, is_force = jacobian_of(block), block.grows_with_moduli
+        columns = np.flatnonzero(np.any(jacobian, axis=0))
+        derivatives = jacobian[:, columns] * factors[columns]
+        moduli, loads = modulus[columns], load[columns]
+        others = ~moduli & ~loads
+        size = (derivatives[:, moduli] ** 2).sum(axis=0)
+        shares = size / size.sum() if size.sum() > 0 else np.zeros(len(size))
+        scaled, fixed = (others, loads) if is_force else (loads, others)
+        return cls(block.residual, is_force, columns, derivatives, moduli, scaled, fixed, shares)
+
+    def scale(self, moved: Floats) -> float:
+        """Factor by which the moduli multiply what is proportional to them or to one over them."""
+        power = (1.0 if self.is_force else -1.0) * float(self.shares @ moved[self.moduli])
+        return math.exp(min(max(power, -_LARGEST_LOG), _LARGEST_LOG))
+
+    def at(self, moved: Floats, slopes: Floats, bend: Floats, square: float) -> tuple[Floats, Callable[[], Floats]]:
+        """The residual after a step of w (k,), with a bend that counts by `square`, and its jacobian by x and the bend;
+        slopes: d w / d x (k,).
+        """
+        sign = 1.0 if self.is_force else -1.0
+        scale, g = self.scale(moved), self.derivatives[:, self.moduli]
+        scales = np.exp(np.clip(sign * moved[self.moduli], -_LARGEST_LOG, _LARGEST_LOG))
+        bent = bend * scale if self.is_force else bend
+        changed = scale * (self.derivatives @ (moved * self.scaled)) + (bent * square if self.is_force else 0.0)
+        rest = self.derivatives @ (moved * self.fixed) + (0.0 if self.is_force else bent * square)
+
+        def jacobian() -> Floats:
+            by_w = self.derivatives * np.where(self.scaled, scale, 1.0)
+            by_w[:, self.moduli] = g * scales + sign * np.outer(changed, self.shares)
+            return np.column_stack([by_w * slopes, bent])
+
+        return self.residual + sign * g @ (scales - 1.0) + changed + rest, jacobian
+
+
+def jacobian_of(block: Block) -> Floats:
+    """The jacobian, which every block of a search by sensitivities has."""
+    if block.jacobian is None:
+        raise ValueError(f"the block '{block.channel}' has no jacobian")
+    return block.jacobian

@@ -1,0 +1,146 @@
+"""What would explain the residuals of an experiment: each usual cause by its own shape along the record of a channel.
+
+Residuals r and shapes c are divided by the noise of their channel with its correlation along the record (REML), which
+is estimated beside all shapes, and are without what the fitted parameters can do in the experiment, by the jacobians. A
+cause is then worth c . r / |c| standard errors: it would reduce the sum of squares by the square of that, in all
+channels of the experiment together, since the parameters follow. Its share is that by which the channel's own squares
+fall. These shares compare causes; they do not sum to one, since shapes are alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softcal.calibration.problem.loss import Block
+from softcal.calibration.statistics.correlation import process, record, span
+from softcal.calibration.statistics.residuals import FEWEST_OF_CURVE
+from softcal.checks import Floats
+
+OFFSET, DRIFT, GAIN = "an offset", "a drift", "a gain"
+SLACK, FRICTION = "a slack", "friction that reverses"
+LAW = "another material law or friction in bends"  # of one shape along a record without reversal
+CONTACT = "contact of surfaces"
+_ABSORBED = 1e-3  # of its size: with less left, the parameters can do what a cause would
+_BEGINS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)  # of the range of a force: where contact may begin
+_BRANCH = 0.1  # of the samples: a branch of a cycle
+_FEWEST = 8  # values more than parameters and shapes together
+_ROUNDING = 1e-9  # of what is measured: smaller residuals are those of an exact fit
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Of a channel: cause -> the share [-] of its squared residuals that it explains, the clearest first, how many
+    standard errors that one is worth, and the change (n,) of the residual by it; None without a cause.
+    """
+
+    explained: Mapping[str, float]
+    significance: float
+    change: Floats | None = None
+
+
+def misfits(blocks: Sequence[Block]) -> list[Misfit]:
+    """The misfit of each block of one experiment; without jacobians, or of few samples, nothing explains it."""
+    jacobians = [block.jacobian for block in blocks if block.jacobian is not None]
+    if not jacobians or len(jacobians) < len(blocks):
+        return [Misfit({}, 0.0)] * len(blocks)
+    sizes = np.linalg.norm(np.concatenate(jacobians), axis=0)  # a modulus and a ratio have other units
+    scales = np.where(sizes > 0.0, sizes, 1.0)
+    records = [_whitened(block, J / scales) for block, J in zip(blocks, jacobians, strict=True)]
+    basis = span(np.concatenate([one.answer for one in records]))
+    residual = _without(basis, np.concatenate([one.residual for one in records]))
+    found: list[Misfit] = []
+    start = 0
+    for one in records:
+        rows = slice(start, start + len(one.residual))
+        start = rows.stop
+        square = max(float(residual[rows] @ residual[rows]), 1e-300)
+        worth: dict[str, tuple[float, float]] = {}
+        changes: dict[str, Floats] = {}
+        for cause, shape, plain in one.shapes:
+            whole = np.zeros(len(residual))
+            whole[rows] = shape
+            left = _without(basis, whole)
+            size, along = float(left @ left), float(left @ residual)
+            # Predicted less measured: contact is missing from the prediction where that is too small.
+            if size <= _ABSORBED**2 * float(shape @ shape) or (cause == CONTACT and along > 0.0):
+                continue
+            after = residual[rows] - along / size * left[rows]
+            pair = abs(along) / math.sqrt(size), max(1.0 - float(after @ after) / square, 0.0)
+            worth[cause] = max(worth.get(cause, pair), pair)
+            changes[cause] = along / size * plain
+        # Contact may begin anywhere, and so follow noise: it is no clearer than the clearest shape without a choice.
+        first = max((cause for cause in worth if cause != CONTACT), key=lambda cause: worth[cause][0], default="")
+        clearest = worth[first][0] if first else 0.0
+        ordered = sorted(worth.items(), key=lambda pair: (-min(pair[1][0], clearest), pair[0] == CONTACT))
+        found.append(Misfit({cause: share for cause, (_, share) in ordered}, clearest, changes.get(first)))
+    return found
+
+
+@dataclass(frozen=True)
+class _Whitened:
+    """A channel's residuals (m,), their derivatives (m, size) and the shapes (m,) of causes, divided by the noise, with
+    the shapes (n,) along the record.
+    """
+
+    residual: Floats
+    answer: Floats
+    shapes: Sequence[tuple[str, Floats, Floats]]
+
+
+def _whitened(block: Block, jacobian: Floats) -> _Whitened:
+    n, rms = len(block.residual), float(np.sqrt(np.mean(block.residual**2)))
+    plain = _Whitened(block.residual / max(rms, 1e-300), jacobian / max(rms, 1e-300), ())
+    if n < FEWEST_OF_CURVE or rms <= _ROUNDING * float(np.abs(block.measured).max()):
+        return plain
+    shapes = [(cause, shape / np.linalg.norm(shape)) for cause, shape in _shapes(block)]
+    columns = np.column_stack([jacobian, *(shape for _, shape in shapes)])
+    averaged = record(block.residual, columns, columns)
+    # Contact from several places on would leave no noise.
+    beside = [True] * jacobian.shape[1] + [cause != CONTACT for cause, _ in shapes]
+    noise = replace(averaged, answer=averaged.answer[:, beside])
+    X = span(noise.answer)
+    left = _without(X, averaged.residual)
+    m, k = X.shape
+    if m - k < _FEWEST:
+        return plain
+    correlated = process([noise])
+    white = max(float(left @ left) / (m - k), (_ROUNDING * rms) ** 2)
+    lower = np.linalg.cholesky(white * np.eye(m) if correlated is None else correlated.covariance(m))
+    columns = np.column_stack([averaged.residual, averaged.answer])
+    divided = np.asarray(np.linalg.solve(lower, columns), dtype=np.float64)
+    ends = divided[:, 1 + jacobian.shape[1] :].T
+    return _Whitened(
+        divided[:, 0],
+        divided[:, 1 : 1 + jacobian.shape[1]],
+        [(cause, end, shape) for (cause, shape), end in zip(shapes, ends, strict=True)],
+    )
+
+
+def _shapes(block: Block) -> list[tuple[str, Floats]]:
+    """The shapes (n,) of causes in a channel, by its predictions; contact has one for each place where it may begin."""
+    y = block.residual + block.measured
+    n = len(y)
+    time = np.linspace(0.0, 1.0, n) if block.drift is None else block.drift
+    slope, largest = np.gradient(y), max(float(np.abs(y).max()), 1e-300)
+    shapes = [
+        (OFFSET, np.ones(n)),
+        (DRIFT, time - time[0]),
+        (GAIN, y),
+        (SLACK, slope),
+        (LAW, y * (y / largest) ** 2),
+    ]
+    rises = float(np.mean(slope > 0.0))
+    if _BRANCH < rises < 1.0 - _BRANCH:
+        shapes.append((FRICTION, np.sign(slope) * y))
+    if block.grows_with_moduli:
+        low, high = float(y.min()), float(y.max())
+        shapes += [(CONTACT, np.maximum(y - low - share * (high - low), 0.0)) for share in _BEGINS]
+    return [(cause, shape) for cause, shape in shapes if np.any(shape != 0.0)]
+
+
+def _without(basis: Floats, x: Floats) -> Floats:
+    return x - basis @ (basis.T @ x)

@@ -1,0 +1,127 @@
+"""Estimates of one quantity by a linear model with a difference of each one's own (a meta-regression).
+
+    y_i = x_i . beta + b_i + e_i,    b_i ~ N(0, tau^2),    e_i ~ N(0, v_i)
+
+tau^2 is found by REML. Its interval is that of the Q profile (Viechtbauer, Statistics in Medicine 26, 2007): the values
+of tau^2 at which the weighted sum of squares is no rare value of chi-square. Intervals and tests of beta are those of
+Knapp and Hartung (Statistics in Medicine 22, 2003), by Student's t and by F, with as many degrees of freedom as there
+are estimates less coefficients. With a design of ones, beta is a mean.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+
+from softcal.calibration.statistics.intervals import CONFIDENCE, student
+from softcal.checks import Floats
+
+
+@dataclass(frozen=True)
+class MixedEffects:
+    """What several estimates say of a linear model.
+
+    Attributes
+    ----------
+    beta
+        The coefficients (p,).
+    covariance
+        Theirs (p, p).
+    dof
+        Degrees of freedom of the covariance.
+    spread
+        tau, the standard deviation of what the model leaves between the estimates.
+    spread_interval
+        Ends of its 95 % interval.
+    """
+
+    beta: Floats
+    covariance: Floats
+    dof: int
+    spread: float
+    spread_interval: tuple[float, float]
+
+    @property
+    def errors(self) -> Floats:
+        """Standard errors (p,) of the coefficients."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def intervals(self) -> Floats:
+        """95 % intervals (p, 2) of the coefficients."""
+        half = float(student(np.array(float(self.dof)))) * self.errors
+        return np.column_stack([self.beta - half, self.beta + half])
+
+    def at(self, row: Floats) -> tuple[float, float]:
+        """The model's value at a row (p,) of a design, and its standard error."""
+        return float(row @ self.beta), float(np.sqrt(row @ self.covariance @ row))
+
+    def chance(self, contrasts: Floats) -> float:
+        """Probability of contrasts (q, p) as large as those of the coefficients where all of them are zero."""
+        from scipy.special import fdtrc
+
+        found = contrasts @ self.beta
+        size = len(contrasts)
+        ratio = float(found @ np.linalg.solve(contrasts @ self.covariance @ contrasts.T, found)) / size
+        return float(fdtrc(size, self.dof, ratio))
+
+
+def mixed_effects(values: Floats, variances: Floats, design: Floats | None = None) -> MixedEffects:
+    """The model of estimates `values` (k,) with `variances` (k,); design (k, p), ones by default, k > p."""
+    X = np.ones((len(values), 1)) if design is None else design
+    k, p = X.shape
+    tau2 = _spread2(values, variances, X)
+    beta, inverse, squares = _fitted(tau2, values, variances, X)
+    # Never shorter than by the errors alone.
+    covariance = max(1.0, squares / (k - p)) * inverse
+    return MixedEffects(beta, covariance, k - p, float(np.sqrt(tau2)), _profile(values, variances, X))
+
+
+def _spread2(values: Floats, variances: Floats, X: Floats) -> float:
+    """tau^2 by REML, searched by its logarithm between the noise alone and the spread of the values alone."""
+    from scipy.optimize import minimize_scalar
+
+    largest = max(float(np.var(values)), float(variances.max())) * 10
+    found: Any = minimize_scalar(
+        lambda x: _restricted(np.exp(x), values, variances, X),
+        bounds=np.log([1e-6 * variances.min(), largest]),
+        method="bounded",
+    )
+    return float(np.exp(found.x)) if found.fun < _restricted(0.0, values, variances, X) else 0.0
+
+
+def _restricted(tau2: float, values: Floats, variances: Floats, X: Floats) -> float:
+    _, inverse, squares = _fitted(tau2, values, variances, X)
+    return squares + float(np.log(variances + tau2).sum() - np.linalg.slogdet(inverse)[1])
+
+
+def _fitted(tau2: float, values: Floats, variances: Floats, X: Floats) -> tuple[Floats, Floats, float]:
+    """The coefficients (p,) at a tau^2, the inverse (p, p) of their information, and the weighted sum of squares."""
+    weights = 1.0 / (variances + tau2)
+    inverse: Floats = np.linalg.inv((weights[:, None] * X).T @ X).astype(float)
+    beta = inverse @ (X.T @ (weights * values))
+    return beta, inverse, float(weights @ (values - X @ beta) ** 2)
+
+
+def _profile(values: Floats, variances: Floats, X: Floats) -> tuple[float, float]:
+    """The 95 % interval of tau."""
+    from scipy.optimize import brentq
+    from scipy.special import chdtri
+
+    tail, dof = 0.5 * (1.0 - CONFIDENCE), X.shape[0] - X.shape[1]
+    ends: list[float] = []
+    for quantile in (float(chdtri(dof, tail)), float(chdtri(dof, 1.0 - tail))):
+
+        def excess(tau2: float, quantile: float = quantile) -> float:
+            return _fitted(tau2, values, variances, X)[2] - quantile
+
+        if excess(0.0) <= 0.0:
+            ends.append(0.0)
+            continue
+        most = float(np.var(values)) + float(variances.max())
+        while excess(most) > 0.0:
+            most *= 4.0
+        ends.append(float(np.sqrt(cast("float", brentq(excess, 0.0, most, xtol=1e-9 * most)))))
+    return ends[0], ends[1]

@@ -1,0 +1,349 @@
+"""Statistics from the jacobian at the optimum: standard errors, intervals, and the parameters that the data identify.
+
+The covariance is the loss's own (`estimator.py`), with noise that is correlated along the records and
+differences between the experiments where the residuals show them. The intervals stay within the bounds of the search
+(`intervals.py`).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from softcal.calibration.problem.experiment import rig_kind
+from softcal.calibration.problem.loss import Block, Loss, fitted_exactly, rms
+from softcal.calibration.problem.parameters import SearchSpace
+from softcal.calibration.problem.uncertain import MESH_ERROR, UncertainParameter
+from softcal.calibration.statistics.band import bands, repeat_bands
+from softcal.calibration.statistics.between_experiments import Between
+from softcal.calibration.statistics.between_markers import MARKERS, n_markers, with_markers
+from softcal.calibration.statistics.estimate import Estimate, Note
+from softcal.calibration.statistics.estimator import Estimator, estimator, unseen_parameters
+from softcal.calibration.statistics.instrument_errors import instrument_errors
+from softcal.calibration.statistics.intervals import box_intervals
+from softcal.calibration.statistics.left_out import LeftOut, left_out
+from softcal.calibration.statistics.noise import DRIFT, MISFIT, PRIOR
+from softcal.calibration.statistics.random_effects import WORDS, Spread
+from softcal.checks import Floats
+from softcal.units import plain
+
+# Residuals this many times larger than the noise of the records are reported in a note.
+_TOO_LARGE = 1.5
+_TOGETHER = 0.5
+"""Two parameters whose standard error falls below this share of itself when the other is known move together."""
+INCLUDED = "The intervals include"
+NOT_INCLUDED = (
+    INCLUDED + " the noise and its correlation along the records{}. Not included: errors {}of the material law and of "
+    "the {}model of the rig that are the same in all tests and leave no residual."
+)
+MARKERS_DIFFER = (
+    "The {} markers differ by more than the noise explains: the intervals are those found with one marker left out at "
+    "a time, where these are longer."
+)
+_FITTED_EXACTLY = "The twin fits {} exactly, so that no noise is known: no standard errors and no intervals."
+ONE_EXPERIMENT = "There is one test: by how much tests on this robot differ is not known, nor included."
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What is known of the parameters at the values found.
+
+    Attributes
+    ----------
+    standard_errors
+        Label -> standard error [SI], or None where it is not defined.
+    importance
+        Label -> share [-], sum 1.
+    notes
+        Remarks on how far they can be trusted.
+    intervals
+        Label -> ends of the 95 % interval [SI], or None.
+    beyond
+        Label of a parameter at a bound -> its distance from the best value without the bound, in standard errors [-].
+    shares
+        Label -> source of error -> its share of the estimate's variance [-], sum 1.
+    spreads
+        Label of a shared parameter -> its comparison between the experiments.
+    left_out
+        Experiment -> how well the others predict it, of three or more.
+    bands
+        Experiment -> compared channel -> half the width (n,) [SI] of the 95 % band of a further experiment.
+    repeats
+        The same of a further sample of the same experiment.
+    minimum
+        Label -> where the minimum is, by the derivatives, within the bounds [SI].
+    dof
+        Label -> degrees of freedom of the variance [-], where these are finite.
+    moved_by
+        Label of a parameter of the robot -> errors of instruments that move it by half its interval; see `Estimate`.
+    is_exact
+        Whether a channel is fitted exactly, so that there are no intervals.
+    """
+
+    standard_errors: Mapping[str, float | None]
+    importance: Mapping[str, float]
+    notes: tuple[Note, ...]
+    intervals: Mapping[str, tuple[float, float] | None] = field(default_factory=dict[str, tuple[float, float] | None])
+    beyond: Mapping[str, float] = field(default_factory=dict[str, float])
+    shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
+    spreads: Mapping[str, Spread] = field(default_factory=dict[str, Spread])
+    left_out: Mapping[str, LeftOut] = field(default_factory=dict[str, LeftOut])
+    bands: Mapping[str, Mapping[str, Floats]] = field(default_factory=dict[str, Mapping[str, Floats]])
+    repeats: Mapping[str, Mapping[str, Floats]] = field(default_factory=dict[str, Mapping[str, Floats]])
+    minimum: Mapping[str, float] = field(default_factory=dict[str, float])
+    dof: Mapping[str, float] = field(default_factory=dict[str, float])
+    moved_by: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
+    is_exact: bool = False
+
+    def estimates(self, space: SearchSpace, theta: Mapping[str, float]) -> dict[str, Estimate]:
+        """The values theta [SI by label] with the statistics of each."""
+        at_bound = space.at_bound(theta)
+        return {
+            p.label: Estimate(
+                theta[p.label],
+                p.unit,
+                at_bound[p.label],
+                p.lower,
+                p.upper,
+                self.standard_errors.get(p.label),
+                self.intervals.get(p.label),
+                p.of,
+                self.beyond.get(p.label),
+                p.scale,
+                self.shares.get(p.label, {}),
+                self.dof.get(p.label),
+                moved_by=self.moved_by.get(p.label, {}),
+            )
+            for p in space.parameters
+        }
+
+
+def local_estimator(
+    space: SearchSpace, loss: Loss, z: Floats, blocks: Sequence[Block], uncertain: Sequence[UncertainParameter] = ()
+) -> Estimator:
+    """The minimum near z (size,) in the unit box as an estimator, with its experiments and its markers compared; see
+    `estimator` and `with_markers`.
+    """
+    serves = space.serving(dict.fromkeys(block.experiment for block in blocks if block.experiment))
+    slopes = space.jacobian(z)
+    found = estimator(loss, z, slopes, blocks, serves, uncertain)
+    return with_markers(loss, z, slopes, blocks, found, uncertain)
+
+
+def local_statistics(
+    space: SearchSpace,
+    loss: Loss,
+    theta: Mapping[str, float],
+    blocks: Sequence[Block],
+    uncertain: Sequence[UncertainParameter] = (),
+    found: Estimator | None = None,
+) -> Statistics:
+    """Standard errors, intervals and importances at theta [SI by label]; the blocks must have jacobians.
+
+    uncertain: the parameters of the blocks' `systematic`. found: the estimator there, where it is known already.
+
+    A parameter at a bound has an interval, but no standard error; with as many parameters as measurements, none has
+    either. The importance of a parameter is its share of the squared change of all channels, over each channel's
+    misfit, per range of the parameter: a local measure, unlike fANOVA.
+    """
+    z = np.clip(space.to_search(theta), 0.0, 1.0)
+    slopes = space.jacobian(z)
+    serves = space.serving(dict.fromkeys(block.experiment for block in blocks if block.experiment))
+    found = local_estimator(space, loss, z, blocks, uncertain) if found is None else found
+    importance = _importance(space, loss, blocks, slopes)
+    errors: dict[str, float | None] = dict.fromkeys(space.labels)
+    intervals: dict[str, tuple[float, float] | None] = dict.fromkeys(space.labels)
+    mixed = unseen_parameters(found.unseen)
+    saturated = sum(len(block.residual) for block in blocks) <= space.size  # a prior is a measurement
+    notes = list(_notes(space, found, mixed, saturated=saturated))
+    exact = [f"{one.channel} of {one.experiment}" for one in fitted_exactly(loss, blocks)]
+    if exact:
+        notes.append(
+            Note(_FITTED_EXACTLY.format(" and ".join(exact[:2]) + f" and {len(exact) - 2} more" * (len(exact) > 2)))
+        )
+    if found.spent or mixed.all() or saturated or exact:
+        return Statistics(errors, importance, tuple(notes), intervals, is_exact=bool(exact))
+    known = np.flatnonzero(~mixed)
+    ends, stated = box_intervals(z[known], found.minimum[known], found.root[:, known], found.dof[known])
+    at_bound = space.at_bound(theta)
+    lower, upper = z.copy(), z.copy()
+    lower[known], upper[known] = ends.T
+    low, high = space.to_model(lower), space.to_model(upper)
+    for j, error in zip(known, stated, strict=True):
+        label = space.labels[j]
+        intervals[label] = (min(low[label], theta[label]), max(high[label], theta[label]))
+        errors[label] = None if at_bound[label] else float(error * abs(slopes[j]))
+    beyond = {space.labels[j]: float(found.beyond[j]) for j in known if at_bound[space.labels[j]]}
+    within = {space.labels[j]: float(error * abs(slopes[j])) for j, error in zip(known, stated, strict=True)}
+    notes += _together(space, within, found, slopes)
+    if MARKERS in found.variances:
+        notes.append(Note(MARKERS_DIFFER.format(n_markers(blocks)), "warning"))
+    notes += [
+        Note(not_included(uncertain, found.variances)),
+        *([Note(ONE_EXPERIMENT)] if len(serves) == 1 else []),
+    ]
+    summed = np.sum(list(found.variances.values()), axis=0)
+    shares = {
+        space.labels[j]: {kind: float(part[j] / summed[j]) for kind, part in found.variances.items() if part[j] > 0.0}
+        for j in known
+        if summed[j] > 0.0
+    }
+    spreads = {space.labels[one.column]: spread(space, z, one, found, known) for one in found.between}
+    predicted = left_out(loss, z, slopes, blocks, serves, found)
+    minimum = space.to_model(np.clip(found.minimum, 0.0, 1.0))
+    widths, repeats = (one(loss, slopes, blocks, found) for one in (bands, repeat_bands))
+    dof = {space.labels[j]: float(found.dof[j]) for j in known if np.isfinite(found.dof[j])}
+    free = np.array([not at_bound[label] for label in space.labels])
+    moved = instrument_errors(loss, np.where(free, slopes, 0.0), blocks, (upper - lower) / 2)
+    moved_by = {space.labels[j]: moved[j] for j in known if rig_kind(space.parameters[j].targets[0]) is None}
+    return Statistics(
+        errors,
+        importance,
+        tuple(notes),
+        intervals,
+        beyond,
+        shares,
+        spreads,
+        predicted,
+        widths,
+        repeats,
+        minimum,
+        dof,
+        moved_by,
+    )
+
+
+def not_included(uncertain: Sequence[UncertainParameter], kinds: Container[str] = ()) -> str:
+    """What the intervals include, and what they do not; kinds: of the sources of error."""
+    named = list(dict.fromkeys(p.source for p in uncertain if p != MESH_ERROR))
+    has_mesh = MESH_ERROR in uncertain
+    further = {
+        "drifts too small to be seen in the noise": DRIFT in kinds,
+        "what the model misses in the residuals": MISFIT in kinds,
+        "the error of the mesh": has_mesh,
+    }
+    listed = [
+        *(words for words, counts in further.items() if counts),
+        *(f"the uncertainty of {name}" for name in named),
+    ]
+    included = f", {', '.join(listed[:-1])}{', ' * (len(listed) > 1)}and {listed[-1]}" if listed else ""
+    return NOT_INCLUDED.format(included, "" if has_mesh else "of the mesh, ", "rest of the " if named else "")
+
+
+def _together(space: SearchSpace, errors: Mapping[str, float], found: Estimator, slopes: Floats) -> Iterable[Note]:
+    """The pair in which one parameter's standard error falls most if the other is known, if it falls to half or less.
+
+    errors: label -> standard error within the bounds [SI], of the parameters that have one.
+    """
+    covariance = found.root.T @ found.root
+    shared = [j for j, p in enumerate(space.parameters) if p.label in errors and not p.experiment]
+    of_robot = {j for j in shared if all(rig_kind(target) is None for target in space.parameters[j].targets)}
+    pairs: list[tuple[float, int, int]] = []
+    for one, other in itertools.combinations(sorted(shared, key=lambda j: j not in of_robot), 2):
+        if one in of_robot and covariance[other, other] > 0.0:
+            left = max(covariance[one, one] - covariance[one, other] ** 2 / covariance[other, other], 0.0)
+            pairs.append((float(np.sqrt(left) * abs(slopes[one])) / errors[space.labels[one]], one, other))
+    share, j, k = min(pairs, default=(1.0, 0, 0))
+    if share >= _TOGETHER:
+        return
+    one, other = space.labels[j], space.labels[k]
+    yield Note(
+        f"{one} and {other} move together: if {other} were known, the error of {one} would be "
+        f"{plain(100 * share, 2)} % of what it is."
+    )
+
+
+def _importance(space: SearchSpace, loss: Loss, blocks: Sequence[Block], slopes: Floats) -> dict[str, float]:
+    felt = np.zeros(space.size)
+    for block in blocks:
+        if block.jacobian is not None:
+            missed = loss.stated_noise(block)
+            if missed is None:
+                missed = np.full(len(block.residual), max(rms(block.residual), 1e-12 * rms(block.measured) + 1e-300))
+            felt += np.sum((block.jacobian * slopes / missed[:, None]) ** 2, axis=0)
+    return dict(zip(space.labels, (felt / felt.sum()).tolist(), strict=True)) if felt.sum() > 0 else {}
+
+
+def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated: bool) -> Sequence[Note]:
+    notes: list[Note] = []
+    has_errors = not (found.spent or mixed.all() or saturated)
+    if mixed.any():
+        notes.append(Note(_blind_note([p for p, is_mixed in zip(space.labels, mixed, strict=True) if is_mixed])))
+    differing = next((one.kind for one in found.between if one.effects.differs), None)
+    for group, noise in found.noise.items():
+        if noise.stated and noise.size > _TOO_LARGE:
+            text = _excess_note(group, noise.size, differing, widened=has_errors, priors=PRIOR in found.noise)
+            notes.append(Note(text, "warning"))
+    if found.spent and not saturated:
+        notes.append(Note(_spent_note(found.spent)))
+    return notes
+
+
+def _excess_note(channel: str, factor: float, differing: str | None, *, widened: bool, priors: bool) -> str:
+    """differing: the kind whose differences are an error of their own, not in the factor."""
+    lead = f"Apart from the differences between the {WORDS[differing]}, the" if differing else "The"
+    small = "that noise is stated too small, or a prior is wrong" if priors else "or that noise is stated too small"
+    text = (
+        f"{lead} residuals of {channel} are {plain(factor, 2)} times the noise of the records: the model of the robot "
+        f"or of the rig is incomplete, {small}."
+    )
+    if not widened:
+        return text
+    return f"{text} The standard errors are increased accordingly{', except for the share of the priors' * priors}."
+
+
+def _spent_note(groups: Sequence[str]) -> str:
+    return (
+        f"There are at least as many parameters as measurements of {' and of '.join(groups)}: neither the noise nor "
+        "standard errors can be estimated."
+    )
+
+
+def _blind_note(mixed: Sequence[str]) -> str:
+    if len(mixed) == 1:
+        return f"The data do not depend on {mixed[0]}: its value is arbitrary and no standard error is given."
+    named = f"{', '.join(mixed[:-1])} and {mixed[-1]}"
+    text = f"The data cannot separate {named}: only a combination of them is determined."
+    return f"{text} Fix one of them, or state a prior of one."
+
+
+def spread(space: SearchSpace, z: Floats, between: Between, found: Estimator, known: np.ndarray) -> Spread:
+    """The comparison of experiments, in SI; z: the joint minimum (size,) in the unit box, known: the parameters that
+    have an interval.
+    """
+    j, label = between.column, space.labels[between.column]
+    effects = between.effects
+
+    def model(value: float) -> float:
+        moved = z.copy()
+        moved[j] = min(max(value, 0.0), 1.0)
+        return space.to_model(moved)[label]
+
+    ends = None
+    if between.has_interval and j in known:
+        at = int(np.flatnonzero(known == j)[0])
+        # A further experiment differs from the mean by as much as those that were made.
+        further = np.zeros((1, len(known)))
+        further[0, at] = effects.spread
+        root = np.concatenate([found.root[:, known], further])
+        dof = np.where(np.arange(len(known)) == at, _dof(between, found), found.dof[known])
+        low, high = box_intervals(z[known], found.minimum[known], root, dof)[0][at]
+        ends = (model(low), model(high))
+    size = effects.spread * abs(float(space.jacobian(z)[j]))
+    values = {name: model(z[j] + step) for name, step in between.steps.items()}
+    return Spread(values, effects.q, len(values) - 1, effects.chance, size, ends, between.weights, between.kind)
+
+
+def _dof(between: Between, found: Estimator) -> float:
+    """Degrees of freedom of the variance of a further experiment's own value (Satterthwaite): the variance of the mean,
+    and that between the experiments, which is in both and has one less than there are experiments.
+    """
+    j, further = between.column, between.effects.spread**2
+    mean = sum(float(part[j]) for part in found.variances.values())
+    between_them = float(found.variances.get(between.kind, np.zeros(j + 1))[j])
+    scatter = ((between_them + further) ** 2 - between_them**2) / between.effects.dof
+    scatter += mean**2 / float(found.dof[j])
+    return (mean + further) ** 2 / scatter if scatter > 0 else np.inf

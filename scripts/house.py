@@ -1,6 +1,8 @@
 """The size of the house: a table of its rooms, and the figures that tests/contracts/test_house.py holds.
 
-python -m scripts.house
+python -m scripts.house [-v] [--draw docs/rooms.png]
+
+`--draw` draws the rooms, upper layers above those that they import, each as wide as it has lines.
 """
 
 from __future__ import annotations
@@ -8,6 +10,7 @@ from __future__ import annotations
 import ast
 import sys
 import tokenize
+import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +20,9 @@ from pathlib import Path
 SOURCE = Path(__file__).parents[1] / "src" / "softcal"
 PLUGINS = "plugins"
 SMALL = 60  # lines
+# The picture: lines per inch, least width for each letter of a name and height of a room [in], colours of folders.
+LINES_PER_INCH, PER_LETTER, HEIGHT = 1800.0, 0.07, 0.42
+COLOURS = {f"{PLUGINS}/": "#fde68a", "calibration/": "#bfdbfe", "mechanics": "#bbf7d0", "twin": "#bbf7d0"}
 ARGUMENTS = 3  # from so many on, a public function has a section `Parameters`
 
 
@@ -135,6 +141,56 @@ def house() -> House:
     return House([Module(p, ast.parse(text), len(text.splitlines())) for p, text in zip(paths, texts, strict=True)])
 
 
+def floors(of: House) -> dict[str, list[tuple[str, int]]]:
+    """The layers of the linter's contracts from the top, each as rooms (name, lines); those of the calibration are
+    floors of their own, "calibration/…", and the layers of single files at the root are one.
+    """
+    contracts = tomllib.loads((SOURCE.parents[1] / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    layers = {one["containers"][0]: one["layers"] for one in contracts if "containers" in one}
+    lines: Counter[str] = Counter()
+    for one in of.modules:
+        folders = one.path.relative_to(SOURCE).with_suffix("").parts
+        lines.update({"/".join(folders[:depth]): one.n_lines for depth in range(1, len(folders) + 1)})
+    rows: dict[str, list[tuple[str, int]]] = {}
+    root = [one for one in of.modules if not one.room]
+    for layer in layers["softcal"]:
+        names = [name.strip() for name in layer.split("|")]
+        if names == [PLUGINS]:
+            names = sorted({one.room for one in of.modules if one.room.startswith(f"{PLUGINS}/")})
+        if names == ["calibration"]:
+            for inner in layers["softcal.calibration"]:
+                rows[f"calibration: {inner}"] = [
+                    (n := f"calibration/{one.strip()}", lines[n]) for one in inner.split("|")
+                ]
+        elif (SOURCE / names[0]).is_dir():
+            rows[layer] = [(name, lines[name]) for name in names]
+    return {**rows, "root": [(f"{len(root)} files at the root", sum(one.n_lines for one in root))]}
+
+
+def draw(of: House, path: str) -> None:
+    """Draw the rooms."""
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+
+    rows = list(floors(of).items())
+    widths = [[max(n / LINES_PER_INCH, PER_LETTER * len(name)) for name, n in rooms] for _, rooms in rows]
+    wide, tall = max(map(sum, widths)), HEIGHT * len(rows)
+    figure = Figure((wide + 0.1, tall + 0.1), dpi=150)
+    axes = figure.add_axes((0, 0, 1, 1), xlim=(-0.05, wide + 0.05), ylim=(-0.05, tall + 0.05))
+    axes.set_axis_off()
+    for i, ((_, rooms), across) in enumerate(zip(rows, widths, strict=True)):
+        x, y = 0.0, tall - HEIGHT * (i + 1)
+        for (name, n), width in zip(rooms, across, strict=True):
+            colour = next((c for folder, c in COLOURS.items() if name.startswith(folder)), "#e5e7eb")
+            axes.add_patch(
+                Rectangle((x, y), width - 0.04, HEIGHT - 0.05, facecolor=colour, edgecolor="#1f2937", lw=0.8)
+            )
+            middle = x + (width - 0.04) / 2, y + (HEIGHT - 0.05) / 2
+            axes.text(*middle, f"{name}\n{n:,}", ha="center", va="center", fontsize=7.5)
+            x += width
+    figure.savefig(path, metadata={"Software": None})
+
+
 def main() -> None:
     stands = house()
     heads = ("room", "files", "lines", "code", "docstrings", "imports", "helpers called once")
@@ -150,6 +206,8 @@ def main() -> None:
         for row in (heads, *rows)
     ]
     lines += ["", *(f"{name}: {value:g}" for name, value in stands.figures.items())]
+    if "--draw" in sys.argv:
+        draw(stands, sys.argv[sys.argv.index("--draw") + 1])
     if "-v" in sys.argv:
         lines += ["", *(name for one in stands.modules for name in one.without_parameters)]
     sys.stdout.write("\n".join(lines) + "\n")

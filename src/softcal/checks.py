@@ -33,7 +33,8 @@ def frozen_floats(
     InputError
         If these are not real numbers, values are masked, the shape differs, or a value is not finite.
     """
-    array = _numbers(values, name, "iuf", "real numbers", missing=missing).astype(np.float64)
+    with np.errstate(over="ignore"):  # a longer float than these becomes infinite
+        array = _numbers(values, name, "iuf", "real numbers", missing=missing).astype(np.float64)
     _check_shape(array.shape, shape, name)
     bad = np.flatnonzero(np.isinf(array.ravel()) if missing else ~np.isfinite(array.ravel()))
     if bad.size:

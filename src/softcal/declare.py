@@ -10,6 +10,7 @@ from __future__ import annotations
 import inspect
 import math
 import os
+import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache, wraps
@@ -184,10 +185,10 @@ def _kept(value: Any, hint: Any, where: str, faults: list[Fault], *, has_range: 
         return {key: _kept(one, of[1], f"{where}.{key}", faults) for key, one in given.items()}
     if not _fits(value, hint):
         faults.append(Fault("this is of the wrong kind", where, shown(value), _in_words(hint)))
-    elif hint is float and not math.isfinite(value) and not has_range:
-        faults.append(Fault("this is not finite", where, shown(value), _in_words(hint)))
     elif hint is str and "\0" in value:
         faults.append(Fault("a zero byte is no text", where, shown(value)))
+    elif hint is float and not abs(value) <= sys.float_info.max and not (has_range and isinstance(value, float)):
+        faults.append(Fault("this is not finite", where, shown(value), _in_words(hint)))
     return value
 
 

@@ -9,7 +9,11 @@ import contextlib
 import errno
 import os
 import stat
+from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
+
+from softcal.errors import Fault, StorageError
 
 NOTHING, FOLDER = "no such file", "a folder"
 OTHER_KINDS = {
@@ -25,12 +29,21 @@ OTHER_KINDS = {
 def not_a_file(path: Path) -> str:
     """What is at a path in the place of a file to be read; nothing where it is a file."""
     try:
-        kind = stat.S_IFMT(path.stat().st_mode)
+        found = path.stat()
+        kind = stat.S_IFMT(found.st_mode)
     except (FileNotFoundError, NotADirectoryError):
         return NOTHING
     except (OSError, ValueError) as error:  # such as a name of more letters than the system allows, or a NUL in it
         return str(getattr(error, "strerror", None) or error).lower()
-    return "" if stat.S_ISREG(kind) else OTHER_KINDS.get(kind, "no file")
+    if stat.S_ISREG(kind):
+        return "a file of the system" if found.st_dev in _of_the_system() else ""
+    return OTHER_KINDS.get(kind, "no file")
+
+
+@cache
+def _of_the_system() -> frozenset[int]:
+    """The devices whose files the system makes as they are read: some, as /proc/kmsg, are waited for."""
+    return frozenset(os.stat(place).st_dev for place in ("/proc", "/sys") if os.path.ismount(place))
 
 
 def own_file(path: str, flags: int) -> int:
@@ -72,6 +85,19 @@ def is_inside(path: Path, folder: Path) -> bool:
         return path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError):  # a loop of links
         return False
+
+
+def require_inside(folder: Path, places: Iterable[str]) -> None:
+    """Check that no link at places in a folder, which a stranger may have made, leads out of it.
+
+    Raises
+    ------
+    StorageError
+        Where one does, with all of them.
+    """
+    what, allowed = "this lies outside the folder", f"what is in {folder}, and no link out of it"
+    if out := [folder / place for place in places if not is_inside(folder / place, folder)]:
+        raise StorageError([Fault(what, str(path), allowed=allowed) for path in out])
 
 
 def write_whole(path: Path, content: bytes) -> None:

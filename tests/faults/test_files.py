@@ -161,6 +161,7 @@ SURFACES: Mapping[str, tuple[str, dict[str, Any]]] = {
     "a foil by count": (surface(FOIL), {"tets": 500}),
     "a cloud of tetrahedra by size": (solid(*CLOUD), {"size": 0.005}),
     "a cloud of tetrahedra by count": (solid(*CLOUD), {"tets": 5000}),
+    "corners beyond all": (solid(1e103 * np.eye(4, 3)), {"tets": 500}),
     "a size of an atom": (solid(100 * np.eye(4, 3)), {"size": 1e-9}),
     "a surface twice": (solid(*[100 * np.eye(4, 3)] * 2), {"size": 0.02}),
     "a needle by count": (solid(np.array([1e-4, 1e-4, 1e4]) * np.eye(4, 3)), {"tets": 5000}),

@@ -28,6 +28,7 @@ HOSTILE: dict[str, str] = {
     "an unknown name": "nobody",
     "a path out": "../../../etc/passwd",
     "a device": "/dev/zero",
+    "a file of the system": "/proc/version",
     "formula": "'=cmd()'",
     "a template": "'{{ 7 * 7 }} ${HOME} %s {0}'",
 }

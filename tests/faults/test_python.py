@@ -111,6 +111,20 @@ CALLS: Mapping[str, Callable[[], object]] = {
         bar_robot(), api.Protocol({"front": api.Command("shortening", [0.0, 1e308])})
     ),
     **{
+        f"a whole number beyond all floats as {name}": lambda use=use: use(10**400)
+        for name, use in {
+            "a bound": lambda n: api.FreeParameter("bar.youngs_modulus", "Pa", 1, n),
+            "a modulus": lambda n: body(parameters={"youngs_modulus": n, "poissons_ratio": 0.4}),
+            "a density": lambda n: body(density=n),
+            "gravity": lambda n: api.Robot(bar_robot().bodies, gravity=[0, 0, n]),
+            "a pull": lambda n: api.pull(bar_robot(), "front", n),
+            "a value": lambda n: api.simulate(bar_robot(), api.Protocol({}), {"bar.youngs_modulus": n}),
+            "a value of a project": lambda n: api.simulate("project.yaml", theta={"bar.youngs_modulus": n}),
+            "a cell of a sweep": lambda n: api.sweep("project.yaml", over={"bar.youngs_modulus": [n]}),
+        }.items()
+    },
+    "a float beyond all others": lambda: api.Command("tension", np.array([np.longdouble("1e4000")])),
+    **{
         f"{what} to {name}": lambda use=use, path=path: use(path)
         for name, use in {
             "load": api.load,

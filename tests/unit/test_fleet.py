@@ -118,6 +118,18 @@ def test_what_a_killed_worker_began_is_gone_on_with(folder: Path, found: Fleet, 
     assert [one.parameters for one in again.specimens] == [one.parameters for one in found.specimens]
 
 
+@pytest.mark.parametrize("place", ["specimens", "figures", "tables"])
+def test_a_resumed_fleet_is_not_written_through_a_link(folder: Path, found: Fleet, tmp_path: Path, place: str) -> None:
+    mine, out = tmp_path / "mine", tmp_path / "out"
+    mine.mkdir()
+    shutil.copytree(found.folder, out)
+    shutil.rmtree(out / place, ignore_errors=True)
+    (out / place).symlink_to(mine)
+    with pytest.raises(StorageError, match=f"{place}: this lies outside the folder"):
+        fleet(folder, out=out, resume=True)
+    assert list(mine.iterdir()) == []
+
+
 def test_a_specimen_that_fails_is_a_row_with_its_reason_and_begins_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,7 +16,7 @@ from sweep_case import write_sweep
 from softcal.calibration.results.result import CalibrationResult
 from softcal.cli import main, printing
 from softcal.cli.calibration_table import print_results
-from softcal.cli.printing import print_report_table, print_table, shown_path
+from softcal.cli.printing import echo, print_report_table, print_table, shown_path
 from softcal.report.tables import Column, ReportTable
 
 Printed = Callable[[], list[str]]
@@ -37,6 +37,26 @@ def printed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         return found
 
     return lines
+
+
+@pytest.mark.parametrize("code", ["\x1b]0;mine\x07", "\x1b[2J", "\x9b2J", "\u202e", "\r"])
+def test_codes_of_a_terminal_are_printed_and_not_sent(code: str, capsys: pytest.CaptureFixture[str]) -> None:
+    echo(f"a {code} b\tc\nd µ")
+    table = Table("name")
+    table.add_row(f"[red]{code}")
+    print_table(table)
+    printed, shown = capsys.readouterr().out, code.encode("unicode_escape").decode()
+    assert printed.startswith(f"a {shown} b\tc\nd µ\n")
+    assert f"[red]{shown}" in printed
+    assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202e]", printed)
+
+
+def test_the_console_is_written_to_by_way_of_echo() -> None:
+    source = Path(printing.__file__).parents[1]
+    others = [
+        path for path in source.rglob("*.py") if re.search(r"typer\.echo\(|click\.echo\(", path.read_text("utf-8"))
+    ]
+    assert others == [Path(printing.__file__)]
 
 
 def cells(lines: list[str]) -> set[str]:

@@ -259,7 +259,7 @@ def test_the_twin_reads_no_file_outside_the_run(tmp_path: Path):
     (run / "project.yaml").write_text(text)
     (run / "inputs" / "link.csv").symlink_to(secret)
     told = made_up(run, linked)
-    assert "link.csv: the file lies outside the run's folder" in told
+    assert "link.csv: this lies outside the folder" in told
     assert "word" not in told
     (run / "inputs" / "link.csv").unlink()
     (run / "inputs" / "link.csv").symlink_to(run / "inputs" / "link.csv")  # a loop
@@ -272,7 +272,7 @@ def test_the_project_file_of_a_twin_is_the_run_s_own(tmp_path: Path):
     (run / "project.yaml").unlink()
     (run / "project.yaml").symlink_to(tmp_path / "secret.txt")
     told = made_up(run, lambda record: None)
-    assert "project.yaml: the file lies outside the run's folder" in told
+    assert "project.yaml: this lies outside the folder" in told
     assert "word" not in told
 
 

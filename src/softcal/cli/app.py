@@ -8,6 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from softcal.cli.command import COMMANDS, PARTS
+from softcal.cli.printing import echo
 
 
 class _Commands(TyperGroup):
@@ -46,7 +47,7 @@ def _tell_version(wanted: bool) -> None:
     if wanted:
         import softcal
 
-        typer.echo(f"softcal {softcal.__version__}")
+        echo(f"softcal {softcal.__version__}")
         raise typer.Exit
 
 

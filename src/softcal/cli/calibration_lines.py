@@ -7,8 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-import typer
-
+from softcal.cli.printing import echo
 from softcal.mechanics.path_watch import PathProgress, paths_watched
 
 if TYPE_CHECKING:
@@ -60,7 +59,7 @@ class CalibrationLines:
     def say(self, text: str) -> None:
         """Print a line of its own, in the place of those that wait."""
         self._waiting.clear()
-        typer.echo(text, err=True)
+        echo(text, err=True)
 
     def follow(self, path: PathProgress) -> None:
         """Say how far a load path of the present simulation is, where a minute passed without a line."""
@@ -75,7 +74,7 @@ class CalibrationLines:
         failed = f", {state.failed} failed" if state.failed else ""
         stage = f"; {state.stage}" if state.stage else ""
         seconds = self._reported[label] - self._begun[label]
-        typer.echo(f"{label}: {state.count}{best}{failed}{stage}{path} ({seconds:.0f} s)", err=True)
+        echo(f"{label}: {state.count}{best}{failed}{stage}{path} ({seconds:.0f} s)", err=True)
 
 
 def _tenth(state: Progress) -> int:

@@ -7,9 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import typer
-
-from softcal.cli.printing import print_table
+from softcal.cli.printing import echo, print_table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -54,18 +52,18 @@ def print_results(
     first, others = worst(results.items(), lambda pair: math.inf if pair[0] == JOINT else pair[1].loss)
     print_table(_result_table(dict(first), verbose=verbose))
     if others:
-        typer.echo(f"{len(others)} more calibrations, of smaller losses, are in the report.")
+        echo(f"{len(others)} more calibrations, of smaller losses, are in the report.")
     label = first_label(results)
     remarks = list(_remarks(results, judged(results, label), data or {}, records, solved or {}))
     for remark in remarks:
         if verbose or remark.decides:
-            typer.echo(f"{'Warning: ' * remark.is_warning}{remark.text}", err=remark.is_warning)
+            echo(f"{'Warning: ' * remark.is_warning}{remark.text}", err=remark.is_warning)
     if more := 0 if verbose else sum(not remark.decides for remark in remarks):
-        typer.echo(f"{more} more remark{'s' * (more > 1)}: --verbose, or the report.")
+        echo(f"{more} more remark{'s' * (more > 1)}: --verbose, or the report.")
     doubts = solved[label].doubts if solved and label in solved else ""
     lead = f"the solved shapes are in doubt ({doubts}); " if doubts else ""
     for text in three_sentences(FirstScreen(results, label, data or {}, records or {}, lead=lead)):
-        typer.echo(text)
+        echo(text)
 
 
 @dataclass(frozen=True)

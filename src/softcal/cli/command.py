@@ -16,7 +16,7 @@ import typer
 
 from softcal.calibration.search.interrupts import exit_code
 from softcal.catalogue import Catalogue, FunctionMember
-from softcal.cli.printing import shown_path
+from softcal.cli.printing import echo, shown_path
 from softcal.errors import Fault, InputError, SoftcalError, unknown
 
 P = ParamSpec("P")
@@ -145,13 +145,13 @@ def exit_on_error(command: Callable[P, None]) -> Callable[P, None]:
         except InputError as error:
             n = len(error.faults)
             heading = f"Error: {n} faults:\n" if n > 1 else "Error: "
-            typer.echo(heading + error.told(verbose=verbose), err=True)
+            echo(heading + error.told(verbose=verbose), err=True)
             raise typer.Exit(BAD_INPUT) from None
         except SoftcalError as error:
-            typer.echo(f"Error: {error}", err=True)
+            echo(f"Error: {error}", err=True)
             raise typer.Exit(FAILED) from None
         except KeyboardInterrupt as stop:
-            typer.echo("Stopped.", err=True)
+            echo("Stopped.", err=True)
             raise typer.Exit(exit_code(stop)) from None
 
     option = inspect.Parameter(VERBOSE, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Verbose)
@@ -210,5 +210,5 @@ def resumable(folder: Path, kept: str, again: str, record: str = "run.json") -> 
     except KeyboardInterrupt as stop:
         if not (folder / record).is_file():
             raise
-        typer.echo(f"Stopped. {kept} so far is kept in {shown_path(folder)}. Continue with: {again}", err=True)
+        echo(f"Stopped. {kept} so far is kept in {shown_path(folder)}. Continue with: {again}", err=True)
         raise typer.Exit(exit_code(stop)) from None

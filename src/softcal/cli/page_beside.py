@@ -8,9 +8,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
-import typer
-
-from softcal.cli.printing import shown_path
+from softcal.cli.printing import echo, shown_path
 
 
 @contextmanager
@@ -22,10 +20,10 @@ def page_beside(folder: Path, *, wanted: bool) -> Generator[None]:
     from softcal.workflows.watching import watch_run
 
     with watch_run(folder) as page:
-        typer.echo(f"Page: {page.address} (until this command ends)", err=True)
+        echo(f"Page: {page.address} (until this command ends)", err=True)
         if sys.stderr.isatty():
             import webbrowser
 
             webbrowser.open(page.address)
         yield
-    typer.echo(f"The page has ended. It is shown again by: softcal watch {shlex.quote(shown_path(folder))}", err=True)
+    echo(f"The page has ended. It is shown again by: softcal watch {shlex.quote(shown_path(folder))}", err=True)

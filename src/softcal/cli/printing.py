@@ -12,7 +12,7 @@ from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -20,6 +20,7 @@ from softcal.errors import Fault
 
 if TYPE_CHECKING:
     from rich.table import Table
+    from rich.text import Text
 
     from softcal.report.tables import ReportTable
 
@@ -28,6 +29,8 @@ NO_OUTPUT = 1  # the exit code where the output cannot be written
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _ASCII = "softcal_ascii"
 _NOTHING_LEFT = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)  # such as open files, processes, memory
+# Codes of the terminal, and marks that change the direction of letters; not the ends of lines and tabs.
+_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 # What stands for the signs of messages where the terminal cannot write them.
 _SIGNS = {
     "±": "+/-", "–": "-", "—": "-", "−": "-", "×": "x", "·": "*", "⋅": "*", "→": "->", "≥": ">=", "≤": "<=", "≈": "~",
@@ -59,7 +62,7 @@ def any_terminal() -> Generator[None]:
         else:
             raise
         with suppress(OSError):
-            typer.echo(f"Error: {what}: {error.strerror}.", err=True)
+            echo(f"Error: {what}: {error.strerror}.", err=True)
         with suppress(OSError):  # what is left of the output would be an error again at the end
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         raise SystemExit(NO_OUTPUT) from None
@@ -99,6 +102,16 @@ def shown_path(path: Path) -> str:
         return absolute
 
 
+def printable(text: str) -> str:
+    """The text with control characters by their codes: those of a stranger's file would command the terminal."""
+    return _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
+def echo(text: str = "", *, err: bool = False) -> None:
+    """Print a line to the output, or to the error stream."""
+    typer.echo(printable(text), err=err)
+
+
 def print_table(table: Table) -> None:
     """Print a table of texts as they are, in the width of the terminal, or of a log.
 
@@ -107,10 +120,15 @@ def print_table(table: Table) -> None:
     """
     from rich.console import Console
 
-    # Names may hold brackets and colons, which are no marks of Rich's.
-    console = Console(markup=False, emoji=False)
+    class Plain(Console):
+        """Names may hold brackets and colons, which are no marks of Rich's."""
+
+        def render_str(self, text: str, **options: Any) -> Text:
+            return super().render_str(printable(text), **{**options, "markup": False, "emoji": False})
+
+    console = Plain()
     if not console.is_terminal:
-        console = Console(markup=False, emoji=False, width=LOG_WIDTH)
+        console = Plain(width=LOG_WIDTH)
     for part in _parts(table, console.width):
         console.print(part)
 
@@ -128,7 +146,7 @@ def print_report_table(table: ReportTable) -> None:
 def print_warnings(warnings: Iterable[str | Fault]) -> None:
     """Print each warning to the error stream."""
     for warning in warnings:
-        typer.echo(f"Warning: {warning}", err=True)
+        echo(f"Warning: {warning}", err=True)
 
 
 def _parts(table: Table, width: int) -> list[Table]:

@@ -8,9 +8,8 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-import typer
-
 from softcal.cli.calibration_lines import MOST
+from softcal.cli.printing import echo
 from softcal.mechanics.path_watch import PathProgress, paths_watched
 
 if TYPE_CHECKING:
@@ -40,7 +39,7 @@ def clock(*, keeps: bool = False) -> Generator[Callable[[str], None]]:
         now = time.monotonic()
         if bar.disable and now - said >= MOST:
             said = now
-            typer.echo(f"{doing} ({now - began:.0f} s)", err=True)
+            echo(f"{doing} ({now - began:.0f} s)", err=True)
 
     def show(doing: str) -> None:
         nonlocal stage
@@ -84,7 +83,7 @@ def steps(what: str) -> Generator[Callable[[str, int, int], None]]:
         bar.update(task, description=f"{what}: {doing}", completed=done, total=of)
         if bar.disable and now - began - said >= MOST:
             said = now - began
-            typer.echo(f"{what}: {doing}, {done + 1} of {of} ({said:.0f} s)", err=True)
+            echo(f"{what}: {doing}, {done + 1} of {of} ({said:.0f} s)", err=True)
 
     try:
         yield show
@@ -146,5 +145,5 @@ def executor_told(on: str, workers: int | None) -> Generator[Executor]:
         if not executor.here:
             there = sum(worker.state != "lost" for worker in executor.workers)
             waits = "" if there else "; what is to be computed waits for the first"
-            typer.echo(f"On {executor.told}: {there} worker{'s' * (there != 1)} at present{waits}.")
+            echo(f"On {executor.told}: {there} worker{'s' * (there != 1)} at present{waits}.")
         yield executor

@@ -11,6 +11,7 @@ from softcal.checks import Floats
 from softcal.errors import Fault, MeshError
 
 _HEADER, _TRIANGLE = 80, 50
+_FURTHEST = 1e9  # a coordinate, in the file's own unit
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _VERTEX = re.compile(rb"vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.IGNORECASE)
 _NUMBER = re.compile(rb"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE)
@@ -43,6 +44,10 @@ def checked_stl(path: Path) -> bytes:
                 attempt="export it again from the CAD program",
             )
         )
+    far = float(np.abs(corners).max())
+    if far > _FURTHEST:
+        got, allowed = f"a coordinate of {far:.3g}", f"at most {_FURTHEST:g} in the file's own unit"
+        raise MeshError(Fault("a corner is too far away", str(path), got, allowed, "export it again in millimetres"))
     size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     a, b, c = np.swapaxes(corners - corners[0, 0], 0, 1)
     volume = abs(float(np.einsum("ij,ij->", a, np.cross(b, c)))) / 6.0

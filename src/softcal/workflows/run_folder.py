@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path, PurePath
@@ -30,7 +30,7 @@ from softcal.geometry.write import write_mesh
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.files import sha256, stored_mesh
 from softcal.project.project import Project, load
-from softcal.regular_file import is_inside, not_a_file
+from softcal.regular_file import not_a_file, require_inside
 from softcal.twin.parameters import robot_parameters
 from softcal.workflows.output import new_folder, require_writable, unwritable
 from softcal.workflows.run import SWEEP, CalibrationRun, SweepRun, headline_of
@@ -114,7 +114,7 @@ def reopen_run(project: Project, folder: Path) -> None:
         cannot be written.
     """
     record = _record(folder)
-    _require_inside(folder, [f"{CALIBRATIONS}/{label}" for label in record.calibrations])
+    require_inside(folder, [f"{CALIBRATIONS}/{label}" for label in record.calibrations])
     _require_unchanged(folder, record)
     what, attempt = "the file was changed after the run began", "restore it, or use another --out without --resume"
     if changed := _changed_inputs(project, record):
@@ -295,7 +295,7 @@ def _record(folder: Path) -> _RunRecord:
         raise StorageError(
             Fault("there is no run here", str(folder), f"no {RECORD}", "a folder that softcal calibrate wrote")
         )
-    _require_inside(folder, [RECORD, PROJECT])
+    require_inside(folder, [RECORD, PROJECT])
     return read_record(_RunRecord, path, "the record of the run", FORMAT)
 
 
@@ -303,7 +303,7 @@ def _require_unchanged(folder: Path, record: _RunRecord) -> None:
     """Check that the run's inputs are unchanged and its own, so that a report shows the data of its results, and no
     file from elsewhere.
     """
-    _require_inside(folder, record.copies.values())
+    require_inside(folder, record.copies.values())
     faults: list[Fault] = []
     for number, (written, before) in enumerate(record.hashes.items()):
         # First comes the project's file, which is called otherwise here than it may have been.
@@ -326,13 +326,6 @@ def _require_unchanged(folder: Path, record: _RunRecord) -> None:
     ]
     if faults:
         raise StorageError(faults)
-
-
-def _require_inside(folder: Path, places: Iterable[str]) -> None:
-    """Check that no link leads out of the run's folder."""
-    what, allowed = "the file lies outside the run's folder", "a file of the folder, and no link out of it"
-    if out := [folder / place for place in places if not is_inside(folder / place, folder)]:
-        raise StorageError([Fault(what, str(path), allowed=allowed) for path in out])
 
 
 def _sha256(path: Path) -> str:

@@ -26,7 +26,7 @@ from softcal.calibration.results.result import Trial
 from softcal.calibration.results.stored import Record, read_record
 from softcal.calibration.results.trial_journal import ARRAYS, JOURNAL, StoredTrial, TrialJournal, arrays_file, mend
 from softcal.errors import Fault, StorageError
-from softcal.regular_file import is_inside, write_whole
+from softcal.regular_file import require_inside, write_whole
 from softcal.whole_folder import whole_folder
 
 RECORD, RESULT = "run.json", "result.json"
@@ -65,9 +65,7 @@ class RunStore:
         self._space, self._path = space, folder / JOURNAL
         if lost := [name for name in (ARRAYS, RESULT) if (folder / name).exists() and not self._path.exists()]:
             raise StorageError(Fault("the trials of the run are missing", str(self._path), f"{lost[0]} beside it"))
-        if not is_inside(folder / ARRAYS, folder):
-            what = "the arrays of the trials lie outside the run's folder"
-            raise StorageError(Fault(what, str((folder / ARRAYS).resolve()), allowed="a folder in it, and no link"))
+        require_inside(folder, (ARRAYS,))
         with storing(self._path):
             # Two processes in one folder would each undo the other's search.
             self._file = _alone(folder)

@@ -13,7 +13,7 @@ from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.calibration_table import print_results, result_line
 from softcal.cli.command import ProjectFile, Verbose, register_command, resumable
 from softcal.cli.page_beside import page_beside
-from softcal.cli.printing import print_warnings, shown_path
+from softcal.cli.printing import echo, print_warnings, shown_path
 from softcal.cli.running import clock, executor_told, steps
 from softcal.cli.values import (
     LOCAL,
@@ -152,7 +152,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
             print_results(found.results, data, records, solved, verbose=verbose)
             if found.stopped_by is not None:
                 raise found.stopped_by
-        typer.echo(f"Run: {shown_path(folder)}")
+        echo(f"Run: {shown_path(folder)}")
         if report:
             report_run(folder, None, solved)
 
@@ -174,7 +174,7 @@ def _print_expected(project: Project, engine: str, changes: dict[str, Any], work
     text = f"One simulation by {engine} takes {duration(expected.seconds)}. Expected: {span}, for {count} of the search"
     if expected.held_out[1]:
         text += f" and {' to '.join(dict.fromkeys(str(n) for n in expected.held_out))} of the held-out predictions"
-    typer.echo(f"{text}, if all take as long.")
+    echo(f"{text}, if all take as long.")
 
 
 @register_command("start", 5)
@@ -201,5 +201,5 @@ def report_run(
     with steps("Report") as show:
         paths = write_report(run, out, figures=figures, solved=solved, progress=show)
     for note in paths.notes:
-        typer.echo(f"Note: {note}", err=True)
-    typer.echo(f"Report: {shown_path(paths.page)}")
+        echo(f"Note: {note}", err=True)
+    echo(f"Report: {shown_path(paths.page)}")

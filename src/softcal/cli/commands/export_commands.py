@@ -10,7 +10,7 @@ import typer
 from typer.core import TyperGroup
 
 from softcal.cli.command import exit_on_error, register_command
-from softcal.cli.printing import print_warnings, shown_path
+from softcal.cli.printing import echo, print_warnings, shown_path
 from softcal.cli.running import clock, motion_bars
 from softcal.cli.values import Pull, Source, Values, parsed_values
 from softcal.workflows.export import EXPORTS, Export, ExportRequest, write_export
@@ -54,9 +54,9 @@ def _command(export: Export) -> Any:
             written = write_export(export.name, request, out, **options)
         print_warnings(warnings)
         for text in notes:
-            typer.echo(text)
+            echo(text)
         hint = f"; {export.hint.format(out=shown_path(out))}" if export.hint else ""
-        typer.echo(f"Wrote {len(written)} files into {shown_path(out)}{hint}")
+        echo(f"Wrote {len(written)} files into {shown_path(out)}{hint}")
 
     empty = inspect.Parameter.empty
     arguments: dict[str, tuple[Any, Any]] = {"source": (Source, empty), "out": (Out, empty)}

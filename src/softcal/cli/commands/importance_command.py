@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.command import register_command
-from softcal.cli.printing import print_table, print_warnings, shown_path
+from softcal.cli.printing import echo, print_table, print_warnings, shown_path
 from softcal.cli.running import clock, executor_told
 from softcal.cli.values import LOCAL, On, Source, Values, Workers, parsed_values
 
@@ -64,14 +64,14 @@ def importance(
         )
     _print_study(found)
     for note in found.notes:
-        typer.echo(f"Note: {note}")
+        echo(f"Note: {note}")
     for sentence in importance_sentences(found):
-        typer.echo(sentence)
+        echo(sentence)
     if folder is not None:
         write_importance(found, studied.project, studied.calibration, folder)
-        typer.echo(f"Wrote {shown_path(folder)}")
+        echo(f"Wrote {shown_path(folder)}")
         if folder == default:
-            typer.echo(f"Into the report with: softcal report {source}")
+            echo(f"Into the report with: softcal report {source}")
 
 
 def _print_study(found: ImportanceStudy) -> None:
@@ -89,5 +89,5 @@ def _print_study(found: ImportanceStudy) -> None:
         print_table(table)
     errors = ", ".join(f"{name} {100 * one.surrogate_error:.1g} %" for name, one in found.outputs.items())
     counted = ", ".join(f"{plain(value, 6)} {name}" for name, value in found.facts.items())
-    typer.echo(f"{counted}; {plain(found.wall_s, 2)} s. Error of the surrogate over the standard deviation: {errors}.")
-    typer.echo("± is half the 95 % interval.")
+    echo(f"{counted}; {plain(found.wall_s, 2)} s. Error of the surrogate over the standard deviation: {errors}.")
+    echo("± is half the 95 % interval.")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.command import register_command
-from softcal.cli.printing import print_table, shown_path
+from softcal.cli.printing import echo, print_table, shown_path
 from softcal.cli.running import clock, executor_told
 from softcal.cli.values import LOCAL, On, Workers
 
@@ -79,10 +79,10 @@ def intervals(  # noqa: PLR0913 (one argument for each option)
             workers=executor,
             progress=lambda n: show(f"{n} evaluations"),
         )
-    typer.echo(f"95 % intervals of the calibration '{source.calibration}'")
+    echo(f"95 % intervals of the calibration '{source.calibration}'")
     _print_study(found)
     write_intervals(found, source.project, source.calibration, folder)
-    typer.echo(f"Wrote {shown_path(folder)}")
+    echo(f"Wrote {shown_path(folder)}")
 
 
 def _print_study(found: IntervalStudy) -> None:
@@ -106,8 +106,8 @@ def _print_study(found: IntervalStudy) -> None:
         )
     print_table(table)
     counted = ", ".join(f"{plain(value, 4)} {name}" for name, value in found.facts.items())
-    typer.echo(f"{counted}; {plain(found.wall_s, 2)} s")
+    echo(f"{counted}; {plain(found.wall_s, 2)} s")
     for note in found.notes:
-        typer.echo(f"Note: {note}")
+        echo(f"Note: {note}")
     for sentence in found.sentences:
-        typer.echo(sentence)
+        echo(sentence)

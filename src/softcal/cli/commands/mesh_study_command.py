@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.command import register_command
-from softcal.cli.printing import print_table, print_warnings, shown_path
+from softcal.cli.printing import echo, print_table, print_warnings, shown_path
 from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, Source, Values, Workers, parsed_values
 
@@ -67,20 +67,20 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
             studied, element=element, halvings=halvings, max_unknowns=unknowns, workers=executor, progress=show
         )
     if studied.calibration:
-        typer.echo(f"What the mesh contributes to the calibration '{studied.calibration}'")
+        echo(f"What the mesh contributes to the calibration '{studied.calibration}'")
     _print_study(found)
     for one in found.finer:
         if one.failure:
-            typer.echo(f"Not simulated, {one.name} ({one.what}): {one.failure}")
+            echo(f"Not simulated, {one.name} ({one.what}): {one.failure}")
     for note in found.notes:
-        typer.echo(f"Note: {note}")
+        echo(f"Note: {note}")
     for verdict in mesh_verdicts(found):
-        typer.echo(verdict.text)
+        echo(verdict.text)
     if folder is not None:
         write_study(found, studied.project, studied.calibration, folder)
-        typer.echo(f"Wrote {shown_path(folder)}")
+        echo(f"Wrote {shown_path(folder)}")
         if folder == default_folder(source, MESH_STUDY):
-            typer.echo(f"Into the report with: softcal report {source}")
+            echo(f"Into the report with: softcal report {source}")
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.command import register_command
-from softcal.cli.printing import print_table, shown_path
+from softcal.cli.printing import echo, print_table, shown_path
 from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, Workers
 
@@ -55,13 +55,13 @@ def next_test(
     print_table(_table(found))
     for one in found.outlooks:
         if one.failure:
-            typer.echo(f"Not possible, {one.candidate.name}: {one.failure}")
+            echo(f"Not possible, {one.candidate.name}: {one.failure}")
     for note in found.notes:
-        typer.echo(f"Note: {note}")
-    typer.echo(verdict(found))
+        echo(f"Note: {note}")
+    echo(verdict(found))
     if out is not None:
         write_ranking(found, source, out)
-        typer.echo(f"Wrote {shown_path(out)}")
+        echo(f"Wrote {shown_path(out)}")
 
 
 def _table(found: NextTests) -> Table:

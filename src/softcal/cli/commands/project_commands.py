@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from softcal.cli.command import ProjectFile, register_command
-from softcal.cli.printing import print_warnings, shown_path
+from softcal.cli.printing import echo, print_warnings, shown_path
 from softcal.cli.running import clock
 from softcal.errors import Fault, InputError
 
@@ -26,7 +26,7 @@ def init(
     from softcal.workflows.template import write_template
 
     path = write_template(template, folder)
-    typer.echo(f"Wrote {shown_path(path)}. Check it with: softcal check {shlex.quote(shown_path(path))}")
+    echo(f"Wrote {shown_path(path)}. Check it with: softcal check {shlex.quote(shown_path(path))}")
 
 
 @register_command("start", 2)
@@ -53,7 +53,7 @@ def check(
             show("")
             width = max(width, *(len(name) for name, _ in rows)) if rows else width
             for name, text in rows:
-                typer.echo(f"{name:<{width + 2}}{text}")
+                echo(f"{name:<{width + 2}}{text}")
             print_warnings(warnings)
 
         show("Reading the project")
@@ -64,7 +64,7 @@ def check(
         folder = (out if out is not None else project.parent / "check") if pictures else None
         report = check_project(loaded, folder, solve=solve, progress=show, ready=print_block)
     for note in report.notes:
-        typer.echo(f"Note: {note}", err=True)
+        echo(f"Note: {note}", err=True)
     if pictures:
-        typer.echo(f"Pictures: {', '.join(map(shown_path, report.pictures))}")
-    typer.echo("The project is in order." if not report.warnings else "The project can be used; see the warnings.")
+        echo(f"Pictures: {', '.join(map(shown_path, report.pictures))}")
+    echo("The project is in order." if not report.warnings else "The project can be used; see the warnings.")

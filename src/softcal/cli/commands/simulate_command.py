@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.command import ProjectFile, register_command
-from softcal.cli.printing import print_table, shown_path
+from softcal.cli.printing import echo, print_table, shown_path
 from softcal.cli.running import clock, motion_bars
 from softcal.cli.values import Engine, Values, parsed_values
 from softcal.errors import Fault, InputError
@@ -71,7 +71,7 @@ def simulate(
 
             responses = simulate_to_folder(loaded, chosen, out, engine=engine, stage=show, ready=print_status)
     _print_channels(responses)
-    typer.echo(f"Wrote {shown_path(out)}")
+    echo(f"Wrote {shown_path(out)}")
     for response in responses.values():
         if response.stopped_by is not None:
             raise response.stopped_by
@@ -83,7 +83,7 @@ def _print_status(name: str, response: Response) -> None:
     text = f"{name}: {response.status}"
     if response.stopped_by is None and not response.succeeded:
         text = f"Error: {text}"
-    typer.echo(text, err=not response.succeeded)
+    echo(text, err=not response.succeeded)
 
 
 def _print_channels(responses: Mapping[str, Response]) -> None:
@@ -106,4 +106,4 @@ def _print_channels(responses: Mapping[str, Response]) -> None:
     if table.row_count:
         print_table(table)
     if len(responses) > len(shown):
-        typer.echo(f"The channels of {len(responses) - len(shown)} more are in the folder.")
+        echo(f"The channels of {len(responses) - len(shown)} more are in the folder.")

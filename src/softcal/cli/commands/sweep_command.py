@@ -11,7 +11,7 @@ from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.command import ProjectFile, register_command, resumable
 from softcal.cli.commands.calibrate_commands import report_run
 from softcal.cli.page_beside import page_beside
-from softcal.cli.printing import print_table, print_warnings, shown_path
+from softcal.cli.printing import echo, print_table, print_warnings, shown_path
 from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, Values, WithPage, WithReport, Workers, names, parsed_pairs, parsed_values
 
@@ -73,7 +73,7 @@ def sweep(  # noqa: PLR0913 (one argument for each option)
             _print_sweep(found)
             if found.stopped_by is not None:
                 raise found.stopped_by
-        typer.echo(f"Sweep: {shown_path(folder)}")
+        echo(f"Sweep: {shown_path(folder)}")
         if report:
             report_run(folder, None)
 
@@ -81,11 +81,11 @@ def sweep(  # noqa: PLR0913 (one argument for each option)
 def _print_sweep(found: Swept) -> None:
     print_table(_table(found))
     result = found.result
-    typer.echo(result.status)
+    echo(result.status)
     if found.nominal.loss is None:
-        typer.echo(f"Note: the nominal values could not be simulated: {found.nominal.failure}")
+        echo(f"Note: the nominal values could not be simulated: {found.nominal.failure}")
     for note in result.notes:
-        typer.echo(f"Note: {note}")
+        echo(f"Note: {note}")
 
 
 def _table(found: Swept) -> Table:

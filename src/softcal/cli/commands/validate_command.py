@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.command import register_command
-from softcal.cli.printing import print_table, print_warnings, shown_path
+from softcal.cli.printing import echo, print_table, print_warnings, shown_path
 from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, Values, Workers, names, parsed_values
 
@@ -73,7 +73,7 @@ def validate(
     _print_validation(found)
     if out is not None:
         write_validation(found, out)
-        typer.echo(f"Wrote {shown_path(out)}")
+        echo(f"Wrote {shown_path(out)}")
 
 
 def _print_validation(found: Validation) -> None:
@@ -82,7 +82,7 @@ def _print_validation(found: Validation) -> None:
         for one in predictions:
             for note in one.result.notes:
                 if "held out" in note.text or "bound" in note.text:
-                    typer.echo(f"Note ({model} without {', '.join(one.left_out)}): {note}")
+                    echo(f"Note ({model} without {', '.join(one.left_out)}): {note}")
 
 
 def _table(found: Validation) -> Table:

@@ -9,7 +9,7 @@ import typer
 
 from softcal.cli.command import exit_on_error, register_command
 from softcal.cli.page_beside import page_beside
-from softcal.cli.printing import print_table, shown_path
+from softcal.cli.printing import echo, print_table, shown_path
 from softcal.cli.running import clock, executor_told
 from softcal.cli.values import LOCAL, On, WithPage, Workers
 
@@ -64,7 +64,7 @@ def list_cases() -> None:
         table.add_row(name, str(n_fit), str(len(record.samples) - n_fit), case.title)
     print_table(table)
     for line in lines:
-        typer.echo(line)
+        echo(line)
 
 
 @bench.command()
@@ -89,7 +89,7 @@ def run(
     with page_beside(folder / FIT, wanted=watch), executor_told(on, workers) as executor, clock() as show:
         done = run_case(case, folder, data=data, workers=executor, resume=resume, progress=show)
     _print_score(done.score)
-    typer.echo(f"Predictions and score: {shown_path(done.folder)}")
+    echo(f"Predictions and score: {shown_path(done.folder)}")
 
 
 @bench.command()
@@ -117,18 +117,18 @@ def _print_score(found: Score) -> None:
     case = CASES.named(found.case)
     print_table(_table(found, case))
     if found.data:
-        typer.echo(f"The samples to predict are those of {found.data}, not the case's own.")
+        echo(f"The samples to predict are those of {found.data}, not the case's own.")
     for name, value in (found.parameters or {}).items():
-        typer.echo(f"{name} = {value}")
+        echo(f"{name} = {value}")
     for split, one in found.splits.items():
         if one.coverage is not None:
-            typer.echo(f"{100 * one.coverage:.0f} % of the values to {split} are in their 95 % bands.")
+            echo(f"{100 * one.coverage:.0f} % of the values to {split} are in their 95 % bands.")
     cost = [] if found.evaluations is None else [f"{found.evaluations} evaluations"]
     cost += [] if found.wall_s is None else [f"{found.wall_s:.3g} s"]
     if cost:
-        typer.echo(f"Cost: {', '.join(cost)}.")
+        echo(f"Cost: {', '.join(cost)}.")
     for row in case.published:
-        typer.echo(f"Beside it: {row.method}: {_published(row.predict) or row.note} ({row.source})")
+        echo(f"Beside it: {row.method}: {_published(row.predict) or row.note} ({row.source})")
 
 
 def _published(pair: tuple[float | None, float | None]) -> str:
@@ -178,4 +178,4 @@ def page(
     with clock() as show:
         show("Drawing the robots")
         files = write_page(runs, out)
-    typer.echo(f"Page: {shown_path(out)}, with {len(files) - 1} pictures")
+    echo(f"Page: {shown_path(out)}, with {len(files) - 1} pictures")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.command import FAILED, register_command
-from softcal.cli.printing import print_table, shown_path
+from softcal.cli.printing import echo, print_table, shown_path
 from softcal.cli.running import clock, executor_told
 from softcal.cli.values import LOCAL, On, Pull, Source, Values, Workers, names, parsed_values
 
@@ -74,7 +74,7 @@ def crosscheck(
     _print_crosscheck(found)
     if out is not None:
         write_crosscheck(project, found, out)
-        typer.echo(f"Wrote {shown_path(out)}")
+        echo(f"Wrote {shown_path(out)}")
     compared = any(result.comparisons for result in found.values())
     if not compared or not all(result.agrees for result in found.values()):
         raise typer.Exit(FAILED)
@@ -87,21 +87,21 @@ def _print_crosscheck(found: dict[str, Crosscheck]) -> None:
     refused: dict[str, str] = {}
     for state, result in found.items():
         for comparison in result.comparisons:
-            typer.echo(f"{state or AT_REST}: {comparison.engine}")
+            echo(f"{state or AT_REST}: {comparison.engine}")
             print_table(_table(comparison))
             for change in comparison.changed:
-                typer.echo(f"For {comparison.engine}, and for softcal in this comparison: {change}")
-            typer.echo(f"{state or AT_REST}: {comparison.verdict}.\n")
+                echo(f"For {comparison.engine}, and for softcal in this comparison: {change}")
+            echo(f"{state or AT_REST}: {comparison.verdict}.\n")
         if result.still:
-            typer.echo(f"{state or AT_REST}: {NOTHING_MOVES}.\n")
+            echo(f"{state or AT_REST}: {NOTHING_MOVES}.\n")
         for name, why in result.failed.items():
-            typer.echo(f"{state or AT_REST}: {name} failed: {why}", err=True)
+            echo(f"{state or AT_REST}: {name} failed: {why}", err=True)
         absent |= result.absent
         refused |= result.refused
     for name, why in refused.items():
-        typer.echo(f"{name} was skipped, it does not support this robot: {why}", err=True)
+        echo(f"{name} was skipped, it does not support this robot: {why}", err=True)
     for name, why in absent.items():
-        typer.echo(f"{name} was skipped, it is not installed: {why}", err=True)
+        echo(f"{name} was skipped, it is not installed: {why}", err=True)
 
 
 def _table(comparison: EngineComparison) -> Table:

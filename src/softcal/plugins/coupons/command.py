@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.command import register_command
-from softcal.cli.printing import print_report_table, print_warnings, shown_path
+from softcal.cli.printing import echo, print_report_table, print_warnings, shown_path
 from softcal.cli.running import clock
 from softcal.errors import Fault, ParameterError
 
@@ -170,21 +170,21 @@ def _fit(  # noqa: PLR0913 (one argument for each option)
     print_report_table(laws_table(found))
     print_report_table(moduli_table(found))
     for name, other in found.same_as.items():
-        typer.echo(f"{name}: in an incompressible body the same as {other}.")
+        echo(f"{name}: in an incompressible body the same as {other}.")
     for name, why in found.left_out.items():
-        typer.echo(f"{name}: {why}.")
+        echo(f"{name}: {why}.")
     shown, chosen = found.shown, found.recommended
     print_report_table(constants_table(shown))
     predicted = [shown.fit.material.predict(one) for one in further]
     if history or predicted:
         print_report_table(tests_table(shown.name, shown.fit.tests(found.coupons), predicted))
-    typer.echo(verdict(found))
-    typer.echo(moduli(shown))
+    echo(verdict(found))
+    echo(moduli(shown))
     if chosen is not None:
-        typer.echo("\n" + material_block(chosen.fit, found, body))
+        echo("\n" + material_block(chosen.fit, found, body))
     if out is not None:
         write_comparison(found, body, out, predicted, files)
-        typer.echo(f"Wrote {shown_path(out)}")
+        echo(f"Wrote {shown_path(out)}")
 
 
 def _predict(further: Sequence[Coupon], stored: Path, law: str | None, out: Path | None) -> None:
@@ -200,4 +200,4 @@ def _predict(further: Sequence[Coupon], stored: Path, law: str | None, out: Path
     print_report_table(tests_table(name, [], predicted))
     if out is not None:
         write_predictions(predicted, name, out)
-        typer.echo(f"Wrote {shown_path(out)}")
+        echo(f"Wrote {shown_path(out)}")

@@ -14,7 +14,7 @@ import typer
 from softcal.cli.calibration_lines import CalibrationLines
 from softcal.cli.command import register_command, resumable
 from softcal.cli.page_beside import page_beside
-from softcal.cli.printing import print_report_table, shown_path
+from softcal.cli.printing import echo, print_report_table, shown_path
 from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, WithPage, WithReport, Workers, as_typed, calibration_options, names
 
@@ -86,7 +86,7 @@ def fleet(  # noqa: PLR0913 (one argument for each option)
             _print(found)
             if found.stopped_by is not None:
                 raise found.stopped_by
-        typer.echo(f"Fleet: {shown_path(folder)}")
+        echo(f"Fleet: {shown_path(folder)}")
         if report:
             _report(found)
 
@@ -124,10 +124,10 @@ def _print(found: Fleet) -> None:
         if table.rows:
             print_report_table(table)
     for sentence in fleet_sentences(found.specimens, found.statement):
-        typer.echo(sentence.text)
+        echo(sentence.text)
 
 
 def _report(found: Fleet) -> None:
     from softcal.plugins.fleet.report import write_fleet_report
 
-    typer.echo(f"Report: {shown_path(write_fleet_report(found))}")
+    echo(f"Report: {shown_path(write_fleet_report(found))}")

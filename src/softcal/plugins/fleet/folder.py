@@ -44,6 +44,7 @@ from softcal.plugins.fleet.specimen import Factor, Specimen, State
 from softcal.plugins.fleet.statement import FleetStatement
 from softcal.plugins.fleet.table import FleetTable
 from softcal.project.files import sha256
+from softcal.regular_file import require_inside
 from softcal.workflows.output import new_folder, require_free_folder, require_writable, unwritable
 
 FORMAT = 1
@@ -143,6 +144,7 @@ def reopen_fleet(table: FleetTable, settings: Mapping[str, Any], folder: Path) -
         If the folder holds no fleet, or one of another table, template or settings, files of finished specimens have
         changed, or the folder cannot be written.
     """
+    require_inside(folder, (FLEET, SPECIMENS, *REPORT))
     record = _record(folder)
     faults = _other_files(table, record)
     if record.settings != json.loads(json.dumps(dict(settings))):

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from softcal.cli.command import register_command
-from softcal.cli.printing import shown_path
+from softcal.cli.printing import echo, shown_path
 from softcal.errors import Fault, InputError
 
 Images = Annotated[list[str], typer.Argument(metavar="IMAGES", help="Files, folders or patterns.", show_default=False)]
@@ -46,7 +46,7 @@ def board(
     else:
         text = board_sheet(_board(squares, square, marker, dictionary, legacy))
     write_new_file(out, text)
-    typer.echo(f"Wrote {shown_path(out)}. Print it at 100 %, glue it onto something flat, and measure a square.")
+    echo(f"Wrote {shown_path(out)}. Print it at 100 %, glue it onto something flat, and measure a square.")
 
 
 @register_command("data", 3)
@@ -66,16 +66,16 @@ def camera(
         run = make_camera_file(images, _board(squares, square, marker, dictionary, legacy), out, progress=progress)
     found = run.calibration
     for image, rms in found.rms_by_image.items():
-        typer.echo(f"{image}: {rms:.3f} px")
+        echo(f"{image}: {rms:.3f} px")
     for image in run.skipped:
-        typer.echo(f"Warning: {image}: the board was not found; skipped.", err=True)
+        echo(f"Warning: {image}: the board was not found; skipped.", err=True)
     for warning in found.warnings:
-        typer.echo(f"Warning: {warning}.", err=True)
+        echo(f"Warning: {warning}.", err=True)
     (fx, fy), (cx, cy) = found.camera.focal, found.camera.centre
-    typer.echo(f"Reprojection error: {found.rms:.3f} px (rms) over {len(found.rms_by_image)} images")
-    typer.echo(f"Focal lengths: {fx:.1f} and {fy:.1f} px, ± {found.focal_sd[0]:.2g} and {found.focal_sd[1]:.2g}")
-    typer.echo(f"Principal point: ({cx:.1f}, {cy:.1f}) px, ± {found.centre_sd[0]:.2g} and {found.centre_sd[1]:.2g}")
-    typer.echo(f"Wrote {shown_path(out)}")
+    echo(f"Reprojection error: {found.rms:.3f} px (rms) over {len(found.rms_by_image)} images")
+    echo(f"Focal lengths: {fx:.1f} and {fy:.1f} px, ± {found.focal_sd[0]:.2g} and {found.focal_sd[1]:.2g}")
+    echo(f"Principal point: ({cx:.1f}, {cy:.1f}) px, ± {found.centre_sd[0]:.2g} and {found.centre_sd[1]:.2g}")
+    echo(f"Wrote {shown_path(out)}")
 
 
 @register_command("data", 4)
@@ -135,13 +135,13 @@ def markers(  # noqa: PLR0913 (one argument for each option)
         worst = max((one.covariance.diagonal()[3:].max() ** 0.5 for one in found.values()), default=None)
         told_sd = "" if worst is None else f", sd up to {worst * 1e3:.2g} mm"
         n = table.n_images[group]
-        typer.echo(f"{group}: {n} image{'s' if n > 1 else ''}, {', '.join(found) or 'no marker'}{told_sd}")
+        echo(f"{group}: {n} image{'s' if n > 1 else ''}, {', '.join(found) or 'no marker'}{told_sd}")
         for note in table.notes[group]:
-            typer.echo(f"Warning: {group}: {note}.", err=True)
+            echo(f"Warning: {group}: {note}.", err=True)
     for remark in table.remarks:
-        typer.echo(f"Warning: {remark}.", err=True)
-    typer.echo(f"Corners are good to {table.noise:.2g} px")
-    typer.echo(f"Wrote {shown_path(out)}")
+        echo(f"Warning: {remark}.", err=True)
+    echo(f"Corners are good to {table.noise:.2g} px")
+    echo(f"Wrote {shown_path(out)}")
 
 
 def _board(squares: str, square: str, marker: str, dictionary: str, legacy: bool) -> Any:

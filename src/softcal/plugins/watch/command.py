@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from softcal.cli.command import register_command
+from softcal.cli.printing import echo
 
 PORTS = 65535
 
@@ -44,7 +45,7 @@ def watch(
         raise InputError(Fault("there is no such folder", str(run), got, allowed, attempt))
 
     def ready(address: str) -> None:
-        typer.echo(f"Page: {address} (Ctrl-C ends it)")
+        echo(f"Page: {address} (Ctrl-C ends it)")
         if browser:
             import webbrowser
 

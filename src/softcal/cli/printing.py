@@ -124,11 +124,11 @@ def print_table(table: Table) -> None:
         """Names may hold brackets and colons, which are no marks of Rich's."""
 
         def render_str(self, text: str, **options: Any) -> Text:
-            return super().render_str(printable(text), **{**options, "markup": False, "emoji": False})
+            return super().render_str(printable(text), **options)
 
-    console = Plain()
+    console = Plain(markup=False, emoji=False)
     if not console.is_terminal:
-        console = Plain(width=LOG_WIDTH)
+        console = Plain(markup=False, emoji=False, width=LOG_WIDTH)
     for part in _parts(table, console.width):
         console.print(part)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import signal
 from dataclasses import replace
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from softcal.calibration.results.stored import as_json, as_record
 from softcal.cli import app
 from softcal.errors import DatasetError, StorageError
 from softcal.plugins.bench.case import CASES, BenchmarkCase
@@ -96,7 +98,7 @@ def test_what_was_measured_scores_zero_through_a_file_in_any_order(name: str, tm
     if predicted.all_points is not None:
         assert predicted.all_points.largest < 1e-8
     assert all(one.largest < 1e-6 for one in predicted.channels.values())
-    assert found == Score.from_json(found.as_json())
+    assert found == as_record(Score, json.dumps(as_json(found)).encode(), path, "the score")
 
 
 @EVERY

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from softcal.calibration.results.store import write_text
+from softcal.calibration.results.stored import as_json
 from softcal.errors import Fault, StorageError
 from softcal.executors.executor import Executor
 from softcal.plugins.bench.case import CASES, BenchmarkCase, Progress
@@ -105,4 +106,4 @@ def _written(case: BenchmarkCase, record: CaseRecord, found: Predictions, out: P
 
 def _texts(record: CaseRecord, found: Predictions, result: Score) -> dict[str, str]:
     """The files of scored predictions, by name; the score, which says that they are whole, last."""
-    return {PREDICTIONS: found.text(record.units), SCORE: json.dumps(result.as_json(), indent=2) + "\n"}
+    return {PREDICTIONS: found.text(record.units), SCORE: json.dumps(as_json(result), indent=2) + "\n"}

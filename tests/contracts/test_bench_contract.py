@@ -291,15 +291,16 @@ def test_all_faults_of_a_file_of_shapes_are_told_at_once_and_blank_lines_are_non
         case.record(path)
 
 
-def test_a_score_names_the_file_of_further_samples(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "shown"), [("more.csv", "more.csv"), ("more\udcff.csv", "more?.csv")])
+def test_a_score_names_the_file_of_further_samples(name: str, shown: str, tmp_path: Path) -> None:
     case = CASES["tentacle"]
-    more, mine, out = tmp_path / "more.csv", tmp_path / "mine.csv", tmp_path / "out"
+    more, mine, out = tmp_path / name, tmp_path / "mine.csv", tmp_path / "out"
     more.write_text((case.folder / "predict.csv").read_text().replace("m1_u012", "again"))
     record = case.record(more)
     mine.write_text(replace(measured(case), samples=record.samples, channels=record.channels).text(record.units))
-    assert score_file(case.name, mine, data=more, out=out).data == "more.csv"
+    assert score_file(case.name, mine, data=more, out=out).data == shown
     (_, kept), *_ = read_scores(tmp_path)
-    assert kept.data == "more.csv"
+    assert kept.data == shown
     ran = CliRunner().invoke(app, ["bench", "score", case.name, str(mine), "--data", str(more)])
     assert "more.csv" in ran.output
     write_page(tmp_path, tmp_path / "page.md")

@@ -93,7 +93,9 @@ def score_file(
 
 
 def _scored(case: BenchmarkCase, record: CaseRecord, found: Predictions, data: Path | None) -> Score:
-    return score(case.name, record, found, aligned=case.aligned, data="" if data is None else data.name)
+    # A name may be of bytes that are no text, which JSON cannot have.
+    name = "" if data is None else data.name.encode("utf-8", "replace").decode()
+    return score(case.name, record, found, aligned=case.aligned, data=name)
 
 
 def _written(case: BenchmarkCase, record: CaseRecord, found: Predictions, out: Path, data: Path | None) -> Score:

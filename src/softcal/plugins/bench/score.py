@@ -87,7 +87,7 @@ def score(case: str, record: CaseRecord, predictions: Predictions, *, aligned: b
     aligned: whether one translation per split, the mean error, is taken off the positions first. data: name of the file
     with the samples, where they are not the case's own.
     """
-    splits = {
+    splits: dict[Split, SplitScore] = {
         split: _split_score(record, predictions, record.of(split), aligned=aligned)
         for split in SPLITS
         if record.of(split).any() and predictions.has(record, split)

@@ -17,7 +17,7 @@ from softcal.errors import CalibrationError, Fault, InputError, StorageError
 from softcal.executors.executor import Executor
 from softcal.plugins.bench.case import BenchmarkCase, Progress
 from softcal.plugins.bench.predictions import Predictions
-from softcal.plugins.bench.record import FIT, PREDICT, CaseRecord, joined, stacked, Split
+from softcal.plugins.bench.record import FIT, PREDICT, CaseRecord, Split, joined, stacked
 from softcal.project.bench_names import experiments_named
 from softcal.project.document import Entry
 from softcal.project.project import Project, load

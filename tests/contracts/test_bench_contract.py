@@ -304,7 +304,7 @@ def test_a_score_names_the_file_of_further_samples(name: str, shown: str, tmp_pa
     ran = CliRunner().invoke(app, ["bench", "score", case.name, str(mine), "--data", str(more)])
     assert shown in ran.output
     write_page(tmp_path, tmp_path / "page.md")
-    assert "predicts more.csv" in (tmp_path / "page.md").read_text(encoding="utf-8")
+    assert f"predicts {shown}" in (tmp_path / "page.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

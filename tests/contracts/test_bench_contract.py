@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import signal
 from dataclasses import replace
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from softcal.calibration.results.stored import as_json, as_record
 from softcal.cli import app
 from softcal.errors import DatasetError, StorageError
 from softcal.plugins.bench.case import CASES, BenchmarkCase
@@ -96,7 +98,7 @@ def test_what_was_measured_scores_zero_through_a_file_in_any_order(name: str, tm
     if predicted.all_points is not None:
         assert predicted.all_points.largest < 1e-8
     assert all(one.largest < 1e-6 for one in predicted.channels.values())
-    assert found == Score.from_json(found.as_json())
+    assert found == as_record(Score, json.dumps(as_json(found)).encode(), path, "the score")
 
 
 @EVERY
@@ -289,19 +291,20 @@ def test_all_faults_of_a_file_of_shapes_are_told_at_once_and_blank_lines_are_non
         case.record(path)
 
 
-def test_a_score_names_the_file_of_further_samples(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "shown"), [("more.csv", "more.csv"), ("more\udcff.csv", "more?.csv")])
+def test_a_score_names_the_file_of_further_samples(name: str, shown: str, tmp_path: Path) -> None:
     case = CASES["tentacle"]
-    more, mine, out = tmp_path / "more.csv", tmp_path / "mine.csv", tmp_path / "out"
+    more, mine, out = tmp_path / name, tmp_path / "mine.csv", tmp_path / "out"
     more.write_text((case.folder / "predict.csv").read_text().replace("m1_u012", "again"))
     record = case.record(more)
     mine.write_text(replace(measured(case), samples=record.samples, channels=record.channels).text(record.units))
-    assert score_file(case.name, mine, data=more, out=out).data == "more.csv"
+    assert score_file(case.name, mine, data=more, out=out).data == shown
     (_, kept), *_ = read_scores(tmp_path)
-    assert kept.data == "more.csv"
+    assert kept.data == shown
     ran = CliRunner().invoke(app, ["bench", "score", case.name, str(mine), "--data", str(more)])
-    assert "more.csv" in ran.output
+    assert shown in ran.output
     write_page(tmp_path, tmp_path / "page.md")
-    assert "predicts more.csv" in (tmp_path / "page.md").read_text(encoding="utf-8")
+    assert f"predicts {shown}" in (tmp_path / "page.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,6 @@
-"""What is of the right kind and hostile: laws by their energy, images and camera files, shared studies."""
+"""What is of the right kind and hostile: laws by their energy, images and camera files, shared studies, and scores and
+predictions of a benchmark.
+"""
 
 from __future__ import annotations
 
@@ -724,3 +726,95 @@ URL_CASES = [
 def test_a_storage_that_is_none_or_does_not_answer(case: Case, tmp_path: Path) -> None:
     unsaid = rf"\A(?!.*{SECRET}).*(--storage|cannot be reached|no journal|file)"
     assert_proper(replace(case, files=lambda folder: write_project(folder, TPE), says=unsaid), tmp_path)
+
+
+# Scores of a benchmark: the text of the file, or keys in the place of those of a good one; what is said of it.
+SCORE: Mapping[str, object] = {
+    "case": "beam", "method": "m", "evaluations": 3, "wall_s": 1.0, "parameters": {"E": "1 MPa"}, "splits": {},
+}  # fmt: skip
+ERROR = {"rms": 1.0, "mean": 1.0, "most_95": 1.0, "largest": 1.0}
+SPLIT = {"n_samples": 2, "points": {}, "all_points": None, "channels": {}, "coverage": None}
+SHORT = r"(?=.{1,2000}\Z)"  # what a message has at most, whatever the length of a text that it shows
+SCORES: Mapping[str, tuple[str | Mapping[str, object], str]] = {
+    "parameters in a list": ({"parameters": [1]}, "parameters"),
+    "a parameter that is a number": ({"parameters": {"E": 1}}, "parameters.E"),
+    "a method of many levels": ('{"case": "beam", "method": ' + "[" * 50_000, "recursion"),
+    "a method that is half a sign": ('{"case": "beam", "method": "\\ud800", "splits": {}}', "escape"),
+    "a method of a megabyte": ({"method": "m" * 1_000_000}, "method: string should have at most 255"),
+    "a count of many digits": ({"evaluations": 10**400}, "evaluations"),
+    "a time below zero": ({"wall_s": -1.0}, "wall_s"),
+    "a case that is a list": ({"case": ["beam"]}, "case"),
+    "a split of another name": ({"splits": {"# a": SPLIT}}, "splits.# a"),
+    "a key of a megabyte": ({"splits": {"a" * 1_000_000: SPLIT}}, "splits.a"),
+    "a split that is a number": ({"splits": {"fit": 1}}, "splits.fit"),
+    "an error that is no number": ({"splits": {"fit": {**SPLIT, "all_points": {**ERROR, "rms": "NaN"}}}}, "rms"),
+    "an error without end": ({"splits": {"fit": {**SPLIT, "all_points": {**ERROR, "rms": 1e999}}}}, "Infinity|number"),
+    "a channel that the case lacks": ({"splits": {"fit": {**SPLIT, "channels": {"nobody": ERROR}}}}, "nobody"),
+}
+
+
+def score_case(what: str) -> Case:
+    content, says = SCORES[what]
+    text = content if isinstance(content, str) else json.dumps({**SCORE, **content})
+    page = ("bench", "page", ".", "--out", "page.md")
+    return Case("score", what, page, files=lambda f: (f / "score.json").write_text(text), says=rf"(?s){SHORT}.*{says}")
+
+
+@pytest.mark.parametrize("case", parts([score_case(what) for what in SCORES], every=3))
+def test_a_hostile_score(case: Case, tmp_path: Path) -> None:
+    assert_proper(case, tmp_path)
+
+
+# Predictions of a benchmark: what stands for text in the measured values, and the options; what is said of them.
+TABLES: Mapping[str, tuple[tuple[str, str], tuple[str, ...], str]] = {
+    "a method of bytes": (("", ""), ("--method", "a\udcff"), "method"),
+    "a method that steers the terminal": (("", "# method: \x1b]0;a\x07\n"), (), "method"),
+    "a method of many characters": (("", f"# method: {'m' * 150_000}\n"), (), "150000 characters"),
+    "a time of many characters": (("", f"# wall: {'s' * 150_000}\n"), (), "no wall time"),
+    "a time below zero": (("", "# wall: -3 s\n"), (), "no wall time"),
+    "a count of many characters": (("", f"# evaluations: {'x' * 150_000}\n"), (), "no count"),
+    "a parameter of many characters": (("", f"# E = {'9' * 150_000}\n"), (), "150000 characters"),
+    "a parameter's name of many characters": (("", f"# {'E' * 150_000} = 1\n"), (), "150000 characters"),
+    "a parameter with many blanks": (("", f"# E = 1{' ' * 900_000}2\n"), (), "900002 characters"),
+    "a column of many characters": (("M1.x", "M" * 100_000), (), "no such channel"),
+    "a unit of many characters": (("M1.x [m]", f"M1.x [{'m' * 100_000}]"), (), "unit"),
+    "a first column of many characters": (("sample,", f"{'s' * 100_000},"), (), "name the samples"),
+}
+
+
+def table_case(what: str) -> Case:
+    change, options, says = TABLES[what]
+
+    def files(folder: Path) -> None:
+        (folder / "own.csv").write_text(measured("tentacle").replace(*change, 1), encoding="utf-8")
+
+    score = ("bench", "score", "tentacle", "own.csv", "--out", "out", *options)
+    return Case("table of predictions", what, score, files=files, says=rf"(?s){SHORT}.*{says}")
+
+
+def measured(name: str, factor: float = 1.0) -> str:
+    """The measured values of a case, times a factor, as a table of predictions."""
+    from softcal.plugins.bench.case import CASES
+    from softcal.plugins.bench.predictions import Predictions
+
+    record = CASES[name].record()
+    return Predictions(record.samples, {key: factor * held for key, held in record.channels.items()}).text(record.units)
+
+
+def zeros(name: str) -> Case:
+    def files(folder: Path) -> None:
+        (folder / "own.csv").write_text(measured(name, 0.0))
+
+    score = ("bench", "score", name, "own.csv", "--out", "out")
+    return Case("table of predictions", f"zeros for {name}", score, files=files, says="positions are all at the origin")
+
+
+TABLE_CASES = [
+    *(table_case(what) for what in TABLES),
+    *(zeros(name) for name in ("beam", "manipulator", "sorosim-steel", "sorosim-tpu", "tentacle")),
+]
+
+
+@pytest.mark.parametrize("case", parts(TABLE_CASES, every=3))
+def test_a_hostile_table_of_predictions(case: Case, tmp_path: Path) -> None:
+    assert_proper(case, tmp_path)

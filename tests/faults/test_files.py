@@ -53,6 +53,11 @@ def predictions(folder: Path) -> None:
     (folder / "own.csv").write_text("sample,channel,value\n")
 
 
+def scores(folder: Path) -> None:
+    (folder / "a").mkdir()
+    (folder / "a" / "score.json").write_text("{}")
+
+
 CHECK = ("check", "project.yaml", "--no-solve", "--no-pictures")
 # Door -> what writes the folder, the file that is attacked, and the command that reads it.
 DOORS: Mapping[str, tuple[Callable[[Path], object], str, tuple[str, ...]]] = {
@@ -67,6 +72,7 @@ DOORS: Mapping[str, tuple[Callable[[Path], object], str, tuple[str, ...]]] = {
     "fleet": (fleet, "fleet.csv", ("fleet", "fleet.csv", "--template", "project.yaml", "--out", "out")),
     "specimen of a fleet": (fleet, "p2.csv", ("fleet", "fleet.csv", "--template", "project.yaml", "--out", "out")),
     "predictions": (predictions, "own.csv", ("bench", "score", "neck", "own.csv")),
+    "score": (scores, "a/score.json", ("bench", "page", ".", "--out", "page.md")),
     **{
         f"samples for {case}": (predictions, "own.csv", ("bench", "score", case, "own.csv", "--data", "own.csv"))
         for case in ("tentacle", "sorosim-tpu")

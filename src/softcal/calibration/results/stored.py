@@ -16,6 +16,7 @@ from typing import Annotated, Any, ClassVar, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from softcal.csv_text import plain
+from softcal.declare import shown
 from softcal.errors import Fault, StorageError
 from softcal.regular_file import read_own
 
@@ -128,7 +129,7 @@ def damaged(path: Path, what: str, error: ValidationError) -> StorageError:
     """What a schema finds wrong in a stored file, as faults."""
     faults: list[Fault] = []
     for one in error.errors(include_url=False, include_context=False)[:_N_NAMED]:
-        got = "" if one["type"] in ("json_invalid", "missing") else _shown(one["input"])
+        got = "" if one["type"] in ("json_invalid", "missing") else shown(one["input"])
         faults.append(Fault(f"{what} cannot be read: {_place(one['loc'])}{_sentence(one['msg'])}", str(path), got))
     return StorageError(faults)
 
@@ -165,13 +166,8 @@ def read_rows(path: Path, what: str) -> tuple[list[str], list[list[str]]]:
 
 
 def _place(location: tuple[str | int, ...]) -> str:
-    return ".".join(map(str, location)) + ": " if location else ""
+    return ".".join(str(key)[:60] for key in location) + ": " if location else ""
 
 
 def _sentence(message: str) -> str:
     return message[:1].lower() + message[1:]
-
-
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "…"

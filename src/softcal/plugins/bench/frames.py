@@ -31,6 +31,8 @@ def frame_faults(measured: Floats, predicted: Floats, where: str, *, aligned: bo
     got = f"positions that are {format_quantity(off, 'm', digits=3)} off, over an extent of "
     got += format_quantity(extent, "m", digits=3)
     size = float(np.sqrt(np.mean(np.sum(predicted**2, axis=1)) / np.mean(np.sum(measured**2, axis=1))))
+    if size == 0.0:
+        return [Fault("the predicted positions are all at the origin", where, got, "a prediction of each sample")]
     for scale, mistake in SCALES.items():
         if abs(np.log10(size / scale)) < 0.25:
             return [Fault("the positions are in another unit", where, got, "the unit of the header", mistake)]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from softcal.calibration.results.stored import contradiction, read_record
+from softcal.declare import shown
 from softcal.errors import Fault, StorageError
 from softcal.html_text import markdown
 from softcal.plugins.bench.case import CASES, BenchmarkCase, Published
@@ -16,7 +17,6 @@ from softcal.plugins.bench.predictions import read_predictions
 from softcal.plugins.bench.record import FIT, PREDICT, CaseRecord
 from softcal.plugins.bench.run import PREDICTIONS, SCORE
 from softcal.plugins.bench.score import Score, SplitScore, distances_of
-from softcal.regular_file import read_own
 from softcal.report.check_figures import robot_scenes
 from softcal.report.scene_figure import draw_side_by_side
 from softcal.report.scene_render import render_scenes
@@ -32,7 +32,6 @@ HEAD = (
     "notes |\n|---|---|---|---|---|---|---|---|\n"
 )
 FEW = 12  # samples that have a bar each
-MOST_BYTES = 2**24  # of a score
 
 INTRODUCTION = """# The benchmark
 
@@ -80,17 +79,15 @@ def read_scores(runs: Path) -> list[tuple[Path, Score]]:
     StorageError
         Where there is none, or one cannot be read.
     """
-    found: list[tuple[Path, Score]] = []
-    for path in sorted(runs.rglob(SCORE)):
-        try:
-            found.append((path.parent, Score.from_json(json.loads(read_own(path, MOST_BYTES)))))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            raise StorageError(
-                Fault("this is no score", str(path), str(error)[:80], "what `bench run` wrote")
-            ) from error
-    if not found:
+    what = "the score"
+    scores = {path: read_record(Score, path, what) for path in sorted(runs.rglob(SCORE))}
+    if not scores:
         raise StorageError(Fault(f"there is no {SCORE} below the folder", str(runs), attempt="softcal bench run CASE"))
-    return found
+    for path, score in scores.items():
+        channels = {name for split in score.splits.values() for name in split.channels}
+        if channels and score.case in CASES and (strange := channels - set(CASES[score.case].record().others)):
+            raise contradiction(path, what, f"its case has no channel {shown(min(strange))}")
+    return [(path.parent, score) for path, score in scores.items()]
 
 
 def _section(case: BenchmarkCase, scores: Sequence[Score], pictures: Sequence[str]) -> str:

@@ -23,6 +23,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.csv_text import csv_text, plain
+from softcal.declare import shown
 from softcal.errors import DatasetError, Fault, SoftcalError, nearest
 from softcal.experiments.text_file import open_text
 from softcal.plugins.bench.frames import frame_faults
@@ -103,9 +104,11 @@ def read_predictions(path: Path, record: CaseRecord, method: str = "", *, aligne
     """
     comments: list[str] = []
     rows = _rows(path, record, comments)
-    text = "\n".join(comments)
-    told = dict(re.findall(r"^#\s*(\w+)\s*:\s*(.*?)\s*$", text, flags=re.MULTILINE))
-    parameters = dict(re.findall(r"^#\s*([\w.\[\]]+)\s*=\s*(.*?)\s*$", text, flags=re.MULTILINE))
+    facts: dict[str, str] = {}
+    parameters: dict[str, str] = {}
+    for line in comments:
+        if match := re.match(r"#\s*([\w.\[\]]+)\s*([:=])(.*)", line):
+            (facts if match[2] == ":" else parameters)[match[1]] = match[3].strip()
     if not rows:
         raise DatasetError(Fault("the table is empty", str(path), allowed=_layout(record)))
     faults: list[Fault] = []
@@ -125,15 +128,23 @@ def read_predictions(path: Path, record: CaseRecord, method: str = "", *, aligne
     values = {
         name: _values(rows, place, scale, name, needed, str(path), faults) for name, (place, scale) in columns.items()
     }
-    evaluations = _count(told.get("evaluations"), str(path), faults)
-    wall = _seconds(told.get("wall"), str(path), faults)
+    evaluations = _count(facts.get("evaluations"), str(path), faults)
+    wall = _seconds(facts.get("wall"), str(path), faults)
+    name = method or facts.get("method") or path.stem
+    texts = [("the name of the method", name)]
+    texts += [("the name of a parameter", text) for text in parameters]
+    texts += [("the value of a parameter", text) for text in parameters.values()]
+    faults += [
+        Fault(f"{what} is too long", str(path), f"{len(text)} characters", f"{LONGEST_NAME}")
+        for what, text in texts
+        if len(text) > LONGEST_NAME
+    ]
+    if not name.isprintable():
+        allowed = "characters that can be seen"
+        faults.append(Fault("this cannot be the name of a method", str(path), shown(name), allowed, "--method NAME"))
     if not faults:
         channels = {name: held for name, held in values.items() if not name.startswith(BAND)}
         bands = {name.removeprefix(BAND): held for name, held in values.items() if name.startswith(BAND)}
-        name = method or told.get("method") or path.stem
-        if len(name) > LONGEST_NAME:
-            got, allowed = f"{len(name)} characters", f"{LONGEST_NAME}"
-            raise DatasetError(Fault("the name of the method is too long", str(path), got, allowed))
         found = Predictions(tuple(samples), channels, bands, name, evaluations, wall, parameters)
         faults += require_matching(record, found, str(path), aligned=aligned)
         if not faults:
@@ -192,7 +203,7 @@ def _layout(record: CaseRecord) -> str:
 def _columns(header: list[str], record: CaseRecord, where: str, faults: list[Fault]) -> dict[str, tuple[int, float]]:
     """Channel, or band -> its column and the size of its unit [SI]."""
     if header[0] != SAMPLE:
-        faults.append(Fault("the first column must name the samples", where, f"'{header[0]}'", f"'{SAMPLE}'"))
+        faults.append(Fault("the first column must name the samples", where, shown(header[0]), f"'{SAMPLE}'"))
     found: dict[str, tuple[int, float]] = {}
     for place, cell in enumerate(header[1:], start=1):
         match = re.fullmatch(r"(.+?)\s*\[(.+)\]", cell)
@@ -200,15 +211,15 @@ def _columns(header: list[str], record: CaseRecord, where: str, faults: list[Fau
         channel = name.removeprefix(BAND)
         if channel not in record.channels:
             attempt = nearest(channel, record.channels)
-            faults.append(Fault("the case has no such channel", where, f"'{cell}'", _layout(record), attempt))
+            faults.append(Fault("the case has no such channel", where, shown(cell), _layout(record), attempt))
             continue
         if name in found:
-            faults.append(Fault("the column is there twice", where, f"'{cell}'", "one of each"))
+            faults.append(Fault("the column is there twice", where, shown(cell), "one of each"))
         try:
             found[name] = (place, parse_quantity(f"1 {unit}", record.units[channel], where=where))
         except SoftcalError:
             allowed = f"'{name} [{record.units[channel]}]', or another unit of the same dimension"
-            faults.append(Fault("the unit of the column is missing or wrong", where, f"'{cell}'", allowed))
+            faults.append(Fault("the unit of the column is missing or wrong", where, shown(cell), allowed))
     known = {re.sub(r"\s*\[.+\]$", "", cell) for cell in header[1:]}
     missing = [name for name in record.channels if name not in known]
     if missing:
@@ -270,7 +281,7 @@ def _count(text: str | None, where: str, faults: list[Fault]) -> int | None:
     if text is None:
         return None
     if not text.isdecimal() or len(text) > MOST_DIGITS:
-        faults.append(Fault("the number of evaluations is no count", where, f"'{text[:SHORT]}'", "such as 12"))
+        faults.append(Fault("the number of evaluations is no count", where, shown(text), "such as 12"))
         return None
     return int(text)
 
@@ -278,11 +289,11 @@ def _count(text: str | None, where: str, faults: list[Fault]) -> int | None:
 def _seconds(text: str | None, where: str, faults: list[Fault]) -> float | None:
     if text is None:
         return None
-    try:
-        return parse_quantity(text, "s", where=where)
-    except SoftcalError:
-        faults.append(Fault("the wall time has no unit of time", where, f"'{text}'", "such as '31 s'"))
-        return None
+    with suppress(SoftcalError):
+        if (seconds := parse_quantity(text, "s", where=where)) >= 0.0:
+            return seconds
+    faults.append(Fault("this is no wall time", where, shown(text), "such as '31 s'"))
+    return None
 
 
 def _some(names: list[str]) -> str:

@@ -17,7 +17,7 @@ from softcal.errors import CalibrationError, Fault, InputError, StorageError
 from softcal.executors.executor import Executor
 from softcal.plugins.bench.case import BenchmarkCase, Progress
 from softcal.plugins.bench.predictions import Predictions
-from softcal.plugins.bench.record import FIT, PREDICT, CaseRecord, joined, stacked
+from softcal.plugins.bench.record import FIT, PREDICT, CaseRecord, Split, joined, stacked
 from softcal.project.bench_names import experiments_named
 from softcal.project.document import Entry
 from softcal.project.project import Project, load
@@ -77,7 +77,7 @@ class ProjectCase(BenchmarkCase):
     def record(self, data: Path | None = None) -> CaseRecord:
         project = self._project(data)
         held = self._held(project)
-        parts = [
+        parts: list[tuple[Split, CaseRecord]] = [
             (PREDICT if name in held else FIT, _measured(project.experiments[name])) for name in project.experiments
         ]
         return joined([*(part for part in parts if part[0] == FIT), *(part for part in parts if part[0] == PREDICT)])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,10 @@ from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.sensing.channel import channel_name
 
-Split = str
-FIT, PREDICT = "fit", "predict"
-SPLITS = (FIT, PREDICT)
+Split = Literal["fit", "predict"]
+FIT: Final = "fit"
+PREDICT: Final = "predict"
+SPLITS: tuple[Split, ...] = (FIT, PREDICT)
 
 
 @dataclass(frozen=True)

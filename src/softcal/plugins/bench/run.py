@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from softcal.calibration.results.store import write_text
+from softcal.calibration.results.stored import as_json
 from softcal.errors import Fault, StorageError
 from softcal.executors.executor import Executor
 from softcal.plugins.bench.case import CASES, BenchmarkCase, Progress
@@ -92,7 +93,9 @@ def score_file(
 
 
 def _scored(case: BenchmarkCase, record: CaseRecord, found: Predictions, data: Path | None) -> Score:
-    return score(case.name, record, found, aligned=case.aligned, data="" if data is None else data.name)
+    # A name may be of bytes that are no text, which JSON cannot have.
+    name = "" if data is None else data.name.encode("utf-8", "replace").decode()
+    return score(case.name, record, found, aligned=case.aligned, data=name)
 
 
 def _written(case: BenchmarkCase, record: CaseRecord, found: Predictions, out: Path, data: Path | None) -> Score:
@@ -105,4 +108,4 @@ def _written(case: BenchmarkCase, record: CaseRecord, found: Predictions, out: P
 
 def _texts(record: CaseRecord, found: Predictions, result: Score) -> dict[str, str]:
     """The files of scored predictions, by name; the score, which says that they are whole, last."""
-    return {PREDICTIONS: found.text(record.units), SCORE: json.dumps(result.as_json(), indent=2) + "\n"}
+    return {PREDICTIONS: found.text(record.units), SCORE: json.dumps(as_json(result), indent=2) + "\n"}

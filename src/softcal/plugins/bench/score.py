@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
+from softcal.calibration.results.stored import Amount, Count, Schema
 from softcal.checks import Floats
-from softcal.plugins.bench.predictions import Predictions
+from softcal.plugins.bench.predictions import LONGEST_NAME, Predictions
 from softcal.plugins.bench.record import SPLITS, CaseRecord, Split
+
+Name = Annotated[str, Field(max_length=LONGEST_NAME)]
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
 @dataclass(frozen=True)
 class Error:
     """Root mean square, mean, 95th percentile and largest of some distances [m], or of errors of a channel [SI]."""
 
-    rms: float
-    mean: float
-    most_95: float
-    largest: float
+    rms: Amount
+    mean: Amount
+    most_95: Amount
+    largest: Amount
 
 
 @dataclass(frozen=True)
@@ -42,16 +47,16 @@ class SplitScore:
         no value has one.
     """
 
-    n_samples: int
-    points: Mapping[str, Error]
+    n_samples: Count
+    points: Mapping[Name, Error]
     all_points: Error | None
-    channels: Mapping[str, Error]
-    coverage: float | None
+    channels: Mapping[Name, Error]
+    coverage: Share | None
 
 
 @dataclass(frozen=True)
-class Score:
-    """What a method reaches in a case.
+class Score(Schema):
+    """What a method reaches in a case; the schema of `score.json`, in SI.
 
     Attributes
     ----------
@@ -67,36 +72,13 @@ class Score:
         Name of the file with further samples that were predicted in the place of the case's own; "" for its own.
     """
 
-    case: str
-    method: str
+    case: Name
+    method: Name
     splits: Mapping[Split, SplitScore]
-    evaluations: int | None = None
-    wall_s: float | None = None
-    parameters: Mapping[str, str] | None = None
-    data: str = ""
-
-    def as_json(self) -> dict[str, Any]:
-        """The contents of `score.json`; SI."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, given: Mapping[str, Any]) -> Score:
-        """The score that `as_json` wrote.
-
-        Raises
-        ------
-        KeyError, TypeError
-            For another mapping.
-        """
-        splits = {split: _split_from_json(one) for split, one in given["splits"].items()}
-        kept = {"evaluations": given["evaluations"], "wall_s": given["wall_s"], "parameters": given["parameters"]}
-        return cls(str(given["case"]), str(given["method"]), splits, **kept, data=str(given.get("data", "")))
-
-
-def _split_from_json(given: Mapping[str, Any]) -> SplitScore:
-    points, channels = ({name: Error(**one) for name, one in given[key].items()} for key in ("points", "channels"))
-    whole = None if given["all_points"] is None else Error(**given["all_points"])
-    return SplitScore(given["n_samples"], points, whole, channels, given["coverage"])
+    evaluations: Count | None = None
+    wall_s: Amount | None = None
+    parameters: Mapping[Name, Name] | None = None
+    data: Name = ""
 
 
 def score(case: str, record: CaseRecord, predictions: Predictions, *, aligned: bool, data: str = "") -> Score:
@@ -105,7 +87,7 @@ def score(case: str, record: CaseRecord, predictions: Predictions, *, aligned: b
     aligned: whether one translation per split, the mean error, is taken off the positions first. data: name of the file
     with the samples, where they are not the case's own.
     """
-    splits = {
+    splits: dict[Split, SplitScore] = {
         split: _split_score(record, predictions, record.of(split), aligned=aligned)
         for split in SPLITS
         if record.of(split).any() and predictions.has(record, split)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import re
 import resource
 import signal
@@ -12,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, replace
+from html import unescape
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode, urlsplit
@@ -317,12 +319,10 @@ def test_a_folder_of_a_stranger(case: Case, tmp_path: Path) -> None:
 def connected(page: Page, said: Callable[[object], None] = lambda _: None) -> Any:
     """A browser, which is made up, that has the page open."""
     socketio = pytest.importorskip("socketio")
-    text = answer(page, request(), b"", 0).decode()
-    client = re.search(r"'client_id': '([\w-]+)'", text)
-    assert client is not None, text[-3000:]
-    about = {
-        "client_id": client[1],
-        "tab_id": client[1],
+    client = about(page)[0]
+    query = {
+        "client_id": client,
+        "tab_id": client,
         "document_id": "a",
         "next_message_id": 0,
         "implicit_handshake": "true",
@@ -330,7 +330,7 @@ def connected(page: Page, said: Callable[[object], None] = lambda _: None) -> An
     browser = socketio.Client()
     browser.on("update", said)
     browser.connect(
-        f"{page.address}?{urlencode(about)}", socketio_path="/_nicegui_ws/socket.io", transports=["polling"]
+        f"{page.address}?{urlencode(query)}", socketio_path="/_nicegui_ws/socket.io", transports=["polling"]
     )
     return browser
 
@@ -362,19 +362,20 @@ def test_a_folder_of_all_that_is_hostile_is_shown(tmp_path: Path) -> None:
 # Sessions of strangers
 PACKETS = (
     "4", "9", "b", "bx", "b" * 100, "٤2[]", "0", "6", "44", '44{"a"', "43[1]", '4["event",{}]', '4"2[]"', "42", "42[]",
-    '42{"a":1}', "42[5]", "42[[]]", '42["event"]', '42["event",5]', '42["event",{}', '42["event",{}]x', '42["event",{"a":NaN}]',
-    '42["event",' + "[" * 5000, '42["event",' + "[" * 5000 + "]" * 5000 + "]", '42["connect",{"QUERY_STRING":"implicit_handshake=true"}]',
-    '42["disconnect"]', '42["nobody",{}]', '42/other,["event",{}]', "42" + "9" * 5000 + '["event",{}]', "40/other,", "40[", "40[5]",
-    "4" + "9" * 30 + '["a"]', '451-["x",{"_placeholder":true,"num":0}]', '4519999999999-["x"]', "41x", "3x",
+    '42{"a":1}', "42[5]", "42[[]]", '42["event"]', '42["event",5]', '42["event",{}', '42["event",{}]x',
+    '42["event",{"a":NaN}]', '42["event",' + "[" * 5000, '42["event",' + "[" * 5000 + "]" * 5000 + "]",
+    '42["connect",{"QUERY_STRING":"implicit_handshake=true"}]', '42["disconnect"]', '42["nobody",{}]', "41x", "3x",
+    '42/other,["event",{}]', "42" + "9" * 5000 + '["event",{}]', "40/other,", "40[", "40[5]", "4" + "9" * 30 + '["a"]',
+    '451-["x",{"_placeholder":true,"num":0}]', '4519999999999-["x"]',
     '42["handshake",{"client_id":"a","tab_id":[],"document_id":{},"next_message_id":0}]',
     '42["handshake",{"client_id":"a","tab_id":"a","document_id":"a","next_message_id":"a"}]',
 )  # fmt: skip
 BY_POLLING = ("1", "2probe", "5", "\udcff", "d=", "d=9", "3\x1e9", "\x1e".join("3" * 17), "3\x1e")
 
 
-def opened(page: Page) -> str:
+def opened(page: Page, place: str = SOCKET) -> str:
     """The place of a new session by polling, connected."""
-    session = re.search(rb'"sid":"([^"]+)"', answer(page, request(SOCKET), b"", 0))
+    session = re.search(rb'"sid":"([^"]+)"', answer(page, request(place), b"", 0))
     assert session is not None
     place = f"{SOCKET}&sid={session[1].decode()}"
     assert posted(page, place, "40") == 200
@@ -408,21 +409,45 @@ def test_a_packet_that_is_none_of_the_page_s_ends_its_session(tmp_path: Path) ->
         assert posted(page, place, "3") == 200
 
 
-@pytest.mark.parametrize(
-    "query", ["&implicit_handshake=true&client_id=CLIENT&tab_id=a&document_id=a&next_message_id=a"]
-)
-def test_a_handshake_that_is_none_is_refused(page: Page, query: str) -> None:
-    client = re.search(rb"'client_id': '([\w-]+)'", answer(page, request(), b"", 0))
-    assert client is not None
-    assert b" 403 " in answer(page, request(SOCKET + query.replace("CLIENT", client[1].decode())), b"", 0)[:20]
+def about(page: Page) -> tuple[str, dict[str, Any]]:
+    """A new page's name, and its elements."""
+    text = unescape(answer(page, request(), b"", 0).decode())
+    client = re.search(r"'client_id': '([\w-]+)'", text)
+    assert client is not None, text[-3000:]
+    return client[1], json.JSONDecoder().raw_decode(text, text.index('{"0"'))[0]
 
 
-@pytest.mark.parametrize("path", ["/", "/nothing"])
-def test_pages_that_no_browser_connects(tmp_path: Path, path: str) -> None:
+def test_a_handshake_that_is_none_is_refused(page: Page) -> None:
+    query = {"implicit_handshake": "true", "client_id": about(page)[0], "tab_id": "a", "document_id": "a"}
+    for number, status in (("a", b" 403 "), ("9" * 5000, b" 403 "), ("1", b" 200 ")):
+        place = f"{SOCKET}&{urlencode(query)}&next_message_id={number}"
+        assert status in answer(page, request(place), b"", 0)[:20], number[:9]
+
+
+def test_events_that_say_what_the_page_does_not_ask(tmp_path: Path) -> None:
+    run_folder(tmp_path / "run")
+    with contextlib.contextmanager(served)(tmp_path / "run") as page:
+        client, elements = about(page)
+        query = {"implicit_handshake": "true", "client_id": client, "tab_id": "a", "document_id": "a"}
+        place = opened(page, f"{SOCKET}&{urlencode(query)}")
+        messages = [["log", {"client_id": client, "level": "error", "message": "Traceback"}]] + [
+            ["event", {"client_id": client, "id": int(name), "listener_id": event["listener_id"], "args": args}]
+            for name, element in elements.items()
+            for event in element.get("events", ())
+            for args in ([], ["null"], ['{"a":1}'], ["x"], [1], 5, ["null", "null"], ['"a"', '"b"'])
+        ]
+        assert len(messages) > 100
+        for first in range(0, len(messages), 16):
+            sent = "\x1e".join("42" + json.dumps(message) for message in messages[first : first + 16])
+            assert posted(page, place, sent) == 200
+
+
+def test_pages_that_no_browser_connects(tmp_path: Path) -> None:
     run_folder(tmp_path / "run")
     with contextlib.contextmanager(served)(tmp_path / "run") as page:
         for _ in range(600):
-            answer(page, request(path), b"", 0)
+            answer(page, request(), b"", 0)
+        assert b"text/plain" in answer(page, request("/nothing"), b"", 0)
         assert page.largest < MOST // 2, f"the page has taken {page.largest / 1e6:.0f} MB"
 
 

@@ -10,11 +10,12 @@ from urllib.parse import parse_qs
 from softcal.plugins.watch.gate import SOCKET, App, Receive, Scope, Send, refuse
 
 FOREIGN = b"This is no message of the page.\n"
+MANY = b"Too many browsers have this page open.\n"
 _PACKET = re.compile(r"3|40|41|40(\{.*)|42[0-9]{0,9}(\[.*)", re.DOTALL)  # a packet that closes ends its session, too
 _UPGRADE = ("2probe", "5")  # by a websocket alone
 _EVENTS = ("handshake", "event", "ack", "javascript_response", "log")
 _NUMBER = re.compile(r"[0-9]{1,15}")
-MOST_SESSIONS = 1000
+MOST_SESSIONS = 1000  # at once, of some 30 kB each
 _MOST = 16  # packets of one request, as Engine.IO allows
 
 
@@ -34,6 +35,8 @@ class Packets:
         query = {name: values[0] for name, values in parse_qs(scope["query_string"].decode("latin-1")).items()}
         if not _is_handshake(query):
             await refuse(scope, receive, send, FOREIGN)
+        elif "sid" not in query and len(self._sessions.sockets) >= MOST_SESSIONS:
+            await refuse(scope, receive, send, MANY)
         elif scope["type"] == "websocket":
             await self.app(scope, _page_s_packets(receive), send)
         elif scope["method"] == "POST":

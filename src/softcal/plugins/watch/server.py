@@ -153,9 +153,22 @@ def _application(folder: Path) -> tuple[Any, Watch]:
         show_welcome_message=False,
     )
     handlers = core.sio.handlers["/"]
+    handlers.pop("log", None)  # which writes what a browser says to the terminal
     # Socket.IO learns by a TypeError that NiceGUI's answer to a disconnection takes no reason.
     handlers.update({name: _tolerant(answer) for name, answer in handlers.items() if name != "disconnect"})
+    logging.getLogger("nicegui").addFilter(_is_no_event)
     return Packets(app, core.sio.eio), watch
+
+
+# What NiceGUI raises by a message without the entries of the page's own.
+_NOT_THE_PAGE_S = (LookupError, TypeError, ValueError, AttributeError)
+
+
+def _is_no_event(record: logging.LogRecord) -> bool:
+    """Whether a record is no failure of an element by the arguments of an event, which are whatever a browser says."""
+    error = record.exc_info[1] if record.exc_info else None
+    trace = error.__traceback__ if isinstance(error, _NOT_THE_PAGE_S) else None
+    return trace is None or trace.tb_frame.f_code.co_name != "handle_event"
 
 
 def _tolerant(answer: Callable[..., Any]) -> Callable[..., Any]:
@@ -165,7 +178,7 @@ def _tolerant(answer: Callable[..., Any]) -> Callable[..., Any]:
         try:
             made = answer(*message)
             return await made if isawaitable(made) else made
-        except (LookupError, TypeError, ValueError) as error:
+        except _NOT_THE_PAGE_S as error:
             logging.getLogger(__name__).debug("a message is none of the page's: %r", error)
             return False
 

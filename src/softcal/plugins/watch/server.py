@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 LOOPBACK, PORT, FURTHER = "127.0.0.1", 8085, 50
 MOST_PAGES = 50  # at once, of about a megabyte each
 _REPORT_POLICY = "sandbox; default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; font-src data:"
+# What NiceGUI raises by a message without the entries of the page's own.
+_NOT_THE_PAGE_S = (LookupError, TypeError, ValueError, AttributeError)
 
 
 def serve(folder: Path, *, host: str = LOOPBACK, port: int | None = None, ready: Callable[[str], None]) -> None:
@@ -137,7 +139,7 @@ def _application(folder: Path) -> tuple[Any, Watch]:
         if len(Client.instances) >= MOST_PAGES:
             raise HTTPException(503, f"This page is open in {MOST_PAGES} other browsers: close one of them.")
 
-    async def sentence(_: Request, error: HTTPException) -> Response:
+    async def sentence(_: Request, error: Any) -> Response:
         return PlainTextResponse(f"{error.detail}\n", error.status_code)
 
     ui.page("/", dependencies=[Depends(room)])(page)
@@ -158,10 +160,6 @@ def _application(folder: Path) -> tuple[Any, Watch]:
     handlers.update({name: _tolerant(answer) for name, answer in handlers.items() if name != "disconnect"})
     logging.getLogger("nicegui").addFilter(_is_no_event)
     return Packets(app, core.sio.eio), watch
-
-
-# What NiceGUI raises by a message without the entries of the page's own.
-_NOT_THE_PAGE_S = (LookupError, TypeError, ValueError, AttributeError)
 
 
 def _is_no_event(record: logging.LogRecord) -> bool:

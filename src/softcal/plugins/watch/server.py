@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from softcal.plugins.watch.watch import Watch
 
 LOOPBACK, PORT, FURTHER = "127.0.0.1", 8085, 50
-MOST_PAGES = 50  # at once, of about a megabyte each
+MOST_PAGES = 30  # at once, of half a megabyte to three each, by the number of trials
 _REPORT_POLICY = "sandbox; default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; font-src data:"
 # What NiceGUI raises by a message without the entries of the page's own.
 _NOT_THE_PAGE_S = (LookupError, TypeError, ValueError, AttributeError)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import re
 import resource
 import signal
@@ -12,7 +13,9 @@ import sys
 import time
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, replace
+from html import unescape
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlencode, urlsplit
 
 import numpy as np
@@ -20,6 +23,8 @@ import pytest
 from faults.case import Case, End, assert_proper, parts
 from faults.hostile import HOSTILE, attacked
 from watch_case import RESULT, add_trials, live_record, write_fleet, write_json, write_run
+
+from softcal.plugins.watch.server import MOST_PAGES
 
 pytest.importorskip("nicegui", reason="the extra `watch` is not installed")
 MOST = 300_000_000  # bytes of the page's process
@@ -311,24 +316,29 @@ def test_a_folder_of_a_stranger(case: Case, tmp_path: Path) -> None:
     assert_proper(case, tmp_path)
 
 
-def shown(page: Page, awaited: str) -> str:
-    """All that a browser is sent, which is made up, until it has a text, or for a minute."""
+def connected(page: Page, said: Callable[[object], None] = lambda _: None) -> Any:
+    """A browser, which is made up, that has the page open."""
     socketio = pytest.importorskip("socketio")
-    text = answer(page, request(), b"", 0).decode()
-    client = re.search(r"'client_id': '([\w-]+)'", text)
-    assert client is not None, text[-3000:]
-    about = {
-        "client_id": client[1],
-        "tab_id": "a",
+    client = about(page)[0]
+    query = {
+        "client_id": client,
+        "tab_id": client,
         "document_id": "a",
         "next_message_id": 0,
         "implicit_handshake": "true",
     }
-    browser, said = socketio.Client(), list[str]()
-    browser.on("update", lambda data: said.append(str(data)))
+    browser = socketio.Client()
+    browser.on("update", said)
     browser.connect(
-        f"{page.address}?{urlencode(about)}", socketio_path="/_nicegui_ws/socket.io", transports=["polling"]
+        f"{page.address}?{urlencode(query)}", socketio_path="/_nicegui_ws/socket.io", transports=["polling"]
     )
+    return browser
+
+
+def shown(page: Page, awaited: str) -> str:
+    """All that a browser is sent until it has a text, or for a minute."""
+    said = list[str]()
+    browser = connected(page, lambda data: said.append(str(data)))
     until = time.monotonic() + 60.0
     while awaited not in "".join(said) and time.monotonic() < until:
         time.sleep(0.2)
@@ -347,3 +357,112 @@ def test_a_folder_of_all_that_is_hostile_is_shown(tmp_path: Path) -> None:
         for name in ("fleet.json", "specimens/a.json", "run.json"):
             assert f"{name} cannot be read" in said, said[-3000:]
         assert page.largest < MOST
+
+
+# Sessions of strangers
+PACKETS = (
+    "4", "9", "b", "bx", "b" * 100, "٤2[]", "0", "6", "44", '44{"a"', "43[1]", '4["event",{}]', '4"2[]"', "42", "42[]",
+    '42{"a":1}', "42[5]", "42[[]]", '42["event"]', '42["event",5]', '42["event",{}', '42["event",{}]x',
+    '42["event",{"a":NaN}]', '42["event",' + "[" * 5000, '42["event",' + "[" * 5000 + "]" * 5000 + "]",
+    '42["connect",{"QUERY_STRING":"implicit_handshake=true"}]', '42["disconnect"]', '42["nobody",{}]', "41x", "3x",
+    '42/other,["event",{}]', "42" + "9" * 5000 + '["event",{}]', "40/other,", "40[", "40[5]", "4" + "9" * 30 + '["a"]',
+    '451-["x",{"_placeholder":true,"num":0}]', '4519999999999-["x"]',
+    '42["handshake",{"client_id":"a","tab_id":[],"document_id":{},"next_message_id":0}]',
+    '42["handshake",{"client_id":"a","tab_id":"a","document_id":"a","next_message_id":"a"}]',
+)  # fmt: skip
+BY_POLLING = ("1", "2probe", "5", "\udcff", "d=", "d=9", "3\x1e9", "\x1e".join("3" * 17), "3\x1e")
+
+
+def opened(page: Page, place: str = SOCKET) -> str:
+    """The place of a new session by polling, connected."""
+    session = re.search(rb'"sid":"([^"]+)"', answer(page, request(place), b"", 0))
+    assert session is not None
+    place = f"{SOCKET}&sid={session[1].decode()}"
+    assert posted(page, place, "40") == 200
+    return place
+
+
+def posted(page: Page, place: str, packets: str) -> int:
+    """The status of the answer to packets."""
+    body = packets.encode(errors="surrogateescape")
+    return int(answer(page, request(place, "POST", body=body, Content_Length=str(len(body))), b"", 0).split()[1])
+
+
+def test_a_packet_that_is_none_of_the_page_s_ends_its_session(tmp_path: Path) -> None:
+    client = pytest.importorskip("websockets.sync.client")
+    closed = pytest.importorskip("websockets.exceptions").ConnectionClosed
+    run_folder(tmp_path / "run")
+    with contextlib.contextmanager(served)(tmp_path / "run") as page:
+        for packet in (*PACKETS, *BY_POLLING):
+            place = opened(page)
+            assert (posted(page, place, packet), posted(page, place, "3")) == (403, 403), packet[:60]
+        for packet in (*PACKETS, b"event"):
+            with client.connect(f"ws://127.0.0.1:{page.place[1]}{WEBSOCKET}") as peer:
+                peer.recv()
+                peer.send("40")
+                peer.recv()
+                peer.send(packet)
+                with pytest.raises(closed):
+                    peer.recv(timeout=3.0)  # before the first ping
+        place = opened(page)
+        assert posted(page, place, '3\x1e420["event",{"client_id":"a","id":1}]\x1e42["ack",{}]') == 200
+        assert posted(page, place, "3") == 200
+
+
+def about(page: Page) -> tuple[str, dict[str, Any]]:
+    """A new page's name, and its elements."""
+    text = unescape(answer(page, request(), b"", 0).decode())
+    client = re.search(r"'client_id': '([\w-]+)'", text)
+    assert client is not None, text[-3000:]
+    return client[1], json.JSONDecoder().raw_decode(text, text.index('{"0"'))[0]
+
+
+def test_a_handshake_that_is_none_is_refused(page: Page) -> None:
+    query = {"implicit_handshake": "true", "client_id": about(page)[0], "tab_id": "a", "document_id": "a"}
+    for number, status in (("a", b" 403 "), ("9" * 5000, b" 403 "), ("1", b" 200 ")):
+        place = f"{SOCKET}&{urlencode(query)}&next_message_id={number}"
+        assert status in answer(page, request(place), b"", 0)[:20], number[:9]
+
+
+def test_events_that_say_what_the_page_does_not_ask(tmp_path: Path) -> None:
+    run_folder(tmp_path / "run")
+    with contextlib.contextmanager(served)(tmp_path / "run") as page:
+        client, elements = about(page)
+        query = {"implicit_handshake": "true", "client_id": client, "tab_id": "a", "document_id": "a"}
+        place = opened(page, f"{SOCKET}&{urlencode(query)}")
+        messages = [["log", {"client_id": client, "level": "error", "message": "Traceback"}]] + [
+            ["event", {"client_id": client, "id": int(name), "listener_id": event["listener_id"], "args": args}]
+            for name, element in elements.items()
+            for event in element.get("events", ())
+            for args in ([], ["null"], ['{"a":1}'], ["x"], [1], 5, ["null", "null"], ['"a"', '"b"'])
+        ]
+        assert len(messages) > 100
+        for first in range(0, len(messages), 16):
+            sent = "\x1e".join("42" + json.dumps(message) for message in messages[first : first + 16])
+            assert posted(page, place, sent) == 200
+
+
+def test_pages_that_no_browser_connects(tmp_path: Path) -> None:
+    run_folder(tmp_path / "run")
+    with contextlib.contextmanager(served)(tmp_path / "run") as page:
+        for _ in range(600):
+            answer(page, request(), b"", 0)
+        assert b"text/plain" in answer(page, request("/nothing"), b"", 0)
+        assert page.largest < MOST // 2, f"the page has taken {page.largest / 1e6:.0f} MB"
+
+
+def test_pages_beyond_those_that_browsers_may_have_open(tmp_path: Path) -> None:
+    """They are refused with a sentence, until one of the others is closed."""
+    run_folder(tmp_path / "run")
+    with contextlib.contextmanager(served)(tmp_path / "run") as page:
+        browsers = [connected(page) for _ in range(MOST_PAGES)]
+        assert b" 503 " in (said := answer(page, request(), b"", 0))[:20]
+        assert b"other browsers" in said
+        assert page.largest < MOST
+        browsers[0].disconnect()
+        until = time.monotonic() + 20.0
+        while b" 503 " in answer(page, request(), b"", 0)[:20] and time.monotonic() < until:
+            time.sleep(0.5)
+        assert b" 200 " in answer(page, request(), b"", 0)[:20]
+        for browser in browsers[1:]:
+            browser.disconnect()

@@ -228,7 +228,7 @@ def test_a_page_answers_what_no_browser_sends_and_ends_with_its_terminal(
         socket = "_nicegui_ws/socket.io/?EIO=4&transport=polling"
         opened = asked(socket)[1]
         socket += f"&sid={json.loads(opened[1:])['sid']}"
-        for message in ("40", '42["event",{}]', '42["handshake",{}]', '42["ack",[]]', '42["log"]'):
+        for message in ("40", '42["event",{}]', '42["handshake",{}]', '42["ack",{}]', '42["log",{}]'):
             assert asked(socket, message) == (200, "OK")
         asked(socket)
         process.send_signal(signal.SIGHUP)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from softcal.plugins.watch.gate import ELSEWHERE, LARGE, REFUSED, Gate, is_loopback, new_token
+from softcal.plugins.watch.packets import MOST_SESSIONS, Packets
 
 TOKEN = new_token()
 COOKIE = f"softcal-8085={TOKEN}"
@@ -23,7 +25,13 @@ async def _inner(scope: Any, receive: Any, send: Any) -> None:
 
 
 def ask(
-    token: str, path: str = "/", query: str = "", kind: str = "http", method: str = "GET", **headers: str
+    token: str,
+    path: str = "/",
+    query: str = "",
+    kind: str = "http",
+    method: str = "GET",
+    app: Any = _inner,
+    **headers: str,
 ) -> tuple[int | str, bytes, dict[str, str]]:
     """Status (or what a websocket got), body and headers of the answer."""
     named = {"host": "127.0.0.1:8085", **headers}
@@ -39,7 +47,7 @@ def ask(
     async def send(message: Any) -> None:
         sent.append(message)
 
-    asyncio.run(Gate(_inner, token, 8085)(scope, receive, send))
+    asyncio.run(Gate(app, token, 8085)(scope, receive, send))
     if kind == "websocket":
         return sent[0]["type"], b"", {}
     held = {name.decode(): value.decode() for name, value in sent[0]["headers"]}
@@ -124,6 +132,18 @@ def test_half_a_request_for_a_websocket_is_refused():
     """Engine.IO would take it for a whole one."""
     assert ask("", "/_nicegui_ws/socket.io/", upgrade="WebSocket")[0] == 403
     assert ask("", "/", upgrade="h2c")[0] == 200
+
+
+def test_sessions_beyond_those_of_many_browsers_are_refused():
+    pytest.importorskip("nicegui", reason="the extra `watch` is not installed")
+    sessions = SimpleNamespace(sockets={})
+    app = Packets(_inner, sessions)
+    for kind, answers in (("http", (200, 403)), ("websocket", ("websocket.accept", "websocket.close"))):
+        for count, answer in zip((MOST_SESSIONS - 1, MOST_SESSIONS), answers, strict=True):
+            sessions.sockets = dict.fromkeys(map(str, range(count)))
+            assert ask("", PATHS[4], kind=kind, app=app)[0] == answer
+    assert ask("", PATHS[4], "sid=1", app=app)[0] == 200
+    assert ask("", "/", app=app)[0] == 200
 
 
 def test_the_page_may_load_nothing_from_elsewhere():

@@ -62,7 +62,7 @@ class Gate:
         headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
         refusal = self._refusal(scope, headers)
         if refusal:
-            await _refuse(scope, receive, send, refusal)
+            await refuse(scope, receive, send, refusal)
             return
         cookies: list[tuple[bytes, bytes]] = []
         if self._token and self._is_token(_asked(scope)):
@@ -131,7 +131,8 @@ def _name(host: str) -> str:
     return "" if parts is None else parts[1]
 
 
-async def _refuse(scope: Scope, receive: Receive, send: Send, why: bytes) -> None:
+async def refuse(scope: Scope, receive: Receive, send: Send, why: bytes) -> None:
+    """Answer with a sentence, or close the websocket."""
     if scope["type"] == "websocket":
         await receive()
         await send({"type": "websocket.close", "code": 1008})

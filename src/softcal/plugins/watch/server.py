@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from softcal.plugins.watch.watch import Watch
 
 LOOPBACK, PORT, FURTHER = "127.0.0.1", 8085, 50
+MOST_PAGES = 30  # at once, of half a megabyte to three each, by the number of trials
 _REPORT_POLICY = "sandbox; default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; font-src data:"
+# What NiceGUI raises by a message without the entries of the page's own.
+_NOT_THE_PAGE_S = (LookupError, TypeError, ValueError, AttributeError)
 
 
 def serve(folder: Path, *, host: str = LOOPBACK, port: int | None = None, ready: Callable[[str], None]) -> None:
@@ -86,10 +89,11 @@ def _address(host: str, port: int, token: str) -> str:
 
 def _application(folder: Path) -> tuple[Any, Watch]:
     """The application, and what its pages share."""
-    from fastapi import FastAPI
+    from fastapi import Depends, FastAPI, HTTPException, Request
     from fastapi.responses import HTMLResponse, PlainTextResponse, Response
-    from nicegui import core, ui
+    from nicegui import Client, core, ui
 
+    from softcal.plugins.watch.packets import Packets
     from softcal.plugins.watch.page import RunPage
     from softcal.plugins.watch.watch import Watch
 
@@ -128,7 +132,19 @@ def _application(folder: Path) -> tuple[Any, Watch]:
         ui.add_css(style)
         RunPage(watch)
 
-    ui.page("/")(page)
+    async def room() -> None:
+        """Make room for one more page: those that no browser is connected to, which NiceGUI keeps for a minute, go."""
+        if len(Client.instances) >= MOST_PAGES:
+            Client.prune_instances(client_age_threshold=0.0)
+        if len(Client.instances) >= MOST_PAGES:
+            raise HTTPException(503, f"This page is open in {MOST_PAGES} other browsers: close one of them.")
+
+    async def sentence(_: Request, error: Any) -> Response:
+        return PlainTextResponse(f"{error.detail}\n", error.status_code)
+
+    ui.page("/", dependencies=[Depends(room)])(page)
+    for status in (404, 503):  # in the place of NiceGUI's, which are pages, too
+        core.app.add_exception_handler(status, sentence)
     ui.run_with(
         app,
         title="softcal watch",
@@ -139,8 +155,18 @@ def _application(folder: Path) -> tuple[Any, Watch]:
         show_welcome_message=False,
     )
     handlers = core.sio.handlers["/"]
-    handlers.update({name: _tolerant(answer) for name, answer in handlers.items()})
-    return app, watch
+    handlers.pop("log", None)  # which writes what a browser says to the terminal
+    # Socket.IO learns by a TypeError that NiceGUI's answer to a disconnection takes no reason.
+    handlers.update({name: _tolerant(answer) for name, answer in handlers.items() if name != "disconnect"})
+    logging.getLogger("nicegui").addFilter(_is_no_event)
+    return Packets(app, core.sio.eio), watch
+
+
+def _is_no_event(record: logging.LogRecord) -> bool:
+    """Whether a record is no failure of an element by the arguments of an event, which are whatever a browser says."""
+    error = record.exc_info[1] if record.exc_info else None
+    trace = error.__traceback__ if isinstance(error, _NOT_THE_PAGE_S) else None
+    return trace is None or trace.tb_frame.f_code.co_name != "handle_event"
 
 
 def _tolerant(answer: Callable[..., Any]) -> Callable[..., Any]:
@@ -150,7 +176,7 @@ def _tolerant(answer: Callable[..., Any]) -> Callable[..., Any]:
         try:
             made = answer(*message)
             return await made if isawaitable(made) else made
-        except (LookupError, TypeError) as error:
+        except _NOT_THE_PAGE_S as error:
             logging.getLogger(__name__).debug("a message is none of the page's: %r", error)
             return False
 

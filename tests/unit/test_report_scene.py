@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from softcal.geometry.cell import TET_EDGES
 from softcal.geometry.fine_surface import fine_surface
 from softcal.geometry.surface import border, boundary, boundary_triangles
 from softcal.report import check_figures
-from softcal.report.check_figures import draw_at_rest, region_colours, robot_scenes
+from softcal.report.check_figures import draw_check, region_colours, robot_scenes
 from softcal.report.figure import FIGURES
 from softcal.report.figures import twin
 from softcal.report.robot_view import material_colours
@@ -122,7 +123,7 @@ def test_regions_are_told_apart() -> None:
     assert len(np.unique(colours, axis=0)) == 3
 
 
-def test_materials_have_colours_of_their_own_and_a_legend(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_materials_have_colours_of_their_own_and_a_legend(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     view = twin_view(column_mesh())
     (body,), tets = view.robot.bodies, view.tets["neck"]
     middle = body.mesh.points[tets].mean(axis=1)
@@ -144,7 +145,7 @@ def test_materials_have_colours_of_their_own_and_a_legend(monkeypatch: pytest.Mo
     monkeypatch.setattr(twin, "render_scenes", lambda scenes, _: blank(len(scenes)))
     figures = [twin.draw_twin(replace(view, robot=robot)).figure]
     monkeypatch.setattr(check_figures, "encode", lambda figure: figures.append(figure) or (b"", b""))
-    draw_at_rest(robot, {})
+    draw_check(robot, {}, tmp_path)
     for figure in figures:
         (legend,) = figure.legends
         assert {"neck", "neck.core"} <= {text.get_text() for text in legend.get_texts()}

@@ -19,7 +19,7 @@ from softcal.errors import StorageError
 from softcal.experiments.dataset import Dataset, Step
 from softcal.report import check_figures
 from softcal.report.all_tables import all_tables
-from softcal.report.check_figures import draw_at_rest, drawing_at_rest
+from softcal.report.check_figures import draw_check
 from softcal.report.content import Landscape, ReportContent
 from softcal.report.figure import FIGURES, report_pictures
 from softcal.report.html import render_page
@@ -182,21 +182,9 @@ def test_a_record_without_force_is_captioned_as_it_is_drawn() -> None:
 def test_check_pictures_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(check_figures, "render_scenes", lambda *_: Rendering((), "no pictures"))
     robot = neck_robot(column_mesh(n_rings=8))
-    drawn = draw_at_rest(robot, {"20 mm": bench_experiment("20 mm", 0.02, 2e6).raw})
-    assert [path.name for path in drawn.write(tmp_path)] == ["robot.png", "data-20-mm.png"]
-    names = {f"{stem}.{end}" for stem in ("data-20-mm", "robot") for end in ("png", "svg")}
-    assert {path.name for path in tmp_path.iterdir()} == names
-    assert drawn.notes == ("no pictures",)
-
-
-def test_pictures_at_rest_are_those_of_this_process_where_theirs_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot, data = neck_robot(column_mesh(n_rings=8)), {"20 mm": bench_experiment("20 mm", 0.02, 2e6).raw}
-    with drawing_at_rest(robot, data) as drawing:
-        beside = drawing(None)
-    assert beside.files.keys() == {"robot", "data-20-mm"}
-    monkeypatch.setattr(check_figures, "WORKER", "softcal.no_such_module")
-    with drawing_at_rest(robot, data) as drawing:
-        assert drawing(None) == beside
+    paths = draw_check(robot, {"20 mm": bench_experiment("20 mm", 0.02, 2e6).raw}, tmp_path)
+    assert [path.exists() for path in (*paths.robot, *paths.datasets["20 mm"])] == [True] * 4
+    assert paths.notes == ("no pictures",)
 
 
 def test_importing_the_report_loads_nothing_heavy() -> None:

@@ -1,18 +1,10 @@
-"""Pictures for the visual check of a project: mesh with regions, cables, loads; curves of every experiment.
-
-Those that need no solved state are drawn by `python -m softcal.report.check_figures REQUEST ANSWER`: REQUEST is a
-pickle of (robot, datasets), ANSWER of (files, notes).
-"""
+"""Pictures for the visual check of a project: mesh with regions, cables, loads; curves of every experiment."""
 
 from __future__ import annotations
 
-import contextlib
-import pickle
-import sys
-import tempfile
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +15,6 @@ from softcal.experiments.dataset import Dataset
 from softcal.geometry.fine_surface import fine_surface
 from softcal.geometry.pose import Pose
 from softcal.geometry.ring import across
-from softcal.processes import beside
 from softcal.report.figures.force_displacement import draw_record
 from softcal.report.format import file_stem, number
 from softcal.report.robot_view import (
@@ -66,74 +57,59 @@ from softcal.twin.facing import up_direction
 from softcal.twin.robot import Body, Moment, PointLoad, Robot, Rod, SurfaceLoad
 
 if TYPE_CHECKING:
-    pass
+    from matplotlib.figure import Figure
 
-WORKER = "softcal.report.check_figures"  # this module, run as a program
 _MOST_EDGES = 20000  # tets of a mesh whose edges can be told apart
 _SEEN_THROUGH = 0.6  # opacity of what may have cables or markers inside
 
 
 @dataclass(frozen=True)
-class CheckPictures:
-    """PNG and SVG of each picture by the stem of its files; notes: why renderings are missing."""
+class CheckPaths:
+    """Files written: the robot, each dataset by name, the solved states; notes: why pictures are missing."""
 
-    files: Mapping[str, tuple[bytes, bytes]]
+    robot: tuple[Path, Path]
+    datasets: Mapping[str, tuple[Path, Path]]
+    states: tuple[Path, Path] | None = None
     notes: tuple[str, ...] = ()
 
-    def write(self, out_dir: str | Path) -> tuple[Path, ...]:
-        """Write `<stem>.png|svg` of each, in the place of older files; returns the paths of the .png files.
 
-        Raises
-        ------
-        StorageError
-            Where the folder cannot be written.
-        """
-        folder, suffixes = Path(out_dir), (".png", ".svg")
-        write_files({folder / f"{n}{end}": data for n, pair in self.files.items() for end, data in zip(suffixes, pair)})
-        return tuple(folder / f"{stem}.png" for stem in self.files)
+def draw_check(
+    robot: Robot, datasets: Mapping[str, Dataset], out_dir: str | Path, states: StartScenes | None = None
+) -> CheckPaths:
+    """Draw `robot.png|svg`, `data-<name>.png|svg` and, if states are given, `states.png|svg`; older files are replaced.
 
-
-@contextlib.contextmanager
-def drawing_at_rest(
-    robot: Robot, datasets: Mapping[str, Dataset]
-) -> Generator[Callable[[StartScenes | None], CheckPictures]]:
-    """Draw the robot at rest and the records in a process of its own during this block, while states are solved: the
-    function draws the states, if there are any, and returns all pictures. Where the process fails they are drawn here.
+    Raises
+    ------
+    StorageError
+        Where the folder cannot be written.
     """
-    with tempfile.TemporaryDirectory(prefix="softcal-check-") as folder:
-        request, answer = Path(folder, "request.pickle"), Path(folder, "answer.pickle")
-        request.write_bytes(pickle.dumps((robot, dict(datasets))))
-        with beside(WORKER, str(request), str(answer)) as process:
-
-            def pictures(states: StartScenes | None) -> CheckPictures:
-                of_states = CheckPictures({}) if states is None else draw_states(robot, states)
-                process.communicate()
-                if process.returncode == 0:
-                    at_rest = CheckPictures(*pickle.loads(answer.read_bytes()))
-                else:
-                    at_rest = draw_at_rest(robot, datasets)
-                first = {"robot": at_rest.files["robot"], **of_states.files}
-                return CheckPictures({**first, **at_rest.files}, tuple(dict.fromkeys(at_rest.notes + of_states.notes)))
-
-            yield pictures
-
-
-def draw_at_rest(robot: Robot, datasets: Mapping[str, Dataset]) -> CheckPictures:
-    """Draw `robot`, which is at rest, and `data-<name>`, the record of each experiment."""
+    folder = Path(out_dir)
     scenes, cameras = robot_scenes(robot)
+    n = len(scenes)
+    more = ((), ()) if states is None else (states.scenes, states.cameras)
+    files: dict[Path, bytes] = {}
+    pairs: dict[str, tuple[Path, Path]] = {}
+
+    def add(stem: str, figure: Figure) -> None:
+        pairs[stem] = png, svg = folder / f"{stem}.png", folder / f"{stem}.svg"
+        files[png], files[svg] = encode(figure)
+
     with ThreadPoolExecutor(1) as renderer:  # its process works while the curves are drawn here
-        rendering = renderer.submit(render_scenes, scenes, cameras)
-        files = {f"data-{file_stem(name)}": encode(draw_record(data)) for name, data in datasets.items()}
-        drawn = draw_side_by_side(scenes, cameras, rendering.result(), colours=_legend(robot))
-    return CheckPictures({"robot": encode(drawn.figure), **files}, (drawn.note,) if drawn.note else ())
-
-
-def draw_states(robot: Robot, states: StartScenes) -> CheckPictures:
-    """Draw `states`: the robot undeformed, under its loads and at the ends of experiments."""
-    materials = material_legend(robot) if has_materials(robot) else None
-    rendering = render_scenes(states.scenes, states.cameras)
-    drawn = draw_side_by_side(states.scenes, states.cameras, rendering, largest=states.largest, colours=materials)
-    return CheckPictures({"states": encode(drawn.figure)}, (drawn.note,) if drawn.note else ())
+        # One call for all scenes: starting the renderer takes longer than rendering.
+        rendering = renderer.submit(render_scenes, (*scenes, *more[0]), (*cameras, *more[1]))
+        for name, data in datasets.items():
+            add(f"data-{file_stem(name)}", draw_record(data))
+        rendered = rendering.result()
+    own, others = (replace(rendered, pictures=part) for part in (rendered.pictures[:n], rendered.pictures[n:]))
+    drawn = draw_side_by_side(scenes, cameras, own, colours=_legend(robot))
+    add("robot", drawn.figure)
+    if states is not None:
+        materials = material_legend(robot) if has_materials(robot) else None
+        shown = draw_side_by_side(states.scenes, states.cameras, others, largest=states.largest, colours=materials)
+        add("states", shown.figure)
+    write_files(files)
+    by_name = {name: pairs[f"data-{file_stem(name)}"] for name in datasets}
+    return CheckPaths(pairs["robot"], by_name, pairs.get("states"), (drawn.note,) if drawn.note else ())
 
 
 def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...]]:
@@ -296,13 +272,3 @@ def _first_cable_side(robot: Robot, points: Floats, up: Floats) -> Floats:
         if np.linalg.norm(aside) > 1e-9:
             return aside
     return across(up)
-
-
-def main(request: str, answer: str) -> None:
-    """Draw at rest the robot and the records of the request."""
-    drawn = draw_at_rest(*pickle.loads(Path(request).read_bytes()))
-    Path(answer).write_bytes(pickle.dumps((drawn.files, drawn.notes)))
-
-
-if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2])

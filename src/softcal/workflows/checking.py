@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +30,7 @@ from softcal.twin.robot import Body, Plate, Rod
 from softcal.units import AS_WRITTEN, format_quantity, format_range, plain
 from softcal.workflows.checked_cables import cable_rows, off_course
 from softcal.workflows.output import require_writable
-from softcal.workflows.start_states import BlockObserver, StageObserver, StartStates, start_states
+from softcal.workflows.start_states import BlockObserver, start_states
 
 # The measured stiffness is implausible beyond this factor of the twin's stiffness at the bounds of its moduli.
 STIFFNESS_MARGIN = 2.0
@@ -57,7 +57,7 @@ def check(
     out_dir: str | Path | None = None,
     *,
     solve: bool = True,
-    progress: StageObserver = lambda stage: None,
+    progress: Callable[[str], None] = lambda stage: None,
     ready: BlockObserver = lambda rows, warnings: None,
 ) -> CheckReport:
     """Check a project: build the twin, solve it at rest and at the end of each experiment at the start values,
@@ -83,29 +83,12 @@ def check(
         Where the folder cannot be written.
     """
     project = project_of(project)
-    if out_dir is None:
-        return _in_words(project, solve, progress, ready)[0]
-    require_writable(Path(out_dir))
-    from softcal.report.check_figures import drawing_at_rest
-    from softcal.report.start_scenes import start_scenes
-
-    # With the cycles if they were searched, so that the picture shows them.
-    records = {name: project.corrected[name] or project.records[name] for name in project.experiments}
-    with drawing_at_rest(project.robot, records) as drawing:
-        report, states = _in_words(project, solve, progress, ready)
-        progress("Drawing")
-        drawn = drawing(states and start_scenes(project.robot, states.undeformed, states.shapes, states.tets))
-    return replace(report, pictures=drawn.write(out_dir), notes=drawn.notes)
-
-
-def _in_words(
-    project: Project, solve: bool, progress: StageObserver, ready: BlockObserver
-) -> tuple[CheckReport, StartStates | None]:
-    """The check without pictures, and the states that it solved."""
     bodies = (*_body_rows(project), *_rod_rows(project))
     ready(bodies, ())
     progress("Building the twin")
     twin_of(project.robot)
+    if out_dir is not None:
+        require_writable(Path(out_dir))
     warnings = [str(fault) for fault in project.warnings]
     if project.experiments and project.space is None:
         warnings.append("no parameter is free: there is nothing to calibrate")
@@ -114,12 +97,23 @@ def _in_words(
     others = (*_part_rows(project), *_bench_rows(project), *_search_rows(project))
     ready(others, warnings)
     rows = (*bodies, *others)
-    if not solve:
-        return CheckReport(rows, tuple(warnings)), None
-    states = start_states(project, progress, ready)
-    against = (_against_twin(project, name, response) for name, response in states.responses.items())
-    ready((), stiffness := [sentence for sentence in against if sentence])
-    return CheckReport((*rows, *states.rows), (*warnings, *states.warnings, *stiffness)), states
+    states = start_states(project, progress, ready) if solve else None
+    if states is not None:
+        against = (_against_twin(project, name, response) for name, response in states.responses.items())
+        ready((), stiffness := [sentence for sentence in against if sentence])
+        rows, warnings = (*rows, *states.rows), [*warnings, *states.warnings, *stiffness]
+    if out_dir is None:
+        return CheckReport(rows, tuple(warnings))
+    from softcal.report.check_figures import draw_check
+    from softcal.report.start_scenes import start_scenes
+
+    progress("Drawing")
+    # With the cycles if they were searched, so that the picture shows them.
+    records = {name: project.corrected[name] or project.records[name] for name in project.experiments}
+    shown = None if states is None else start_scenes(project.robot, states.undeformed, states.shapes, states.tets)
+    drawn = draw_check(project.robot, records, out_dir, shown)
+    pictures = [drawn.robot[0], *([drawn.states[0]] if drawn.states else [])]
+    return CheckReport(rows, tuple(warnings), (*pictures, *(png for png, _ in drawn.datasets.values())), drawn.notes)
 
 
 def _unstable_at_rest(project: Project) -> list[str]:

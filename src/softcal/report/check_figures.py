@@ -76,7 +76,18 @@ class CheckPaths:
 def draw_check(
     robot: Robot, datasets: Mapping[str, Dataset], out_dir: str | Path, states: StartScenes | None = None
 ) -> CheckPaths:
-    """Draw `robot.png|svg`, `data-<name>.png|svg` and, if states are given, `states.png|svg`; older files are replaced.
+    """Draw `robot.png|svg`, `data-<name>.png|svg` and, with states, `states.png|svg`; older files are replaced.
+
+    Parameters
+    ----------
+    robot
+        The robot, drawn at rest.
+    datasets
+        Experiment -> its record.
+    out_dir
+        Folder of the pictures.
+    states
+        Scenes of solved states; None draws none.
 
     Raises
     ------

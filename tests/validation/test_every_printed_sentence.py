@@ -326,8 +326,8 @@ def mean_of_tests(case: Case, labels: list[str], told: Told) -> None:
 
 
 @sentence(
-    r"The 95 % interval is for the mean of many such tests(?P<same>, and also holds for|; that of) a single further test"
-    r"(?: is (-?[\d.]+) to (-?[\d.]+) (\w+))?"
+    r"The 95 % interval is for the mean of many such tests(?P<same>, and also holds for|; that of) a single further "
+    r"test(?: is (-?[\d.]+) to (-?[\d.]+) (\w+))?"
 )
 def further_test(case: Case, labels: list[str], told: Told) -> None:
     """The interval of one more test: the mean's, and the differences between tests once more."""

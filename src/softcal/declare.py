@@ -10,7 +10,6 @@ from __future__ import annotations
 import inspect
 import math
 import os
-import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache, wraps
@@ -187,9 +186,16 @@ def _kept(value: Any, hint: Any, where: str, faults: list[Fault], *, has_range: 
         faults.append(Fault("this is of the wrong kind", where, shown(value), _in_words(hint)))
     elif hint is str and "\0" in value:
         faults.append(Fault("a zero byte is no text", where, shown(value)))
-    elif hint is float and not abs(value) <= sys.float_info.max and not (has_range and isinstance(value, float)):
+    elif hint is float and not _is_finite(value) and not (has_range and not isinstance(value, Integral)):
         faults.append(Fault("this is not finite", where, shown(value), _in_words(hint)))
     return value
+
+
+def _is_finite(value: Real) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond all floats
+        return False
 
 
 def _path_fault(value: object) -> str:

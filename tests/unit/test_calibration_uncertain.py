@@ -143,7 +143,7 @@ def test_the_notes_name_it() -> None:
         problem = problem_of(fake_robot(), [measured()], FREE, uncertain=uncertain)
         return " ".join(map(str, calibrate(problem).notes))
 
-    assert "the uncertainty of front.tension_gain. Errors" in notes(UNCERTAIN)
+    assert "the uncertainty of front.tension_gain. Not included" in notes(UNCERTAIN)
     assert "uncertainty of" not in notes(())
 
 

@@ -48,7 +48,7 @@ def test_experiments_that_differ_are_named_with_their_values(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     result = fitted((0.95, 1.0, 1.08), folder=tmp_path / "run")
-    ((text, differs),) = spread_sentences(result)
+    (remark,) = spread_sentences(result)
     one = result.spreads[E]
     assert differs
     assert DIFFERENT in text
@@ -85,18 +85,18 @@ def test_residuals_are_measured_without_the_differences_that_are_stated() -> Non
 def test_the_mean_of_experiments_is_stated_where_the_value_is_not_near_it() -> None:
     """An experiment of many samples decides the value of the loss, and not the mean."""
     result = fitted((0.95, 1.0, 1.08))
-    ((near, _),) = spread_sentences(result)
+    (near,) = spread_sentences(result)
     assert "the mean of the tests is" not in near
     own = np.array(list(result.spreads[E].values.values()))
     far = replace(result.parameters[E], value=float(own[2]))
-    ((text, _),) = spread_sentences(replace(result, parameters={E: far}))
+    (remark,) = spread_sentences(replace(result, parameters={E: far}))
     assert f"the mean of the tests is {own.mean() / 1e6:.1f}" in text
 
 
 def test_set_ups_that_differ_are_compared_in_the_place_of_their_experiments(tmp_path: Path) -> None:
     own = (0.95, 0.95, 1.0, 1.0, 1.08, 1.08)
     result = fitted(own, folder=tmp_path / "run", set_ups=("a", "a", "b", "b", "c", "c"))
-    ((text, _),) = spread_sentences(result)
+    (remark,) = spread_sentences(result)
     one = result.spreads[E]
     assert DIFFERENT.replace("tests", "set-ups") in text
     assert "The 95 % interval is for the mean of many such set-ups" in text
@@ -111,7 +111,7 @@ def test_set_ups_that_differ_are_compared_in_the_place_of_their_experiments(tmp_
 
 def test_two_experiments_have_no_interval_of_their_mean() -> None:
     result = fitted((0.95, 1.05))
-    ((text, _),) = spread_sentences(result)
+    (remark,) = spread_sentences(result)
     assert DIFFERENT in text
     assert result.spreads[E].next_interval is None
     assert "Two tests are too few for a reliable interval of their mean." in text
@@ -119,7 +119,7 @@ def test_two_experiments_have_no_interval_of_their_mean() -> None:
 
 def test_alike_experiments_are_said_to_agree_within_their_noise() -> None:
     result = fitted((1.0, 1.0, 1.0))
-    ((text, differs),) = spread_sentences(result)
+    (remark,) = spread_sentences(result)
     assert not differs
     assert "does not differ between the tests by more than their noise explains" in text
     assert set(result.parameters[E].shares) == {"noise", "drift"}
@@ -127,10 +127,10 @@ def test_alike_experiments_are_said_to_agree_within_their_noise() -> None:
 
 def test_what_is_alike_is_one_sentence_with_its_correction() -> None:
     result = fitted((1.0, 1.0, 1.0))
-    assert "Holm" not in spread_sentences(result)[0][0]  # one comparison
+    assert "Holm" not in spread_sentences(result)[0].text  # one comparison
     one, other = replace(result.spreads[E], chance=1.0), "pulleys.friction_coefficient"
     parameters = {**result.parameters, other: result.parameters[E]}
-    ((text, differs),) = spread_sentences(
+    (remark,) = spread_sentences(
         replace(result, parameters=parameters, spreads={E: one, other: replace(one, chance=0.21)})
     )
     assert not differs

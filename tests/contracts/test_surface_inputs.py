@@ -48,7 +48,7 @@ SURFACES: dict[str, tuple[np.ndarray, str]] = {
     "NaN at a corner of a triangle": (moved(np.nan, everywhere=False), "triangle 4"),
     "NaN at a corner of the cube": (moved(np.nan, everywhere=True), "corner without finite coordinates"),
     "infinity at a corner": (moved(np.inf, everywhere=True), "corner without finite coordinates"),
-    "a corner beyond all": (moved(1e30, everywhere=True), "encloses no volume"),
+    "a corner beyond all": (moved(1e30, everywhere=True), "a corner is too far away"),
     "no triangles": (CUBE[:0], "holds no triangles"),
     "one triangle": (CUBE[:1], "encloses no volume"),
     "a flat cube": (CUBE * [1.0, 1.0, 0.0], "encloses no volume"),

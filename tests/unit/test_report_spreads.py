@@ -117,6 +117,14 @@ def test_two_experiments_have_no_interval_of_their_mean() -> None:
     assert "Two tests are too few for a reliable interval of their mean." in text
 
 
+def test_the_interval_of_a_further_test_is_printed_where_it_differs_from_that_of_the_mean() -> None:
+    result = fitted((0.95, 1.0, 1.08))
+    one, estimate = result.spreads[E], result.parameters[E]
+    assert "of many such tests; that of a single further test is " in spread_sentences(result)[0][0]
+    same = replace(result, spreads={E: replace(one, next_interval=estimate.interval)})
+    assert "of many such tests, and also holds for a single further test." in spread_sentences(same)[0][0]
+
+
 def test_alike_experiments_are_said_to_agree_within_their_noise() -> None:
     result = fitted((1.0, 1.0, 1.0))
     (remark,) = spread_sentences(result)

@@ -325,7 +325,10 @@ def mean_of_tests(case: Case, labels: list[str], told: Told) -> None:
     assert abs(mean - fit.p[name]["value"]) > 0.25 * half
 
 
-@sentence(r"The 95 % interval (?P<same>also holds for|of) a single further test(?: is (-?[\d.]+) to (-?[\d.]+) (\w+))?")
+@sentence(
+    r"The 95 % interval is for the mean of many such tests(?P<same>, and also holds for|; that of) a single further "
+    r"test(?: is (-?[\d.]+) to (-?[\d.]+) (\w+))?"
+)
 def further_test(case: Case, labels: list[str], told: Told) -> None:
     """The interval of one more test: the mean's, and the differences between tests once more."""
     label, name = case.last
@@ -341,7 +344,7 @@ def further_test(case: Case, labels: list[str], told: Told) -> None:
     t = float(stats.t.ppf(0.975, (shared + further) ** 2 / scatter))
     low, high = np.clip(profile_interval(estimator.minimum, covariance, j, t), 0.0, 1.0)
     within = 0.05 + ABOUT + 1 / math.sqrt(1 - case.mesh(label, name)) - 1
-    ends = p["interval"] if told["same"].startswith("also") else [float(told[i]) * UNITS[told[4]] for i in (2, 3)]
+    ends = p["interval"] if told["same"].startswith(", and") else [float(told[i]) * UNITS[told[4]] for i in (2, 3)]
     for printed, own in zip(ends, (low, high), strict=True):
         place = fit.place(name, printed)
         assert abs(place - own) <= within * (high - low) / 2, (

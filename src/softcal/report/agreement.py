@@ -193,9 +193,10 @@ def _spread_text(result: SearchResult, name: str, label: str) -> str:
             f". {with_unit(estimate, shown(estimate, estimate.value))} minimises the joint loss, but the mean of the "
             f"{who} is {with_unit(estimate, shown(estimate, mean))}"
         )
+    text += f". The 95 % interval is for the mean of many such {who}"
     if further == interval_text(estimate):
-        return f"{text}. The 95 % interval also holds for a single further {who.removesuffix('s')}."
-    return f"{text}. The 95 % interval of a single further {who.removesuffix('s')} is {further}."
+        return f"{text}, and also holds for a single further {who.removesuffix('s')}."
+    return f"{text}; that of a single further {who.removesuffix('s')} is {further}."
 
 
 def _own_values(one: Spread, mean: float, text: Callable[[float], str]) -> tuple[str, str]:

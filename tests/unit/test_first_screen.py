@@ -361,9 +361,9 @@ def test_what_all_fits_are_uncertain_of_alike_does_not_make_them_agree() -> None
 def test_a_bound_in_all_fits_is_no_agreement() -> None:
     at_bound = replace(NU, value=0.4, at_bound=True, standard_error=None)
     fits = {name: result(name, estimates={NU_NAME: at_bound}) for name in ("a", "b")}
-    ((text, one),) = agreement_sentences(fits)
-    assert text == "ν is the same in all 2 separate fits, 0.4: a bound, which does not show that they agree."
-    assert one.chance is None
+    (remark,) = agreement_sentences(fits)
+    assert remark.text == "ν is the same in all 2 separate fits, 0.4: a bound, which does not show that they agree."
+    assert remark.tone == "note"
     inside = {name: result(name, estimates={NU_NAME: NU}) for name in ("a", "b")}
     assert "agree" not in agreement_sentences(inside)[0].text
 

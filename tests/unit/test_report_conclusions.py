@@ -117,7 +117,7 @@ def test_fits_whose_ratio_is_at_a_bound_are_compared_at_one_ratio() -> None:
     }
     joint = result("test1", "test2", "test3", estimates={E_NAME: modulus(3.294, 0.0053), NU_NAME: at})
     jointly = replace(joint, spreads={E_NAME: spread})
-    of_E, of_ratio = (text for text, _ in agreement_sentences({**fits, "joint": jointly}))
+    of_E, of_ratio = (remark.text for remark in agreement_sentences({**fits, "joint": jointly}))
     values = "3.530 (test1), 3.320 (test2) and 3.200 (test3) MPa"
     assert of_E.endswith(
         f" With ν = 0.4999 in all, it is {values}, estimated from the derivatives at the joint fit."
@@ -395,9 +395,9 @@ def test_only_steps_that_change_samples_are_said_to_lie_between() -> None:
 def test_of_many_tests_the_report_rates_the_ten_worst_and_all_others_together():
     misses = [Miss(f"t{i}", "force", 0.01 * i, "N", 0.001 * i, None) for i in range(200)]
     told = list(closeness_by_experiment(misses))
-    assert [text.partition(":")[0] for text, _ in told] == [*(f"t{i}" for i in range(190, 200)), "190 more"]
-    assert told[-1][0].startswith(
+    assert [remark.text.partition(":")[0] for remark in told] == [*(f"t{i}" for i in range(190, 200)), "190 more"]
+    assert told[-1].text.startswith(
         "190 more: the twin reproduces the force with an RMS error of 19 % of its range at most (t189)"
     )
-    assert told[-1][1] == "warning"
+    assert told[-1].tone == "warning"
     assert len(list(closeness_by_experiment(misses[:10]))) == 10

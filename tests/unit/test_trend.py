@@ -76,15 +76,15 @@ def test_the_modulus_of_the_shipped_neck_falls_with_amplitude() -> None:
         " E falls with the amplitude of the tests (3 tests: a hint): softening of the material, or an error of the "
         "slack or the mesh."
     )
-    assert text.endswith(ending)
+    assert remark.text.endswith(ending)
 
 
 @pytest.mark.parametrize("drive", ["shortening", "tension"])
 def test_what_rises_is_said_to_rise_whatever_drives(drive: str) -> None:
     made = joint(np.array([2.0e6, 2.2e6, 2.36e6, 2.5e6]), np.array([1.0, 2.0, 3.0, 4.0]), drive=drive)
     (remark,) = spread_sentences(made)
-    assert "E rises with the amplitude of the tests" in text
-    assert "stiffening of the material, or an error of the slack" in text
+    assert "E rises with the amplitude of the tests" in remark.text
+    assert "stiffening of the material, or an error of the slack" in remark.text
     other = joint(
         np.array([0.1, 0.12, 0.134, 0.144]), np.arange(1.0, 5.0), name="pulleys.friction_coefficient", unit="1"
     )
@@ -130,9 +130,11 @@ def test_no_cause_is_named_where_amplitude_and_speed_vary_together(speeds: tuple
     (found,) = trends(made, records)
     assert len(found.along) == 1
     (remark,) = spread_sentences(made, records)
-    assert f"Their {found.along[0]} varies with it, so these tests do not show which of them is the cause." in text
-    assert "softening" not in text
-    assert "rate dependence" not in text
+    assert (
+        f"Their {found.along[0]} varies with it, so these tests do not show which of them is the cause." in remark.text
+    )
+    assert "softening" not in remark.text
+    assert "rate dependence" not in remark.text
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ from softcal.calibration.results.store import RunStore, write_text
 from softcal.calibration.results.trial_journal import cut_to_whole_lines, stored_trials
 from softcal.calibration.run import calibrate
 from softcal.calibration.search.search import Progress
-from softcal.calibration.statistics.estimate import Note
+from softcal.calibration.statistics.estimate import Remark
 from softcal.errors import StorageError
 
 MODULUS = FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=0.2e6)
@@ -146,14 +146,14 @@ def test_the_level_of_a_note_is_kept_and_an_earlier_files_notes_are_plain(tmp_pa
     free = [FreeParameter(E, "Pa", 0.1e6, 1e6, "log")]
     problem = make_problem(fake_robot(), [fake_experiment("pull")], free, None, fake_simulate)
     result = calibrate(problem, store=tmp_path / "run", starts=1)
-    (warning,) = [note for note in result.notes if note.level == "warning"]
+    (warning,) = [note for note in result.notes if note.tone == "warning"]
     assert "is at its upper bound of 1 MPa" in warning.text
     assert load_result(tmp_path / "run").notes == result.notes
     document = json.loads((tmp_path / "run" / "result.json").read_text())
     assert document["notes"] == [note.text for note in result.notes]
     del document["warnings"]
     (tmp_path / "run" / "result.json").write_text(json.dumps(document))
-    assert load_result(tmp_path / "run").notes == tuple(Note(note.text) for note in result.notes)
+    assert load_result(tmp_path / "run").notes == tuple(Remark(note.text) for note in result.notes)
 
 
 @pytest.mark.parametrize(

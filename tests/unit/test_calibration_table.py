@@ -10,7 +10,7 @@ from report_example import E_NAME, bench_experiment, tpe_result
 from softcal.calibration.results.digits import interval_text
 from softcal.calibration.results.result import Distance
 from softcal.calibration.search.outcome import bound_note
-from softcal.calibration.statistics.estimate import Estimate, Note
+from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.cli.calibration_table import print_results, value_text
 
 
@@ -109,8 +109,8 @@ def test_of_many_tests_the_ten_worst_have_a_line_and_the_others_are_counted(caps
 
 def test_by_default_what_decides_on_the_answer_is_printed_and_the_rest_is_counted(capsys):
     one = tpe_result([bench_experiment("20mm", 0.02, 1.2e6)], 1.2e6, 0.45, n_trials=12)
-    remark, warning = Note("remark"), Note("warning of the answer", "warning")
-    other = replace(one, notes=(Note("warning of another fit", "warning"),))
+    remark, warning = Remark("remark"), Remark("warning of the answer", "warning")
+    other = replace(one, notes=(Remark("warning of another fit", "warning"),))
     both = dict.fromkeys(("a", "b"), one.experiments["20mm"])
     results = {"a": other, "b": other, "joint": replace(one, experiments=both, notes=(remark, warning))}
     print_results(results)

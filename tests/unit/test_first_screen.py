@@ -19,7 +19,7 @@ from softcal.analysis.mesh_changes import Change
 from softcal.analysis.mesh_study import Finer, MeshStudy
 from softcal.calibration.problem.uncertain import MESH_ERROR
 from softcal.calibration.results.result import CalibrationResult, Distance, ExperimentFit
-from softcal.calibration.statistics.estimate import Estimate, Note
+from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.calibration.statistics.random_effects import Spread
 from softcal.calibration.statistics.residuals import ResidualRecord
 from softcal.calibration.statistics.sensitivity import not_included
@@ -335,7 +335,7 @@ def test_a_joint_fit_that_finds_otherwise_is_explained() -> None:
         estimates = {name: {E_NAME: E, NU_NAME: NU}[name] for name in names}
         both = result("test0", "test1", "test2", estimates=estimates, spreads={E_NAME: replace(spread, chance=chance)})
         separate_fits = {k: replace(v, parameters={n: v.parameters[n] for n in names}) for k, v in fits.items()}
-        return agreement_sentences({**separate_fits, "joint": both})[0][0]
+        return agreement_sentences({**separate_fits, "joint": both})[0].text
 
     text = said(1e-12, E_NAME, NU_NAME)
     assert "no more than their noise explains" in text
@@ -348,12 +348,12 @@ def test_a_joint_fit_that_finds_otherwise_is_explained() -> None:
 def test_what_all_fits_are_uncertain_of_alike_does_not_make_them_agree() -> None:
     common = {"noise": 0.01, "pulleys.friction_coefficient": 0.99}
     fits = separate((3.5, 0.2), (3.2, 0.2))
-    assert "no more than" in agreement_sentences(fits)[0][0]
+    assert "no more than" in agreement_sentences(fits)[0].text
     with_friction = {
         label: replace(one, parameters={E_NAME: replace(one.parameters[E_NAME], shares=common)})
         for label, one in fits.items()
     }
-    text = agreement_sentences(with_friction)[0][0]
+    text = agreement_sentences(with_friction)[0].text
     assert "more than their noise explains" in text
     assert "no more than" not in text
 
@@ -361,11 +361,11 @@ def test_what_all_fits_are_uncertain_of_alike_does_not_make_them_agree() -> None
 def test_a_bound_in_all_fits_is_no_agreement() -> None:
     at_bound = replace(NU, value=0.4, at_bound=True, standard_error=None)
     fits = {name: result(name, estimates={NU_NAME: at_bound}) for name in ("a", "b")}
-    ((text, one),) = agreement_sentences(fits)
-    assert text == "ν is the same in all 2 separate fits, 0.4: a bound, which does not show that they agree."
-    assert one.chance is None
+    (remark,) = agreement_sentences(fits)
+    assert remark.text == "ν is the same in all 2 separate fits, 0.4: a bound, which does not show that they agree."
+    assert remark.tone == "note"
     inside = {name: result(name, estimates={NU_NAME: NU}) for name in ("a", "b")}
-    assert "agree" not in agreement_sentences(inside)[0][0]
+    assert "agree" not in agreement_sentences(inside)[0].text
 
 
 def test_the_word_agree_is_in_no_other_sentence() -> None:
@@ -475,7 +475,7 @@ def test_the_terminal_says_which_intervals_are_without_the_mesh(capsys: pytest.C
     def of(*experiments: str, mesh: bool) -> CalibrationResult:
         shares = {"noise": 0.6, **({"mesh": 0.4} if mesh else {})}
         made = result(*experiments, estimates={E_NAME: replace(E, shares=shares)})
-        return replace(made, notes=(Note(not_included([MESH_ERROR] if mesh else [])),))
+        return replace(made, notes=(Remark(not_included([MESH_ERROR] if mesh else [])),))
 
     separate = {"a": of("a", mesh=False), "b": of("b", mesh=False)}
     print_results({**separate, "joint": of("a", "b", mesh=True)}, verbose=True)

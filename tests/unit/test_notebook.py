@@ -15,7 +15,7 @@ from project_case import write_project
 
 import softcal
 from softcal.calibration.results.result import CalibrationResult
-from softcal.calibration.statistics.estimate import Note
+from softcal.calibration.statistics.estimate import Remark
 from softcal.html_text import MOST_ROWS, curve, heading, html_table, paragraph, picture
 from softcal.pictures import pictures_of
 from softcal.project.project import Project
@@ -104,7 +104,7 @@ def test_a_result_says_its_values_and_intervals_as_they_are(result: CalibrationR
     assert result.status in texts
     one = result.parameters["bar.youngs_modulus"]
     bound = replace(one, at_bound=True, interval=None)
-    told = replace(result, parameters={SCRIPT: bound}, notes=(Note(SCRIPT, "warning"),), n_failed_trials=2)
+    told = replace(result, parameters={SCRIPT: bound}, notes=(Remark(SCRIPT, "warning"),), n_failed_trials=2)
     texts = Cells(told._repr_html_()).texts
     row = texts.index(SCRIPT)
     assert texts[row + 1 : row + 3] == ["1.3 MPa (at a bound)", "–"]

@@ -11,7 +11,7 @@ from report_example import E_NAME, NU_NAME
 from softcal.analysis.agreement import agreements
 from softcal.calibration.results.result import CalibrationResult, Distance, ExperimentFit
 from softcal.calibration.search.outcome import bound_note, saturated_note
-from softcal.calibration.statistics.estimate import Estimate, Note
+from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.calibration.statistics.random_effects import Spread
 from softcal.cli.calibration_table import print_results
 from softcal.experiments.dataset import Channel, Dataset, Step
@@ -117,7 +117,7 @@ def test_fits_whose_ratio_is_at_a_bound_are_compared_at_one_ratio() -> None:
     }
     joint = result("test1", "test2", "test3", estimates={E_NAME: modulus(3.294, 0.0053), NU_NAME: at})
     jointly = replace(joint, spreads={E_NAME: spread})
-    of_E, of_ratio = (text for text, _ in agreement_sentences({**fits, "joint": jointly}))
+    of_E, of_ratio = (remark.text for remark in agreement_sentences({**fits, "joint": jointly}))
     values = "3.530 (test1), 3.320 (test2) and 3.200 (test3) MPa"
     assert of_E.endswith(
         f" With ν = 0.4999 in all, it is {values}, estimated from the derivatives at the joint fit."
@@ -125,9 +125,9 @@ def test_fits_whose_ratio_is_at_a_bound_are_compared_at_one_ratio() -> None:
     assert of_ratio == "No separate fit determines ν."
     free = replace(at, value=0.45, at_bound=False)
     apart = {label: replace(one, parameters={**one.parameters, NU_NAME: free}) for label, one in fits.items()}
-    assert "in all, it is" not in agreement_sentences({**apart, "joint": jointly})[0][0]
+    assert "in all, it is" not in agreement_sentences({**apart, "joint": jointly})[0].text
     alike = replace(jointly, spreads={E_NAME: replace(spread, chance=0.5)})
-    assert "in all, it is" not in agreement_sentences({**fits, "joint": alike})[0][0]
+    assert "in all, it is" not in agreement_sentences({**fits, "joint": alike})[0].text
 
 
 def test_moduli_within_their_errors_are_said_to_be_so() -> None:
@@ -212,7 +212,7 @@ def test_channels_of_named_parts_are_judged_as_those_of_short_names_are() -> Non
 
 
 def test_findings_of_separate_fits_are_told_with_their_label() -> None:
-    at_bound = result("test2", estimates={E_NAME: modulus(40.0, None, at_bound=True)}, notes=(Note("A note."),))
+    at_bound = result("test2", estimates={E_NAME: modulus(40.0, None, at_bound=True)}, notes=(Remark("A note."),))
     report = content({"test1": result("test1"), "test2": at_bound})
     assert "test2: E is at its upper bound of 40 MPa" in told(report, "warning")
     assert "test2: A note." in told(report, "note")
@@ -395,9 +395,9 @@ def test_only_steps_that_change_samples_are_said_to_lie_between() -> None:
 def test_of_many_tests_the_report_rates_the_ten_worst_and_all_others_together():
     misses = [Miss(f"t{i}", "force", 0.01 * i, "N", 0.001 * i, None) for i in range(200)]
     told = list(closeness_by_experiment(misses))
-    assert [text.partition(":")[0] for text, _ in told] == [*(f"t{i}" for i in range(190, 200)), "190 more"]
-    assert told[-1][0].startswith(
+    assert [remark.text.partition(":")[0] for remark in told] == [*(f"t{i}" for i in range(190, 200)), "190 more"]
+    assert told[-1].text.startswith(
         "190 more: the twin reproduces the force with an RMS error of 19 % of its range at most (t189)"
     )
-    assert told[-1][1] == "warning"
+    assert told[-1].tone == "warning"
     assert len(list(closeness_by_experiment(misses[:10]))) == 10

@@ -18,6 +18,7 @@ from softcal.calibration.problem.problem import make_problem
 from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.results.result_reading import load_result
 from softcal.calibration.run import calibrate
+from softcal.calibration.statistics.estimate import Remark
 from softcal.cli.calibration_table import print_results
 from softcal.report.agreement import MISFIT, MORE_THAN_NOISE, OUTLIERS, STEPS, residual_sentences, spread_sentences
 from softcal.report.left_out import left_out_sentence, left_out_table
@@ -48,11 +49,11 @@ def test_experiments_that_differ_are_named_with_their_values(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     result = fitted((0.95, 1.0, 1.08), folder=tmp_path / "run")
-    ((text, differs),) = spread_sentences(result)
+    (remark,) = spread_sentences(result)
     one = result.spreads[E]
-    assert differs
-    assert DIFFERENT in text
-    assert "The 95 % interval is for the mean of many such tests" in text
+    assert remark.tone == "warning"
+    assert DIFFERENT in remark.text
+    assert "The 95 % interval is for the mean of many such tests" in remark.text
     values = np.array(list(one.values.values()))
     np.testing.assert_allclose(values / values[1], (0.95, 1.0, 1.08), rtol=0.01)
     estimate = result.parameters[E]
@@ -85,21 +86,21 @@ def test_residuals_are_measured_without_the_differences_that_are_stated() -> Non
 def test_the_mean_of_experiments_is_stated_where_the_value_is_not_near_it() -> None:
     """An experiment of many samples decides the value of the loss, and not the mean."""
     result = fitted((0.95, 1.0, 1.08))
-    ((near, _),) = spread_sentences(result)
-    assert "the mean of the tests is" not in near
+    (near,) = spread_sentences(result)
+    assert "the mean of the tests is" not in near.text
     own = np.array(list(result.spreads[E].values.values()))
     far = replace(result.parameters[E], value=float(own[2]))
-    ((text, _),) = spread_sentences(replace(result, parameters={E: far}))
-    assert f"the mean of the tests is {own.mean() / 1e6:.1f}" in text
+    (remark,) = spread_sentences(replace(result, parameters={E: far}))
+    assert f"the mean of the tests is {own.mean() / 1e6:.1f}" in remark.text
 
 
 def test_set_ups_that_differ_are_compared_in_the_place_of_their_experiments(tmp_path: Path) -> None:
     own = (0.95, 0.95, 1.0, 1.0, 1.08, 1.08)
     result = fitted(own, folder=tmp_path / "run", set_ups=("a", "a", "b", "b", "c", "c"))
-    ((text, _),) = spread_sentences(result)
+    (remark,) = spread_sentences(result)
     one = result.spreads[E]
-    assert DIFFERENT.replace("tests", "set-ups") in text
-    assert "The 95 % interval is for the mean of many such set-ups" in text
+    assert DIFFERENT.replace("tests", "set-ups") in remark.text
+    assert "The 95 % interval is for the mean of many such set-ups" in remark.text
     assert list(one.values) == ["a", "b", "c"]
     by_experiment, estimate = fitted(own).parameters[E], result.parameters[E]
     assert by_experiment.interval is not None
@@ -111,44 +112,44 @@ def test_set_ups_that_differ_are_compared_in_the_place_of_their_experiments(tmp_
 
 def test_two_experiments_have_no_interval_of_their_mean() -> None:
     result = fitted((0.95, 1.05))
-    ((text, _),) = spread_sentences(result)
-    assert DIFFERENT in text
+    (remark,) = spread_sentences(result)
+    assert DIFFERENT in remark.text
     assert result.spreads[E].next_interval is None
-    assert "Two tests are too few for a reliable interval of their mean." in text
+    assert "Two tests are too few for a reliable interval of their mean." in remark.text
 
 
 def test_the_interval_of_a_further_test_is_printed_where_it_differs_from_that_of_the_mean() -> None:
     result = fitted((0.95, 1.0, 1.08))
     one, estimate = result.spreads[E], result.parameters[E]
-    assert "of many such tests; that of a single further test is " in spread_sentences(result)[0][0]
+    assert "of many such tests; that of a single further test is " in spread_sentences(result)[0].text
     same = replace(result, spreads={E: replace(one, next_interval=estimate.interval)})
-    assert "of many such tests, and also holds for a single further test." in spread_sentences(same)[0][0]
+    assert "of many such tests, and also holds for a single further test." in spread_sentences(same)[0].text
 
 
 def test_alike_experiments_are_said_to_agree_within_their_noise() -> None:
     result = fitted((1.0, 1.0, 1.0))
-    ((text, differs),) = spread_sentences(result)
-    assert not differs
-    assert "does not differ between the tests by more than their noise explains" in text
+    (remark,) = spread_sentences(result)
+    assert remark.tone == "good"
+    assert "does not differ between the tests by more than their noise explains" in remark.text
     assert set(result.parameters[E].shares) == {"noise", "drift"}
 
 
 def test_what_is_alike_is_one_sentence_with_its_correction() -> None:
     result = fitted((1.0, 1.0, 1.0))
-    assert "Holm" not in spread_sentences(result)[0][0]  # one comparison
+    assert "Holm" not in spread_sentences(result)[0].text  # one comparison
     one, other = replace(result.spreads[E], chance=1.0), "pulleys.friction_coefficient"
     parameters = {**result.parameters, other: result.parameters[E]}
-    ((text, differs),) = spread_sentences(
+    (remark,) = spread_sentences(
         replace(result, parameters=parameters, spreads={E: one, other: replace(one, chance=0.21)})
     )
-    assert not differs
-    assert text == (
+    assert remark.tone == "good"
+    assert remark.text == (
         "E and μ do not differ between the tests by more than their noise explains (p = 0.21 or more, "
         "Holm's correction for 2 comparisons)."
     )
     found = spread_sentences(replace(result, parameters=parameters, spreads={E: one, other: replace(one, chance=0.01)}))
-    assert [differs for _, differs in found] == [True, False]
-    assert all("Holm's correction for 2 comparisons)" in text for text, _ in found)
+    assert [remark.tone for remark in found] == ["warning", "good"]
+    assert all("Holm's correction for 2 comparisons)" in remark.text for remark in found)
 
 
 def test_one_experiment_says_that_its_spread_is_not_known() -> None:
@@ -162,7 +163,7 @@ def test_alike_residuals_are_told_and_independent_ones_are_not() -> None:
     result = fitted((1.0,))
     assert residual_sentences(result) == []
 
-    def said(**how: Any) -> tuple[str, bool]:
+    def said(**how: Any) -> Remark:
         held = {
             name: {channel: replace(one, **how) for channel, one in channels.items()}
             for name, channels in result.residuals.items()
@@ -170,34 +171,35 @@ def test_alike_residuals_are_told_and_independent_ones_are_not() -> None:
         (found,) = residual_sentences(replace(result, residuals=held))
         return found
 
-    text, misfits = said(correlation=0.6)
-    assert text.startswith("Neighbouring residuals are alike")
-    assert "pull1, tension: 41 samples are worth about 10" in text
-    assert not misfits
+    remark = said(correlation=0.6)
+    assert remark.text.startswith("Neighbouring residuals are alike")
+    assert "pull1, tension: 41 samples are worth about 10" in remark.text
+    assert remark.tone == "note"
     causes = {"a slack": 0.4, "another material law or friction in bends": 0.82, "a drift": 0.3}
-    text, misfits = said(correlation=0.95, size=0.013, largest=0.95, explained=causes)
-    assert text.startswith(f"{MISFIT}: tension of pull1 by 0.013 N (RMS), most at the end (")
+    remark = said(correlation=0.95, size=0.013, largest=0.95, explained=causes)
+    assert remark.text.startswith(f"{MISFIT}: tension of pull1 by 0.013 N (RMS), most at the end (")
     assert (
-        "(another material law or friction in bends alone would explain 82 %, a slack alone would explain 40 %)" in text
+        "(another material law or friction in bends alone would explain 82 %, a slack alone would explain 40 %)"
+        in remark.text
     )
-    assert "drift" not in text
-    assert misfits
-    text, _ = said(correlation=0.95, size=0.013, largest=0.4, explained={"a drift": 0.1})
-    assert "most 40 % along the record;" in text
-    assert "explain" not in text
-    text, misfits = said(significance=7.3, size=0.013, explained=causes)
+    assert "drift" not in remark.text
+    assert remark.tone == "warning"
+    remark = said(correlation=0.95, size=0.013, largest=0.4, explained={"a drift": 0.1})
+    assert "most 40 % along the record;" in remark.text
+    assert "explain" not in remark.text
+    remark = said(significance=7.3, size=0.013, explained=causes)
     by = "a slack is 7.3 standard errors from zero, and alone would explain 40 % of the squares relative to the noise"
     more = "another material law or friction in bends alone 82 %"
-    assert text.startswith(f"{MORE_THAN_NOISE}: in tension of pull1 (0.013 N RMS) {by}, {more};")
-    assert misfits
-    text, misfits = said(outliers=(3, 17, 40))
-    assert text == f"{OUTLIERS}: 3, 17 and 40 of tension of pull1; 3, 17 and 40 of pitch of pull1."
-    assert misfits
-    text, _ = said(outliers=tuple(range(1, 24)))
-    assert "19, 20 and 3 more of tension of pull1" in text
-    text, misfits = said(step=0.1)
-    assert text.startswith(f"{STEPS}: tension of pull1, by 0.1 N; pitch of pull1, by ")
-    assert misfits
+    assert remark.text.startswith(f"{MORE_THAN_NOISE}: in tension of pull1 (0.013 N RMS) {by}, {more};")
+    assert remark.tone == "warning"
+    remark = said(outliers=(3, 17, 40))
+    assert remark.text == f"{OUTLIERS}: 3, 17 and 40 of tension of pull1; 3, 17 and 40 of pitch of pull1."
+    assert remark.tone == "warning"
+    remark = said(outliers=tuple(range(1, 24)))
+    assert "19, 20 and 3 more of tension of pull1" in remark.text
+    remark = said(step=0.1)
+    assert remark.text.startswith(f"{STEPS}: tension of pull1, by 0.1 N; pitch of pull1, by ")
+    assert remark.tone == "warning"
 
 
 def test_outliers_and_coarse_readings_are_said_after_a_calibration() -> None:
@@ -210,7 +212,7 @@ def test_outliers_and_coarse_readings_are_said_after_a_calibration() -> None:
         channels = {name: replace(held, values=values.get(name, held.values)) for name, held in channels_of.items()}
         tests = [replace(one, dataset=replace(one.dataset, channels=channels))]
         found = calibrate(make_problem(fake_robot(), tests, [MODULUS], None, fake_simulate))
-        return [text for text, misfits in residual_sentences(found) if misfits]
+        return [remark.text for remark in residual_sentences(found) if remark.tone == "warning"]
 
     channels_of = one.dataset.channels
     assert said() == []

@@ -14,7 +14,7 @@ from report_example import E_NAME, NU_NAME, column_mesh, example_content, tpe_re
 
 from softcal.calibration.results.result import CalibrationResult, ExperimentFit, Trial
 from softcal.calibration.search.outcome import bound_note
-from softcal.calibration.statistics.estimate import Estimate, Note
+from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.errors import InputError
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.materials.infill import PrintInfill
@@ -179,7 +179,7 @@ def test_a_twin_that_passes_through_itself_in_its_furthest_test_is_a_warning():
 def test_a_bound_is_told_once() -> None:
     at_bound = {E_NAME: Estimate(4e7, "Pa", True, 1e5, 4e7)}
     note = bound_note(E_NAME, at_bound[E_NAME])
-    content = small_content(parameters=at_bound, notes=(note, Note("Another note.")))
+    content = small_content(parameters=at_bound, notes=(note, Remark("Another note.")))
     assert "Another note." in texts(content, "note")
     assert note.text not in texts(content, "note")
 

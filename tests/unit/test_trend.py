@@ -71,24 +71,24 @@ def test_the_modulus_of_the_shipped_neck_falls_with_amplitude() -> None:
     assert found.condition == "amplitude"
     assert found.power == pytest.approx(-0.087, abs=2e-3)
     assert found.chance < 0.02
-    ((text, _),) = spread_sentences(made)
+    (remark,) = spread_sentences(made)
     ending = (
         " E falls with the amplitude of the tests (3 tests: a hint): softening of the material, or an error of the "
         "slack or the mesh."
     )
-    assert text.endswith(ending)
+    assert remark.text.endswith(ending)
 
 
 @pytest.mark.parametrize("drive", ["shortening", "tension"])
 def test_what_rises_is_said_to_rise_whatever_drives(drive: str) -> None:
     made = joint(np.array([2.0e6, 2.2e6, 2.36e6, 2.5e6]), np.array([1.0, 2.0, 3.0, 4.0]), drive=drive)
-    ((text, _),) = spread_sentences(made)
-    assert "E rises with the amplitude of the tests" in text
-    assert "stiffening of the material, or an error of the slack" in text
+    (remark,) = spread_sentences(made)
+    assert "E rises with the amplitude of the tests" in remark.text
+    assert "stiffening of the material, or an error of the slack" in remark.text
     other = joint(
         np.array([0.1, 0.12, 0.134, 0.144]), np.arange(1.0, 5.0), name="pulleys.friction_coefficient", unit="1"
     )
-    assert spread_sentences(other)[0][0].endswith(": the model lacks an effect of the amplitude.")
+    assert spread_sentences(other)[0].text.endswith(": the model lacks an effect of the amplitude.")
 
 
 def test_a_modulus_that_rises_with_speed() -> None:
@@ -97,10 +97,10 @@ def test_a_modulus_that_rises_with_speed() -> None:
     fast = at_speeds(made, 0.002, 0.004, 0.008, 0.016)
     (found,) = trends(made, fast)
     assert (found.condition, found.power > 0) == ("speed", True)
-    assert "rises with the speed of the tests" in spread_sentences(made, fast)[0][0]
-    assert "rate dependence of the material, or an error of the clocks" in spread_sentences(made, fast)[0][0]
+    assert "rises with the speed of the tests" in spread_sentences(made, fast)[0].text
+    assert "rate dependence of the material, or an error of the clocks" in spread_sentences(made, fast)[0].text
     falling = joint(np.array([2.29e6, 2.2e6, 2.1e6, 2.0e6]), np.full(4, 0.03))
-    assert "which rate dependence does not explain" in spread_sentences(falling, fast)[0][0]
+    assert "which rate dependence does not explain" in spread_sentences(falling, fast)[0].text
 
 
 def test_two_conditions_count_twice() -> None:
@@ -108,7 +108,7 @@ def test_two_conditions_count_twice() -> None:
     (alone,), (with_speeds,) = trends(made), trends(made, at_speeds(made, 0.004, 0.010, 0.0045))
     assert with_speeds.chance == pytest.approx(2.0 * alone.chance)
     assert (alone.tested, with_speeds.tested) == (1, 2)
-    assert "(3 tests: a hint): softening" in spread_sentences(made, at_speeds(made, 0.004, 0.010, 0.0045))[0][0]
+    assert "(3 tests: a hint): softening" in spread_sentences(made, at_speeds(made, 0.004, 0.010, 0.0045))[0].text
 
 
 def test_the_chance_of_a_trend_is_said_from_five_tests_on() -> None:
@@ -116,11 +116,11 @@ def test_the_chance_of_a_trend_is_said_from_five_tests_on() -> None:
     five, four = joint(values, reaches), joint(values[:4], reaches[:4])
     (found,) = trends(five, at_speeds(five, 0.004, 0.010, 0.0045, 0.005, 0.006))
     assert found.tested == 2
-    text = spread_sentences(five, at_speeds(five, 0.004, 0.010, 0.0045, 0.005, 0.006))[0][0]
+    text = spread_sentences(five, at_speeds(five, 0.004, 0.010, 0.0045, 0.005, 0.006))[0].text
     assert "of the tests (p = " in text
     assert ", corrected for 2 conditions): stiffening" in text
-    assert "corrected" not in spread_sentences(five)[0][0]
-    assert "of the tests (4 tests: a hint): stiffening" in spread_sentences(four)[0][0]
+    assert "corrected" not in spread_sentences(five)[0].text
+    assert "of the tests (4 tests: a hint): stiffening" in spread_sentences(four)[0].text
 
 
 @pytest.mark.parametrize("speeds", [(0.002, 0.004, 0.006), (0.006, 0.003, 0.002)])
@@ -129,10 +129,12 @@ def test_no_cause_is_named_where_amplitude_and_speed_vary_together(speeds: tuple
     records = at_speeds(made, *speeds)
     (found,) = trends(made, records)
     assert len(found.along) == 1
-    ((text, _),) = spread_sentences(made, records)
-    assert f"Their {found.along[0]} varies with it, so these tests do not show which of them is the cause." in text
-    assert "softening" not in text
-    assert "rate dependence" not in text
+    (remark,) = spread_sentences(made, records)
+    assert (
+        f"Their {found.along[0]} varies with it, so these tests do not show which of them is the cause." in remark.text
+    )
+    assert "softening" not in remark.text
+    assert "rate dependence" not in remark.text
 
 
 @pytest.mark.parametrize(
@@ -148,7 +150,7 @@ def test_no_cause_is_named_where_amplitude_and_speed_vary_together(speeds: tuple
 def test_no_trend_where_there_is_none(values: tuple[float, ...], amplitudes: tuple[float, ...], chance: float) -> None:
     made = joint(np.array(values), np.array(amplitudes), chance=chance)
     assert not trends(made)
-    text = spread_sentences(made)[0][0]
+    text = spread_sentences(made)[0].text
     assert RISES not in text
     assert FALLS not in text
 

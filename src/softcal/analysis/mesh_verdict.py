@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
-
 from softcal.analysis.mesh_study import LIMIT, Finer, MeshStudy
 from softcal.calibration.results.digits import shown, with_unit
-from softcal.calibration.statistics.estimate import Estimate
+from softcal.calibration.statistics.estimate import Estimate, Remark, Tone
 from softcal.units import format_quantity, readable_unit
 
-Tone = Literal["good", "note", "warning"]
 _COUNTS = "by noise"
 # Shifts in standard errors: hidden by noise up to the first, a warning from the second on.
 HIDDEN, DECIDES = 1.0, 3.0
@@ -18,23 +14,15 @@ HIDDEN, DECIDES = 1.0, 3.0
 _NEAR, _FAR = 1e-3, 0.3
 
 
-@dataclass(frozen=True)
-class MeshVerdict:
-    """A sentence and its tone."""
-
-    text: str
-    tone: Tone
-
-
-def mesh_verdicts(study: MeshStudy) -> tuple[MeshVerdict, ...]:
+def mesh_verdicts(study: MeshStudy) -> tuple[Remark, ...]:
     """One sentence per robot parameter, and advice if a refinement is needed."""
     best = study.best
     if best is None:
         why = " ".join(f"{one.name}: {one.failure}" for one in study.finer)
-        return (MeshVerdict(f"The influence of the mesh is unknown: no finer mesh was simulated. {why}", "warning"),)
+        return (Remark(f"The influence of the mesh is unknown: no finer mesh was simulated. {why}", "warning"),)
     found = [_verdict(label, study, best) for label in study.of_robot]
     if not found:
-        found = [MeshVerdict("No parameter of the robot was free, so none is biased by the mesh.", "note")]
+        found = [Remark("No parameter of the robot was free, so none is biased by the mesh.", "note")]
     if any(one.tone == "warning" for one in found):
         remedies: list[str] = []
         if any(element != study.element for element in study.elements):
@@ -44,7 +32,7 @@ def mesh_verdicts(study: MeshStudy) -> tuple[MeshVerdict, ...]:
         if study.size.rod_elements:
             remedies.append("more elements along the rods")
         text = f"This error exceeds the noise: use {' or '.join(remedies)}, and calibrate again."
-        found.append(MeshVerdict(text, "warning"))
+        found.append(Remark(text, "warning"))
     return tuple(found)
 
 
@@ -78,18 +66,18 @@ def reference_text(study: MeshStudy) -> str:
     return "at zero element size (extrapolated)" if best.name == LIMIT else f"with {best.what}"
 
 
-def _verdict(label: str, study: MeshStudy, best: Finer) -> MeshVerdict:
+def _verdict(label: str, study: MeshStudy, best: Finer) -> Remark:
     estimate, value = study.parameters[label], best.values[label]
     unit = readable_unit(estimate.value, estimate.unit)
     here, there = (with_unit(estimate, shown(estimate, v)) for v in (estimate.value, value))
     errors = shift_in_errors(estimate, value)
     if estimate.at_bound and abs(value - estimate.value) <= _NEAR * (estimate.upper - estimate.lower):
         text = f"{label} is at a bound, {here}, and is expected there on a finer mesh too."
-        return MeshVerdict(text, "note")
+        return Remark(text, "note")
     side = "low" if value > estimate.value else "high"
     change = abs(value - estimate.value)
     if change == 0.0:
-        return MeshVerdict(f"The mesh does not shift {label}.", "good")
+        return Remark(f"The mesh does not shift {label}.", "good")
     if estimate.unit == "1" or value == 0.0:
         by = format_quantity(change, estimate.unit, unit, digits=2)
     else:
@@ -97,7 +85,7 @@ def _verdict(label: str, study: MeshStudy, best: Finer) -> MeshVerdict:
     least = " or more" if label in best.at_bound and not estimate.at_bound else ""
     if errors is not None and abs(errors) <= HIDDEN:
         hidden = f"{times_text(errors)} times its standard error {_COUNTS}."
-        return MeshVerdict(f"The mesh makes {label} too {side} by {by}{least}, {hidden}", "good")
+        return Remark(f"The mesh makes {label} too {side} by {by}{least}, {hidden}", "good")
     text = f"The mesh makes {label} too {side} by {by}{least}: {here}, where {there} is expected"
     text += f" {reference_text(study)}."
     if label in best.at_bound:
@@ -105,7 +93,7 @@ def _verdict(label: str, study: MeshStudy, best: Finer) -> MeshVerdict:
     if estimate.unit == "1" and change > _FAR * (estimate.upper - estimate.lower):
         text += " This is beyond the validity of local derivatives: only the direction is reliable."
     if errors is None:
-        return MeshVerdict(f"{text} It has no standard error to compare with.", "note")
+        return Remark(f"{text} It has no standard error to compare with.", "note")
     size = abs(errors)
     tone: Tone = "warning" if size > DECIDES else "note"
-    return MeshVerdict(f"{text} That is {times_text(size)} times its standard error {_COUNTS}.", tone)
+    return Remark(f"{text} That is {times_text(size)} times its standard error {_COUNTS}.", tone)

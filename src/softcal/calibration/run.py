@@ -18,7 +18,7 @@ from softcal.calibration.search.outcome import conclude
 from softcal.calibration.search.search import Found, Observer, Search, searched
 from softcal.calibration.search.settings import SearchSettings
 from softcal.calibration.search.shared_search import Sharing, require_shareable, searched_together
-from softcal.calibration.statistics.estimate import Note
+from softcal.calibration.statistics.estimate import Remark
 from softcal.calibration.statistics.mesh_error import with_mesh_error
 from softcal.declare import checked_arguments
 from softcal.executors.chosen import Workers
@@ -133,7 +133,7 @@ def _concluded(problem: Problem, found: Found, *, mesh_error: bool) -> Calibrati
     seen = with_mesh_error(problem, found.best)
     account = replace(account, n_solves=account.n_solves + seen.n_solves)
     result = conclusion(seen.best, found.trials, account, uncertain=seen.uncertain, converged=account.converged)
-    return replace(result, notes=(*result.notes, *([Note(seen.unknown)] if seen.unknown else [])))
+    return replace(result, notes=(*result.notes, *([Remark(seen.unknown)] if seen.unknown else [])))
 
 
 def calibrate_each(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from softcal.cli.printing import echo, print_table
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from softcal.calibration.results.result import CalibrationResult, ExperimentFit
-    from softcal.calibration.statistics.estimate import Estimate, Note
+    from softcal.calibration.statistics.estimate import Estimate, Remark
     from softcal.experiments.dataset import Dataset
     from softcal.twin.response import Response
 
@@ -54,11 +54,15 @@ def print_results(
     if others:
         echo(f"{len(others)} more calibrations, of smaller losses, are in the report.")
     label = first_label(results)
-    remarks = list(_remarks(results, judged(results, label), data or {}, records, solved or {}))
-    for remark in remarks:
-        if verbose or remark.decides:
-            echo(f"{'Warning: ' * remark.is_warning}{remark.text}", err=remark.is_warning)
-    if more := 0 if verbose else sum(not remark.decides for remark in remarks):
+    shown = judged(results, label)
+    more = 0
+    for remark in _remarks(results, shown, data or {}, records, solved or {}):
+        warns = remark.tone == "warning"
+        if verbose or (warns and remark.about in shown):
+            echo(f"{'Warning: ' * warns}{remark.text}", err=warns)
+        else:
+            more += 1
+    if more:
         echo(f"{more} more remark{'s' * (more > 1)}: --verbose, or the report.")
     doubts = solved[label].doubts if solved and label in solved else ""
     lead = f"the solved shapes are in doubt ({doubts}); " if doubts else ""
@@ -66,24 +70,17 @@ def print_results(
         echo(text)
 
 
-@dataclass(frozen=True)
-class _Remark:
-    """A sentence on the calibrations; decides: it is a warning on the answer, and always printed."""
-
-    text: str
-    is_warning: bool = False
-    decides: bool = False
-
-
-def _warnings(texts: Iterable[tuple[bool, str]]) -> Iterator[_Remark]:
-    """Warnings of one kind, each with whether it decides; of many the first."""
+def _warnings(shown: Container[str], texts: Iterable[tuple[str, str]]) -> Iterator[Remark]:
+    """Warnings of one kind, (label of what it is about, text), first those on what is shown; of many the first."""
+    from softcal.calibration.statistics.estimate import Remark
     from softcal.report.format import MANY
 
     every = list(texts)
-    for decides in (True, False):
-        own = [text for on_answer, text in every if on_answer == decides]
-        more = [f"{len(own) - MANY} more such warnings are in the report."] * (len(own) > MANY)
-        yield from (_Remark(text, is_warning=True, decides=decides) for text in [*own[:MANY], *more])
+    for is_shown in (True, False):
+        own = [Remark(text, "warning", about) for about, text in every if (about in shown) == is_shown]
+        yield from own[:MANY]
+        if len(own) > MANY:
+            yield replace(own[0], text=f"{len(own) - MANY} more such warnings are in the report.")
 
 
 def _remarks(
@@ -92,8 +89,9 @@ def _remarks(
     data: Mapping[str, Dataset],
     records: Mapping[str, Dataset] | None,
     solved: Mapping[str, Response],
-) -> Iterator[_Remark]:
+) -> Iterator[Remark]:
     """All remarks on the calibrations; shown: those of the answer."""
+    from softcal.calibration.statistics.estimate import Remark
     from softcal.calibration.statistics.sensitivity import INCLUDED
     from softcal.report.agreement import agreement_sentences, residual_sentences, spread_sentences
     from softcal.report.closeness import closeness_by_experiment, misses_of
@@ -101,32 +99,40 @@ def _remarks(
     from softcal.report.format import few
 
     failed = [label for label, result in results.items() if result.converged is False]
-    yield from _warnings((True, f"{label}: {results[label].status} No intervals are given.") for label in failed)
+    answer = next(iter(shown))  # which a search that did not converge concerns, whichever it is
     yield from _warnings(
-        (label in shown, text if text.startswith(f"{label}: ") else f"{label}, {text}")
-        for label, result in results.items()
-        for text, tone in closeness_by_experiment(misses_of(data, result))
-        if tone == "warning"
+        shown, ((answer, f"{label}: {results[label].status} No intervals are given.") for label in failed)
     )
-    yield from (_Remark(text) for text, _ in agreement_sentences(results))
+    yield from _warnings(
+        shown,
+        (
+            (label, _of(label, remark.text))
+            for label, result in results.items()
+            for remark in closeness_by_experiment(misses_of(data, result))
+            if remark.tone == "warning"
+        ),
+    )
+    yield from (replace(remark, tone="note") for remark in agreement_sentences(results))
     for label, result in shown.items():
-        for text, warns in (*spread_sentences(result, records), *residual_sentences(result)):
-            yield _Remark(f"{label}: {text}", is_warning=warns, decides=warns)
-        for text in cycle_sentences(result):
-            yield _Remark(text if text.startswith(f"{label}: ") else f"{label}, {text}")
-    notes: dict[Note, list[str]] = {}
+        for remark in (*spread_sentences(result, records), *residual_sentences(result)):
+            yield replace(remark, text=f"{label}: {remark.text}", about=label)
+        yield from (Remark(_of(label, text)) for text in cycle_sentences(result))
+    notes: dict[Remark, list[str]] = {}
     for label, result in results.items():
         for note in result.notes:
-            if note.level == "warning" or label in shown:
+            if note.tone == "warning" or label in shown:
                 notes.setdefault(note, []).append(label)
-    warnings = {note: labels for note, labels in notes.items() if note.level == "warning"}
+    warnings = {note: labels for note, labels in notes.items() if note.tone == "warning"}
     yield from _warnings(
-        (any(label in shown for label in labels), f"{', '.join(few(labels))}: {note}")
-        for note, labels in warnings.items()
+        shown,
+        (
+            (next((label for label in labels if label in shown), labels[0]), f"{', '.join(few(labels))}: {note}")
+            for note, labels in warnings.items()
+        ),
     )
     for label, response in solved.items():
-        yield from (_Remark(f"{label}: {text}", is_warning=True, decides=True) for text in response.warnings)
-    yield from map(_Remark, _statuses(results))
+        yield from (Remark(f"{label}: {text}", "warning", label) for text in response.warnings)
+    yield from map(Remark, _statuses(results))
     coarse = [label for label, result in results.items() if label not in shown and not _includes_mesh(result)]
     for note, labels in notes.items():
         if note in warnings:
@@ -134,7 +140,12 @@ def _remarks(
         more = ""
         if note.text.startswith(INCLUDED) and coarse and any(_includes_mesh(results[label]) for label in labels):
             more = f" Those of {', '.join(few(coarse))} do not include the error of the mesh."
-        yield _Remark(f"Note ({', '.join(few(labels))}): {note}{more}")
+        yield Remark(f"Note ({', '.join(few(labels))}): {note}{more}")
+
+
+def _of(label: str, text: str) -> str:
+    """A sentence on an experiment, preceded by its calibration, which may have the same name."""
+    return text if text.startswith(f"{label}: ") else f"{label}, {text}"
 
 
 def _includes_mesh(result: CalibrationResult) -> bool:

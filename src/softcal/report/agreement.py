@@ -12,7 +12,7 @@ from softcal.analysis.agreement import Agreement, agreements
 from softcal.analysis.trend import ENOUGH, Trend, trends
 from softcal.calibration.results.digits import display_unit, half_width, interval_text, shown, value_text, with_unit
 from softcal.calibration.results.result import ExperimentFit, SearchResult
-from softcal.calibration.statistics.estimate import Estimate
+from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.calibration.statistics.random_effects import WORDS, Spread
 from softcal.calibration.statistics.residuals import SHOWN, ResidualRecord
 from softcal.experiments.dataset import Dataset
@@ -31,12 +31,17 @@ _NAMED = 20  # outliers of a channel at most
 _TINY = 1e-10  # smaller probabilities are shown as "p < 1e-10"
 
 
-def agreement_sentences(results: Mapping[str, SearchResult]) -> list[tuple[str, Agreement]]:
-    """One sentence per robot parameter that was estimated by several separate fits."""
-    found = agreements(results)
-    names = [one.name for one in found]
-    texts = (agreement_text(one, parameter_label(one.name, names)) + _jointly(one, names, results) for one in found)
-    return list(zip(texts, found, strict=True))
+def agreement_sentences(results: Mapping[str, SearchResult]) -> list[Remark]:
+    """One sentence per robot parameter that was estimated by several separate fits; a warning where they differ."""
+    every = agreements(results)
+    names = [one.name for one in every]
+    return [
+        Remark(
+            agreement_text(one, parameter_label(one.name, names)) + _jointly(one, names, results),
+            "warning" if one.differs else "note" if one.chance is None else "good",
+        )
+        for one in every
+    ]
 
 
 def _jointly(one: Agreement, names: Sequence[str], results: Mapping[str, SearchResult]) -> str:
@@ -107,16 +112,16 @@ def _in_all_intervals(one: Agreement) -> str:
     return f"; {with_unit(given, f'{shown(given, low)} to {shown(given, high)}')} lies in the 95 % intervals of all"
 
 
-def spread_sentences(result: SearchResult, records: Mapping[str, Dataset] | None = None) -> list[tuple[str, bool]]:
-    """Sentences on how the experiments of a joint fit differ, each with whether they do: one per parameter in which
-    they differ, and with what, and one for all other parameters.
+def spread_sentences(result: SearchResult, records: Mapping[str, Dataset] | None = None) -> list[Remark]:
+    """How the experiments of a joint fit differ: a warning per parameter in which they differ, and with what, and a
+    sentence on all other parameters.
 
     records: experiment -> its record with times, for the speeds.
     """
     names = list(result.spreads)
     with_what = trend_sentences(result, records)
     found = [
-        (_spread_text(result, name, parameter_label(name, names)) + with_what.get(name, ""), True)
+        Remark(_spread_text(result, name, parameter_label(name, names)) + with_what.get(name, ""), "warning")
         for name, one in result.spreads.items()
         if one.differs
     ]
@@ -130,7 +135,7 @@ def spread_sentences(result: SearchResult, records: Mapping[str, Dataset] | None
         labels = joined(parameter_label(name, names) for name in alike)
         verb = "do not differ" if len(alike) > 1 else "does not differ"
         what = f"{labels} {verb} between the {WORDS[kind]} by more than their noise explains"
-        found.append((f"{what} ({least}{more}{_holm(result)}).", False))
+        found.append(Remark(f"{what} ({least}{more}{_holm(result)}).", "good"))
     return found
 
 
@@ -201,10 +206,10 @@ def _own_values(one: Spread, mean: float, text: Callable[[float], str]) -> tuple
     return values, f" ({len(others)} others lie nearer to the mean)" if others else ""
 
 
-def residual_sentences(result: SearchResult) -> list[tuple[str, bool]]:
+def residual_sentences(result: SearchResult) -> list[Remark]:
     """Where residuals are a curve and no noise, where a usual cause is in them beyond chance, single samples that are
-    far off, steps of readings, and where neighbouring ones are alike, so that samples tell less than their number;
-    each with whether it is a misfit. Of many records, the worst are named.
+    far off, steps of readings: warnings. Where neighbouring ones are alike, so that samples tell less than their
+    number. Of many records, the worst are named.
     """
     each = [(e, c, one) for e, held in result.residuals.items() for c, one in held.items()]
 
@@ -238,7 +243,9 @@ def residual_sentences(result: SearchResult) -> list[tuple[str, bool]]:
         lambda e, c, o: f"{e}, {c}: {o.n} samples are worth about {number(max(o.effective, 1.0), 2)}",
     )
     sentences = {MISFIT: curves, MORE_THAN_NOISE: causes, OUTLIERS: far, STEPS: steps, ALIKE: alike}
-    return [(f"{lead}: {text}.", lead != ALIKE) for lead, text in sentences.items() if text]
+    return [
+        Remark(f"{lead}: {text}.", "note" if lead == ALIKE else "warning") for lead, text in sentences.items() if text
+    ]
 
 
 def _curve_text(fit: ExperimentFit, experiment: str, channel: str, one: ResidualRecord) -> str:

@@ -9,18 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from softcal.calibration.results.result import SearchResult
+from softcal.calibration.statistics.estimate import Remark, Tone
 from softcal.experiments.dataset import Dataset
 from softcal.report.format import joined, number, scale_of
 from softcal.report.format import worst as worst_ones
 from softcal.report.tables import share_of_range
 from softcal.sensing.channel import ChannelName, channel_name
 
-Tone = Literal["good", "note", "warning"]
 # RMS error over the measurement's range: close below the first share, poor above the second.
 CLOSE, POOR = 0.03, 0.10
 # An RMS error up to this many times the noise of the record counts as noise.
@@ -92,7 +91,7 @@ def _noise(data: Dataset, channel: str) -> float | None:
     return channels[channel].sigma if channel in channels and channels[channel].sigma > 0 else None
 
 
-def closeness_by_experiment(misses: Iterable[Miss]) -> Iterable[tuple[str, Tone]]:
+def closeness_by_experiment(misses: Iterable[Miss]) -> Iterable[Remark]:
     """One sentence per experiment, of many for the worst: the errors of its channels, and their rating. Then one for
     all others.
     """
@@ -104,11 +103,11 @@ def closeness_by_experiment(misses: Iterable[Miss]) -> Iterable[tuple[str, Tone]
     )
     for name, missed in first:
         word, tone = closeness(missed)
-        yield f"{name}: the twin reproduces {joined(map(miss_text, missed))}; {word}.", tone
+        yield Remark(f"{name}: the twin reproduces {joined(map(miss_text, missed))}; {word}.", tone)
     if left := [miss for _, missed in others for miss in missed]:
         word, tone = closeness(left)
         texts = filter(None, (worst_of(left, word) for word in dict.fromkeys(miss.word for miss in left)))
-        yield f"{len(others)} more: the twin reproduces {joined(texts)}; {word}.", tone
+        yield Remark(f"{len(others)} more: the twin reproduces {joined(texts)}; {word}.", tone)
 
 
 def worst(misses: Iterable[Miss], word: str) -> Miss | None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 
-from softcal.analysis.agreement import Agreement, agreements
+from softcal.analysis.agreement import agreements
 from softcal.calibration.results.result import ExperimentFit, SearchResult
 from softcal.calibration.search.outcome import beyond_text, saturated_note
-from softcal.calibration.statistics.estimate import Estimate
+from softcal.calibration.statistics.estimate import Estimate, Remark, Tone
 from softcal.report.agreement import (
     agreement_sentences,
     chance_text,
@@ -17,7 +17,7 @@ from softcal.report.agreement import (
     size_text,
     spread_sentences,
 )
-from softcal.report.closeness import Tone, closeness_by_experiment, misses_of
+from softcal.report.closeness import closeness_by_experiment, misses_of
 from softcal.report.comparison import improvements
 from softcal.report.content import ReportContent
 from softcal.report.cycles import cycle_sentences
@@ -45,16 +45,9 @@ from softcal.units import AS_WRITTEN, format_quantity
 _IDENTIFIED = 0.25
 # From this share on the interval covers the whole allowed range.
 _ALL = 0.999
+_ENDED = "How the search ended: "
 # Without a standard error: below this importance a parameter hardly affects the loss.
 _UNIMPORTANT = 0.10
-
-
-@dataclass(frozen=True)
-class Sentence:
-    """One conclusion; tone: good, note or warning."""
-
-    text: str
-    tone: Tone
 
 
 def first_screen(content: ReportContent) -> FirstScreen:
@@ -93,24 +86,20 @@ def verdict(content: ReportContent) -> Verdict:
     return Verdict(tuple(doubt.text for doubt in doubts), tuple(three_sentences(of)), tone)
 
 
-def conclusions(content: ReportContent) -> list[Sentence]:
+def conclusions(content: ReportContent) -> list[Remark]:
     """All conclusions on the judged results and on the agreement of separate fits; warnings first."""
     results = content.judged
     found = [
         *_unconverged(results),
         *_saturated(results),
-        *(Sentence(text, _agreement_tone(one)) for text, one in agreement_sentences(content.results)),
-        *_spreads(content),
-        *(sentence for result in results.values() for sentence in _residuals(content, result)),
-        *(
-            Sentence(_of(label, results, text), "warning" if misfits else "note")
-            for label, one in results.items()
-            for text, misfits in residual_sentences(one)
-        ),
-        *(Sentence(_of(label, results, t), "note") for label, r in results.items() if (t := left_out_sentence(r))),
+        *agreement_sentences(content.results),
+        *_each(results, lambda result: spread_sentences(result, content.recorded)),
+        *(remark for result in results.values() for remark in _closeness(content, result)),
+        *_each(results, residual_sentences),
+        *_each(results, lambda result: _said(left_out_sentence(result))),
         *_records(content),
-        *(Sentence(_of(label, results, text), "note") for label, r in results.items() for text in cycle_sentences(r)),
-        *_positions(results),
+        *_each(results, lambda result: map(Remark, cycle_sentences(result))),
+        *_each(results, lambda result: (*_said(fit_sentence(result)), *filter(None, [prediction_sentence(result)]))),
         *_gain(content),
         *_few(_bounds(results), "parameters are at a bound"),
         *_few(_identified(results), "parameters are in the table"),
@@ -119,24 +108,20 @@ def conclusions(content: ReportContent) -> list[Sentence]:
         *_failures(content),
         *_unmeasured_pitch(results),
         *_notes(results),
-        *(
-            Sentence(_of(label, results, f"How the search ended: {_sentence(result.status)}"), "note")
-            for label, result in results.items()
-            if not result.missed_minimum
-        ),
+        *_each(results, lambda result: _said("" if result.missed_minimum else f"{_ENDED}{_sentence(result.status)}")),
     ]
     return sorted(found, key=lambda sentence: ("warning", "good", "note").index(sentence.tone))
 
 
-def _few(sentences: Iterable[Sentence], what: str) -> Iterable[Sentence]:
+def _few(sentences: Iterable[Remark], what: str) -> Iterable[Remark]:
     """The sentences of one tone after another, of many the first and one that says how many more there are."""
-    by_tone: dict[Tone, list[Sentence]] = {}
+    by_tone: dict[Tone, list[Remark]] = {}
     for one in sentences:
         by_tone.setdefault(one.tone, []).append(one)
     for tone, held in by_tone.items():
         yield from held[:MANY]
         if len(held) > MANY:
-            yield Sentence(f"{len(held) - MANY} more {what}.", tone)
+            yield Remark(f"{len(held) - MANY} more {what}.", tone)
 
 
 def _of(label: str, results: Mapping[str, SearchResult], text: str) -> str:
@@ -144,20 +129,31 @@ def _of(label: str, results: Mapping[str, SearchResult], text: str) -> str:
     return f"{result_label(label)}: {text}" if len(results) > 1 else text
 
 
-def _unconverged(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
+def _each(results: Mapping[str, SearchResult], make: Callable[[SearchResult], Iterable[Remark]]) -> Iterable[Remark]:
+    """What is made of each result, preceded by the label of its calibration if there are several."""
+    for label, result in results.items():
+        for remark in make(result):
+            yield replace(remark, text=_of(label, results, remark.text))
+
+
+def _said(text: str) -> list[Remark]:
+    return [Remark(text)] if text else []
+
+
+def _unconverged(results: Mapping[str, SearchResult]) -> Iterable[Remark]:
     for label, result in results.items():
         if result.missed_minimum:
             text = f"The search did not converge, so the values do not minimise the loss: {_sentence(result.status)}"
-            yield Sentence(_of(label, results, text), "warning")
+            yield Remark(_of(label, results, text), "warning")
 
 
-def _saturated(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
+def _saturated(results: Mapping[str, SearchResult]) -> Iterable[Remark]:
     for label, result in results.items():
         if result.is_saturated:
-            yield Sentence(_of(label, results, saturated_note(result).text), "warning")
+            yield Remark(_of(label, results, saturated_note(result).text), "warning")
 
 
-def _differences(content: ReportContent) -> Iterable[Sentence]:
+def _differences(content: ReportContent) -> Iterable[Remark]:
     """Significant differences between separate fits, short enough for the summary."""
     found = [one for one in agreements(content.results) if one.differs]
     names = [one.name for one in found]
@@ -166,44 +162,20 @@ def _differences(content: ReportContent) -> Iterable[Sentence]:
             f"{parameter_label(one.name, names)} differs between the separate fits by {size_text(one)} "
             f"({range_text(one)}), more than their noise explains ({chance_text(one)})."
         )
-        yield Sentence(text, "warning")
+        yield Remark(text, "warning")
 
 
-def _agreement_tone(one: Agreement) -> Tone:
-    return "warning" if one.differs else "note" if one.chance is None else "good"
+def _closeness(content: ReportContent, result: SearchResult) -> Iterable[Remark]:
+    return () if result.is_saturated else closeness_by_experiment(misses_of(content.samples, result))
 
 
-def _spreads(content: ReportContent) -> Iterable[Sentence]:
-    """How the experiments of a joint fit differ."""
-    for label, result in content.judged.items():
-        for text, differs in spread_sentences(result, content.recorded):
-            yield Sentence(_of(label, content.judged, text), "warning" if differs else "good")
-
-
-def _residuals(content: ReportContent, result: SearchResult) -> Iterable[Sentence]:
-    if result.is_saturated:
-        return
-    for text, tone in closeness_by_experiment(misses_of(content.samples, result)):
-        yield Sentence(text, tone)
-
-
-def _records(content: ReportContent) -> Iterable[Sentence]:
+def _records(content: ReportContent) -> Iterable[Remark]:
     for label in content.judged:
         if text := record_sentence(content, label):
-            yield Sentence(_of(label, content.judged, text), "note")
+            yield Remark(_of(label, content.judged, text), "note")
 
 
-def _positions(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
-    for label, result in results.items():
-        if text := fit_sentence(result):
-            yield Sentence(_of(label, results, text), "note")
-        text, carries_over = prediction_sentence(result)
-        if text:
-            tone: Tone = "note" if carries_over is None else "good" if carries_over else "warning"
-            yield Sentence(_of(label, results, text), tone)
-
-
-def _gain(content: ReportContent) -> Iterable[Sentence]:
+def _gain(content: ReportContent) -> Iterable[Remark]:
     """Improvement over the nominal values: over all sections, and the least and greatest of a section."""
     gains = [gain for gain in improvements(content) if gain.reduction is not None]
     if not gains or content.headline_result.is_saturated:
@@ -216,10 +188,10 @@ def _gain(content: ReportContent) -> Iterable[Sentence]:
     if len(others) > 1:
         low, high = (pick(gain.reduction or 0.0 for gain in others) for pick in (min, max))
         text += f"; the errors of single sections are reduced by {number(low, 2)} to {number(high, 2)} %"
-    yield Sentence(f"{text}.", "good" if fell else "warning")
+    yield Remark(f"{text}.", "good" if fell else "warning")
 
 
-def _bounds(results: Mapping[str, SearchResult], *, held: bool = False) -> Iterable[Sentence]:
+def _bounds(results: Mapping[str, SearchResult], *, held: bool = False) -> Iterable[Remark]:
     """Parameters at a bound, and why; held: only those whose optimum lies beyond the bound."""
     found = [(label, *pair) for label, one in results.items() for pair in one.parameters.items() if pair[1].at_bound]
     if held:
@@ -230,9 +202,9 @@ def _bounds(results: Mapping[str, SearchResult], *, held: bool = False) -> Itera
         name = parameter_label(name, results[label].parameters)
         at = f"{'upper' if upper else 'lower'} bound of {bound}"
         text = f"{name} is at its {at}: {_why_at_bound(estimate)}"
-        yield Sentence(_of(label, results, text), "warning")
+        yield Remark(_of(label, results, text), "warning")
     if not found and not held:
-        yield Sentence("No parameter is at a bound.", "good")
+        yield Remark("No parameter is at a bound.", "good")
 
 
 def _why_at_bound(estimate: Estimate) -> str:
@@ -247,7 +219,7 @@ def _why_at_bound(estimate: Estimate) -> str:
     return f"the data hardly determine it; its 95 % interval covers {_percent(share)} of the allowed range."
 
 
-def _identified(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
+def _identified(results: Mapping[str, SearchResult]) -> Iterable[Remark]:
     sure: list[str] = []
     for of, result in results.items():
         for name, estimate in result.parameters.items():
@@ -263,15 +235,15 @@ def _identified(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
                 sure.append(f"{label}{own}: {_percent(share)}")
             elif share is not None:
                 text = f"{label} is not identified by these data: its 95 % interval covers {_percent(share)} of the "
-                yield Sentence(_of(of, results, f"{text}allowed range."), "warning")
+                yield Remark(_of(of, results, f"{text}allowed range."), "warning")
             elif (part := result.importance.get(name)) is not None and part < _UNIMPORTANT and _by_trials(result):
                 text = (
                     f"{label} explains {number(100 * part, 2)} % of the loss's variation over the search; this does "
                     "not measure how well it is determined."
                 )
-                yield Sentence(_of(of, results, text), "note")
+                yield Remark(_of(of, results, text), "note")
     if sure:
-        yield Sentence(f"Identified, with the 95 % interval's share of the allowed range: {'; '.join(sure)}.", "good")
+        yield Remark(f"Identified, with the 95 % interval's share of the allowed range: {'; '.join(sure)}.", "good")
 
 
 def _by_trials(result: SearchResult) -> bool:
@@ -282,32 +254,32 @@ def _percent(share: float) -> str:
     return "all" if share >= _ALL else f"{number(100 * share, 2)} %"
 
 
-def _failures(content: ReportContent) -> Iterable[Sentence]:
+def _failures(content: ReportContent) -> Iterable[Remark]:
     n_trials = sum(len(result.trials) for result in content.results.values())
     n_failed = sum(result.n_failed_trials for result in content.results.values())
     if n_trials and not n_failed:
-        yield Sentence(f"All {n_trials} trials were simulated; none failed.", "good")
+        yield Remark(f"All {n_trials} trials were simulated; none failed.", "good")
     elif n_trials:
         groups = [group for result in content.results.values() for group in grouped_failures(result)]
         most = f" Most often: {_sentence(max(groups, key=lambda group: group[1])[0])}" if groups else ""
         tone: Tone = "note" if n_failed <= 0.05 * n_trials else "warning"
-        yield Sentence(f"{n_failed} of {n_trials} trials could not be simulated.{most}", tone)
+        yield Remark(f"{n_failed} of {n_trials} trials could not be simulated.{most}", tone)
 
 
-def _unmeasured_pitch(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
+def _unmeasured_pitch(results: Mapping[str, SearchResult]) -> Iterable[Remark]:
     fits = {name: fit for result in results.values() for name, fit in result.experiments.items()}
     silent = [name for name, fit in fits.items() if fit.rmse and not _sees_shape(fit)]
     if silent:
         where = joined(silent)
         text = f"Neither angles nor positions were compared in {where}; the fit uses cable force and travel only."
-        yield Sentence(text, "note")
+        yield Remark(text, "note")
 
 
 def _sees_shape(fit: ExperimentFit) -> bool:
     return not all(channel_name(channel).kind.drives for channel in fit.rmse)
 
 
-def _plausible(content: ReportContent) -> Iterable[Sentence]:
+def _plausible(content: ReportContent) -> Iterable[Remark]:
     if content.print_infill is None:
         return
     least, most = content.print_infill.effective_modulus
@@ -320,31 +292,31 @@ def _plausible(content: ReportContent) -> Iterable[Sentence]:
             f"E is {'inside' if inside else 'outside'} the range that is plausible for the print's infill, "
             f"{number(least / 1e6)} to {number(most / 1e6)} MPa ({100 * content.print_infill.infill:.3g} % infill)."
         )
-        yield Sentence(_of(label, content.judged, text), "good" if inside else "warning")
+        yield Remark(_of(label, content.judged, text), "good" if inside else "warning")
 
 
-def _stability(content: ReportContent) -> Iterable[Sentence]:
+def _stability(content: ReportContent) -> Iterable[Remark]:
     if content.twin is not None and content.twin.instabilities:
         text = f"In the test with the largest drive: {content.twin.instabilities} Expect the same on the bench."
-        yield Sentence(text, "warning")
+        yield Remark(text, "warning")
     if content.twin is not None and content.twin.crossings:
-        yield Sentence(f"In the test with the largest drive, {content.twin.crossings}", "warning")
+        yield Remark(f"In the test with the largest drive, {content.twin.crossings}", "warning")
     if content.twin is not None and content.twin.drawn_out:
-        yield Sentence(f"In the test with the largest drive: {content.twin.drawn_out}", "warning")
+        yield Remark(f"In the test with the largest drive: {content.twin.drawn_out}", "warning")
     if content.twin is not None and content.twin.remarks:
-        yield Sentence(f"In the test with the largest drive: {content.twin.remarks}", "warning")
+        yield Remark(f"In the test with the largest drive: {content.twin.remarks}", "warning")
 
 
-def _notes(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
+def _notes(results: Mapping[str, SearchResult]) -> Iterable[Remark]:
     """What the calibrations note of themselves, once, with the labels of those that do where not all do."""
     found: dict[str, list[str]] = {}
     for label, result in results.items():
         for note in result.notes:
-            if note.level == "note":  # each warning is a sentence of its own
+            if note.tone == "note":  # each warning is a sentence of its own
                 found.setdefault(note.text, []).append(result_label(label))
     for note, labels in found.items():
         of = "" if len(labels) == len(results) else f"{joined(few(labels))}: "
-        yield Sentence(f"{of}{_sentence(note)}", "note")
+        yield Remark(f"{of}{_sentence(note)}", "note")
 
 
 def _sentence(text: str) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from softcal.calibration.results.result import Distance, ExperimentFit, SearchResult
+from softcal.calibration.statistics.estimate import Remark, Tone
 from softcal.report.content import ReportContent
 from softcal.report.format import joined, number, result_label
 from softcal.report.headline import headline
@@ -90,27 +91,25 @@ def fit_sentence(result: SearchResult) -> str:
     return f"The twin reproduces the markers to {fitted_distance(result)}; the largest distance is {largest}."
 
 
-def prediction_sentence(result: SearchResult) -> tuple[str, bool | None]:
-    """Prediction errors of held-out experiments, and whether the fit generalises (None: in part); "" without any."""
+def prediction_sentence(result: SearchResult) -> Remark | None:
+    """Prediction errors of held-out experiments; its tone says whether the fit generalises, "note": in part."""
     held = [place for place in places(result) if place.held_out]
     ahead, fitted = pooled(held), pooled(place for place in places(result) if not place.held_out)
     if ahead is None:
-        return _channels_sentence(result), None
+        text = _channels_sentence(result)
+        return Remark(text) if text else None
     each = joined(f"{place.experiment} to {_own(place)}" for place in held)
     text = f"Held out of the fit and predicted: {each}"
     if fitted is None or fitted.rms <= 0:
-        return f"{text}.", None
+        return Remark(f"{text}.")
     ratio = ahead.rms / fitted.rms
-    return f"{text}; {number(ratio, 2)} times the distance in the fitted tests.", _judged(ratio)
+    tone: Tone = "good" if ratio <= _CARRIES_OVER else "warning" if ratio > _DOUBTFUL else "note"
+    return Remark(f"{text}; {number(ratio, 2)} times the distance in the fitted tests.", tone)
 
 
 def _own(place: Place) -> str:
     distance = place.fit.distance
     return "" if distance is None else distance_text(distance, place.fit.length)
-
-
-def _judged(ratio: float) -> bool | None:
-    return True if ratio <= _CARRIES_OVER else False if ratio > _DOUBTFUL else None
 
 
 def _channels_sentence(result: SearchResult) -> str:

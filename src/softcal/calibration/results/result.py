@@ -13,7 +13,7 @@ from pydantic import AfterValidator
 
 from softcal.calibration.results.digits import ESTIMATE, estimate_cells
 from softcal.calibration.results.stored import IN_TABLE, PERHAPS_IN_TABLE, Amount, Count, Schema
-from softcal.calibration.statistics.estimate import Estimate, Note
+from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.calibration.statistics.left_out import LeftOut
 from softcal.calibration.statistics.random_effects import Spread
 from softcal.calibration.statistics.residuals import ResidualRecord
@@ -254,7 +254,7 @@ class SearchResult(Schema, ABC):
     n_failed_trials: Count
     hashes: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
-    notes: tuple[Note, ...] = ()
+    notes: tuple[Remark, ...] = ()
     extra: Annotated[Mapping[str, str | int | float | list[str]], AfterValidator(_of_its_kind)] = field(
         default_factory=dict
     )
@@ -344,6 +344,6 @@ def result_html(result: SearchResult) -> str:
     told = f"loss ({result.loss_name}) {result.loss:.5g}, {result.method}, {len(result.trials)} trials"
     failed = f", {result.n_failed_trials} of them failed" if result.n_failed_trials else ""
     parts = [heading(told + failed), html_table(["parameter", *ESTIMATE], rows)]
-    parts += [paragraph(result.status), *(paragraph(f"{note.level.capitalize()}: {note}") for note in result.notes)]
+    parts += [paragraph(result.status), *(paragraph(f"{note.tone.capitalize()}: {note}") for note in result.notes)]
     parts += [picture(png, "loss and fit") for png in pictures_of(result)]
     return "".join(parts)

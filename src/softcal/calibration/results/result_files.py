@@ -51,7 +51,7 @@ def result_json(result: SearchResult) -> dict[str, Any]:
     }
     if "axes" in document:
         document["extra"]["axes"] = document.pop("axes")
-    document["warnings"] = [note["text"] for note in document["notes"] if note["level"] == "warning"]
+    document["warnings"] = [note["text"] for note in document["notes"] if note["tone"] == "warning"]
     document["notes"] = [note["text"] for note in document["notes"]]
     return {key: value for key, value in document.items() if value or key not in _ONLY_WHERE_ANY}
 

@@ -84,7 +84,7 @@ def _record(document: dict[str, Any]) -> type[CalibrationResult | SweepResult]:
                 entry["fit"] = {**entry}
     notes, warnings = document.get("notes"), document.get("warnings", [])
     if isinstance(notes, list) and isinstance(warnings, list):
-        document["notes"] = [{"text": text, "level": "warning" if text in warnings else "note"} for text in notes]
+        document["notes"] = [{"text": text, "tone": "warning" if text in warnings else "note"} for text in notes]
     extra = document.get("extra")
     if not isinstance(extra, dict):
         return CalibrationResult

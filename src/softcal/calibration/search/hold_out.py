@@ -19,7 +19,7 @@ from softcal.calibration.results.fit import experiment_fit
 from softcal.calibration.results.result import HeldOut
 from softcal.calibration.search.descent import Descent
 from softcal.calibration.statistics.band import half_width, noise_of
-from softcal.calibration.statistics.estimate import Note
+from softcal.calibration.statistics.estimate import Remark
 from softcal.calibration.statistics.estimator import Estimator, estimator
 from softcal.calibration.statistics.noise import Noise
 from softcal.checks import Floats
@@ -59,28 +59,28 @@ def fitted_part(problem: Problem, hold_out: Sequence[str]) -> Problem:
 
 def predicted(
     problem: Problem, theta: Mapping[str, float], hold_out: Sequence[str], fitted: Evaluation
-) -> tuple[dict[str, HeldOut], tuple[Note, ...]]:
+) -> tuple[dict[str, HeldOut], tuple[Remark, ...]]:
     """The twin's prediction at theta of each experiment of `hold_out`, and remarks on those that failed.
 
     fitted: the evaluation of the others, from whose residuals the predictions have their bands.
     """
     bands = _Bands.of(fitted_part(problem, hold_out), fitted)
     found: dict[str, HeldOut] = {}
-    notes: list[Note] = []
+    notes: list[Remark] = []
     for experiment in problem.experiments:
         if experiment.name not in hold_out:
             continue
         evaluation, own, unsettled = _predict(problem, theta, experiment, with_slopes=bands is not None)
         if evaluation is None or evaluation.loss is None:
             reason = "" if evaluation is None else evaluation.failure
-            notes.append(Note(f"{experiment.name} was held out and cannot be predicted: {reason}"))
+            notes.append(Remark(f"{experiment.name} was held out and cannot be predicted: {reason}"))
             continue
         if unsettled:
             labels = ", ".join(p.label for p in own)
             text = (
                 f"{experiment.name} was held out. The fit of its own parameters ({labels}), needed for its prediction"
             )
-            notes.append(Note(f"{text}, did not converge: {unsettled}"))
+            notes.append(Remark(f"{text}, did not converge: {unsettled}"))
         widths = {} if bands is None else bands.of_prediction(problem.alone(experiment.name), evaluation)
         fit = experiment_fit(experiment, evaluation.observations[experiment.name], widths)
         values = {p.label: evaluation.theta[p.label] for p in own}

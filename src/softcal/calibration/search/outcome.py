@@ -17,7 +17,7 @@ from softcal.calibration.problem.uncertain import UncertainParameter
 from softcal.calibration.results.fit import experiment_fit, missing_rows
 from softcal.calibration.results.result import SearchResult, Trial
 from softcal.calibration.search.optimiser import OPTIMISERS
-from softcal.calibration.statistics.estimate import Estimate, Note
+from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.calibration.statistics.fanova import fanova_importance
 from softcal.calibration.statistics.loss_profile import loss_profiles
 from softcal.calibration.statistics.misfit import misfits
@@ -102,9 +102,9 @@ def conclude(
         considered = problem.uncertain if uncertain is None else uncertain
         local = local_statistics(space, problem.loss, best.theta, best.blocks, considered)
     else:
-        local = Statistics(dict.fromkeys(space.labels), {}, (Note(NO_DERIVATIVES),))
+        local = Statistics(dict.fromkeys(space.labels), {}, (Remark(NO_DERIVATIVES),))
     if account.converged is False:
-        local = Statistics(dict.fromkeys(space.labels), local.importance, (Note(NOT_A_MINIMUM),))
+        local = Statistics(dict.fromkeys(space.labels), local.importance, (Remark(NOT_A_MINIMUM),))
     if kind == "fanova":
         local = _of_all_trials(local, problem, best, trials, account.seed)
     parameters = local.estimates(space, best.theta)
@@ -178,7 +178,7 @@ def _of_all_trials(
 ) -> Statistics:
     """Statistics at the best of many trials: how far it is from the minimum, and the importances over all of them."""
     if max(_steps(best.theta, local).values(), default=0.0) > _FAR:
-        local = Statistics(dict.fromkeys(problem.space.labels), {}, (Note(TOO_FAR),))
+        local = Statistics(dict.fromkeys(problem.space.labels), {}, (Remark(TOO_FAR),))
     notes = [*local.notes, *_away(problem, best.theta, local)]
     completed = [(dict(trial.theta), trial.loss) for trial in trials if trial.loss is not None]
     importance: Mapping[str, float] = {}
@@ -186,7 +186,7 @@ def _of_all_trials(
         importance = fanova_importance(problem.space, completed, seed)
     except KeyboardInterrupt:
         # It takes long after a thousand trials, and the estimates are already found: only the importances are missing.
-        notes.append(Note("The importances are missing: their computation was stopped by the user."))
+        notes.append(Remark("The importances are missing: their computation was stopped by the user."))
     return replace(local, importance=importance, notes=tuple(notes))
 
 
@@ -196,7 +196,7 @@ def _steps(theta: Mapping[str, float], local: Statistics) -> dict[str, float]:
     return {name: abs(local.minimum[name] - theta[name]) / error for name, error in errors.items()}
 
 
-def _away(problem: Problem, theta: Mapping[str, float], local: Statistics) -> list[Note]:
+def _away(problem: Problem, theta: Mapping[str, float], local: Statistics) -> list[Remark]:
     """A note where the minimum of the loss is not at the best trial."""
     steps = _steps(theta, local)
     if not any(step > _AWAY for step in steps.values()):
@@ -204,7 +204,7 @@ def _away(problem: Problem, theta: Mapping[str, float], local: Statistics) -> li
     units = {p.label: p.unit for p in problem.space.parameters}
     places = [f"{name} = {format_quantity(local.minimum[name], units[name], digits=4)}" for name in steps]
     return [
-        Note(
+        Remark(
             f"The best trial is not at the minimum of the loss but up to {plain(max(steps.values()), 2)} standard "
             f"errors from it; by the derivatives there the minimum is at {', '.join(places)}. The intervals are those "
             "of the minimum, and include the best trial. The method least-squares finds the minimum."
@@ -214,38 +214,38 @@ def _away(problem: Problem, theta: Mapping[str, float], local: Statistics) -> li
 
 def _notes(
     problem: Problem, parameters: Mapping[str, Estimate], trials: tuple[Trial, ...], n_failed: int
-) -> list[Note]:
+) -> list[Remark]:
     notes = [bound_note(name, estimate) for name, estimate in parameters.items() if estimate.at_bound]
     if problem.left_out:
-        notes.append(Note(problem.left_out, "warning"))
+        notes.append(Remark(problem.left_out, "warning"))
     for experiment in problem.experiments:
         rows = missing_rows(experiment)
         if rows:
             labels = experiment.dataset.labels or [str(i + 1) for i in range(experiment.dataset.n_samples)]
             named = "; ".join(f"{name} in {_states([labels[i] for i in held])}" for name, held in rows.items())
             n_samples = experiment.dataset.n_samples
-            notes.append(Note(f"{experiment.name} ({n_samples} states): not measured, and so not compared: {named}."))
+            notes.append(Remark(f"{experiment.name} ({n_samples} states): not measured, and so not compared: {named}."))
     if n_failed:
         first = next(trial for trial in trials if trial.state == "FAILED")
         where = ", ".join(f"{name} = {value:.4g}" for name, value in first.theta.items())
         text = f"{n_failed} of {len(trials)} trials could not be simulated; the first at {where}: {first.reason}"
-        notes.append(Note(text))
+        notes.append(Remark(text))
     pulleys = [experiment.rig.pulleys for experiment in problem.experiments]
     corrected = any(one is not None and not one.friction_memory for one in pulleys)
     if corrected and PULLEY_FRICTION in problem.space.targets:
-        notes.append(Note(NOMINAL_FRICTION))
+        notes.append(Remark(NOMINAL_FRICTION))
     return notes
 
 
-def bound_note(label: str, estimate: Estimate) -> Note:
+def bound_note(label: str, estimate: Estimate) -> Remark:
     """Warning of a parameter at the nearer of its bounds, and on its best value without the bound."""
     lower, upper, value = estimate.lower, estimate.upper, estimate.value
     above = abs(value - upper) <= abs(value - lower)
     side, nearer = ("upper", upper) if above else ("lower", lower)
     text = f"{label} is at its {side} bound of {format_quantity(nearer, estimate.unit, digits=AS_WRITTEN)}"
     if not estimate.is_contradicted:
-        return Note(f"{text}: the value is determined by the bound, not by the data.", "warning")
-    return Note(f"{text}: {beyond_text(estimate)}", "warning")
+        return Remark(f"{text}: the value is determined by the bound, not by the data.", "warning")
+    return Remark(f"{text}: {beyond_text(estimate)}", "warning")
 
 
 def beyond_text(estimate: Estimate) -> str:
@@ -253,11 +253,11 @@ def beyond_text(estimate: Estimate) -> str:
     return f"{BEYOND_THE_BOUNDS}, by about {estimate.beyond:.0f} standard errors; {CONTRADICTED}."
 
 
-def saturated_note(result: SearchResult) -> Note:
+def saturated_note(result: SearchResult) -> Remark:
     """Warning of a result that `is_saturated`."""
     n, n_values = len(result.parameters), sum(fit.n_values for fit in result.experiments.values())
     text = f"{n} parameter{'s were' if n > 1 else ' was'} fitted to {n_values} measured value{'s' * (n_values > 1)}"
-    return Note(f"{text}, so a close fit is no evidence for these values.", "warning")
+    return Remark(f"{text}, so a close fit is no evidence for these values.", "warning")
 
 
 def _states(labels: list[str]) -> str:

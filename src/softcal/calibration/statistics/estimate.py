@@ -16,6 +16,7 @@ from softcal.display import displayed
 if TYPE_CHECKING:
     from pydantic_core import CoreSchema
 
+Tone = Literal["good", "note", "warning"]
 BEYOND = 2.0  # standard errors
 """The data contradict a bound where the best value without it lies further beyond it than this."""
 
@@ -24,19 +25,23 @@ _SAME = 1e-6  # relative to the bounds; of places that were computed from them
 
 @displayed
 @dataclass(frozen=True)
-class Note:
-    """A remark on how far a result can be trusted.
+class Remark:
+    """A sentence on a result, as the terminal, pages and notebooks show it.
 
     Attributes
     ----------
     text
-        A sentence.
-    level
-        "warning" where the values may mislead: at a bound, too many of them, residuals beyond the noise; else "note".
+        The sentence.
+    tone
+        "warning" where the values may mislead: at a bound, too many of them, residuals beyond the noise; "good" where
+        they were tested and hold; else "note".
+    about
+        Label of the calibration; "" where that is plain.
     """
 
     text: str
-    level: Literal["note", "warning"] = "note"
+    tone: Tone = "note"
+    about: str = ""
 
     def __str__(self) -> str:
         return self.text

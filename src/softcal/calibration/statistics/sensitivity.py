@@ -20,7 +20,7 @@ from softcal.calibration.problem.uncertain import MESH_ERROR, UncertainParameter
 from softcal.calibration.statistics.band import bands, repeat_bands
 from softcal.calibration.statistics.between_experiments import Between
 from softcal.calibration.statistics.between_markers import MARKERS, n_markers, with_markers
-from softcal.calibration.statistics.estimate import Estimate, Note
+from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.calibration.statistics.estimator import Estimator, estimator, unseen_parameters
 from softcal.calibration.statistics.instrument_errors import instrument_errors
 from softcal.calibration.statistics.intervals import box_intervals
@@ -85,7 +85,7 @@ class Statistics:
 
     standard_errors: Mapping[str, float | None]
     importance: Mapping[str, float]
-    notes: tuple[Note, ...]
+    notes: tuple[Remark, ...]
     intervals: Mapping[str, tuple[float, float] | None] = field(default_factory=dict[str, tuple[float, float] | None])
     beyond: Mapping[str, float] = field(default_factory=dict[str, float])
     shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
@@ -162,7 +162,7 @@ def local_statistics(
     exact = [f"{one.channel} of {one.experiment}" for one in fitted_exactly(loss, blocks)]
     if exact:
         notes.append(
-            Note(_FITTED_EXACTLY.format(" and ".join(exact[:2]) + f" and {len(exact) - 2} more" * (len(exact) > 2)))
+            Remark(_FITTED_EXACTLY.format(" and ".join(exact[:2]) + f" and {len(exact) - 2} more" * (len(exact) > 2)))
         )
     if found.spent or mixed.all() or saturated or exact:
         return Statistics(errors, importance, tuple(notes), intervals, is_exact=bool(exact))
@@ -180,10 +180,10 @@ def local_statistics(
     within = {space.labels[j]: float(error * abs(slopes[j])) for j, error in zip(known, stated, strict=True)}
     notes += _together(space, within, found, slopes)
     if MARKERS in found.variances:
-        notes.append(Note(MARKERS_DIFFER.format(n_markers(blocks)), "warning"))
+        notes.append(Remark(MARKERS_DIFFER.format(n_markers(blocks)), "warning"))
     notes += [
-        Note(not_included(uncertain, found.variances)),
-        *([Note(ONE_EXPERIMENT)] if len(serves) == 1 else []),
+        Remark(not_included(uncertain, found.variances)),
+        *([Remark(ONE_EXPERIMENT)] if len(serves) == 1 else []),
     ]
     summed = np.sum(list(found.variances.values()), axis=0)
     shares = {
@@ -233,7 +233,7 @@ def not_included(uncertain: Sequence[UncertainParameter], kinds: Container[str] 
     return NOT_INCLUDED.format(included, "" if has_mesh else "of the mesh, ", "rest of the " if named else "")
 
 
-def _together(space: SearchSpace, errors: Mapping[str, float], found: Estimator, slopes: Floats) -> Iterable[Note]:
+def _together(space: SearchSpace, errors: Mapping[str, float], found: Estimator, slopes: Floats) -> Iterable[Remark]:
     """The pair in which one parameter's standard error falls most if the other is known, if it falls to half or less.
 
     errors: label -> standard error within the bounds [SI], of the parameters that have one.
@@ -250,7 +250,7 @@ def _together(space: SearchSpace, errors: Mapping[str, float], found: Estimator,
     if share >= _TOGETHER:
         return
     one, other = space.labels[j], space.labels[k]
-    yield Note(
+    yield Remark(
         f"{one} and {other} move together: if {other} were known, the error of {one} would be "
         f"{plain(100 * share, 2)} % of what it is."
     )
@@ -267,18 +267,18 @@ def _importance(space: SearchSpace, loss: Loss, blocks: Sequence[Block], slopes:
     return dict(zip(space.labels, (felt / felt.sum()).tolist(), strict=True)) if felt.sum() > 0 else {}
 
 
-def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated: bool) -> Sequence[Note]:
-    notes: list[Note] = []
+def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated: bool) -> Sequence[Remark]:
+    notes: list[Remark] = []
     has_errors = not (found.spent or mixed.all() or saturated)
     if mixed.any():
-        notes.append(Note(_blind_note([p for p, is_mixed in zip(space.labels, mixed, strict=True) if is_mixed])))
+        notes.append(Remark(_blind_note([p for p, is_mixed in zip(space.labels, mixed, strict=True) if is_mixed])))
     differing = next((one.kind for one in found.between if one.effects.differs), None)
     for group, noise in found.noise.items():
         if noise.stated and noise.size > _TOO_LARGE:
             text = _excess_note(group, noise.size, differing, widened=has_errors, priors=PRIOR in found.noise)
-            notes.append(Note(text, "warning"))
+            notes.append(Remark(text, "warning"))
     if found.spent and not saturated:
-        notes.append(Note(_spent_note(found.spent)))
+        notes.append(Remark(_spent_note(found.spent)))
     return notes
 
 

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from softcal.calibration.statistics.estimate import Remark
 from softcal.calibration.statistics.sensitivity import ONE_EXPERIMENT, not_included
 from softcal.plugins.coupons.comparison import ComparedLaw, LawComparison
 from softcal.plugins.coupons.fitted_material import PredictedCoupon
 from softcal.plugins.coupons.tables import modulus_texts, percent
-from softcal.report.conclusions import Sentence
 from softcal.report.format import joined
 from softcal.units import format_quantity, plain
 
@@ -56,23 +56,23 @@ def warnings(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> list
     return [*_unstable(one), *_undetermined(one), *_bands_missed(predicted)]
 
 
-def conclusions(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> list[Sentence]:
+def conclusions(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> list[Remark]:
     """On the stability, on laws that are nearer and not recommended, on the specimens, and on each prediction; warnings
     first.
     """
-    said: list[Sentence] = []
+    said: list[Remark] = []
     one = found.shown
     if one.fit.stability.is_stable:
-        said.append(Sentence(_stable(one), "good"))
+        said.append(Remark(_stable(one), "good"))
     nearer = [f"{other.name} ({percent(other.held_out_error, 1)}, {_why_not(other)})" for other in _nearer(found)]
     if nearer:
         text = f"Nearer on what was held out, and not recommended: {joined(nearer)}."
-        said.append(Sentence(text, "note"))
+        said.append(Remark(text, "note"))
     said.append(_specimens(found, one))
-    said.append(Sentence(moduli(one), "note"))
+    said.append(Remark(moduli(one), "note"))
     said += [_prediction(p) for p in predicted if p.is_measured]
     of_robots = ONE_EXPERIMENT, not_included(())
-    said += [Sentence(note.text, note.level) for note in one.fit.statistics.notes if note.text not in of_robots]
+    said += [note for note in one.fit.statistics.notes if note.text not in of_robots]
     return sorted(said, key=lambda sentence: sentence.tone != "warning")
 
 
@@ -131,14 +131,14 @@ def _why_not(one: ComparedLaw) -> str:
     return " and ".join(one.doubts) or f"{n} constants for nearly the same error"
 
 
-def _specimens(found: LawComparison, one: ComparedLaw) -> Sentence:
+def _specimens(found: LawComparison, one: ComparedLaw) -> Remark:
     """How far the bands hold for another specimen."""
     material, n = one.fit.material, len(found.coupons)
     if material.covariance is None:
-        return Sentence(f"{one.name} has no 95 % bands: not all of its constants have intervals.", "warning")
+        return Remark(f"{one.name} has no 95 % bands: not all of its constants have intervals.", "warning")
     names = [name for name, spread in zip(material.constants.names, material.spread, strict=True) if spread > 0.0]
     if names:
-        return Sentence(f"The tests differ, in {joined(names)}: the 95 % bands include how far.", "good")
+        return Remark(f"The tests differ, in {joined(names)}: the 95 % bands include how far.", "good")
     if n == 1:
         text = "One test does not show how far specimens differ: the 95 % bands may be too narrow for another specimen."
     else:
@@ -146,10 +146,10 @@ def _specimens(found: LawComparison, one: ComparedLaw) -> Sentence:
             f"The {n} tests do not show how far specimens differ: the 95 % bands do not include it, and may be too "
             "narrow for another specimen."
         )
-    return Sentence(text, "warning")
+    return Remark(text, "warning")
 
 
-def _prediction(one: PredictedCoupon) -> Sentence:
+def _prediction(one: PredictedCoupon) -> Remark:
     """Of a measured test that was not fitted: its errors, its band, and whether a factor explains them."""
     text = f"{one.coupon.name}, which was not fitted, is predicted with an NMAD of {percent(one.nmad, 2)}"
     holds = np.isfinite(one.inside)
@@ -157,4 +157,4 @@ def _prediction(one: PredictedCoupon) -> Sentence:
     if math.isfinite(one.factor) and math.isfinite(one.nmad_by_factor):
         better = f"the NMAD would be {percent(one.nmad_by_factor, 2)}"
         text += f" With the predicted stresses times {plain(one.factor, 3)} {better}."
-    return Sentence(text, "good" if holds and one.inside >= HOLDS else "warning")
+    return Remark(text, "good" if holds and one.inside >= HOLDS else "warning")

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 
-from softcal.analysis.mesh_verdict import Tone
 from softcal.calibration.problem.parameters import Scale
+from softcal.calibration.statistics.estimate import Remark
 from softcal.plugins.fleet.factors import FactorEffect
 from softcal.plugins.fleet.infill_law import INFILL, InfillLaw
 from softcal.plugins.fleet.population import Interval, Population
@@ -22,54 +21,44 @@ _DIGITS = re.compile(r"[\d.]+")
 _FIRST = re.compile(r": |\. ")  # where the first statement of a warning ends
 
 
-@dataclass(frozen=True)
-class FleetSentence:
-    """A sentence and its tone."""
-
-    text: str
-    tone: Tone
-
-
-def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tuple[FleetSentence, ...]:
+def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tuple[Remark, ...]:
     """Sentences on a fleet: failures, each parameter, the factors, the infill."""
-    texts: list[FleetSentence] = []
+    texts: list[Remark] = []
     failed = [one for one in specimens if one.state == "FAILED"]
     if failed:
         named = "; ".join(f"{one.name}: {one.reason.splitlines()[0]}" for one in failed[:_NAMED])
         more = "; …" if len(failed) > _NAMED else ""
         n = len(specimens)
-        texts.append(
-            FleetSentence(f"{len(failed)} of {n} specimens failed, and do not count: {named}{more}", "warning")
-        )
+        texts.append(Remark(f"{len(failed)} of {n} specimens failed, and do not count: {named}{more}", "warning"))
     texts += _warnings([one for one in specimens if one.state == "DONE"])
     if found.same_data:
         groups = "; ".join(map(_names, found.same_data[:_NAMED])) + ("; …" if len(found.same_data) > _NAMED else "")
         text = f"Specimens share data files but are counted separately: {groups}."
-        texts.append(FleetSentence(text, "warning"))
+        texts.append(Remark(text, "warning"))
     if found.done < 2:
         what = "There is one specimen" if found.done else "No specimen was calibrated"
-        texts.append(FleetSentence(f"{what}: differences between specimens cannot be estimated.", "note"))
+        texts.append(Remark(f"{what}: differences between specimens cannot be estimated.", "note"))
         return tuple(texts)
     for one in found.populations:
         texts += _population(one)
     texts += [
-        FleetSentence(f"{label}: nothing is said of the specimens together: {why}.", "warning")
+        Remark(f"{label}: nothing is said of the specimens together: {why}.", "warning")
         for label, why in found.unknown.items()
     ]
     texts += [sentence for one in found.effects if (sentence := _effect(one, found)) is not None]
-    texts += [FleetSentence(f"No comparison by {name}: {why}.", "note") for name, why in found.not_compared.items()]
+    texts += [Remark(f"No comparison by {name}: {why}.", "note") for name, why in found.not_compared.items()]
     for one, other in found.not_apart:
         text = f"{other.capitalize()} determines {one} in this table: a difference by one can be one by the other."
-        texts.append(FleetSentence(text, "note"))
+        texts.append(Remark(text, "note"))
     texts += [_law(one) for one in found.laws]
     texts += [
-        FleetSentence(f"The law of {label} against the infill cannot be fitted: {why}.", "note")
+        Remark(f"The law of {label} against the infill cannot be fitted: {why}.", "note")
         for label, why in found.no_law.items()
     ]
     return tuple(texts)
 
 
-def _warnings(specimens: Sequence[Specimen]) -> list[FleetSentence]:
+def _warnings(specimens: Sequence[Specimen]) -> list[Remark]:
     """Number of calibrations with warnings, and the most frequent warning; warnings may differ in their numbers."""
     warned = [one for one in specimens if one.warnings]
     if not warned:
@@ -84,7 +73,7 @@ def _warnings(specimens: Sequence[Specimen]) -> list[FleetSentence]:
     first = _FIRST.split(text)[0].rstrip(".")
     n = len(dict.fromkeys(name for name, _ in often))
     also = f", and the like of {n - 1} more" if n > 1 else ""
-    return [FleetSentence(f"{said}: {first} ({name}){also}. specimens/NAME.json has all.", "warning")]
+    return [Remark(f"{said}: {first} ({name}){also}. specimens/NAME.json has all.", "warning")]
 
 
 def _names(names: Collection[str]) -> str:
@@ -173,7 +162,7 @@ def _unit(shown: str) -> str:
     return "" if shown == "1" else f" {shown}"
 
 
-def _population(one: Population) -> list[FleetSentence]:
+def _population(one: Population) -> list[Remark]:
     mean = "geometric mean" if one.scale == "log" else "mean"
     text = (
         f"{one.label}: {mean} {value_text(one.mean, one.interval, one.unit)} "
@@ -191,11 +180,11 @@ def _population(one: Population) -> list[FleetSentence]:
         text += " The errors depend on the value, so that all specimens count alike."
     if one.further is not None:
         text += f" A further specimen is expected at {ends_text(one.further, one.unit, one.mean)}."
-    found = [FleetSentence(text, "good" if one.differs or one.n > 2 else "note")]
+    found = [Remark(text, "good" if one.differs or one.n > 2 else "note")]
     if one.left_out:
         named = _names(one.left_out)
         reasons = "; ".join(dict.fromkeys(one.left_out.values()))
-        found.append(FleetSentence(f"{one.label}: {named} left out ({reasons}).", "warning"))
+        found.append(Remark(f"{one.label}: {named} left out ({reasons}).", "warning"))
     if one.without is not None:
         rest = one.without
         far = ", ".join(f"{o.name} ({format_quantity(o.value, one.unit, digits=3)})" for o in one.outliers)
@@ -206,7 +195,7 @@ def _population(one: Population) -> list[FleetSentence]:
             f"{value_text(rest.mean, rest.interval, rest.unit)} "
             f"({ends_text(rest.interval, rest.unit, rest.mean)})"
         )
-        found.append(FleetSentence(f"{text}, and {_spread(rest)}.", "warning"))
+        found.append(Remark(f"{text}, and {_spread(rest)}.", "warning"))
     return found
 
 
@@ -215,7 +204,7 @@ def _spread(one: Population) -> str:
     return f"their spread is {spread} ({ends})"
 
 
-def _effect(one: FactorEffect, found: FleetStatement) -> FleetSentence | None:
+def _effect(one: FactorEffect, found: FleetStatement) -> Remark | None:
     """Sentence on a factor with an effect, or on a factor without one if the specimens differ in the parameter."""
     of = next(p for p in found.populations if p.label == one.label)
     chance = f"chance {chance_text(one.chance)}"
@@ -229,9 +218,9 @@ def _effect(one: FactorEffect, found: FleetStatement) -> FleetSentence | None:
             for g in one.groups[:_NAMED]
         )
         more = "; …" if len(one.groups) > _NAMED else ""
-        return FleetSentence(f"{one.label} differs by {one.factor}{alike} ({chance}){share}: {groups}{more}.", "good")
+        return Remark(f"{one.label} differs by {one.factor}{alike} ({chance}){share}: {groups}{more}.", "good")
     if of.differs:
-        return FleetSentence(f"{one.label}: no difference by {one.factor} is seen{alike} ({chance}).", "note")
+        return Remark(f"{one.label}: no difference by {one.factor} is seen{alike} ({chance}).", "note")
     return None
 
 
@@ -242,7 +231,7 @@ def level_text(level: str | float, factor: str) -> str:
     return f"{plain(100 * level, 3)} %" if factor == INFILL else plain(level, 6)
 
 
-def _law(one: InfillLaw) -> FleetSentence:
+def _law(one: InfillLaw) -> Remark:
     exponent = _number(one.exponent, one.exponent_interval, "1", "1")
     text = (
         f"{one.label} = {value_text(one.bulk, one.bulk_interval, one.unit)} · φ^{exponent}: exponent "
@@ -253,4 +242,4 @@ def _law(one: InfillLaw) -> FleetSentence:
     if one.departs:
         chance = chance_text(one.misfit or 0.0)
         text += f" The moduli depart from this law by more than the specimens differ (chance {chance})."
-    return FleetSentence(text, "warning" if one.departs else "good")
+    return Remark(text, "warning" if one.departs else "good")

@@ -202,7 +202,7 @@ def _calibrated(order: FleetOrder, row: FleetRow) -> Specimen:
         if found.stopped_by is not None:
             raise found.stopped_by
         best = found.headline
-        warnings = tuple(note.text for note in best.notes if note.level == "warning")
+        warnings = tuple(note.text for note in best.notes if note.tone == "warning")
         one = Specimen(row.name, "DONE", row.factors, best.parameters, best.loss, "", warnings, hashes=project.hashes)
     except SoftcalError as error:
         if isinstance(error.__cause__, OSError):

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from softcal.errors import StorageError
+from softcal.plugins.bench import page
 from softcal.plugins.bench.case import CASES, BenchmarkCase
 from softcal.plugins.bench.page import INTRODUCTION, write_page
 
@@ -83,3 +85,10 @@ def test_markup_of_a_table_from_elsewhere_is_shown_as_it_is(tmp_path: Path, monk
     shown = r"&lt;script&gt;alert(1)&lt;/script&gt; \[x\](javascript:a) \`b\` \*\*c\*\* # d"
     assert f"| **{shown}** |" in text
     assert rf"{shown} found: \_E\_ &lt;img src=x onerror=a&gt; !\[y\](z)." in text
+
+
+def test_a_score_of_more_bytes_than_any_has_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "score.json").write_text("{" + " " * 20 + "}")
+    monkeypatch.setattr(page, "MOST_BYTES", 20)
+    with pytest.raises(StorageError, match=r"the score cannot be read; got more than 20 bytes"):
+        page.read_scores(tmp_path)

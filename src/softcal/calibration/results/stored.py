@@ -111,8 +111,15 @@ def read_document(path: Path, what: str) -> dict[str, Any]:
         raise damaged(path, what, error) from error
 
 
-def read_bytes(path: Path, what: str) -> bytes:
+def read_bytes(path: Path, what: str, most: int = _LARGEST) -> bytes:
     """The bytes of a stored file.
+
+    Parameters
+    ----------
+    path, what
+        The file, and its name as in "the result" (for messages).
+    most
+        Largest number of bytes.
 
     Raises
     ------
@@ -120,7 +127,7 @@ def read_bytes(path: Path, what: str) -> bytes:
         Where it cannot be read, or is larger than any such file.
     """
     try:
-        return read_own(path, _LARGEST)
+        return read_own(path, most)
     except OSError as error:
         raise StorageError(Fault(f"{what} cannot be read", str(path), error.strerror or str(error))) from error
 

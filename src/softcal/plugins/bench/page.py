@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softcal.calibration.results.stored import contradiction, read_record
+from softcal.calibration.results.stored import as_record, contradiction, read_bytes
 from softcal.declare import shown
 from softcal.errors import Fault, StorageError
 from softcal.html_text import markdown
@@ -31,6 +31,7 @@ HEAD = (
     "| method | fit: all points / tip | predict: all points / tip | of the length | in the band | evaluations | time | "
     "notes |\n|---|---|---|---|---|---|---|---|\n"
 )
+MOST_BYTES = 2**24  # of a score
 FEW = 12  # samples that have a bar each
 
 INTRODUCTION = """# The benchmark
@@ -80,7 +81,8 @@ def read_scores(runs: Path) -> list[tuple[Path, Score]]:
         Where there is none, or one cannot be read.
     """
     what = "the score"
-    scores = {path: read_record(Score, path, what) for path in sorted(runs.rglob(SCORE))}
+    paths = sorted(runs.rglob(SCORE))
+    scores = {path: as_record(Score, read_bytes(path, what, MOST_BYTES), path, what) for path in paths}
     if not scores:
         raise StorageError(Fault(f"there is no {SCORE} below the folder", str(runs), attempt="softcal bench run CASE"))
     for path, score in scores.items():

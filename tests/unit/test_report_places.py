@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from softcal.calibration.results.result import Distance, ExperimentFit
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.surface import boundary_triangles
-from softcal.report.equilibrium_shapes import EquilibriumShapes
 from softcal.report.figures.places import draw_places, markers_of
 from softcal.report.outline import outline, two_views
+from softcal.report.twin_view import EquilibriumShapes
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Body, Robot
 

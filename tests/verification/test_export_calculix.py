@@ -21,7 +21,7 @@ from softcal.twin.build import build_twin
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, Robot, Tie, ViaPoint
 from softcal.twin.simulate import simulate
-from softcal.workflows.source import load_calibrated
+from softcal.workflows.study_source import load_calibrated
 
 NECK = Path(__file__).resolve().parents[2] / "examples" / "neck" / "project.yaml"
 

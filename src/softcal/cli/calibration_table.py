@@ -45,9 +45,9 @@ def print_results(
     if not results:
         return
     from softcal.project.names import JOINT
+    from softcal.report.content import first_label, judged
     from softcal.report.first_screen import FirstScreen, three_sentences
     from softcal.report.format import worst
-    from softcal.report.judged import first_label, judged
 
     first, others = worst(results.items(), lambda pair: math.inf if pair[0] == JOINT else pair[1].loss)
     print_table(_result_table(dict(first), verbose=verbose))
@@ -244,7 +244,11 @@ def _add_errors(table: Table, lead: str, fits: Sequence[Mapping[str, ExperimentF
             return max(fit.rmse.get(channel, 0.0) for fit in own)
         return max(fit.distance.mean if fit.distance else 0.0 for fit in own)
 
-    lines = _error_lines(pair for one in fits for pair in one.items())
+    lines: dict[tuple[str, str], None] = {}  # (experiment, channel); channel "" for the distance of all markers
+    for name, fit in (pair for one in fits for pair in one.items()):
+        if fit.distances:
+            lines[name, ""] = None
+        lines.update({(name, channel): None for channel in fit.alone})
     by_channel = {channel: [line for line in lines if line[1] == channel] for _, channel in lines}
     ranked = {channel: worst(own, size) if verbose else ([], own) for channel, own in by_channel.items()}
     alone = {line for first, _ in ranked.values() for line in first}
@@ -255,16 +259,6 @@ def _add_errors(table: Table, lead: str, fits: Sequence[Mapping[str, ExperimentF
         if others:
             title = lead + _error_title(channel, f"{len(others)} more" if first else "")
             table.add_row(title, *(_error([one.get(name) for name, _ in others], channel) for one in fits))
-
-
-def _error_lines(fits: Iterable[tuple[str, ExperimentFit]]) -> list[tuple[str, str]]:
-    """(experiment, channel) of every line of errors; channel "" for the distance of all markers."""
-    lines: dict[tuple[str, str], None] = {}
-    for name, fit in fits:
-        if fit.distances:
-            lines[name, ""] = None
-        lines.update({(name, c): None for c in fit.alone})
-    return list(lines)
 
 
 def _error_title(channel: str, experiment: str) -> str:

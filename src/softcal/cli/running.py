@@ -1,15 +1,17 @@
-"""Progress display of running commands on a terminal: current stage, and progress of motions."""
+"""What runs beside a command: its stage, the progress of motions, the executor, and the page of `--watch`."""
 
 from __future__ import annotations
 
+import shlex
 import sys
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softcal.cli.calibration_lines import MOST
-from softcal.cli.printing import echo
+from softcal.cli.printing import echo, shown_path
 from softcal.mechanics.path_watch import PathProgress, paths_watched
 
 if TYPE_CHECKING:
@@ -147,3 +149,21 @@ def executor_told(on: str, workers: int | None) -> Generator[Executor]:
             waits = "" if there else "; what is to be computed waits for the first"
             echo(f"On {executor.told}: {there} worker{'s' * (there != 1)} at present{waits}.")
         yield executor
+
+
+@contextmanager
+def page_beside(folder: Path, *, wanted: bool) -> Generator[None]:
+    """The page of a run beside the command, until it ends; on a terminal it is opened in the browser."""
+    if not wanted:
+        yield
+        return
+    from softcal.workflows.watching import watch_run
+
+    with watch_run(folder) as page:
+        echo(f"Page: {page.address} (until this command ends)", err=True)
+        if sys.stderr.isatty():
+            import webbrowser
+
+            webbrowser.open(page.address)
+        yield
+    echo(f"The page has ended. It is shown again by: softcal watch {shlex.quote(shown_path(folder))}", err=True)

@@ -54,7 +54,7 @@ from softcal.report.start_scenes import StartScenes
 from softcal.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, SKY, encode
 from softcal.report.write import write_files
 from softcal.twin.facing import up_direction
-from softcal.twin.robot import Body, Moment, PointLoad, Robot, Rod, SurfaceLoad
+from softcal.twin.robot import Body, Moment, PointLoad, Robot, SurfaceLoad
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -130,9 +130,17 @@ def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...
     parts: list[Part] = [surface for body in robot.bodies for surface in _surfaces(robot, body)]
     fixed = [path for body in robot.bodies for path in outlines(body, body.fixed)]
     parts += [Wire(tuple(fixed), LINE * size, colour=INK)] if fixed else []
-    parts += [_rod(robot, rod) for rod in robot.rods]
-    plates, others = _plates(robot, size)
-    parts += plates
+    carried = {part.on for part in (*(via for cable in robot.cables for via in cable.via_points), *robot.markers)}
+    for rod in robot.rods:
+        opacity = _SEEN_THROUGH if rod.name in carried else 1.0
+        colours = rod_colours(rod, material_colours(robot))
+        parts.append(rod_tube(rod, rod.centreline.nodes, colours, opacity=opacity))
+    others: list[Label] = []
+    for plate in robot.plates:
+        pose = Pose(np.eye(3), plate.reference)
+        drawn, around = plate_parts(robot, plate, pose, INK if plate.fixed else BLUE, size)
+        parts += drawn
+        others.append(Label(plate.name, around))
     names: list[Label] = []
     radius = cable_radius(robot, size)
     for cable in robot.cables:
@@ -192,24 +200,6 @@ def _surfaces(robot: Robot, body: Body) -> list[Surface]:
             )
         )
     return found
-
-
-def _rod(robot: Robot, rod: Rod) -> Tube:
-    carried = [via.on for cable in robot.cables for via in cable.via_points] + [marker.on for marker in robot.markers]
-    opacity = _SEEN_THROUGH if rod.name in carried else 1.0
-    return rod_tube(rod, rod.centreline.nodes, rod_colours(rod, material_colours(robot)), opacity=opacity)
-
-
-def _plates(robot: Robot, size: float) -> tuple[list[Part], list[Label]]:
-    """Plates with their names."""
-    parts: list[Part] = []
-    labels: list[Label] = []
-    for plate in robot.plates:
-        pose = Pose(np.eye(3), plate.reference)
-        drawn, around = plate_parts(robot, plate, pose, INK if plate.fixed else BLUE, size)
-        parts += drawn
-        labels.append(Label(plate.name, around))
-    return parts, labels
 
 
 def _carrier_colour(robot: Robot, carrier: str) -> str:

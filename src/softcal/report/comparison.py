@@ -12,7 +12,7 @@ from softcal.calibration.results.result_files import fits_of
 from softcal.checks import Floats
 from softcal.report.content import ReportContent
 from softcal.report.format import Scale, estimate_scale, joined, number, parameter_label, scale_of
-from softcal.report.headline import Gain, headline
+from softcal.report.headline import headline
 from softcal.report.surfaces import section_scale
 from softcal.report.tables import Cell, Column, ReportTable
 from softcal.sensing.channel import positions
@@ -114,14 +114,13 @@ class Improvement:
 def improvements(content: ReportContent) -> list[Improvement]:
     """Improvement over all sections and in each; empty if the nominal values are unknown."""
     known = None if content.compared is None else content.compared.nominal
-    return [] if known is None else [_improvement(gain) for gain in headline(content).gains(known)]
-
-
-def _improvement(gain: Gain) -> Improvement:
-    scale = section_scale(gain.section)
-    before = None if gain.nominal is None else gain.nominal / scale.factor
-    name = "all sections" if gain.section.name == ALL else gain.section.name
-    return Improvement(name, before, gain.tuned / scale.factor, scale.unit, gain.best)
+    rows: list[Improvement] = []
+    for gain in () if known is None else headline(content).gains(known):
+        scale = section_scale(gain.section)
+        before = None if gain.nominal is None else gain.nominal / scale.factor
+        name = "all sections" if gain.section.name == ALL else gain.section.name
+        rows.append(Improvement(name, before, gain.tuned / scale.factor, scale.unit, gain.best))
+    return rows
 
 
 def improvement_table(content: ReportContent) -> ReportTable:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from softcal.analysis.agreement import agreements
-from softcal.calibration.results.result import ExperimentFit, SearchResult
+from softcal.calibration.results.result import SearchResult
 from softcal.calibration.search.outcome import beyond_text, saturated_note
 from softcal.calibration.statistics.estimate import Estimate, Remark, Tone
 from softcal.report.agreement import (
@@ -94,7 +94,12 @@ def conclusions(content: ReportContent) -> list[Remark]:
         *_saturated(results),
         *agreement_sentences(content.results),
         *_each(results, lambda result: spread_sentences(result, content.recorded)),
-        *(remark for result in results.values() for remark in _closeness(content, result)),
+        *(
+            remark
+            for result in results.values()
+            if not result.is_saturated
+            for remark in closeness_by_experiment(misses_of(content.samples, result))
+        ),
         *_each(results, residual_sentences),
         *_each(results, lambda result: _said(left_out_sentence(result))),
         *_records(content),
@@ -165,10 +170,6 @@ def _differences(content: ReportContent) -> Iterable[Remark]:
         yield Remark(text, "warning")
 
 
-def _closeness(content: ReportContent, result: SearchResult) -> Iterable[Remark]:
-    return () if result.is_saturated else closeness_by_experiment(misses_of(content.samples, result))
-
-
 def _records(content: ReportContent) -> Iterable[Remark]:
     for label in content.judged:
         if text := record_sentence(content, label):
@@ -236,7 +237,11 @@ def _identified(results: Mapping[str, SearchResult]) -> Iterable[Remark]:
             elif share is not None:
                 text = f"{label} is not identified by these data: its 95 % interval covers {_percent(share)} of the "
                 yield Remark(_of(of, results, f"{text}allowed range."), "warning")
-            elif (part := result.importance.get(name)) is not None and part < _UNIMPORTANT and _by_trials(result):
+            elif (
+                result.extra.get("importance_kind") == "fanova"
+                and (part := result.importance.get(name)) is not None
+                and part < _UNIMPORTANT
+            ):
                 text = (
                     f"{label} explains {number(100 * part, 2)} % of the loss's variation over the search; this does "
                     "not measure how well it is determined."
@@ -244,10 +249,6 @@ def _identified(results: Mapping[str, SearchResult]) -> Iterable[Remark]:
                 yield Remark(_of(of, results, text), "note")
     if sure:
         yield Remark(f"Identified, with the 95 % interval's share of the allowed range: {'; '.join(sure)}.", "good")
-
-
-def _by_trials(result: SearchResult) -> bool:
-    return result.extra.get("importance_kind") == "fanova"
 
 
 def _percent(share: float) -> str:
@@ -268,15 +269,11 @@ def _failures(content: ReportContent) -> Iterable[Remark]:
 
 def _unmeasured_pitch(results: Mapping[str, SearchResult]) -> Iterable[Remark]:
     fits = {name: fit for result in results.values() for name, fit in result.experiments.items()}
-    silent = [name for name, fit in fits.items() if fit.rmse and not _sees_shape(fit)]
+    silent = [name for name, fit in fits.items() if fit.rmse and all(channel_name(c).kind.drives for c in fit.rmse)]
     if silent:
         where = joined(silent)
         text = f"Neither angles nor positions were compared in {where}; the fit uses cable force and travel only."
         yield Remark(text, "note")
-
-
-def _sees_shape(fit: ExperimentFit) -> bool:
-    return not all(channel_name(channel).kind.drives for channel in fit.rmse)
 
 
 def _plausible(content: ReportContent) -> Iterable[Remark]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 from softcal.analysis.importance import ImportanceStudy
 from softcal.analysis.mesh_study import MeshStudy
@@ -15,9 +16,10 @@ from softcal.errors import Fault, InputError, unknown
 from softcal.experiments.dataset import Dataset
 from softcal.materials.infill import PrintInfill
 from softcal.report.compared import Compared
-from softcal.report.equilibrium_shapes import EquilibriumShapes
-from softcal.report.judged import first_label, judged
-from softcal.report.twin_view import TwinView
+from softcal.report.twin_view import EquilibriumShapes, TwinView
+
+R = TypeVar("R", bound=SearchResult)
+JOINT = "joint"
 
 
 @dataclass(frozen=True)
@@ -185,3 +187,15 @@ class ReportContent:
     def sweeps(self) -> Mapping[str, SweepResult]:
         """The results that are sweeps."""
         return {label: one for label, one in self.results.items() if isinstance(one, SweepResult)}
+
+
+def first_label(results: Mapping[str, SearchResult]) -> str:
+    """Label of the result that is shown first: the joint one, else the first."""
+    return JOINT if JOINT in results else next(iter(results))
+
+
+def judged(results: Mapping[str, R], first: str) -> dict[str, R]:
+    """The result shown first if it is of several experiments; else all results of one."""
+    if len(results[first].experiments) > 1:
+        return {first: results[first]}
+    return {label: one for label, one in results.items() if len(one.experiments) == 1}

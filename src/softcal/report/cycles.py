@@ -31,12 +31,12 @@ def cycles_table(content: ReportContent) -> ReportTable:
 
 def loops_table(content: ReportContent) -> ReportTable:
     """Every cycle that was fitted, measured and simulated; empty where the samples go one way."""
-    rows = [
-        (label, name, *row)
-        for label, result in content.results.items()
-        for name, fit in result.experiments.items()
-        for row in _pairs(fit.cycles)
-    ]
+    rows: list[tuple[Cell, ...]] = []
+    for label, result in content.results.items():
+        for name, fit in result.experiments.items():
+            measured, simulated = (_rows(tuple(side)) if side else [] for side in _both(fit.cycles))
+            for row, twin in zip(measured, simulated, strict=True):
+                rows.append((label, name, row[0], *(cell for k in (1, 3, 4, 5, 6) for cell in (row[k], twin[k]))))
     columns = (
         Column("Calibration"),
         Column("Experiment"),
@@ -67,16 +67,17 @@ def cycle_sentences(result: SearchResult) -> list[str]:
 def cycle_sentence(experiment: str, fit: ExperimentFit) -> str:
     """See `cycle_sentences`."""
     cycles = fit.cycles
-    lost = [
-        f"{number(1e3 * sum(one.lost_energy for one in held))} mJ, {number(100 * _lost(held))} % of the work of loading"
-        for held in _both(cycles)
-    ]
+    lost: list[str] = []
+    for side in _both(cycles):
+        energy, work = sum(loop.lost_energy for loop in side), sum(loop.loading_energy for loop in side)
+        share = energy / work if work > 0.0 else 0.0
+        lost.append(f"{number(1e3 * energy)} mJ, {number(100 * share)} % of the work of loading")
     many = f"{len(cycles)} cycles lose" if len(cycles) > 1 else "The cycle loses"
     text = f"{experiment}: {many} {lost[0]}; the twin's, {lost[1]}."
-    if len(cycles) > 1 and all(held[-1].peak_tension > 0.0 for held in _both(cycles)):
-        first, of_twin = (number(held[0].peak_tension / held[-1].peak_tension) for held in _both(cycles))
+    if len(cycles) > 1 and all(side[-1].peak_tension > 0.0 for side in _both(cycles)):
+        first, of_twin = (number(side[0].peak_tension / side[-1].peak_tension) for side in _both(cycles))
         text += f" The first peak is {first} times the last; the twin's, {of_twin} times."
-    at, of_twin = (held[-1].vanishes_at for held in _both(cycles))
+    at, of_twin = (side[-1].vanishes_at for side in _both(cycles))
     if at is not None and of_twin is not None:
         mm, of_twin_mm = number(1e3 * at), number(1e3 * of_twin)
         text += f" In the last cycle the force vanishes at {mm} mm; the twin's, at {of_twin_mm} mm."
@@ -84,12 +85,7 @@ def cycle_sentence(experiment: str, fit: ExperimentFit) -> str:
 
 
 def _both(cycles: tuple[CycleFit, ...]) -> tuple[list[Loop], list[Loop]]:
-    return [one.measured for one in cycles], [one.simulated for one in cycles]
-
-
-def _lost(cycles: list[Loop]) -> float:
-    work = sum(one.loading_energy for one in cycles)
-    return sum(one.lost_energy for one in cycles) / work if work > 0.0 else 0.0
+    return [cycle.measured for cycle in cycles], [cycle.simulated for cycle in cycles]
 
 
 def _rows(cycles: tuple[Loop, ...]) -> list[tuple[Cell, ...]]:
@@ -106,12 +102,3 @@ def _rows(cycles: tuple[Loop, ...]) -> list[tuple[Cell, ...]]:
         )
         for one in cycles
     ]
-
-
-def _pairs(cycles: tuple[CycleFit, ...]) -> list[tuple[Cell, ...]]:
-    measured, simulated = (_rows(tuple(held)) if held else [] for held in _both(cycles))
-    rows: list[tuple[Cell, ...]] = []
-    for one, other in zip(measured, simulated, strict=True):
-        pairs = [pair for k in (1, 3, 4, 5, 6) for pair in (one[k], other[k])]
-        rows.append((one[0], *pairs))
-    return rows

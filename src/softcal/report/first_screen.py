@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from softcal.analysis.agreement import Agreement, agreements
+from softcal.analysis.agreement import agreements
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.calibration.results.digits import half_width, shown, value_text, with_unit
 from softcal.calibration.results.result import SearchResult, SweepResult
@@ -19,6 +19,7 @@ from softcal.calibration.statistics.residuals import FEWEST, ResidualRecord
 from softcal.experiments.dataset import Dataset
 from softcal.report.agreement import range_text, trend_sentences
 from softcal.report.closeness import Miss, closeness, misses_of, worst_of
+from softcal.report.content import judged
 from softcal.report.format import (
     joined,
     material_kinds,
@@ -26,7 +27,6 @@ from softcal.report.format import (
     parameter_label,
     result_label,
 )
-from softcal.report.judged import judged
 from softcal.report.positions import fitted_distance
 from softcal.report.statement import MESH, ErrorSource, Statement, interval_share, source_of, statement
 from softcal.sensing.channel import readings
@@ -118,15 +118,14 @@ def budget_note(of: FirstScreen) -> str:
     if not budgets:
         return ""
     bounds = f"{BOUNDS.capitalize()}: {source_of(BOUNDS).words}. " if any(BOUNDS in one for one in budgets) else ""
-    return bounds + _mesh_note(of, budgets)
-
-
-def _mesh_note(of: FirstScreen, budgets: Iterable[Mapping[str, float]]) -> str:
     if any(MESH in one.estimate.shares for one in of.statements):
-        return "The intervals include the mesh's share."
+        return f"{bounds}The intervals include the mesh's share."
     if any(MESH in budget for budget in budgets):
-        return "The mesh's share is the square of the shift that its study expects; the intervals do not include it."
-    return "The mesh's share is not included; softcal mesh-study finds it."
+        return (
+            f"{bounds}The mesh's share is the square of the shift that its study expects; the intervals do not include "
+            "it."
+        )
+    return f"{bounds}The mesh's share is not included; softcal mesh-study finds it."
 
 
 def _estimates(of: FirstScreen) -> str:
@@ -194,10 +193,16 @@ def _basis(result: SearchResult) -> str:
 def _largest_source(of: FirstScreen) -> str:
     differing = [one for one in agreements(of.results) if one.differs]
     if len(of.judged) > 1 and differing:
-        return _between_fits(differing)
+        names = [one.name for one in differing]
+        which = joined(parameter_label(name, names) for name in names)
+        return (
+            f"The largest source of error is that the tests differ in {which} by more than their noise explains: "
+            "more samples of the same tests will not reduce it; further tests, or the cause of the differences, will."
+        )
     material = of.material
     vague = list(dict.fromkeys(one.label for one in material if not one.is_determined))
-    text = f"The data do not determine {joined(vague)}: {_most(vague)} nearly the whole allowed range." if vague else ""
+    cover = "their intervals cover" if len(vague) > 1 else "its interval covers"
+    text = f"The data do not determine {joined(vague)}: {cover} nearly the whole allowed range." if vague else ""
     known = [one for one in material if one.is_determined and one.budget]
     if not known:
         return text or _unknown(of)
@@ -206,19 +211,6 @@ def _largest_source(of: FirstScreen) -> str:
     apart = [spread for result in of.judged.values() for spread in _contradictions(result, names).values()]
     first = f"First find why the {WORDS[apart[0].kind]} differ. " if apart else ""
     return f"{text} {first}{_source_of(of, widest)}{_instruments(widest)}".strip()
-
-
-def _most(vague: list[str]) -> str:
-    return "their intervals cover" if len(vague) > 1 else "its interval covers"
-
-
-def _between_fits(differing: Iterable[Agreement]) -> str:
-    names = [one.name for one in differing]
-    which = joined(parameter_label(name, names) for name in names)
-    return (
-        f"The largest source of error is that the tests differ in {which} by more than their noise explains: "
-        "more samples of the same tests will not reduce it; further tests, or the cause of the differences, will."
-    )
 
 
 def _source_of(of: FirstScreen, one: Statement) -> str:

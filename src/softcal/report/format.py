@@ -58,18 +58,13 @@ def parameter_label(name: str, others: Iterable[str] = ()) -> str:
     The owner is added if the kind has no symbol, or if `others` contains the same kind of another owner.
     """
     parts = parameter_name(name)
-    symbol = _symbol(parts.kind)
+    constant = constants_of(LAWS).get(parts.kind)
+    symbol = constant.label if constant is not None else _SYMBOLS.get(parts.kind, "")
     text = symbol or parts.kind.replace("_", " ")
     owners = {other.owner for other in map(parameter_name, [*others, name]) if other.kind == parts.kind}
     owner = parts.owner if not symbol or len(owners) > 1 else ""
     details = ", ".join(detail for detail in (owner, parts.experiment) if detail)
     return f"{text} ({details})" if details else text
-
-
-def _symbol(kind: str) -> str:
-    """Symbol of a kind of parameter, or ""."""
-    constant = constants_of(LAWS).get(kind)
-    return constant.label if constant is not None else _SYMBOLS.get(kind, "")
 
 
 def material_kinds(results: Iterable[SearchResult]) -> tuple[str, ...]:

@@ -29,6 +29,8 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
         sections.setdefault(picture.section, []).append(picture)
     of = first_screen(content)
     shown, folded = of.shown
+    kinds = [[parameter_name(name).kind for name in result.parameters] for result in content.results.values()]
+    constants = material_kinds(content.results.values())
     return render(
         TEMPLATES / "report.html.j2",
         content=content,
@@ -51,16 +53,11 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
             if found.failure
         ],
         provenance={name: provenance_rows(e.prepared) for name, e in content.experiments.items()},
-        fits_table_1=_fits_table_1(content),
+        # Table I of paper A shows each constant of a material once.
+        fits_table_1=all(of_result.count(kind) <= 1 for of_result in kinds for kind in constants),
         importance_sentences=() if content.importance is None else importance_sentences(content.importance),
         mesh_verdicts=() if content.mesh_study is None else mesh_verdicts(content.mesh_study),
     )
-
-
-def _fits_table_1(content: ReportContent) -> bool:
-    """Whether paper A's Table I can show the material's estimates: each of its constants at most once."""
-    kinds = [[parameter_name(name).kind for name in result.parameters] for result in content.results.values()]
-    return all(held.count(kind) <= 1 for held in kinds for kind in material_kinds(content.results.values()))
 
 
 def key_numbers(content: ReportContent) -> list[KeyNumber]:

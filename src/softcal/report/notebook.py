@@ -7,13 +7,12 @@ from itertools import islice
 
 import numpy as np
 
-from softcal.calibration.results.result import CalibrationResult, ExperimentFit
+from softcal.calibration.results.result import CalibrationResult
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.fine_surface import fine_surface
 from softcal.geometry.surface import boundary
 from softcal.pictures import drawn
-from softcal.report.content import ExperimentContent, ReportContent
-from softcal.report.judged import JOINT
+from softcal.report.content import JOINT, ExperimentContent, ReportContent
 from softcal.report.scene import Part, Surface, Tube, bending_camera, length_scale
 from softcal.report.scene_twin import displacements
 from softcal.report.sketch import draw_sketch
@@ -64,7 +63,11 @@ def result_pictures(result: CalibrationResult) -> Iterator[bytes]:
     from softcal.report.figures.history import draw_history, search_history
     from softcal.report.figures.trajectory import trajectory
 
-    experiments = {name: _experiment(name, fit) for name, fit in result.experiments.items()}
+    experiments: dict[str, ExperimentContent] = {}
+    for name, fit in result.experiments.items():
+        samples = Dataset(name, {channel: Channel(y, fit.units[channel]) for channel, y in fit.measured.items()})
+        drive = next((channel for channel in fit.measured if channel not in fit.simulated and channel != "time"), "")
+        experiments[name] = ExperimentContent(name, samples, samples, drive=drive)
     label = next(iter(experiments)) if len(experiments) == 1 else JOINT
     content = ReportContent("", {label: result}, experiments)
     if len((losses := search_history(result.trials)).losses):
@@ -89,10 +92,3 @@ def _parts(response: Response, shape: Snapshot, moved: dict[str, np.ndarray] | N
     parts += [Tube(nodes, _ROD * size, colour=shades.get(name, FAINT)) for name, nodes in shape.rods.items()]
     cables = {} if moved is None else shape.cables
     return parts + [Tube(path, _CABLE * size, colour=ORANGE) for path in cables.values()]
-
-
-def _experiment(name: str, fit: ExperimentFit) -> ExperimentContent:
-    """The samples that a fit holds, over the channel that drove the twin."""
-    data = Dataset(name, {one: Channel(values, fit.units[one]) for one, values in fit.measured.items()})
-    drive = next((one for one in fit.measured if one not in fit.simulated and one != "time"), "")
-    return ExperimentContent(name, data, data, drive=drive)

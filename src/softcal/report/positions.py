@@ -39,8 +39,11 @@ def distances_table(content: ReportContent) -> ReportTable:
     for label, result in content.results.items():
         for place in places(result):
             first = (result_label(label), place.experiment, "predicted" if place.held_out else "fitted")
-            for marker, distance in place.fit.distances.items():
-                rows.append((*first, marker, *_cells(distance, place.fit), place.fit.missing.get(marker, 0)))
+            length = place.fit.length
+            for marker, d in place.fit.distances.items():
+                shares = (None, None) if length is None else (100 * d.mean / length, 100 * d.max / length)
+                sizes = (MM * d.mean, MM * d.max, MM * d.rms, *shares)
+                rows.append((*first, marker, *sizes, d.n, place.fit.missing.get(marker, 0)))
     headings = (headline(content).kind.capitalize(), "Experiment", "", "Marker")
     numbers = (("Mean", "mm"), ("Largest", "mm"), ("RMS", "mm"), ("Mean", "% of length"), ("Largest", "% of length"))
     columns = [Column(text) for text in headings] + [Column(text, unit) for text, unit in numbers]
@@ -49,13 +52,6 @@ def distances_table(content: ReportContent) -> ReportTable:
     return ReportTable(
         "distances", "Distance of the markers from their measured positions", tuple(columns), tuple(rows), note
     )
-
-
-def _cells(distance: Distance, fit: ExperimentFit) -> tuple[Cell, ...]:
-    shares: tuple[Cell, ...] = (None, None)
-    if fit.length is not None:
-        shares = (100 * distance.mean / fit.length, 100 * distance.max / fit.length)
-    return (MM * distance.mean, MM * distance.max, MM * distance.rms, *shares, distance.n)
 
 
 def pooled(found: Iterable[Place]) -> Distance | None:

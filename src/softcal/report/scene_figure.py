@@ -58,9 +58,12 @@ def draw_side_by_side(
         for index, (scene, camera) in enumerate(zip(scenes, cameras, strict=True)):
             place = ((0.08 + index * panel) / width, foot / height, panel / width, tall / height)
             axes = figure.add_axes(place)
-            _frame(axes, camera)
+            left, right, bottom, top = _millimetres(camera)
+            axes.set_xlim(left, right)
+            axes.set_ylim(bottom, top)
+            axes.set_axis_off()
             if rendering.pictures:
-                axes.imshow(rendering.pictures[index], extent=_millimetres(camera), aspect="auto", zorder=1)
+                axes.imshow(rendering.pictures[index], extent=(left, right, bottom, top), aspect="auto", zorder=1)
                 name_parts(axes, scene, camera)
             else:
                 axes.text(0.5, 0.5, _NO_PICTURE, transform=axes.transAxes, ha="center", color=MUTED)
@@ -84,13 +87,6 @@ def draw_side_by_side(
 def _millimetres(camera: Projection) -> tuple[float, float, float, float]:
     left, right, bottom, top = camera.window
     return 1e3 * left, 1e3 * right, 1e3 * bottom, 1e3 * top
-
-
-def _frame(axes: Axes, camera: Projection) -> None:
-    left, right, bottom, top = _millimetres(camera)
-    axes.set_xlim(left, right)
-    axes.set_ylim(bottom, top)
-    axes.set_axis_off()
 
 
 def _scale_bar(axes: Axes, camera: Projection) -> None:

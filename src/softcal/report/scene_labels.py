@@ -41,7 +41,9 @@ def name_parts(axes: Axes, scene: Scene, camera: Projection) -> None:
         anchors[k] = _clearest(at, crowd, taken, row, left=bool(on_left[k]))
     low, high = bottom + 0.8 * row, top - 0.5 * row  # the lowest is clear of the scale bar
     for column in _columns(scene.labels, on_left, wide):
-        kept = _thinned(column[np.argsort(-anchors[column, 1])], 1 + int((high - low) / row))
+        kept, most = column[np.argsort(-anchors[column, 1])], 1 + int((high - low) / row)
+        if len(kept) > most:
+            kept = kept[np.linspace(0, len(kept) - 1, most).round().astype(int)]
         heights = spread(anchors[kept, 1] + 1.5 * row, low, high, row)
         for index, height in zip(kept.tolist(), heights, strict=True):
             near_left, (x, y) = bool(on_left[index]), anchors[index]
@@ -72,13 +74,6 @@ def _columns(labels: Sequence[Label], on_left: np.ndarray, wide: float) -> list[
     sides = [np.flatnonzero(on_left), np.flatnonzero(~on_left)]
     needed = sum(float(widths[side].max(initial=0.0)) + 4 * _PAD * _SIZE for side in sides) / 72
     return sides if needed < 0.96 * wide else [np.arange(len(labels))]
-
-
-def _thinned(numbers: np.ndarray, most: int) -> np.ndarray:
-    """No more than `most` of the numbers, at even steps from the first to the last."""
-    if len(numbers) <= most:
-        return numbers
-    return numbers[np.linspace(0, len(numbers) - 1, most).round().astype(int)]
 
 
 def _clearest(candidates: Floats, crowd: Floats, taken: Floats, row: float, *, left: bool) -> Floats:

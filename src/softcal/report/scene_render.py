@@ -42,7 +42,10 @@ def render_scenes(scenes: tuple[Scene, ...], cameras: tuple[Projection, ...]) ->
             if done.returncode == 0 and answer.exists():
                 with np.load(answer) as pictures:
                     return Rendering(tuple(pictures[name] for name in pictures.files))
-            problem = _reason(done.returncode, done.stderr)
+            lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+            problem = lines[-1].rstrip(".") if lines else f"it ended with code {done.returncode}"
+            if done.returncode < 0:
+                problem = f"it was ended by signal {-done.returncode}, as happens with VTK if OpenGL is missing"
     note = (
         f"The pictures are missing, since the 3-D renderer (PyVista/VTK) does not work on this machine: {problem}. "
         "On Debian or Ubuntu the packages libegl1 and libgl1 make it work."
@@ -55,10 +58,3 @@ def panel_size(camera: Projection) -> tuple[float, float]:
     left, right, bottom, top = camera.window
     width = min(max(3.4 * (right - left) / (top - bottom), 2.4), 3.6)
     return width, width * (top - bottom) / (right - left)
-
-
-def _reason(code: int, errors: str) -> str:
-    if code < 0:
-        return f"it was ended by signal {-code}, as happens with VTK if OpenGL is missing"
-    lines = [line.strip() for line in errors.splitlines() if line.strip()]
-    return lines[-1].rstrip(".") if lines else f"it ended with code {code}"

@@ -11,7 +11,6 @@ import numpy as np
 
 from softcal.calibration.results.digits import difference, ends_text, estimate_text, shown, value_and_error
 from softcal.calibration.results.result import ExperimentFit, SearchResult
-from softcal.calibration.statistics.estimate import Estimate
 from softcal.csv_text import csv_text
 from softcal.experiments.dataset import Dataset, Step
 from softcal.materials.catalogue import LAWS, constants_of
@@ -112,7 +111,13 @@ def parameters_table(content: ReportContent) -> ReportTable:
         for kind, scale in zip(kinds, scales, strict=True):
             name = find_parameter(result.parameters, kind)
             estimate = result.parameters[name] if name else None
-            row += [None, None] if estimate is None else _value_and_error(estimate, scale)
+            if estimate is None:
+                row += [None, None]
+            else:
+                value, error, unit = estimate.value, estimate.standard_error, scale.unit or "1"
+                row.append(Known(value / scale.factor, shown(estimate, value, unit)))
+                of_error = "" if error is None else difference(estimate, error, unit)
+                row.append(None if error is None else Known(error / scale.factor, of_error))
             importances.append(result.importance.get(name) if name else None)
         bound = [parameter_label(name) for name, estimate in result.parameters.items() if estimate.at_bound]
         others = [name for name in result.parameters if parameter_name(name).kind not in kinds]
@@ -135,12 +140,6 @@ def parameters_table(content: ReportContent) -> ReportTable:
         f"{importance_note(content)}"
     )
     return ReportTable("table-1-parameters", "Table I. Parameters and their importance", columns, tuple(rows), note)
-
-
-def _value_and_error(estimate: Estimate, scale: Scale) -> tuple[Cell, Cell]:
-    value, error, unit = estimate.value, estimate.standard_error, scale.unit or "1"
-    told = Known(value / scale.factor, shown(estimate, value, unit))
-    return told, None if error is None else Known(error / scale.factor, difference(estimate, error, unit))
 
 
 def importance_note(content: ReportContent) -> str:

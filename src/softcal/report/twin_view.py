@@ -1,4 +1,4 @@
-"""The calibrated twin at rest and pulled, for drawing. Frozen; SI."""
+"""The calibrated twin at rest and pulled, and its equilibrium shapes by experiment, for drawing. Frozen; SI."""
 
 from __future__ import annotations
 
@@ -53,3 +53,29 @@ class TwinView:
         ]
         if faults:
             raise InputError(faults)
+
+
+@dataclass(frozen=True)
+class EquilibriumShapes:
+    """The calibrated twin undeformed, and in the last state of experiments with positions.
+
+    Attributes
+    ----------
+    robot
+        The robot at the calibrated values.
+    undeformed
+        Its shape without loads.
+    shapes
+        Experiment -> equilibrium shape of its last state.
+    tets
+        Body -> connectivity of `Snapshot.points` (n_tets, 4 or 10).
+    """
+
+    robot: Robot
+    undeformed: Snapshot
+    shapes: Mapping[str, Snapshot]
+    tets: Mapping[str, Ints]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shapes", dict(self.shapes))
+        object.__setattr__(self, "tets", dict(self.tets))

@@ -1,22 +1,22 @@
-"""Equilibrium shapes of the calibrated twin, simulated for the report's pictures."""
+"""The calibrated twin, simulated for the report: its equilibrium shapes, and its response to the largest drive."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from softcal.calibration.results.result import SearchResult
 from softcal.project.project import Project
-from softcal.report.equilibrium_shapes import EquilibriumShapes
-from softcal.report.twin_view import TwinView
+from softcal.report.twin_view import EquilibriumShapes, TwinView
+from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Protocol
-from softcal.twin.response import Snapshot
-from softcal.twin.robot import Robot
+from softcal.twin.response import Response, Snapshot
 from softcal.twin.simulate import simulate as simulate_robot
-from softcal.workflows.calibration import calibrated
-from softcal.workflows.simulation import simulate
+from softcal.workflows.calibration import JOINT, calibrated
+from softcal.workflows.engines import SOFTCAL, left_out_sentence
+from softcal.workflows.simulation import protocol_of, robot_in, simulate
 
 # Greatest number of experiments whose shapes are drawn over each other.
 MANY = 6
@@ -37,7 +37,8 @@ def equilibrium_shapes(at_values: Project, placed: Sequence[str]) -> Equilibrium
             shapes[name] = response.snapshots[-1]
     if not shapes:
         return None
-    rest = simulate_robot(_unloaded(at_values.robot), Protocol({}), snapshots=True)
+    unloaded = replace(at_values.robot, gravity=np.zeros(3), loads=())
+    rest = simulate_robot(unloaded, Protocol({}), snapshots=True)
     if not rest.succeeded:
         return None
     return EquilibriumShapes(at_values.robot, rest.snapshots[0], shapes, rest.tets)
@@ -63,6 +64,31 @@ def _moved(rest: Snapshot, shape: Snapshot) -> float:
     return max(float(np.linalg.norm(now - then, axis=1).max()) for now, then in parts)
 
 
-def _unloaded(robot: Robot) -> Robot:
-    """The robot without gravity or loads, for its undeformed shape."""
-    return replace(robot, gravity=np.zeros(3), loads=())
+def furthest_response(project: Project, result: SearchResult) -> Response:
+    """Response of the calibrated twin, with shapes, in the result's experiment with the largest drive.
+
+    It is simulated with the project's own robot, whose twin keeps the load paths of the search; without contact where
+    the engine of the search leaves it out.
+    """
+    at_values = calibrated(project, result)
+    name = furthest_experiment(at_values, list(result.experiments))
+    theta = parameter_values(robot_in(at_values, name))
+    left_out = left_out_sentence(result.hashes.get("engine", SOFTCAL), project.robot)
+    robot = replace(project.robot, contact=None) if left_out else project.robot
+    return simulate_robot(robot, protocol_of(at_values, name), theta, snapshots=True, shared=True)
+
+
+def furthest_experiment(project: Project, experiments: Sequence[str]) -> str:
+    """The experiment with the largest drive."""
+
+    def reach(name: str) -> float:
+        experiment = project.experiments[name]
+        return max((float(np.max(experiment.dataset.values(drive))) for drive in experiment.drives), default=0.0)
+
+    return max(experiments, key=reach)
+
+
+def furthest_responses(project: Project, results: Mapping[str, SearchResult]) -> dict[str, Response]:
+    """The furthest response of the joint calibration, or of each calibration if there is no joint one."""
+    chosen = {JOINT: results[JOINT]} if JOINT in results else results
+    return {label: furthest_response(project, result) for label, result in chosen.items()}

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from softcal.analysis.validation import with_split
@@ -141,7 +142,7 @@ def calibrate(
                     store=store,
                     resume=resume and begun,
                     hashes=identity,
-                    progress=_labelled(progress, label),
+                    progress=None if progress is None else partial(progress, label),
                     sharing=shared[label],
                 )
             except CalibrationError:
@@ -172,15 +173,30 @@ def plan(project: Project, engine: str = SOFTCAL, **changes: object) -> tuple[Ca
 
     known = {name: value for name, value in given.items() if name in fields or name in options_of()}
     settings = changed(project.calibration, known, where)
-    options = [name for name in given if name not in fields]
-    _require_used(options, settings, fields, where)
-    settings = changed(settings, {"hold_out": experiments_named(settings.hold_out, project.experiments)}, where)
+    # A file may have options of other methods and losses, a caller may not.
+    used = options_of({"method": OPTIMISERS[settings.method], "loss": LOSSES[settings.loss]})
+    what = f"neither the method {settings.method} nor the loss {settings.loss} has this option"
+    faults = [
+        unknown(what, where(name), name, sorted(used), among=(*used, *fields), got="")
+        for name in given
+        if name not in fields and name not in used
+    ]
+    if faults:
+        raise ParameterError(faults)
+    hold_out = experiments_named(settings.hold_out, project.experiments)
+    settings = changed(settings, {"hold_out": hold_out}, where)
     problem = replace(
         make_problem(project, settings),
         simulate=engine_for(engine, project.robot, project.engines),
         left_out=left_out_sentence(engine, project.robot),
     )
-    return settings, _problems(problem, settings.fit, settings.hold_out)
+    fitted_part(problem, settings.hold_out)  # raises where nothing is left to fit
+    names = [experiment.name for experiment in problem.experiments if experiment.name not in settings.hold_out]
+    if len(names) == 1:
+        return settings, {names[0]: problem}
+    fit = settings.fit
+    alone = {name: problem.only([name, *settings.hold_out]) for name in names} if fit in ("each", "both") else {}
+    return settings, {**alone, **({JOINT: problem} if fit in ("joint", "both") else {})}
 
 
 def require_options(given: Mapping[str, object]) -> None:
@@ -203,24 +219,6 @@ def require_options(given: Mapping[str, object]) -> None:
 
 def _fields() -> set[str]:
     return {name for name in CalibrationSection.model_fields if name != "options"}
-
-
-def _require_used(
-    options: Collection[str], settings: CalibrationSection, others: Collection[str], where: Callable[[str], str]
-) -> None:
-    """Raise if an option is given that neither the method nor the loss has; a file may have those of others too.
-
-    others: the settings that are not options, one of which may have been meant.
-    """
-    used = options_of({"method": OPTIMISERS[settings.method], "loss": LOSSES[settings.loss]})
-    what = f"neither the method {settings.method} nor the loss {settings.loss} has this option"
-    faults = [
-        unknown(what, where(name), name, sorted(used), among=(*used, *others), got="")
-        for name in options
-        if name not in used
-    ]
-    if faults:
-        raise ParameterError(faults)
 
 
 def make_problem(project: Project, settings: CalibrationSection | None = None) -> Problem:
@@ -248,7 +246,8 @@ def make_problem(project: Project, settings: CalibrationSection | None = None) -
     if faults or project.space is None:
         raise ParameterError(faults)
     settings = settings or project.calibration
-    loss = make_loss(settings, _length(project))
+    length = next((e.rig.length for e in project.experiments.values() if e.rig.length is not None), None)
+    loss = make_loss(settings, length)
     problem = Problem(
         project.robot, tuple(project.experiments.values()), project.space, loss, uncertain=project.uncertain
     )
@@ -271,29 +270,9 @@ def make_loss(settings: CalibrationSection, length: float | None = None) -> Loss
     return loss.made(settings.options, length)
 
 
-def _length(project: Project) -> float | None:
-    return next((e.rig.length for e in project.experiments.values() if e.rig.length is not None), None)
-
-
-def _problems(problem: Problem, fit: str, hold_out: Sequence[str]) -> dict[str, Problem]:
-    """What is to be fitted, by label, each with the experiments that it is to predict."""
-    fitted_part(problem, hold_out)
-    names = [experiment.name for experiment in problem.experiments if experiment.name not in hold_out]
-    if len(names) == 1:
-        return {names[0]: problem}
-    alone = {name: problem.only([name, *hold_out]) for name in names} if fit in ("each", "both") else {}
-    return {**alone, **({JOINT: problem} if fit in ("joint", "both") else {})}
-
-
 def _study(project: Project, label: str) -> str:
     """The name of the study in which processes share one of a project's calibrations."""
     return f"softcal/{project.name}/{label}"
-
-
-def _labelled(progress: Observer | None, label: str) -> Callable[[Progress], None] | None:
-    if progress is None:
-        return None
-    return lambda state: progress(label, state)
 
 
 def calibrated(project: Project, result: SearchResult) -> Project:

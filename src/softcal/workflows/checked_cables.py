@@ -19,10 +19,12 @@ def cable_rows(robot: Robot) -> list[tuple[str, str]]:
     rows, held = list[tuple[str, str]](), supports(robot)
     meshes = {body.name: body.mesh for body in robot.bodies}
     for cable in robot.cables:
-        via = " → ".join(_stations(cable))
+        runs = [(on or "space", len(list(run))) for on, run in groupby(via.on for via in cable.via_points)]
+        via = " → ".join(on if count == 1 else f"{on} ({count} points)" for on, count in runs)
         rows.append((f"cable {cable.name}", f"{format_quantity(cable.length, 'm')} long, {via}"))
         if cable.routing_axis is not None:
-            least, most = (format_quantity(r, "m", digits=4) for r in _radii(cable))
+            _, radii = cable.routing_axis.away(np.array([via.at for via in cable.via_points]))
+            least, most = (format_quantity(float(r), "m", digits=4) for r in (radii.min(), radii.max()))
             far = least if least == most else f"{least} to {most}"
             offset, angle = format_quantity(cable.routing_offset, "m"), format_quantity(cable.routing_angle, "rad")
             rows.append(("  routing", f"{far} from its axis, with an offset of {offset} and an angle of {angle}"))
@@ -103,16 +105,3 @@ def _line_rows(cable: Cable) -> list[tuple[str, str]]:
     elif cable.friction_coefficient:
         rows.append(("  friction", f"{cable.friction_coefficient:.4g}{beside}, of a cable that is pulled in"))
     return rows
-
-
-def _radii(cable: Cable) -> tuple[float, float]:
-    """Smallest and largest distance [m] of a cable's via points from its routing axis."""
-    assert cable.routing_axis is not None  # noqa: S101
-    _, distances = cable.routing_axis.away(np.array([via.at for via in cable.via_points]))
-    return float(distances.min()), float(distances.max())
-
-
-def _stations(cable: Cable) -> list[str]:
-    """The parts that carry a cable's via points; consecutive points on one part are grouped."""
-    runs = [(on or "space", len(list(run))) for on, run in groupby(via.on for via in cable.via_points)]
-    return [on if count == 1 else f"{on} ({count} points)" for on, count in runs]

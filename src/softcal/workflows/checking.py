@@ -26,7 +26,7 @@ from softcal.twin.channels import channels_of
 from softcal.twin.material import Material
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response
-from softcal.twin.robot import Body, Plate, Rod
+from softcal.twin.robot import Body, Rod
 from softcal.units import AS_WRITTEN, format_quantity, format_range, plain
 from softcal.workflows.checked_cables import cable_rows, off_course
 from softcal.workflows.output import require_writable
@@ -181,25 +181,22 @@ def _material_rows(part: Body | Rod, law: str, elements: str) -> list[tuple[str,
 
 
 def _constants(part: Body | Rod, material: Material) -> str:
-    shown = [f"{one.label} {_as_written(material.parameters[one.name], one.quantity.unit)}" for one in part.constants]
+    shown: list[str] = []
+    for constant in part.constants:
+        value, unit = material.parameters[constant.name], constant.quantity.unit
+        shown.append(f"{constant.label} {plain(value, AS_WRITTEN) if unit == '1' else format_quantity(value, unit)}")
     return ", ".join([*shown, *([f"{material.density:.4g} kg/m³"] if material.density else [])])
-
-
-def _as_written(value: float, unit: str) -> str:
-    return plain(value, AS_WRITTEN) if unit == "1" else format_quantity(value, unit)
 
 
 def _part_rows(project: Project) -> list[tuple[str, str]]:
     robot = project.robot
-    rows = [
-        (
-            f"plate {plate.name}",
-            f"{_carriers(project, plate)}, "
-            + (f"{len(plate.holes)} holes, " if plate.holes else "")
-            + ("fixed" if plate.fixed else f"mass {plate.mass:.4g} kg"),
-        )
-        for plate in robot.plates
-    ]
+    rows: list[tuple[str, str]] = []
+    for plate in robot.plates:
+        carriers = [f"{len(nodes)} nodes of {body}" for body, nodes in plate.nodes.items()]
+        carriers += [rod.name for rod in robot.rods if plate.name in rod.clamped]
+        holes = f"{len(plate.holes)} holes, " if plate.holes else ""
+        mass = "fixed" if plate.fixed else f"mass {plate.mass:.4g} kg"
+        rows.append((f"plate {plate.name}", f"on {', '.join(carriers) or 'nothing'}, {holes}{mass}"))
     rows += cable_rows(robot)
     rows += [(f"tie {tie.name}", f"{len(tie.nodes)} nodes of {tie.body} on {tie.on}") for tie in robot.ties]
     rows += [(f"marker {marker.name}", f"on {marker.on}") for marker in robot.markers]
@@ -229,12 +226,6 @@ def _rod_rows(project: Project) -> list[tuple[str, str]]:
 
 def _arcs(rod: Rod, nodes: Ints) -> str:
     return " and ".join(format_quantity(float(rod.centreline.stations[n]), "m") for n in nodes)
-
-
-def _carriers(project: Project, plate: Plate) -> str:
-    on = [f"{len(nodes)} nodes of {body}" for body, nodes in plate.nodes.items()]
-    on += [f"{rod.name}" for rod in project.robot.rods if plate.name in rod.clamped]
-    return "on " + ", ".join(on) if on else "on nothing"
 
 
 def _bench_rows(project: Project) -> list[tuple[str, str]]:

@@ -100,8 +100,12 @@ def _values(result: SearchResult) -> dict[str, float]:
 
 def _nominal_values(project: Project, result: SearchResult) -> dict[str, float]:
     """The project's values of a result's parameters, without those that have several."""
-    present = {name: _present(project, e.of or (name,)) for name, e in result.parameters.items()}
-    return {name: value for name, value in present.items() if value is not None}
+    known = project.parameters
+    present = {
+        name: {known[target].value for target in e.of or (name,) if target in known}
+        for name, e in result.parameters.items()
+    }
+    return {name: values.pop() for name, values in present.items() if len(values) == 1}
 
 
 def _at(
@@ -126,13 +130,6 @@ def _with_rig_of(project: Project, result: CalibrationResult) -> Project:
         for name, one in calibrated(project, result).experiments.items()
     }
     return replace(project, experiments=experiments)
-
-
-def _present(project: Project, targets: Sequence[str]) -> float | None:
-    """The common value of all targets; None if they differ, or if the value is per experiment."""
-    known = project.parameters
-    values = {known[target].value for target in targets if target in known}
-    return values.pop() if len(values) == 1 else None
 
 
 def _furthest_state(project: Project, result: SearchResult) -> State | None:

@@ -64,7 +64,14 @@ def expected_duration(problems: Mapping[str, Problem], settings: SearchSettings,
         Where the engine cannot simulate the twin at the start values.
     """
     first = next(iter(problems.values()))
-    seconds = _timed(first)
+    if first.simulate is None:
+        raise ValueError("softcal's own twin takes no time worth telling")
+    protocol, theta = first.first_trajectory()
+    began = time.perf_counter()
+    response = first.simulate(first.robot, protocol, theta)
+    seconds = time.perf_counter() - began
+    if not response.succeeded:
+        raise SimulationError(f"The twin at the start values: {response.status}")
     optimiser = OPTIMISERS.named(settings.method)
     budget = optimiser.settled(settings).trials or 0
     points = optimiser.expected or (budget, budget)
@@ -81,15 +88,3 @@ def expected_duration(problems: Mapping[str, Problem], settings: SearchSettings,
                 held_out[end] += (_POINTS_HELD_OUT[end] if own else 1) * alone.n_simulations()
     shared = workers if optimiser.in_parallel else 1
     return Expected(seconds, (search[0], search[1]), (held_out[0], held_out[1]), shared)
-
-
-def _timed(problem: Problem) -> float:
-    """Duration of one simulation [s]."""
-    if problem.simulate is None:
-        raise ValueError("softcal's own twin takes no time worth telling")
-    protocol, theta = problem.first_trajectory()
-    began = time.perf_counter()
-    response = problem.simulate(problem.robot, protocol, theta)
-    if not response.succeeded:
-        raise SimulationError(f"The twin at the start values: {response.status}")
-    return time.perf_counter() - began

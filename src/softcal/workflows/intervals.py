@@ -12,8 +12,6 @@ from softcal.calibration.interval_studies.likelihood_points import Observer
 from softcal.calibration.interval_studies.posterior import SAMPLES, posterior
 from softcal.calibration.interval_studies.profile import profile
 from softcal.calibration.interval_studies.resampling import jackknife
-from softcal.calibration.problem.uncertain import MESH_ERROR
-from softcal.calibration.results.result import SearchResult
 from softcal.calibration.statistics.groups import KINDS
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, unknown
@@ -65,13 +63,8 @@ def study_intervals(
                 found = posterior(problem, theta, **options, progress=progress)
             else:
                 found = bootstrap(problem, theta, over=over, **options, progress=progress)
-    mesh = (WITHOUT_MESH,) if source.result is not None and _has_mesh(source.result) else ()
+    mesh = (WITHOUT_MESH,) if source.includes_mesh else ()
     return replace(found, notes=(*source.notes, *mesh, *found.notes))
-
-
-def _has_mesh(result: SearchResult) -> bool:
-    """Whether the intervals of a result include the error of the mesh."""
-    return any(MESH_ERROR.source in estimate.shares for estimate in result.parameters.values())
 
 
 def check_method(by: str, over: str = "") -> None:

@@ -10,7 +10,6 @@ from softcal.analysis.candidate import Candidate
 from softcal.analysis.default_candidates import default_candidates, furthest
 from softcal.analysis.next_test import NextTests, next_tests
 from softcal.analysis.next_test_verdict import verdict
-from softcal.calibration.problem.uncertain import MESH_ERROR
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, StorageError
@@ -108,16 +107,10 @@ def rank(
         source.theta,
         [*stated, *(one for one in default_candidates(problem) if one.name not in names)],
         parameter,
-        mesh_error=_has_mesh_error(source),
+        mesh_error=source.includes_mesh,
         workers=workers,
     )
     return replace(found, notes=(*source.notes, *found.notes))
-
-
-def _has_mesh_error(source: StudySource) -> bool:
-    """Whether the calibration's intervals include the error of the mesh: those that it is compared with do as well."""
-    found = {} if source.result is None else source.result.parameters
-    return any(MESH_ERROR.source in estimate.shares for estimate in found.values())
 
 
 def write_ranking(found: NextTests, source: StudySource, folder: Path) -> None:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from softcal.analysis.importance import ImportanceStudy
 from softcal.analysis.landscape import ProportionalTwin, loss_over, scales_with_modulus
-from softcal.analysis.mesh_study import MeshStudy
 from softcal.calibration.problem.problem import Problem
 from softcal.calibration.results.result import CalibrationResult, SearchResult
 from softcal.declare import checked_arguments
@@ -24,12 +22,11 @@ from softcal.report.write import Observer, ReportPaths
 from softcal.report.write import write_report as write_content
 from softcal.twin.parameter_name import parameter_name
 from softcal.twin.response import Response
-from softcal.workflows.calibrated_shapes import calibrated_shapes, from_undeformed
+from softcal.workflows.calibrated_shapes import calibrated_shapes, from_undeformed, furthest_response
 from softcal.workflows.calibration import JOINT, calibrated, make_problem
 from softcal.workflows.comparing import compared_calibration, compared_sweep
-from softcal.workflows.furthest import furthest_response
-from softcal.workflows.importance_files import read_importance
-from softcal.workflows.mesh_study_files import read_study
+from softcal.workflows.importance_files import StoredImportance, read_importance
+from softcal.workflows.mesh_study_files import StoredStudy, read_study
 from softcal.workflows.run import SWEEP, CalibrationRun, Run, SweepRun
 from softcal.workflows.run_folder import load_run
 from softcal.workflows.simulation import twin_view
@@ -39,6 +36,8 @@ from softcal.workflows.whole_record import compare_records
 # Columns and rows of a computed landscape; with this many trials, the trials are drawn instead.
 LANDSCAPE_SHAPE = (41, 9)
 ENOUGH_TRIALS = 100
+
+S = TypeVar("S", StoredStudy, StoredImportance)
 
 
 @checked_arguments
@@ -61,7 +60,7 @@ def write_report(
     figures
         Names of the figures that are drawn; by default all that the run has data for.
     solved
-        Calibration -> furthest response (see `softcal.workflows.furthest`), if already solved.
+        Calibration -> furthest response (see `furthest_responses`), if already solved.
     progress
         Called with what is done next, its number from 0, and how many there are: reading the run, simulating, each
         figure, writing the page.
@@ -88,15 +87,22 @@ def report_content(run: CalibrationRun | SweepRun, solved: Mapping[str, Response
     match run:
         case CalibrationRun():
             return _calibration_content(run, solved or {})
-        case SweepRun():
-            return _sweep_content(run)
+        case SweepRun(project=project, result=result):
+            return ReportContent(
+                results={SWEEP: result},
+                experiments={name: experiment_content(project, name) for name in result.experiments},
+                compared=compared_sweep(project, run.settings, result),
+                **_shared(run, result),
+            )
 
 
 def _calibration_content(run: CalibrationRun, solved: Mapping[str, Response]) -> ReportContent:
     project = run.project
     headline = JOINT if JOINT in run.results else next(iter(run.results))
-    mesh, mesh_note = _mesh_study(run)
-    importance, importance_note = _importance(run)
+    stale = f"The mesh study in {MESH_STUDY} is not of the calibrated values"
+    mesh, mesh_note = _current(run, read_study(run.folder / MESH_STUDY), stale)
+    stale = f"The study in {IMPORTANCE} is not over the bounds of the search"
+    importance, importance_note = _current(run, read_importance(run.folder / IMPORTANCE), stale)
     return ReportContent(
         results=run.results,
         headline=headline,
@@ -104,22 +110,21 @@ def _calibration_content(run: CalibrationRun, solved: Mapping[str, Response]) ->
         landscapes=_landscapes(project, run.results, run.settings),
         records={label: compare_records(project, result) for label, result in run.results.items()},
         compared=compared_calibration(project, run.settings, run.results[headline]),
-        mesh_study=mesh,
+        mesh_study=None if mesh is None else mesh.study,
         mesh_note=mesh_note,
-        importance=importance,
+        importance=None if importance is None else importance.study,
         importance_note=importance_note,
         **_shared(run, run.results[headline], solved.get(headline)),
     )
 
 
-def _sweep_content(run: SweepRun) -> ReportContent:
-    result = run.result
-    return ReportContent(
-        results={SWEEP: result},
-        experiments={name: experiment_content(run.project, name) for name in result.experiments},
-        compared=compared_sweep(run.project, run.settings, result),
-        **_shared(run, result),
-    )
+def _current(run: CalibrationRun, study: S | None, stale: str) -> tuple[S | None, str]:
+    """A study in the run's folder if it belongs to the run's results, and a note on it."""
+    if study is None:
+        return None, ""
+    if not study.is_of(run.results):
+        return None, f"{stale}: delete it and repeat it."
+    return study, f"Of the calibration '{study.calibration}'." if len(run.results) > 1 else ""
 
 
 def _shared(run: Run, result: SearchResult, furthest: Response | None = None) -> dict[str, Any]:
@@ -136,31 +141,6 @@ def _shared(run: Run, result: SearchResult, furthest: Response | None = None) ->
         "hashes": run.hashes,
         "created": run.created,
     }
-
-
-def _mesh_study(run: CalibrationRun) -> tuple[MeshStudy | None, str]:
-    """The run's mesh study if it belongs to the present values, else None and why it is not shown."""
-    stored = read_study(run.folder / MESH_STUDY)
-    if stored is None:
-        return None, ""
-    if stored.is_of(run.results):
-        return stored.study, _whose(run, stored.calibration)
-    return None, f"The mesh study in {MESH_STUDY} is not of the calibrated values: delete it and repeat it."
-
-
-def _importance(run: CalibrationRun) -> tuple[ImportanceStudy | None, str]:
-    """The run's importance study if it is over the bounds of its search, else None and why it is not shown."""
-    stored = read_importance(run.folder / IMPORTANCE)
-    if stored is None:
-        return None, ""
-    if stored.is_of(run.results):
-        return stored.study, _whose(run, stored.calibration)
-    return None, f"The study in {IMPORTANCE} is not over the bounds of the search: delete it and repeat it."
-
-
-def _whose(run: CalibrationRun, calibration: str) -> str:
-    """Which calibration of the run a study is of; "" where there is one."""
-    return f"Of the calibration '{calibration}'." if len(run.results) > 1 else ""
 
 
 def experiment_content(project: Project, name: str) -> ExperimentContent:

@@ -188,12 +188,16 @@ def _finish(
     except OSError as error:
         raise unwritable(folder, error) from error
     write_text(folder / "trials.csv", _trials_csv(results))
+    summaries = {name: result_json(result) for name, result in results.items()}
     document = {
         **result_json(replace(headline, hashes={**project.hashes, **headline.hashes})),
         "project": project.name,
         "values": dict(project.held),
         "headline": label or "each experiment by itself",
-        "calibrations": {one: _summary(result) for one, result in results.items()},
+        "calibrations": {
+            name: {key: value for key, value in full.items() if key not in ("versions", "hashes")}
+            for name, full in summaries.items()
+        },
         **more,
     }
     write_text(folder / "result.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
@@ -350,11 +354,6 @@ def _copy_inputs(project: Project, folder: Path) -> dict[str, str]:
         write_mesh(mesh, folder / place)
         copies[stored_mesh(name)] = place.as_posix()
     return copies
-
-
-def _summary(result: SearchResult) -> dict[str, Any]:
-    full = result_json(result)
-    return {key: full[key] for key in full if key not in ("versions", "hashes")}
 
 
 def _trials_csv(results: Mapping[str, SearchResult]) -> str:

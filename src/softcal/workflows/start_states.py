@@ -112,7 +112,11 @@ def start_states(
     responses: dict[str, Response] = {}
     for i, (name, experiment) in enumerate(project.experiments.items(), start=1):
         progress(f"Solving the end of {name} ({i} of {len(project.experiments)})")
-        responses[name] = response = _end_of(project, name)
+        protocol = protocol_of(project, name)
+        if len(protocol.commands) > 1 or project.robot.remembers:  # independent states, or a way there and back
+            protocol = furthest_state(protocol)
+        response = simulate(robot_in(project, name), protocol, snapshots=True, curve_tolerance=ROUGH)
+        responses[name] = response
         row, about = _end_summary(experiment, response, undeformed)
         rows.append((f"end of {name}", row))
         about = [f"{name}: {sentence}" for sentence in about]
@@ -121,8 +125,12 @@ def start_states(
         if response.stopped_by is not None:
             raise response.stopped_by
         if response.succeeded and response.snapshots:
-            shapes[f"{name}\n{_pulls(response.snapshots[-1])}".strip()] = response.snapshots[-1]
-    return StartStates(tuple(rows), tuple(warnings), responses, undeformed, shapes, _tets(project))
+            shape = response.snapshots[-1]
+            tensions = sorted(shape.tensions.items(), key=lambda pair: -pair[1])
+            taut = [f"{cable} {format_quantity(tension, 'N')}" for cable, tension in tensions if tension > 0.0]
+            shapes[f"{name}\n{', '.join(taut[:2])}{' …' if len(taut) > 2 else ''}".strip()] = shape
+    tets = {name: mesh.tets for name, mesh in twin.meshes.items()}
+    return StartStates(tuple(rows), tuple(warnings), responses, undeformed, shapes, tets)
 
 
 def at_start_values(project: Project) -> Project:
@@ -138,16 +146,6 @@ def at_start_values(project: Project) -> Project:
 
     tests = {n: replace(e, settings={**own(e), **e.settings}) for n, e in project.experiments.items()}
     return replace(project, robot=with_parameters(project.robot, shared), experiments=tests)
-
-
-def _end_of(project: Project, name: str) -> Response:
-    """Response to a driven cable up to its end; for independent states, and a way there and back, that with the largest
-    pull.
-    """
-    protocol = protocol_of(project, name)
-    if len(protocol.commands) > 1 or project.robot.remembers:
-        protocol = furthest_state(protocol)
-    return simulate(robot_in(project, name), protocol, snapshots=True, curve_tolerance=ROUGH)
 
 
 def _end_summary(experiment: Experiment, response: Response, undeformed: Snapshot) -> tuple[str, list[str]]:
@@ -195,14 +193,3 @@ def _moved(before: Snapshot, after: Snapshot) -> tuple[str, bool]:
     moved = {name: float(np.linalg.norm(now - then, axis=1).max()) for name, (now, then) in parts.items()}
     name = max(moved, key=lambda part: moved[part])
     return f"{name} moves by up to {format_quantity(moved[name], 'm', digits=3)}", moved[name] > MOVED * size
-
-
-def _pulls(shape: Snapshot) -> str:
-    """The cables with the largest tensions, at most two."""
-    taut = sorted((name for name, tension in shape.tensions.items() if tension > 0.0), key=lambda n: -shape.tensions[n])
-    text = ", ".join(f"{name} {format_quantity(shape.tensions[name], 'N')}" for name in taut[:2])
-    return text + (" …" if len(taut) > 2 else "")
-
-
-def _tets(project: Project) -> dict[str, Ints]:
-    return {name: mesh.tets for name, mesh in twin_of(project.robot).meshes.items()}

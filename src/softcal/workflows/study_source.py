@@ -1,4 +1,4 @@
-"""Source of a study: a calibrated run at its calibrated values, or a project at its present parameters.
+"""Source of a study or of a twin: a calibrated run at its calibrated values, or a project at its present parameters.
 
 Modules that only a study needs are imported after the project is read, so that its faults are reported at once.
 """
@@ -6,7 +6,7 @@ Modules that only a study needs are imported after the project is read, so that 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,6 +35,14 @@ class StudySource:
     project: Project
     notes: tuple[str, ...] = ()
     result: CalibrationResult | None = None
+
+    @property
+    def includes_mesh(self) -> bool:
+        """Whether the calibration's intervals include the error of the mesh."""
+        from softcal.calibration.problem.uncertain import MESH_ERROR
+
+        estimates = {} if self.result is None else self.result.parameters
+        return any(MESH_ERROR.source in estimate.shares for estimate in estimates.values())
 
 
 def study_source(path: ProjectSource, values: Mapping[str, str] | None = None, calibration: str = "") -> StudySource:
@@ -117,11 +125,13 @@ def _present(problem: Problem) -> dict[str, float]:
     from softcal.twin.parameters import parameter_values
 
     of_robot = parameter_values(problem.robot)
+    # Of the rig's values those of the first experiment that has them.
+    of_rig = {name: value for e in reversed(problem.experiments) for name, value in e.rig_values().items()}
     theta: dict[str, float] = {}
     faults: list[Fault] = []
     for p in problem.space.parameters:
         serving = next(e for e in problem.experiments if p.serves(e.name))
-        values = {**of_robot, **_rig(problem), **serving.rig_values()}
+        values = {**of_robot, **of_rig, **serving.rig_values()}
         theta[p.label] = sum(values[target] for target in p.targets) / len(p.targets)
         if not p.lower <= theta[p.label] <= p.upper:
             got, allowed = f"{theta[p.label]:.6g} {p.unit}", f"{p.lower:.6g} to {p.upper:.6g} {p.unit}"
@@ -131,6 +141,25 @@ def _present(problem: Problem) -> dict[str, float]:
     return theta
 
 
-def _rig(problem: Problem) -> dict[str, float]:
-    """Present values of the rig, from the first experiment that has them."""
-    return {name: value for e in reversed(problem.experiments) for name, value in e.rig_values().items()}
+def load_calibrated(path: Path, values: Mapping[str, str] | None = None) -> Project:
+    """The project of a file, or that of a run folder at the calibrated values; then `values` are set.
+
+    Raises
+    ------
+    InputError
+        For a project that cannot be loaded, or an invalid value.
+    StorageError
+        For a folder that holds no run.
+    """
+    if not path.is_dir():
+        return load(path, values=values or {})
+    from softcal.project.search import held_values
+    from softcal.twin.parameters import robot_parameters, with_parameters
+    from softcal.workflows.calibration import calibrated
+    from softcal.workflows.run_folder import load_run, refuse_project_folder
+
+    refuse_project_folder(path)
+    run = load_run(path)
+    project = calibrated(run.project, run.headline)
+    held = held_values(values or {}, robot_parameters(project.robot))
+    return replace(project, robot=with_parameters(project.robot, held))

@@ -151,7 +151,8 @@ def sweep(
                 progress=None if progress is None else lambda state: progress(SWEEP, state),
             )
         except CalibrationError as error:
-            failed = [] if store is None else _all_failed(store)
+            cells = [] if store is None else [stored.trial for stored in stored_trials(store).values()]
+            failed = [] if any(cell.loss is not None for cell in cells) else cells
             if failed and folder is not None:
                 write_text(folder / "sweep.csv", failed_csv(problem, failed))
             if stop.by is not None:
@@ -245,12 +246,6 @@ def _header(units: Mapping[str, str], loss: str) -> list[str]:
 def _row(trial: Trial, parameters: Sequence[str]) -> list[object]:
     loss = "" if trial.loss is None else trial.loss
     return [trial.number, trial.state, trial.reason, *(trial.theta[name] for name in parameters), loss]
-
-
-def _all_failed(store: Path) -> list[Trial]:
-    """The cells that are kept in a folder, where none of them could be simulated; else none."""
-    trials = [stored.trial for stored in stored_trials(store).values()]
-    return [] if any(trial.loss is not None for trial in trials) else trials
 
 
 def _best_json(best: BestCell) -> dict[str, Any]:

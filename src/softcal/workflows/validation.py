@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from softcal.analysis.validation import Prediction, Validation, folds_of, leave_out, with_split
@@ -56,7 +57,12 @@ def validate(
     CalibrationError
         Where nothing could be simulated.
     """
-    problems = _problems(_by_label(projects), split)
+    if isinstance(projects, Mapping):
+        labelled = {label: project_of(source) for label, source in projects.items()}
+    else:
+        project = project_of(projects)
+        labelled = {project.name: project}
+    problems = _problems(labelled, split)
     folds = folds_of(next(iter(problems.values()))[0], hold_out)
     models: dict[str, tuple[Prediction, ...]] = {}
     with stoppable() as stop:
@@ -66,7 +72,7 @@ def validate(
                 folds,
                 settings,
                 workers=workers,
-                progress=_for_model(progress, label),
+                progress=None if progress is None else partial(progress, label),
                 stopped=lambda: stop.by is not None,
             )
     if stop.by is not None:
@@ -104,13 +110,6 @@ def validation_csv(found: Validation) -> str:
     return csv_text([*header, "parameters"], rows)
 
 
-def _by_label(projects: ProjectSource | Mapping[str, ProjectSource]) -> dict[str, Project]:
-    if isinstance(projects, Mapping):
-        return {label: project_of(one) for label, one in projects.items()}
-    only = project_of(projects)
-    return {only.name: only}
-
-
 def _problems(projects: Mapping[str, Project], split: Sequence[str]) -> dict[str, tuple[Problem, SearchSettings]]:
     problems = {label: (make_problem(project), project.calibration.search) for label, project in projects.items()}
     names = {label: [e.name for e in problem.experiments] for label, (problem, _) in problems.items()}
@@ -131,9 +130,3 @@ def _problems(projects: Mapping[str, Project], split: Sequence[str]) -> dict[str
         for tied in split:
             problems[f"{label}, {tied} split"] = with_split(problem, tied), settings
     return problems
-
-
-def _for_model(progress: Observer | None, model: str) -> Callable[[str, Progress], None] | None:
-    if progress is None:
-        return None
-    return lambda fold, state: progress(model, fold, state)

@@ -12,9 +12,8 @@ import typer
 from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.calibration_table import print_results, result_line
 from softcal.cli.command import ProjectFile, Verbose, register_command, resumable
-from softcal.cli.page_beside import page_beside
 from softcal.cli.printing import echo, print_warnings, shown_path
-from softcal.cli.running import clock, executor_told, steps
+from softcal.cli.running import clock, executor_told, page_beside, steps
 from softcal.cli.values import (
     LOCAL,
     SOFTCAL,
@@ -112,8 +111,8 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     options = calibration_options(option, {**changes, "mesh_error": mesh_error})
     loaded = load(project, values=parsed_values(values))
     from softcal.calibration.search.storage_url import storage_url
+    from softcal.workflows.calibrated_shapes import furthest_responses
     from softcal.workflows.calibration import calibrate as calibrate_project
-    from softcal.workflows.furthest import furthest_responses
 
     print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "run"

@@ -44,7 +44,7 @@ def _command(export: Export) -> Any:
     """The command of an export, with its options."""
 
     def run(source: Path, out: Path, values: list[str] | None, pull: list[str] | None = None, **options: Any) -> None:
-        from softcal.workflows.source import load_calibrated
+        from softcal.workflows.study_source import load_calibrated
 
         project = load_calibrated(source, parsed_values(values))
         warnings: list[str] = []  # printed after the progress display is removed

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from softcal.analysis.mesh_changes import Change
     from softcal.analysis.mesh_study import Finer, MeshStudy, Observer
 
 
@@ -63,21 +62,25 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
 
     print_warnings(studied.project.warnings if not source.is_dir() else ())
     with executor_told(on, workers) as executor, _bars() as show:
-        found = study(
+        result = study(
             studied, element=element, halvings=halvings, max_unknowns=unknowns, workers=executor, progress=show
         )
     if studied.calibration:
         echo(f"What the mesh contributes to the calibration '{studied.calibration}'")
-    _print_study(found)
-    for one in found.finer:
-        if one.failure:
-            echo(f"Not simulated, {one.name} ({one.what}): {one.failure}")
-    for note in found.notes:
+    finer = [mesh for mesh in result.finer if not mesh.failure]
+    print_table(_sizes(result, finer))
+    if finer:
+        print_table(_changes(finer))
+        print_table(_parameters(result, finer))
+    for mesh in result.finer:
+        if mesh.failure:
+            echo(f"Not simulated, {mesh.name} ({mesh.what}): {mesh.failure}")
+    for note in result.notes:
         echo(f"Note: {note}")
-    for verdict in mesh_verdicts(found):
+    for verdict in mesh_verdicts(result):
         echo(verdict.text)
     if folder is not None:
-        write_study(found, studied.project, studied.calibration, folder)
+        write_study(result, studied.project, studied.calibration, folder)
         echo(f"Wrote {shown_path(folder)}")
         if folder == default_folder(source, MESH_STUDY):
             echo(f"Into the report with: softcal report {source}")
@@ -118,14 +121,6 @@ def _bars() -> Generator[Observer]:
         yield show
 
 
-def _print_study(found: MeshStudy) -> None:
-    finer = [one for one in found.finer if not one.failure]
-    print_table(_sizes(found, finer))
-    if finer:
-        print_table(_changes(finer))
-        print_table(_parameters(found, finer))
-
-
 def _sizes(found: MeshStudy, finer: Sequence[Finer]) -> Table:
     """A line per discretisation: its size, and the loss at the calibrated values and after the shifts."""
     from rich.table import Table
@@ -147,6 +142,7 @@ def _changes(finer: Sequence[Finer]) -> Table:
     from rich.table import Table
 
     from softcal.analysis.mesh_changes import pooled
+    from softcal.units import format_quantity
 
     changes = {one.name: pooled(one.changes) for one in finer}
     is_noisy = any(c.noise for held in changes.values() for c in held.values())
@@ -159,7 +155,8 @@ def _changes(finer: Sequence[Finer]) -> Table:
             cells = [_number(c.rms / c.residual if c.residual else None)]
             cells += [_number(c.rms / c.noise if c.noise else None)] * is_noisy
             cells += [_number(c.order, 2)] * has_order
-            table.add_row(name, on, _change(c), *cells)
+            change = f"{100 * c.share:+.2g} %" if c.share is not None else format_quantity(c.rms, c.unit, digits=3)
+            table.add_row(name, on, change, *cells)
         if len(finer) > 1:
             table.add_section()
     return table
@@ -187,14 +184,6 @@ def _parameters(found: MeshStudy, finer: Sequence[Finer]) -> Table:
         if label in found.of_robot:
             table.add_section()
     return table
-
-
-def _change(change: Change) -> str:
-    from softcal.units import format_quantity
-
-    if change.share is not None:
-        return f"{100 * change.share:+.2g} %"
-    return format_quantity(change.rms, change.unit, digits=3)
 
 
 def _number(value: float | None, digits: int = 3) -> str:

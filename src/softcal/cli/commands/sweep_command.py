@@ -10,9 +10,8 @@ import typer
 from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.command import ProjectFile, register_command, resumable
 from softcal.cli.commands.calibrate_commands import report_run
-from softcal.cli.page_beside import page_beside
 from softcal.cli.printing import echo, print_table, print_warnings, shown_path
-from softcal.cli.running import executor_told
+from softcal.cli.running import executor_told, page_beside
 from softcal.cli.values import LOCAL, On, Values, WithPage, WithReport, Workers, names, parsed_pairs, parsed_values
 
 if TYPE_CHECKING:
@@ -61,7 +60,7 @@ def sweep(  # noqa: PLR0913 (one argument for each option)
     with page_beside(folder, wanted=watch):
         with resumable(folder, "Every cell", "the same command and --resume"):
             with executor_told(on, workers) as executor, calibration_progress() as bars:
-                found = sweep_project(
+                swept = sweep_project(
                     loaded,
                     over=axes or None,
                     experiments=None if experiments is None else names(experiments),
@@ -70,22 +69,17 @@ def sweep(  # noqa: PLR0913 (one argument for each option)
                     workers=executor,
                     progress=bars.show,
                 )
-            _print_sweep(found)
-            if found.stopped_by is not None:
-                raise found.stopped_by
+            print_table(_table(swept))
+            echo(swept.result.status)
+            if swept.nominal.loss is None:
+                echo(f"Note: the nominal values could not be simulated: {swept.nominal.failure}")
+            for note in swept.result.notes:
+                echo(f"Note: {note}")
+            if swept.stopped_by is not None:
+                raise swept.stopped_by
         echo(f"Sweep: {shown_path(folder)}")
         if report:
             report_run(folder, None)
-
-
-def _print_sweep(found: Swept) -> None:
-    print_table(_table(found))
-    result = found.result
-    echo(result.status)
-    if found.nominal.loss is None:
-        echo(f"Note: the nominal values could not be simulated: {found.nominal.failure}")
-    for note in result.notes:
-        echo(f"Note: {note}")
 
 
 def _table(found: Swept) -> Table:

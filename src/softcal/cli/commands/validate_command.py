@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from softcal.analysis.validation import Validation
     from softcal.calibration.results.result import ExperimentFit
-    from softcal.calibration.statistics.estimate import Estimate
 
 
 @register_command("judge", 1)
@@ -63,31 +62,29 @@ def validate(
     labels = {path: Path(path).stem for path in loaded}
     unique = len(set(labels.values())) == len(labels)
     with executor_told(on, workers) as executor, calibration_progress() as bars:
-        found = validate_projects(
+        validation = validate_projects(
             {labels[path] if unique else path: project for path, project in loaded.items()},
             hold_out=[names(fold) for fold in hold_out or []],
             split=split or [],
             workers=executor,
             progress=lambda model, fold, state: bars.show(f"{model} without {fold}", state),
         )
-    _print_validation(found)
-    if out is not None:
-        write_validation(found, out)
-        echo(f"Wrote {shown_path(out)}")
-
-
-def _print_validation(found: Validation) -> None:
-    print_table(_table(found))
-    for model, predictions in found.models.items():
-        for one in predictions:
-            for note in one.result.notes:
+    print_table(_table(validation))
+    for model, predictions in validation.models.items():
+        for prediction in predictions:
+            for note in prediction.result.notes:
                 if "held out" in note.text or "bound" in note.text:
-                    echo(f"Note ({model} without {', '.join(one.left_out)}): {note}")
+                    echo(f"Note ({model} without {', '.join(prediction.left_out)}): {note}")
+    if out is not None:
+        write_validation(validation, out)
+        echo(f"Wrote {shown_path(out)}")
 
 
 def _table(found: Validation) -> Table:
     """A column per model: the parameters fitted without each fold, and the errors of the predictions."""
     from rich.table import Table
+
+    from softcal.cli.calibration_table import value_text
 
     table = Table("", *found.models)
     folds = [one.left_out for one in next(iter(found.models.values()))]
@@ -95,7 +92,8 @@ def _table(found: Validation) -> Table:
         fits = {model: one[i] for model, one in found.models.items() if i < len(one)}
         shared = [n for one in fits.values() for n in one.result.parameters if "[" not in n and "frame." not in n]
         for name in dict.fromkeys(shared):
-            cells = (_parameter(fits[m].result.parameters.get(name)) if m in fits else "" for m in found.models)
+            estimates = (fits[m].result.parameters.get(name) if m in fits else None for m in found.models)
+            cells = ("" if estimate is None else value_text(estimate) for estimate in estimates)
             table.add_row(f"{name}, without {', '.join(fold)}", *cells)
         for experiment in fold:
             held = {m: [one.held_out[experiment].fit] for m, one in fits.items() if experiment in one.held_out}
@@ -104,12 +102,6 @@ def _table(found: Validation) -> Table:
     pooled = [[h.fit for one in p for h in one.held_out.values()] for p in found.models.values()]
     _add_errors(table, "all predictions", pooled)
     return table
-
-
-def _parameter(estimate: Estimate | None) -> str:
-    from softcal.cli.calibration_table import value_text
-
-    return "" if estimate is None else value_text(estimate)
 
 
 def _add_errors(table: Table, what: str, held: Sequence[Sequence[ExperimentFit]]) -> None:

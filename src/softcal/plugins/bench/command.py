@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.command import exit_on_error, register_command
-from softcal.cli.page_beside import page_beside
 from softcal.cli.printing import echo, print_table, shown_path
-from softcal.cli.running import clock, executor_told
+from softcal.cli.running import clock, executor_told, page_beside
 from softcal.cli.values import LOCAL, On, WithPage, Workers
 
 if TYPE_CHECKING:

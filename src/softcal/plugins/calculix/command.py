@@ -52,7 +52,7 @@ def crosscheck(
     """
     from softcal.quantities import QUANTITIES
     from softcal.workflows.output import require_free_folder
-    from softcal.workflows.source import load_calibrated
+    from softcal.workflows.study_source import load_calibrated
 
     longest = QUANTITIES["duration"].read(timeout, where="--timeout") if timeout else None
     if out is not None:

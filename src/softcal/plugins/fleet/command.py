@@ -13,9 +13,8 @@ import typer
 
 from softcal.cli.calibration_lines import CalibrationLines
 from softcal.cli.command import register_command, resumable
-from softcal.cli.page_beside import page_beside
 from softcal.cli.printing import echo, print_report_table, shown_path
-from softcal.cli.running import executor_told
+from softcal.cli.running import executor_told, page_beside
 from softcal.cli.values import LOCAL, On, WithPage, WithReport, Workers, as_typed, calibration_options, names
 
 if TYPE_CHECKING:

@@ -71,7 +71,7 @@ def _parameters(project: Project) -> dict[str, Any]:
 
 def _furthest(at_values: Project, names: Sequence[str]) -> dict[str, Response]:
     """Response, with shapes, in the experiment with the largest drive; nothing where none drives the twin."""
-    from softcal.workflows.furthest import furthest_experiment
+    from softcal.workflows.calibrated_shapes import furthest_experiment
     from softcal.workflows.simulation import simulate
 
     name = furthest_experiment(at_values, names)

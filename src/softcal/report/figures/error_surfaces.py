@@ -103,19 +103,23 @@ def _legend(figure: Figure, drawn: Sequence[Axes], empty: Sequence[Axes]) -> Non
 
 
 def _draw_cells(figure: Figure, axes: Axes, surface: ErrorSurface, x_scale: Scale, y_scale: Scale) -> None:
+    from matplotlib.colors import LogNorm
+
     x, y = surface.x / x_scale.factor, surface.y / y_scale.factor
     known = surface.error[np.isfinite(surface.error)]
-    norm = _norm(known)
+    # Logarithmic colours, since what matters are ratios of errors; one colour more where all are alike.
+    low = max(float(known.min()), 1e-6 * float(known.max()), 1e-300)
+    high = max(float(np.quantile(known, _SHOWN)), 1.05 * low)
     shown = axes.pcolormesh(
-        _edges(x), _edges(y), np.ma.masked_invalid(surface.error), cmap=SEQUENTIAL, norm=norm, edgecolors="white",
-        linewidth=0.4,
+        _edges(x), _edges(y), np.ma.masked_invalid(surface.error), cmap=SEQUENTIAL,
+        norm=LogNorm(low, high, clip=True), edgecolors="white", linewidth=0.4,
     )  # fmt: skip
     bar = figure.colorbar(
-        shown, ax=axes, pad=0.02, aspect=22, extend="max" if known.max() > 1.001 * norm.vmax else "neither"
+        shown, ax=axes, pad=0.02, aspect=22, extend="max" if known.max() > 1.001 * high else "neither"
     )
     bar.outline.set_visible(False)  # type: ignore[operator]
     bar.set_label(f"Error [{surface.unit}]" if surface.unit else "Loss", fontsize=8.5)
-    plain_log_ticks(bar.ax.yaxis, norm.vmin, norm.vmax)
+    plain_log_ticks(bar.ax.yaxis, low, high)
     if len(surface.failed):
         axes.plot(
             surface.failed[:, 0] / x_scale.factor, surface.failed[:, 1] / y_scale.factor, "x", color=FAINT,
@@ -128,15 +132,6 @@ def _draw_cells(figure: Figure, axes: Axes, surface: ErrorSurface, x_scale: Scal
             set_scale("log")
             plain_log_ticks(axis, float(values[0]), float(values[-1]))
     axes.grid(False)
-
-
-def _norm(known: Floats) -> Any:
-    """Logarithmic colours, since what matters are ratios of errors; one colour more where all are alike."""
-    from matplotlib.colors import LogNorm
-
-    low = max(float(known.min()), 1e-6 * float(known.max()), 1e-300)
-    high = max(float(np.quantile(known, _SHOWN)), 1.05 * low)
-    return LogNorm(low, high, clip=True)
 
 
 def _edges(values: Floats) -> Floats:

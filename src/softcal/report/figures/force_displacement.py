@@ -27,35 +27,22 @@ if TYPE_CHECKING:
 def force_displacement(content: ReportContent) -> Iterator[Drawing]:
     """The measurements: force over displacement with the samples of the fit, else each channel over time."""
     for name, experiment in content.experiments.items():
-        if _is_of_states(experiment):
-            continue
+        if any(channel_name(channel).point for channel in experiment.raw.channels):
+            continue  # the rows are states with positions, for which a chart over the samples is of no use
         if has_force_displacement(experiment.prepared) or has_force_displacement(experiment.raw):
-            yield Drawing(
-                draw_force_displacement(experiment),
-                _caption(experiment),
-                of=name,
-                title=f"The measured force of {name}",
-            )
+            drawn = experiment.corrected or experiment.raw
+            later = steps_between(experiment.prepared, len(drawn.provenance))
+            caption = f"{name}: the record in light tones, the samples used for the fit in blue."
+            if drawn.cycle is None and later:
+                caption += f" Steps between the two: {joined(later)}."
+            title = f"The measured force of {name}"
+            yield Drawing(draw_force_displacement(experiment), caption, of=name, title=title)
         else:
             later = steps_between(experiment.prepared, len(experiment.raw.provenance))
             used = f"; the fit uses it after {joined(later)}" if later else ""
             yield Drawing(
                 draw_record(experiment.raw), f"{name}: the record{used}.", of=name, title=f"The record of {name}"
             )
-
-
-def _is_of_states(experiment: ExperimentContent) -> bool:
-    """Whether the rows are states with positions, for which a chart over the samples is of no use."""
-    return any(channel_name(name).point for name in experiment.raw.channels)
-
-
-def _caption(experiment: ExperimentContent) -> str:
-    drawn = experiment.corrected or experiment.raw
-    later = steps_between(experiment.prepared, len(drawn.provenance))
-    caption = f"{experiment.name}: the record in light tones, the samples used for the fit in blue."
-    if drawn.cycle is None and later:
-        caption += f" Steps between the two: {joined(later)}."
-    return caption
 
 
 def steps_between(data: Dataset, after: int) -> list[str]:

@@ -46,7 +46,13 @@ def draw_loops(title: str, data: Dataset, fit: ExperimentFit) -> Figure:
             _draw_channel(below, data, fit, channel)
         axes.set_title(title)
         axes.legend(loc="upper left")
-        _draw_energies(last, fit)
+        numbers = np.array([cycle.measured.number + 1 for cycle in fit.cycles])
+        for k, (colour, name) in enumerate(((MEASURED, "measured"), (SIMULATED, "simulated"))):
+            lost = [1e3 * getattr(cycle, name).lost_energy for cycle in fit.cycles]
+            last.bar(numbers + 0.4 * (k - 0.5), lost, width=0.38, color=colour, alpha=0.8, label=name)
+        last.set_ylabel("Lost [mJ]")
+        count_axis(last, "Cycle")
+        last.grid(visible=False, axis="x")
         figure.align_ylabels([axes, *others, last])
         return figure
 
@@ -62,13 +68,3 @@ def _draw_channel(axes: Axes, data: Dataset, fit: ExperimentFit, channel: str) -
         axes.plot(travel[shown], values[shown], color=colour, linewidth=width, alpha=0.75, label=name)
     axes.set_xlabel(mm.axis("Displacement"))
     axes.set_ylabel(scale.axis("Cable force" if channel == "tension" else channel_name(channel).label))
-
-
-def _draw_energies(axes: Axes, fit: ExperimentFit) -> None:
-    numbers = np.array([one.measured.number + 1 for one in fit.cycles])
-    for k, (colour, name) in enumerate(((MEASURED, "measured"), (SIMULATED, "simulated"))):
-        lost = [1e3 * getattr(one, name).lost_energy for one in fit.cycles]
-        axes.bar(numbers + 0.4 * (k - 0.5), lost, width=0.38, color=colour, alpha=0.8, label=name)
-    axes.set_ylabel("Lost [mJ]")
-    count_axis(axes, "Cycle")
-    axes.grid(visible=False, axis="x")

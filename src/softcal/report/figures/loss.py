@@ -269,16 +269,11 @@ def _draw_optimum(axes: Axes, result: SearchResult, pair: tuple[str, str], scale
     lines = [
         f"{parameter_label(name, result.parameters)} = {value_text(e)}" for name, e in zip(pair, (x, y), strict=True)
     ]
-    right, upper = _half(axes, *at)
+    across, up = axes.transAxes.inverted().transform(axes.transData.transform(at))
+    right, upper = across > 0.5, up > 0.5
     axes.annotate(
         "\n".join([*lines, f"loss {number(result.loss)}"]), at, xytext=(-16 if right else 16, -16 if upper else 16),
         textcoords="offset points", ha="right" if right else "left", va="top" if upper else "bottom", fontsize=8.5,
         color=INK, bbox={"facecolor": "white", "edgecolor": FAINT, "alpha": 0.92, "boxstyle": "round,pad=0.35"},
         arrowprops={"arrowstyle": "-", "color": INK, "linewidth": 0.8}, zorder=6,
     )  # fmt: skip
-
-
-def _half(axes: Axes, x: float, y: float) -> tuple[bool, bool]:
-    """Whether a point is in the right half and in the upper half of the axes."""
-    across, up = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))
-    return bool(across > 0.5), bool(up > 0.5)

@@ -98,7 +98,7 @@ def _draw_bars(axes: Axes, nominal: Floats, tuned: Floats, tuned_name: str) -> N
 
 def _keep_numbers_apart(stack: Sequence[Axes]) -> None:
     """Shrink the bars' labels if they overlap; remove them if they still overlap."""
-    rows = [[text for text in axes.texts if _is_number(text.get_text())] for axes in stack]
+    rows = [[t for t in axes.texts if t.get_text().replace(".", "", 1).isdigit()] for axes in stack]
     for size in (7.0, 6.0, 5.0):
         for text in (text for row in rows for text in row):
             text.set_fontsize(size)
@@ -107,10 +107,6 @@ def _keep_numbers_apart(stack: Sequence[Axes]) -> None:
             return
     for text in (text for row in rows for text in row):
         text.set_visible(False)
-
-
-def _is_number(text: str) -> bool:
-    return text.replace(".", "", 1).isdigit()
 
 
 def _short(value: float) -> str:

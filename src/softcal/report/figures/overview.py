@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -49,33 +48,23 @@ def draw_overview(content: ReportContent, result: SearchResult) -> Figure:
         axes = figure.add_subplot()
         handles: list[Line2D] = []
         for index, (name, ((x, y), (x_twin, y_twin))) in enumerate(drawn.items()):
-            look, most = _look(index), 40 if len(drawn) < 4 else 20
+            # Markers and line styles change when the colours repeat.
+            turn, place = divmod(index, len(SERIES))
+            colour, marker, style = SERIES[place], "osD^vP"[(place + turn) % 6], ("-", "--", ":", "-.")[turn % 4]
+            most = 40 if len(drawn) < 4 else 20
             shown = np.unique(np.linspace(0, len(x) - 1, min(len(x), most)).round().astype(int))
-            points: dict[str, Any] = {"marker": look.marker, "markersize": 4, "markerfacecolor": "white"}
-            line: dict[str, Any] = {"linestyle": look.line, "linewidth": 1.8}
-            axes.plot(x[shown], y[shown], color=look.colour, linestyle="", **points)
-            axes.plot(x_twin, y_twin, color=look.colour, **line)
+            points: dict[str, Any] = {"marker": marker, "markersize": 4, "markerfacecolor": "white"}
+            line: dict[str, Any] = {"linestyle": style, "linewidth": 1.8}
+            axes.plot(x[shown], y[shown], color=colour, linestyle="", **points)
+            axes.plot(x_twin, y_twin, color=colour, **line)
             if alone:
-                handles.append(Line2D([], [], color=look.colour, linestyle="", label=f"{name}, measured", **points))
-                handles.append(Line2D([], [], color=look.colour, label="twin", **line))
+                handles.append(Line2D([], [], color=colour, linestyle="", label=f"{name}, measured", **points))
+                handles.append(Line2D([], [], color=colour, label="twin", **line))
             else:
-                handles.append(Line2D([], [], color=look.colour, label=name, **points, **line))
+                handles.append(Line2D([], [], color=colour, label=name, **points, **line))
         force_displacement_axes(axes, "Measured force (points) and the twin (lines)")
         figure.legend(handles=handles, loc="outside lower center", ncols=2 if alone else columns)
         return figure
-
-
-@dataclass(frozen=True)
-class _Look:
-    colour: str
-    marker: str
-    line: str
-
-
-def _look(index: int) -> _Look:
-    """Style of test number `index`: a colour and a marker; markers and line styles change when the colours repeat."""
-    turn, place = divmod(index, len(SERIES))
-    return _Look(SERIES[place], "osD^vP"[(place + turn) % 6], ("-", "--", ":", "-.")[turn % 4])
 
 
 def _legend_columns(names: Collection[str]) -> int:

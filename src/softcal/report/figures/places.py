@@ -13,13 +13,13 @@ from softcal.checks import Floats, Ints
 from softcal.geometry.fine_surface import fine_surface
 from softcal.geometry.surface import boundary
 from softcal.report.content import ReportContent
-from softcal.report.equilibrium_shapes import EquilibriumShapes
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import result_label
 from softcal.report.headline import headline
 from softcal.report.outline import View, outline, two_views
 from softcal.report.robot_view import robot_points
 from softcal.report.style import FAINT, INK, MUTED, SERIES, house_style, new_figure
+from softcal.report.twin_view import EquilibriumShapes
 from softcal.sensing.channel import positions
 from softcal.twin.facing import up_direction
 from softcal.twin.response import Snapshot

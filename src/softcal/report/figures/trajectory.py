@@ -11,7 +11,6 @@ import numpy as np
 
 from softcal.calibration.results.result import ExperimentFit
 from softcal.checks import Floats
-from softcal.experiments.dataset import Dataset
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import Scale, file_stem, joined, result_label, scale_of
@@ -109,7 +108,11 @@ def trajectory_panels(experiment: ExperimentContent, fit: ExperimentFit) -> Traj
         panels.append(TrajectoryPanel(name, channel_name(name).label, scale, shown, simulated, residual, band, repeat))
     n_samples = len(panels[0].simulated) if panels else 0
     abscissa = _abscissa(experiment, n_samples)
-    return TrajectoryPanels(experiment.name, abscissa, tuple(panels), _pieces(experiment.prepared, n_samples))
+    data, cuts = experiment.prepared, [0, n_samples]
+    if data.cycle is not None and data.n_samples == n_samples:
+        cuts[1:1] = (np.flatnonzero(np.diff(data.cycle)) + 1).tolist()
+    pieces = tuple(slice(start, stop) for start, stop in pairwise(cuts))
+    return TrajectoryPanels(experiment.name, abscissa, tuple(panels), pieces)
 
 
 def _abscissa(experiment: ExperimentContent, n_samples: int) -> Abscissa:
@@ -122,13 +125,6 @@ def _abscissa(experiment: ExperimentContent, n_samples: int) -> Abscissa:
             scale = scale_of(data.channels[name].unit)
             return Abscissa(data.values(name) / scale.factor, scale.axis(channel_name(name).label))
     return Abscissa(np.arange(n_samples, dtype=np.float64), "Sample", is_count=True)
-
-
-def _pieces(data: Dataset, n_samples: int) -> tuple[slice, ...]:
-    if data.cycle is None or data.n_samples != n_samples:
-        return (slice(0, n_samples),)
-    cuts = [0, *(np.flatnonzero(np.diff(data.cycle)) + 1).tolist(), n_samples]
-    return tuple(slice(start, stop) for start, stop in pairwise(cuts))
 
 
 def draw_trajectory(path: TrajectoryPanels, width: float = 5.2) -> Figure:

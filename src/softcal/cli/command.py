@@ -202,8 +202,18 @@ def _require_paths(options: Iterable[object]) -> None:
 
 @contextmanager
 def resumable(folder: Path, kept: str, again: str, record: str = "run.json") -> Generator[None]:
-    """Context of a run: if it is stopped, report what is kept, in which folder, and how to resume; record: the file
-    that is there from the beginning on.
+    """Context of a run: if it is stopped, report what is kept, in which folder, and how to resume.
+
+    Parameters
+    ----------
+    folder
+        Of the run.
+    kept
+        What is kept, at the beginning of the message.
+    again
+        How the run is resumed.
+    record
+        File that is in the folder from the beginning on.
     """
     try:
         yield

@@ -70,7 +70,18 @@ def parsed_values(given: list[str] | None) -> dict[str, str]:
 
 
 def parsed_pairs(given: list[str] | None, option: str, what: str, allowed: str) -> dict[str, str]:
-    """Name -> text from the arguments of an option NAME=TEXT; `what` describes the fault of any other text.
+    """Name -> text from the arguments of an option NAME=TEXT.
+
+    Parameters
+    ----------
+    given
+        The texts.
+    option
+        The option, such as `--set`.
+    what
+        The fault of a text that is no pair.
+    allowed
+        What is allowed in its place.
 
     Raises
     ------

@@ -168,7 +168,19 @@ def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...
 
 
 def region_colours(robot: Robot, body: Body, faces: Ints, colour: str) -> Floats:
-    """RGB of each face: fixed if all its corners are fixed, tied if all belong to a plate, else `colour`."""
+    """RGB (n, 3) of each face of a body: loaded, else fixed if all its corners are, else tied if all belong to a plate.
+
+    Parameters
+    ----------
+    robot
+        Its plates and loads mark faces of the body.
+    body
+        The body of the faces.
+    faces
+        Nodes of each face, corners first (n, 3 or more).
+    colour
+        Of the other faces.
+    """
     from matplotlib.colors import to_rgb
 
     corners = faces[:, :3]

@@ -168,8 +168,16 @@ def report_pictures(
     figures: Collection[str] = (),
     begin: Callable[[str, int], None] = lambda name, done: None,
 ) -> list[Picture]:
-    """Draw all figures for which the content has data, or just those of some names; begin: called with each figure's
-    name and its number, from 0.
+    """Draw the figures for which the content has data.
+
+    Parameters
+    ----------
+    content
+        What the report shows.
+    figures
+        Names of the figures; by default all.
+    begin
+        Called before each figure with its name and its number, from 0.
     """
     pictures: list[Picture] = []
     for done, figure in enumerate(named_figures(figures)):

@@ -23,7 +23,17 @@ from softcal.twin.parameter_name import parameter_name
 
 
 def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Mapping[str, ReportTable]) -> str:
-    """The page as text."""
+    """The page of a report as HTML.
+
+    Parameters
+    ----------
+    content
+        What the report shows.
+    pictures
+        The figures as they are drawn, in order.
+    tables
+        Key -> table.
+    """
     sections: dict[str, list[Picture]] = {}
     for picture in pictures:
         sections.setdefault(picture.section, []).append(picture)

@@ -53,7 +53,17 @@ def marks(sources: Sequence[ErrorSource]) -> dict[str, str]:
 
 
 def bar_text(source: ErrorSource, share: float, words: str) -> str:
-    """The text on a source's part of a bar: its name and its share, or what of them has room."""
+    """The text on a source's part of a bar: its name and its share, or what of them has room.
+
+    Parameters
+    ----------
+    source
+        The source of error.
+    share
+        Its share of the bar [-].
+    words
+        The share in words.
+    """
     return next((text for text in (f"{source.short} {words}", words) if len(text) * _LETTER < share), "")
 
 

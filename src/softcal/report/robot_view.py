@@ -80,9 +80,18 @@ def rod_colours(rod: Rod, colours: Mapping[str, str]) -> str | Floats:
 
 
 def rod_tube(rod: Rod, nodes: Floats, colour: str | Floats, *, opacity: float = 1.0) -> Tube:
-    """A rod with current node positions (n, 3), as thick as its section.
+    """A rod with current node positions, as thick as its section.
 
-    colour: a name, or RGB of each node (n, 3) or of each element (n - 1, 3).
+    Parameters
+    ----------
+    rod
+        The rod, with its section.
+    nodes
+        Current positions (n, 3) [m].
+    colour
+        A name, or RGB of each node (n, 3) or of each element (n - 1, 3).
+    opacity
+        From 0 to 1.
     """
     from scipy.interpolate import CubicSpline
 
@@ -117,10 +126,25 @@ def balls(robot: Robot, cable: Cable) -> list[int]:
 def plate_parts(
     robot: Robot, plate: Plate, pose: Pose, colour: str, size: float, *, opacity: float = 1.0
 ) -> tuple[list[Part], Floats]:
-    """A plate at a pose of its reference point, and points (n, 3) of it for the line from its name.
+    """A plate at a pose of its reference point, and points (n, 3) [m] of it for the line from its name.
 
     It is drawn in its own shape with open guide holes; one of no stated shape as the outline of what it is bonded to,
-    with straight lines to the cables, holes and markers that it carries. size: of the robot [m].
+    with straight lines to the cables, holes and markers that it carries.
+
+    Parameters
+    ----------
+    robot
+        What the plate is bonded to, with its cables and markers.
+    plate
+        The plate.
+    pose
+        Of the plate's reference point [m].
+    colour
+        Of its parts.
+    size
+        Of the robot [m].
+    opacity
+        From 0 to 1.
     """
     if plate.disc is not None:
         disc = _disc(plate, plate.disc, pose, colour, opacity)

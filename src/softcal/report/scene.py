@@ -244,9 +244,16 @@ def refined(path: Floats) -> Floats:
 
 
 def bending_camera(points: Floats, up: Floats, towards: Floats) -> Projection:
-    """A projection with `up` [-] upright and `towards` [-] to the right, slightly from the side and above.
+    """A projection slightly from the side and above.
 
-    points (n, 3) [m]: all that must fit into the picture.
+    Parameters
+    ----------
+    points
+        All that must fit into the picture (n, 3) [m].
+    up
+        Upright direction (3,) [-].
+    towards
+        Direction to the right (3,) [-], as far as it is across `up`.
     """
     up = up / np.linalg.norm(up)
     right = towards - (towards @ up) * up

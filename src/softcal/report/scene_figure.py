@@ -39,7 +39,21 @@ def draw_side_by_side(
     largest: float | None = None,
     colours: Mapping[str, str] | None = None,
 ) -> ScenePicture:
-    """Scenes next to each other; `largest` [m] adds the colour bar of a displacement, `colours` a legend."""
+    """Scenes next to each other, with a scale bar.
+
+    Parameters
+    ----------
+    scenes
+        From left to right.
+    cameras
+        The projection of each scene.
+    rendering
+        The picture of each scene, or none.
+    largest
+        Top of the colour bar of displacements [m]; None: no bar.
+    colours
+        Name -> colour of the legend's entries; None: no legend.
+    """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.patches import Patch

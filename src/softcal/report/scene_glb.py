@@ -22,10 +22,20 @@ _TRIANGLES, _LINES = 4, 1
 
 
 def scene_glb(parts: Sequence[Part], outlines: Sequence[Part], up: Floats, towards: Floats) -> bytes:
-    """Parts with their colours, and the edges of `outlines` as lines, as one GLB file.
+    """Parts, and the edges of others as lines, as one GLB file.
 
-    In the file's axes z is `up` (3,) [-], and x is the direction `towards` (3,) [-] as far as it is across it; the
-    origin is in the middle of all parts, and they are 10 long.
+    The file's origin is in the middle of all parts, and they are 10 long.
+
+    Parameters
+    ----------
+    parts
+        Drawn with their colours.
+    outlines
+        Parts of which only the edges are drawn.
+    up
+        The z axis of the file (3,) [-].
+    towards
+        Its x axis (3,) [-], as far as it is across z.
     """
     extent = np.concatenate([part.extent for part in (*parts, *outlines)])
     middle, size = 0.5 * (extent.min(axis=0) + extent.max(axis=0)), length_scale(extent) or 1.0

@@ -20,10 +20,19 @@ _ROW = 0.235  # [in], from one name to the next below it
 
 
 def name_parts(axes: Axes, scene: Scene, camera: Projection) -> None:
-    """Names in the margin on the nearer side, each with a thin line to its part; axes in mm.
+    """Names in the margin on the nearer side, each with a thin line to its part.
 
     Where two columns have no room beside each other, names of both sides have no height in common. Of names that do not
     fit above each other, some at even steps from the highest to the lowest part are kept.
+
+    Parameters
+    ----------
+    axes
+        Where they are drawn, in mm.
+    scene
+        Its labels and parts.
+    camera
+        The projection of the picture.
     """
     if not scene.labels:
         return
@@ -57,7 +66,17 @@ def name_parts(axes: Axes, scene: Scene, camera: Projection) -> None:
 
 
 def spread(wanted: Floats, low: float, high: float, row: float) -> list[float]:
-    """Heights from low to high, at least a row apart, near the wanted ones (n,), which descend and have room."""
+    """Heights at least a row apart, near the wanted ones.
+
+    Parameters
+    ----------
+    wanted
+        Descending (n,); they have room between the ends.
+    low, high
+        Ends of the heights.
+    row
+        Least distance of two.
+    """
     places = wanted.tolist()
     for k, height in enumerate(places):
         places[k] = min(height, places[k - 1] - row if k else high)

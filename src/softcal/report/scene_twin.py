@@ -82,7 +82,16 @@ def twin_parts(
 ) -> tuple[tuple[Part, ...], tuple[Label, ...]]:
     """A shape of the twin and the labels of its parts.
 
-    moved [m]: displacements of the nodes that colour it, up to `largest`; None for the colours of the materials.
+    Parameters
+    ----------
+    view
+        The twin, with the shape at rest.
+    snapshot
+        The shape.
+    moved
+        Part -> displacements of its nodes [m], its colours; None: the colours of the materials.
+    largest
+        Top of the colour scale [m].
     """
     from softcal.report.style import BLUE, LOOP, MUTED, ORANGE, SKY
 

@@ -30,6 +30,15 @@ def render(scene: Scene, camera: Projection, height: int) -> np.ndarray[Any, Any
     """One scene as RGBA, shape (height, width, 4), the background transparent.
 
     By VTK's classes, since PyVista's plotter imports pyplot, which takes longer than the picture.
+
+    Parameters
+    ----------
+    scene
+        What is drawn.
+    camera
+        Its projection.
+    height
+        Of the picture [pixels].
     """
     importlib.import_module("vtkmodules.vtkRenderingOpenGL2")  # makes VTK's classes below those of OpenGL
     from PIL import Image

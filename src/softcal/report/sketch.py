@@ -19,7 +19,17 @@ _DARKEST = 0.55  # of the light on a triangle that is seen edgewise
 
 
 def draw_sketch(parts: Sequence[Part], camera: Projection, behind: Sequence[Part] = ()) -> Figure:
-    """Parts as they are seen through a camera; those of `behind` are drawn first, where the others cover them."""
+    """Parts as they are seen through a camera.
+
+    Parameters
+    ----------
+    parts
+        What is drawn.
+    camera
+        Its projection.
+    behind
+        Parts that are drawn first, where the others cover them.
+    """
     from matplotlib.collections import PolyCollection
 
     left, right, bottom, top = camera.window

@@ -27,7 +27,19 @@ class StartScenes:
 def start_scenes(
     robot: Robot, undeformed: Snapshot, shapes: Mapping[str, Snapshot], tets: Mapping[str, Ints]
 ) -> StartScenes | None:
-    """The undeformed shape and the most displaced ones, coloured by displacement; None if nothing moved."""
+    """The undeformed shape and the most displaced ones, coloured by displacement; None if nothing moved.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    undeformed
+        Its shape without loads.
+    shapes
+        Title -> shape.
+    tets
+        Body -> connectivity of `Snapshot.points` (n_tets, 4 or 10).
+    """
     views = {name: TwinView(robot, undeformed, shape, tets) for name, shape in shapes.items()}
     moved = {name: displacements(view.rest, view.bent) for name, view in views.items()}
     furthest = {name: max(float(d.max()) for d in parts.values()) for name, parts in moved.items()}

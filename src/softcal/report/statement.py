@@ -177,7 +177,19 @@ def source_of(kind: str) -> ErrorSource:
 
 
 def statement(name: str, label: str, estimate: Estimate, study: MeshStudy | None = None) -> Statement:
-    """What an estimate and, if it is of it, a mesh study say of a parameter."""
+    """A parameter's estimate with its budget of errors, empty where the data do not determine it.
+
+    Parameters
+    ----------
+    name
+        The parameter.
+    label
+        Its label, as distinct from the other parameters.
+    estimate
+        Of a calibration.
+    study
+        A mesh study; without it, or where it is of another value, the budget has no share of the mesh.
+    """
     one = Statement(name, label, estimate, _budget(estimate, None if study is None else _shift(name, estimate, study)))
     return one if one.is_determined else replace(one, budget={})
 

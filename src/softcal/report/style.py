@@ -139,13 +139,31 @@ def is_uneven(values: Floats) -> bool:
 
 
 def plain_log_axis(axes: Axes, low: float, high: float, *, upright: bool = False) -> None:
-    """A logarithmic x axis, or y axis, from low to high whose ticks read 0.1, 1, 10 rather than powers."""
+    """A logarithmic axis whose ticks read 0.1, 1, 10 rather than powers.
+
+    Parameters
+    ----------
+    axes
+        The axes.
+    low, high
+        Ends of the axis.
+    upright
+        The y axis in the place of x.
+    """
     axes.set(**{"yscale": "log", "ylim": (low, high)} if upright else {"xscale": "log", "xlim": (low, high)})
     plain_log_ticks(axes.yaxis if upright else axes.xaxis, low, high)
 
 
 def plain_log_ticks(axis: Axis, low: float, high: float) -> None:
-    """Ticks of a logarithmic axis from low to high that read 0.1, 0.3, 1, and never crowd."""
+    """Ticks of a logarithmic axis that read 0.1, 0.3, 1, and never crowd.
+
+    Parameters
+    ----------
+    axis
+        A logarithmic axis.
+    low, high
+        Its ends.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
     ratio = high / low

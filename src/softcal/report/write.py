@@ -38,7 +38,18 @@ def write_report(
     """Write `report.html`, `figures/*.png`, `figures/*.svg` and `tables/*.csv` into a folder.
 
     An older report in the folder is replaced file by file; other files are kept. All figures are drawn before any file
-    is written. figures: names of those that are drawn, by default all. progress: called before each and the page.
+    is written.
+
+    Parameters
+    ----------
+    content
+        What the report shows.
+    out_dir
+        Its folder.
+    figures
+        Names of the figures that are drawn; by default all.
+    progress
+        Called before each figure and the page.
 
     Raises
     ------

@@ -290,10 +290,20 @@ def project_at(
     experiments: Sequence[str],
     held: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Project:
-    """The project at theta [SI by label]: shared values in the robot and in every rig, an experiment's own in it.
+    """The project at values of parameters: shared ones in the robot and in every rig, an experiment's own in it.
 
-    tied: label -> names of the parameters that have its value, where the label is none itself; experiments: those that
-    get values; held: experiment that was held out -> its own values [SI by label].
+    Parameters
+    ----------
+    project
+        The project of the calibration.
+    theta
+        Label -> value [SI].
+    tied
+        Label -> names of the parameters that have its value, where the label is none itself.
+    experiments
+        Those that get values.
+    held
+        Experiment that was held out -> its own values [SI by label].
 
     Raises
     ------

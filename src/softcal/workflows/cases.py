@@ -26,6 +26,15 @@ class Case:
 def cases(project: Project, pulls: Sequence[str] = (), experiment: str = "") -> dict[str, Case]:
     """Name -> case: all pulls together, else the named experiment, else every experiment.
 
+    Parameters
+    ----------
+    project
+        The project.
+    pulls
+        Pulls as on the command line, `front=40mm`: one case of all.
+    experiment
+        Name of the only case; by default every experiment.
+
     Raises
     ------
     InputError

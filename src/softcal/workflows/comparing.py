@@ -34,8 +34,16 @@ State = tuple[str, int]
 def compared_calibration(project: Project, settings: CalibrationSection, result: CalibrationResult) -> Compared | None:
     """Errors at the nominal values and the configurations to draw; None for a calibration without positions.
 
-    The nominal robot has the project's values. The rig has the calibrated ones, so that an unknown camera pose does not
-    count as an error of the nominal robot.
+    With the nominal values of the rig, an unknown camera pose would count as an error of the nominal robot.
+
+    Parameters
+    ----------
+    project
+        With the nominal values of the robot.
+    settings
+        Of the calibration.
+    result
+        The calibrated values, of which the rig's hold for the nominal robot too.
     """
     if not any(fit.distances for fit in result.experiments.values()):
         return None
@@ -54,6 +62,15 @@ def compared_calibration(project: Project, settings: CalibrationSection, result:
 def compared_sweep(project: Project, settings: CalibrationSection, result: SweepResult) -> Compared:
     """Errors at the nominal values, robot's and rig's, and the configurations to draw: those listed under `sweep.show`,
     else nominal, best and worst cell.
+
+    Parameters
+    ----------
+    project
+        With the nominal values, and the configurations of `sweep.show`.
+    settings
+        Of the sweep.
+    result
+        Its cells.
     """
 
     def configurations(state: State) -> list[Configuration | None]:

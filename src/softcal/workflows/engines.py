@@ -16,8 +16,16 @@ OF_THE_MACHINE = ("timeout",)
 
 
 def engine_for(name: str, robot: Robot, settings: Mapping[str, Declared]) -> Simulate | None:
-    """The simulator of an engine by its name, for a robot and others that differ from it by parameters alone; None is
-    softcal's own.
+    """The simulator of an engine for a robot; None is softcal's own.
+
+    Parameters
+    ----------
+    name
+        Of the engine.
+    robot
+        The robot, or one that differs from it by values of parameters alone.
+    settings
+        Engine -> its settings, by the project's `engines`.
 
     Raises
     ------

@@ -227,6 +227,17 @@ def register_export(*files: str, pulled: bool = True, hint: str = "", **options:
 def write_export(name: str, request: ExportRequest, folder: str | Path, **options: Any) -> list[Path]:
     """Write an export into a new folder, completely or not at all; returns the files.
 
+    Parameters
+    ----------
+    name
+        Of the export.
+    request
+        The project, its pulls, and observers.
+    folder
+        New or empty.
+    **options
+        Of the export.
+
     Raises
     ------
     InputError
@@ -246,7 +257,17 @@ def write_export(name: str, request: ExportRequest, folder: str | Path, **option
 
 
 def each_in_its_folder(names: Sequence[str], folder: Path, write: Callable[[str, Path], list[Path]]) -> list[Path]:
-    """Let `write` fill the folder; several names get a subfolder each."""
+    """Let `write` fill the folder; several names get a subfolder each.
+
+    Parameters
+    ----------
+    names
+        Of the cases.
+    folder
+        There already.
+    write
+        Case, its folder -> the files that were written.
+    """
     written: list[Path] = []
     for name in names:
         inside = folder / name if len(names) > 1 else folder

@@ -26,7 +26,20 @@ def study_importance(
     workers: Workers = 1,
     progress: Observer | None = None,
 ) -> ImportanceStudy:
-    """The importance study of a source; options as for `importance`.
+    """The importance study of a source, with fANOVA's importances of the run's trials.
+
+    Parameters
+    ----------
+    source
+        The problem, and the run's result.
+    seed
+        Of the points.
+    simulations
+        Evaluations of the twin, at most.
+    workers
+        An executor, or a number of processes.
+    progress
+        Called after every evaluation of the twin with their number.
 
     Raises
     ------

@@ -20,7 +20,16 @@ STUDY, INDICES = "importance.json", "indices.csv"
 def write_importance(found: ImportanceStudy, project: Project, calibration: str, folder: Path) -> None:
     """Write the study (`importance.json`) and its indices (`indices.csv`) into a new folder.
 
-    calibration: label of the studied calibration of a run, or "".
+    Parameters
+    ----------
+    found
+        The study.
+    project
+        Of the study, with its hashes.
+    calibration
+        Label of the studied calibration of a run, or "".
+    folder
+        New or empty.
 
     Raises
     ------

@@ -40,7 +40,22 @@ def study_intervals(
     workers: Workers = 1,
     progress: Observer | None = None,
 ) -> IntervalStudy:
-    """The intervals of a source; options as for `intervals`.
+    """The intervals of a source by a method.
+
+    Parameters
+    ----------
+    source
+        A calibration of a run.
+    by
+        The method, one of `METHODS`.
+    over
+        Kind of group of a jackknife or a bootstrap; see `intervals`.
+    samples, seed
+        Draws of a posterior or a bootstrap, and the seed of its random numbers.
+    workers
+        An executor, or a number of processes.
+    progress
+        Called after every trajectory with their number.
 
     Raises
     ------
@@ -138,5 +153,15 @@ def intervals(  # noqa: PLR0913 (one keyword for each option)
 
 
 def default_folder(run: Path, by: str, over: str = "") -> Path:
-    """Default folder of a study: in the run."""
+    """Default folder of a study: in the run.
+
+    Parameters
+    ----------
+    run
+        The run folder.
+    by
+        The method.
+    over
+        Kind of group.
+    """
     return run / folder_name(by, over)

@@ -26,7 +26,16 @@ def folder_name(by: str, over: str = "") -> str:
 def write_intervals(found: IntervalStudy, project: Project, calibration: str, folder: Path) -> None:
     """Write the study (`intervals.json`) and its points (`points.csv`) into a new folder.
 
-    calibration: label of the studied calibration.
+    Parameters
+    ----------
+    found
+        The study.
+    project
+        Of the study, with its hashes.
+    calibration
+        Label of the studied calibration of a run, or "".
+    folder
+        New or empty.
 
     Raises
     ------

@@ -32,6 +32,21 @@ def study(
 ) -> MeshStudy:
     """Mesh study of a source; see `softcal.analysis.mesh_study`.
 
+    Parameters
+    ----------
+    source
+        The problem at the studied values.
+    element
+        Element to which bodies of lower order are raised.
+    halvings
+        Number of refinements by halving.
+    max_unknowns
+        Limit of unknowns; larger discretisations are skipped with a note.
+    workers
+        An executor, or a number of processes: a discretisation for each.
+    progress
+        Called for every discretisation and trajectory.
+
     Raises
     ------
     InputError

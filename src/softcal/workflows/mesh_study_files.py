@@ -20,7 +20,16 @@ STUDY, PARAMETERS, CHANGES = "mesh-study.json", "parameters.csv", "changes.csv"
 def write_study(found: MeshStudy, project: Project, calibration: str, folder: Path) -> None:
     """Write the study (`mesh-study.json`) and its tables (`parameters.csv`, `changes.csv`) into a new folder.
 
-    calibration: label of the studied calibration of a run, or "".
+    Parameters
+    ----------
+    found
+        The study.
+    project
+        Of the study, with its hashes.
+    calibration
+        Label of the studied calibration of a run, or "".
+    folder
+        New or empty.
 
     Raises
     ------

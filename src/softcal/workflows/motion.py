@@ -39,7 +39,18 @@ def simulate_each_in_time(
 ) -> dict[str, Response]:
     """Case name -> transient response by the project's `dynamics`; see `schedule_of`.
 
-    shapes: number of shapes to keep. progress: called with the progress of each case; ready: as by `simulate_each`.
+    Parameters
+    ----------
+    project
+        With the settings `dynamics`.
+    cases
+        Name -> case.
+    shapes
+        Number of shapes to keep.
+    progress
+        Called with the progress of each case.
+    ready
+        Called with each case's name and response.
 
     Raises
     ------

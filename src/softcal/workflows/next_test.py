@@ -97,7 +97,19 @@ def run_source(run: Path, calibration: str = "") -> StudySource:
 def rank(
     source: StudySource, parameter: str = "", candidates: Sequence[Candidate] = (), workers: Workers = 1
 ) -> NextTests:
-    """The candidates, those of a run's project and those of softcal, ranked; see `next_test`."""
+    """The candidates, those of a run's project and those of softcal, ranked; see `next_test`.
+
+    Parameters
+    ----------
+    source
+        A calibration of a run.
+    parameter
+        Label of the parameter whose interval counts; by default the first of the robot.
+    candidates
+        Further ones.
+    workers
+        An executor, or a number of processes, which share the trajectories.
+    """
     problem = source.problem
     like = furthest(problem).name
     stated = [replace(one, like=one.like or like) for one in (*candidates, *source.project.candidates)]
@@ -115,6 +127,15 @@ def rank(
 
 def write_ranking(found: NextTests, source: StudySource, folder: Path) -> None:
     """Write the ranking (`next-test.json`) and its table (`candidates.csv`) into a new folder.
+
+    Parameters
+    ----------
+    found
+        The ranking.
+    source
+        Of the ranking.
+    folder
+        New or empty.
 
     Raises
     ------

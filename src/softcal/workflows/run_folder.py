@@ -77,6 +77,17 @@ def calibration_folder(folder: Path, label: str) -> Path:
 def begin_run(project: Project, settings: CalibrationSection, labels: list[str], folder: Path) -> None:
     """Write a new run folder with all inputs of the run, completely or not at all.
 
+    Parameters
+    ----------
+    project
+        With its files.
+    settings
+        Of the calibration.
+    labels
+        Of the calibrations, in order.
+    folder
+        New or empty.
+
     Raises
     ------
     StorageError
@@ -153,6 +164,15 @@ def _changed_inputs(project: Project, record: _RunRecord) -> list[str]:
 def finish_run(project: Project, results: Mapping[str, CalibrationResult], folder: Path) -> None:
     """Write the headline's files beside the calibrations; result.json last.
 
+    Parameters
+    ----------
+    project
+        Of the run.
+    results
+        Label -> calibration.
+    folder
+        The run folder.
+
     Raises
     ------
     StorageError
@@ -163,7 +183,18 @@ def finish_run(project: Project, results: Mapping[str, CalibrationResult], folde
 
 
 def finish_sweep(project: Project, result: SweepResult, folder: Path, told: Mapping[str, Any]) -> None:
-    """As `finish_run`, of a sweep; `told`: what result.json has of it under "sweep".
+    """As `finish_run`, of a sweep.
+
+    Parameters
+    ----------
+    project
+        Of the run.
+    result
+        The sweep.
+    folder
+        The run folder.
+    told
+        What result.json has of it under "sweep".
 
     Raises
     ------

@@ -105,7 +105,23 @@ def response_to(
     snapshots: Shown = False,
     engine: Simulate | None = None,
 ) -> Response:
-    """As `simulate`, for samples that are independent states in any order."""
+    """As `simulate`, for samples that are independent states in any order.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    protocol
+        Its commands, sample by sample.
+    theta
+        Parameter -> value [SI]; None: those of the robot.
+    sensitivities
+        Parameters by which the channels are differentiated.
+    snapshots
+        Samples of which the shape is kept.
+    engine
+        What simulates; None: softcal.
+    """
     if engine is not None:
         return engine(robot, protocol, theta, sensitivities=sensitivities, snapshots=bool(snapshots))
     return simulate_robot(robot, protocol, theta, sensitivities=sensitivities, snapshots=snapshots)
@@ -123,10 +139,22 @@ def simulate_each(
     stage: Callable[[str], None] = keep_silent,
     ready: Callable[[str, Response], None] = lambda name, response: None,
 ) -> dict[str, Response]:
-    """Case name -> response. partly: accept a case of which only some samples were reached; stage: called at the start
-    of each case, and ready at its end.
+    """Case name -> response.
 
     Where the watch of the load paths keeps what is ready, a stop ends them: the last response has `stopped_by`.
+
+    Parameters
+    ----------
+    cases
+        Name -> case.
+    simulated
+        Case -> its response.
+    partly
+        Accept a case of which only some samples were reached.
+    stage
+        Called at the start of each case.
+    ready
+        Called with each case's name and response.
 
     Raises
     ------
@@ -211,7 +239,20 @@ def _chosen(project: Project, experiment: str) -> Experiment:
 def pull(
     robot: Robot, cable: str, control: Control, end: float, samples: Annotated[int, FROM_TWO] = PULL_SAMPLES
 ) -> Protocol:
-    """One cable pulled evenly from zero to `end`, a tension [N] or shortening [m].
+    """One cable pulled evenly from zero.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    cable
+        Name of the cable.
+    control
+        "tension" or "shortening".
+    end
+        Last value [N or m].
+    samples
+        Their number, with the one at zero.
 
     Raises
     ------

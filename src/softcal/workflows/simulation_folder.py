@@ -32,9 +32,26 @@ def simulate_to_folder(
 ) -> dict[str, Response]:
     """Simulate each case and write the results into a new folder, completely or not at all.
 
-    in_time: transient by the project's `dynamics` instead of equilibria. engine: computes the equilibria.
-    progress: called with the progress of each motion; stage: with the name of each stage; ready: with each response.
     Where the watch of the load paths keeps what is ready, a stop leaves out what is not: see `simulate_each`.
+
+    Parameters
+    ----------
+    project
+        The project of the cases.
+    cases
+        Name -> case.
+    folder
+        New or empty.
+    in_time
+        Transient by the project's `dynamics` instead of equilibria.
+    engine
+        Computes the equilibria.
+    progress
+        Called with the progress of each motion.
+    stage
+        Called with the name of each stage.
+    ready
+        Called with each case's name and response.
 
     Raises
     ------

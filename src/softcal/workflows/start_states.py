@@ -68,7 +68,14 @@ def start_states(
 ) -> StartStates:
     """Solve the equilibria under the loads alone and at the end of every experiment, at the start values.
 
-    progress: called with the name of each stage; ready: with what is known after each.
+    Parameters
+    ----------
+    project
+        The project.
+    progress
+        Called with the name of each stage.
+    ready
+        Called after each stage with its rows and warnings.
 
     Raises
     ------

@@ -59,7 +59,16 @@ def are_values_of(values: Mapping[str, float], result: CalibrationResult | None)
 
 
 def read_study_record(kind: type[R], path: Path, what: str) -> R | None:
-    """The record of a study, named `what` in messages, or None where there is none.
+    """The record of a study, or None where there is none.
+
+    Parameters
+    ----------
+    kind
+        Dataclass of the record.
+    path
+        Its file.
+    what
+        Name of the study in messages.
 
     Raises
     ------

@@ -48,6 +48,15 @@ class StudySource:
 def study_source(path: ProjectSource, values: Mapping[str, str] | None = None, calibration: str = "") -> StudySource:
     """The values of a run's joint or named calibration, or those of a project or its file.
 
+    Parameters
+    ----------
+    path
+        A run folder, a project file, or a project.
+    values
+        Parameters of a project file to fix, as text.
+    calibration
+        Label of a run's calibration; by default the joint one, else the first.
+
     Raises
     ------
     InputError

@@ -170,6 +170,15 @@ def sweep(
 def make_sweep(project: Project, axes: Sequence[Axis], experiments: Sequence[str] | None = None) -> Problem:
     """The problem whose free parameters are those of the axes, with the project's present values for all others.
 
+    Parameters
+    ----------
+    project
+        The project.
+    axes
+        A parameter and its values each.
+    experiments
+        Names of the experiments; None: those of the project's sweep, else all.
+
     Raises
     ------
     ParameterError

@@ -194,7 +194,19 @@ def report(
 def report_run(
     run: Path, out: Path | None, solved: Mapping[str, Response] | None = None, figures: Sequence[str] = ()
 ) -> None:
-    """Write a run's report and say where it lies; solved: what `write_report` need not solve again."""
+    """Write a run's report and say where it lies.
+
+    Parameters
+    ----------
+    run
+        A run folder.
+    out
+        Folder of the report; None: the run's.
+    solved
+        Label -> furthest response that need not be solved again.
+    figures
+        Names of the figures that are drawn; by default all.
+    """
     from softcal.workflows.reporting import write_report
 
     with steps("Report") as show:

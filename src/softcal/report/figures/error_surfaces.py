@@ -62,7 +62,16 @@ def draw_surfaces(
 ) -> Figure:
     """A panel per surface: cells coloured by error, failed cells empty, the best one marked.
 
-    nominal [SI]: the nominal values by parameter, marked where they lie within the grid.
+    Parameters
+    ----------
+    result
+        The sweep.
+    pair
+        Names of the two parameters, across and up.
+    surfaces
+        Errors over the two, a panel for each.
+    nominal
+        Nominal values by parameter [SI], marked where they lie within the grid.
     """
     columns = min(3, len(surfaces))
     rows = math.ceil(len(surfaces) / columns)

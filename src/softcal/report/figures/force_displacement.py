@@ -110,7 +110,17 @@ def draw_record(data: Dataset) -> Figure:
 
 
 def draw_cycles(axes: Axes, data: Dataset, channel: str = "tension") -> None:
-    """Cycles of force, or another channel, over displacement: samples outside cycles, the first cycle, later ones."""
+    """Cycles of force, or another channel, over displacement: samples outside cycles, the first cycle, later ones.
+
+    Parameters
+    ----------
+    axes
+        Where they are drawn, in display units.
+    data
+        A record with a displacement; without cycles it is drawn as measured.
+    channel
+        The channel over the displacement.
+    """
     if data.cycle is None:
         axes.plot(*_over_displacement(data, slice(None), channel), color=MUTED, linewidth=1.0, label="as measured")
         return

@@ -36,7 +36,17 @@ def loops(content: ReportContent) -> Iterator[Drawing]:
 
 
 def draw_loops(title: str, data: Dataset, fit: ExperimentFit) -> Figure:
-    """Panels of force and of every compared angle over the travel, and of the energy lost by cycle."""
+    """Panels of force and of every compared angle over the travel, and of the energy lost by cycle.
+
+    Parameters
+    ----------
+    title
+        Of the figure.
+    data
+        The samples, with their cycles.
+    fit
+        Their measured and simulated values, and the energies of each cycle.
+    """
     angles = [kind.name for kind in ANGLES if kind.name in fit.simulated]
     with house_style():
         figure = new_figure(5.2, 3.5 + 2.2 * (len(angles) + 1))

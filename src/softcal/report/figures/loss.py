@@ -97,7 +97,17 @@ def grid_of_trials(result: SearchResult) -> Landscape | None:
 
 
 def draw_profiles(title: str, curves: Mapping[str, Estimate], result: SearchResult) -> Figure:
-    """A panel for each parameter: the least loss over its values, its interval, and the best value."""
+    """A panel for each parameter: the least loss over its values, its interval, and the best value.
+
+    Parameters
+    ----------
+    title
+        Of the figure.
+    curves
+        Parameter -> its estimate, with the least losses over its values.
+    result
+        The calibration.
+    """
     rows = math.ceil(len(curves) / _COLUMNS)
     with house_style():
         figure = new_figure(5.2, 1.0 + 2.2 * rows)
@@ -130,7 +140,16 @@ def draw_profiles(title: str, curves: Mapping[str, Estimate], result: SearchResu
 def draw_loss_map(title: str, result: SearchResult, landscape: Landscape | None) -> Figure | None:
     """Paper A's Fig. 5: the loss over two parameters, as contours of a grid if there is one, else as trials.
 
-    None if fewer than two parameters were searched and no landscape is given; see `draw_loss_profile`.
+    None if fewer than two parameters were searched and there is no landscape; see `draw_loss_profile`.
+
+    Parameters
+    ----------
+    title
+        Of the figure.
+    result
+        The calibration, with its trials.
+    landscape
+        The loss over a grid of two parameters; None: the trials are drawn.
     """
     pair = (landscape.x_name, landscape.y_name) if landscape else searched_pair(result)
     if pair is None:

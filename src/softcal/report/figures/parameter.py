@@ -52,7 +52,14 @@ def forest_rows(base: str, results: Mapping[str, SearchResult]) -> dict[str, Est
 def draw_forest(name: str, label: str, results: Mapping[str, SearchResult]) -> Figure:
     """Forest plot of one parameter over the calibrations that have it: value, 95 % interval if known, bounds.
 
-    label: what it is called, as distinct from the other parameters.
+    Parameters
+    ----------
+    name
+        The parameter.
+    label
+        Its label, as distinct from the other parameters.
+    results
+        Label -> calibration.
     """
     rows = forest_rows(name, results)
     with house_style():
@@ -82,7 +89,19 @@ def draw_forest(name: str, label: str, results: Mapping[str, SearchResult]) -> F
 
 
 def forest_caption(name: str, label: str, results: Mapping[str, SearchResult], kind: str) -> str:
-    """Caption of a parameter's chart; kind: what the results are, such as "calibration"."""
+    """Caption of a parameter's chart.
+
+    Parameters
+    ----------
+    name
+        The parameter.
+    label
+        Its label.
+    results
+        Label -> calibration.
+    kind
+        What the results are, such as "calibration".
+    """
     having = forest_rows(name, results).values()
     drawn = [estimate for estimate in having if estimate.interval is not None or estimate.standard_error]
     bars = "bars are 95 % intervals" if drawn else "no intervals are known"
@@ -91,7 +110,17 @@ def forest_caption(name: str, label: str, results: Mapping[str, SearchResult], k
 
 
 def draw_rows(axes: Axes, rows: Mapping[str, Estimate], scale: Scale) -> None:
-    """A row of each label: its estimate with its interval."""
+    """A row of each label: its estimate with its interval.
+
+    Parameters
+    ----------
+    axes
+        Where they are drawn, in units of the scale.
+    rows
+        Label -> estimate, from the top.
+    scale
+        Display scale of the values.
+    """
     for row, (label, estimate) in enumerate(rows.items()):
         joint = label == "joint"
         colour = RED if estimate.at_bound else INK if joint else BLUE

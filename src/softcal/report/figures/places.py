@@ -86,7 +86,17 @@ def markers_of(fit: ExperimentFit) -> Markers | None:
 
 
 def draw_places(title: str, equilibria: EquilibriumShapes, markers: Mapping[str, Markers]) -> Figure:
-    """Open circles: measured; crosses: simulated; the twin's shape in each experiment, undeformed in grey."""
+    """Open circles: measured; crosses: simulated; the twin's shape in each experiment, undeformed in grey.
+
+    Parameters
+    ----------
+    title
+        Of the figure.
+    equilibria
+        The twin's shapes by experiment [m].
+    markers
+        Experiment -> places of its markers [m].
+    """
     from matplotlib.lines import Line2D
 
     known = np.concatenate([part for one in markers.values() for part in (one.measured, one.simulated)])

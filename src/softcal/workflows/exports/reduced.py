@@ -30,7 +30,21 @@ SAMPLES = {1: 33, 2: 9, 3: 7}  # number of cables -> nodes along each
 def reduced(
     request: ExportRequest, folder: Path, reach: str, cables: str = "", samples: int | None = None
 ) -> list[Path]:
-    """For a controller: tensions to poses, shortenings and compliance, as JSON with a self-contained evaluator."""
+    """For a controller: tensions to poses, shortenings and compliance, as JSON with a self-contained evaluator.
+
+    Parameters
+    ----------
+    request
+        The project, and observers.
+    folder
+        Of the model.
+    reach
+        Largest pull of the cables, `8N`, or of each, `front=8N,left=40mm`.
+    cables
+        Names of one to three cables; by default all.
+    samples
+        Nodes along each cable; by default 33, 9 or 7.
+    """
     from softcal.export.reduced import reduced as reduced_model
     from softcal.export.reduced import write_reduced
 

@@ -19,7 +19,16 @@ from softcal.workflows.export import ExportOption, ExportRequest, each_in_its_fo
 def vtk(request: ExportRequest, folder: Path, shapes: int | None = None, in_time: bool = False) -> list[Path]:
     """For ParaView: shapes over a pull as .vtu files, with displacement, stress, strain and the parameters.
 
-    shapes: in motion those over the schedule (default 40), then at the same rate afterwards.
+    Parameters
+    ----------
+    request
+        The project, its cases, and observers.
+    folder
+        Of the files.
+    shapes
+        Shapes of an animation; in motion those over the schedule, 40 by default, then at the same rate.
+    in_time
+        Shapes of the motion.
 
     Raises
     ------

@@ -77,10 +77,10 @@ def _warnings(shown: Container[str], texts: Iterable[tuple[str, str]]) -> Iterat
 
     every = list(texts)
     for is_shown in (True, False):
-        own = [Remark(text, "warning", about) for about, text in every if (about in shown) == is_shown]
-        yield from own[:MANY]
-        if len(own) > MANY:
-            yield replace(own[0], text=f"{len(own) - MANY} more such warnings are in the report.")
+        remarks = [Remark(text, "warning", about) for about, text in every if (about in shown) == is_shown]
+        yield from remarks[:MANY]
+        if len(remarks) > MANY:
+            yield replace(remarks[0], text=f"{len(remarks) - MANY} more such warnings are in the report.")
 
 
 def _remarks(
@@ -196,10 +196,10 @@ def _add_parameters(table: Table, fits: Sequence[Mapping[str, Estimate]], *, ver
     from softcal.calibration.results.digits import interval_text
     from softcal.report.format import worst
 
-    own: dict[str, list[str]] = {}
+    by_base: dict[str, list[str]] = {}
     for name in dict.fromkeys(name for parameters in fits for name in parameters):
-        own.setdefault(name.partition("[")[0], []).append(name)
-    for base, names in own.items():
+        by_base.setdefault(name.partition("[")[0], []).append(name)
+    for base, names in by_base.items():
         is_whole = verbose or names == [base]
         alone, others = (
             worst(names, lambda name: max(_vagueness(one.get(name)) for one in fits)) if is_whole else ([], names)

@@ -94,15 +94,15 @@ def parsed_pairs(given: list[str] | None, option: str, what: str, allowed: str) 
         for name, sign, value in pairs
         if not (name.strip() and value.strip())
     ]
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for name, text in ((name.strip(), text.strip()) for name, _, text in pairs):
-        if name in found:
-            got = f"'{name}={found[name]}' and '{name}={text}'"
+        if name in values:
+            got = f"'{name}={values[name]}' and '{name}={text}'"
             faults.append(Fault("the name is given twice", option, got, "each name once"))
-        found[name] = text
+        values[name] = text
     if faults:
         raise InputError(faults)
-    return found
+    return values
 
 
 def calibration_options(given: list[str] | None, typed: Mapping[str, object]) -> dict[str, int | float | str]:

@@ -72,19 +72,19 @@ def importance_table(content: ReportContent) -> ReportTable:
 def mesh_tables(content: ReportContent) -> tuple[ReportTable, ReportTable]:
     """Expected estimates on each discretisation, and changes of each channel; empty without a study."""
     study = content.mesh_study
-    return (_parameters(study), _changes(study))
+    return (_mesh_parameters(study), _mesh_changes(study))
 
 
-def _parameters(study: MeshStudy | None) -> ReportTable:
+def _mesh_parameters(study: MeshStudy | None) -> ReportTable:
     rows: list[tuple[Cell, ...]] = []
     for label, estimate in study.parameters.items() if study is not None else ():
-        for one in study.finer if study is not None else ():
-            if one.failure:
+        for mesh in study.finer if study is not None else ():
+            if mesh.failure:
                 continue
-            there = with_unit(estimate, shown(estimate, one.values[label]))
-            unknowns = None if one.size is None else one.size.unknowns
-            cells = [estimate_text(estimate), one.name, unknowns, there, shift_text(estimate, one.values[label])]
-            rows.append((label, *cells, "yes" if label in one.at_bound else "no"))
+            there = with_unit(estimate, shown(estimate, mesh.values[label]))
+            unknowns = None if mesh.size is None else mesh.size.unknowns
+            cells = [estimate_text(estimate), mesh.name, unknowns, there, shift_text(estimate, mesh.values[label])]
+            rows.append((label, *cells, "yes" if label in mesh.at_bound else "no"))
     heads = ("Parameter", "Found", "Discretisation", "Unknowns", "Expected on it", "Shift", "At a bound there")
     note = (
         "h/2: every element halved, h/4: halved twice; limit: extrapolated from both to zero element size; s.e.: "
@@ -95,14 +95,14 @@ def _parameters(study: MeshStudy | None) -> ReportTable:
     )
 
 
-def _changes(study: MeshStudy | None) -> ReportTable:
+def _mesh_changes(study: MeshStudy | None) -> ReportTable:
     rows: list[tuple[Cell, ...]] = []
-    for one in study.finer if study is not None else ():
-        for name, change in pooled(one.changes).items():
+    for mesh in study.finer if study is not None else ():
+        for name, change in pooled(mesh.changes).items():
             scale = scale_of(change.unit)
             rows.append(
                 (
-                    one.name,
+                    mesh.name,
                     name,
                     f"{number(change.rms / scale.factor)} {scale.unit}".rstrip(),
                     None if change.share is None else 100 * change.share,
@@ -111,8 +111,8 @@ def _changes(study: MeshStudy | None) -> ReportTable:
                     change.order,
                 )
             )
-        if one.failure:
-            rows.append((one.name, f"not simulated: {one.failure}", None, None, None, None, None))
+        if mesh.failure:
+            rows.append((mesh.name, f"not simulated: {mesh.failure}", None, None, None, None, None))
     columns = (
         Column("Discretisation"),
         Column("Channel"),

@@ -198,11 +198,11 @@ def region_colours(robot: Robot, body: Body, faces: Ints, colour: str) -> Floats
 def _surfaces(robot: Robot, body: Body) -> list[Surface]:
     """The surface of each material; one with cables or other materials inside is seen through."""
     routed = any(via.on == body.name for cable in robot.cables for via in cable.via_points)
-    colours, found = material_colours(robot), list[Surface]()
+    colours, surfaces = material_colours(robot), list[Surface]()
     for material, faces in material_faces(body, body.mesh.tets).items():
         fine = fine_surface(faces)
         around = material == body.name and len(body.materials) > 1
-        found.append(
+        surfaces.append(
             Surface(
                 fine.at(body.mesh.points),
                 fine.triangles,
@@ -211,7 +211,7 @@ def _surfaces(robot: Robot, body: Body) -> list[Surface]:
                 edges=fine.edges if material == body.name and body.mesh.n_tets < _MOST_EDGES else None,
             )
         )
-    return found
+    return surfaces
 
 
 def _carrier_colour(robot: Robot, carrier: str) -> str:

@@ -74,13 +74,13 @@ def comparison(content: ReportContent) -> NominalComparison | None:
 def state_distances(fit: ExperimentFit, markers: list[str]) -> Floats:
     """Distance [m] of each marker (rows) in each state (columns); NaN where not measured or not compared."""
     n = len(next(iter(fit.simulated.values())))
-    found = np.full((len(markers), n), np.nan)
+    distances = np.full((len(markers), n), np.nan)
     for row, marker in enumerate(markers):
         if marker not in fit.distances:
             continue
         names = [str(c) if str(c) in fit.simulated else c.kind.name for c in positions(marker)]
-        found[row] = np.sqrt(sum((fit.simulated[c] - fit.measured[c]) ** 2 for c in names))
-    return found
+        distances[row] = np.sqrt(sum((fit.simulated[c] - fit.measured[c]) ** 2 for c in names))
+    return distances
 
 
 @dataclass(frozen=True)
@@ -113,9 +113,9 @@ class Improvement:
 
 def improvements(content: ReportContent) -> list[Improvement]:
     """Improvement over all sections and in each; empty if the nominal values are unknown."""
-    known = None if content.compared is None else content.compared.nominal
+    nominal = None if content.compared is None else content.compared.nominal
     rows: list[Improvement] = []
-    for gain in () if known is None else headline(content).gains(known):
+    for gain in () if nominal is None else headline(content).gains(nominal):
         scale = section_scale(gain.section)
         before = None if gain.nominal is None else gain.nominal / scale.factor
         name = "all sections" if gain.section.name == ALL else gain.section.name
@@ -148,13 +148,13 @@ def improvement_table(content: ReportContent) -> ReportTable:
 
 def _ends(result: SearchResult, best: BestCell) -> list[str]:
     """The parameters of a cell that are at the first or last of their values, in words."""
-    found: list[str] = []
+    ends: list[str] = []
     for name, p in result.parameters.items():
         value = best.trial.theta[name]
         if value in (p.lower, p.upper):
             side = "lowest" if value == p.lower else "highest"
-            found.append(f"{parameter_label(name, result.parameters)} at its {side}, {format_quantity(value, p.unit)}")
-    return found
+            ends.append(f"{parameter_label(name, result.parameters)} at its {side}, {format_quantity(value, p.unit)}")
+    return ends
 
 
 def _state_labels(content: ReportContent, name: str, n: int) -> list[str]:

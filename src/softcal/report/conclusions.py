@@ -89,7 +89,7 @@ def verdict(content: ReportContent) -> Verdict:
 def conclusions(content: ReportContent) -> list[Remark]:
     """All conclusions on the judged results and on the agreement of separate fits; warnings first."""
     results = content.judged
-    found = [
+    remarks = [
         *_unconverged(results),
         *_saturated(results),
         *agreement_sentences(content.results),
@@ -115,7 +115,7 @@ def conclusions(content: ReportContent) -> list[Remark]:
         *_notes(results),
         *_each(results, lambda result: _said("" if result.missed_minimum else f"{_ENDED}{_sentence(result.status)}")),
     ]
-    return sorted(found, key=lambda sentence: ("warning", "good", "note").index(sentence.tone))
+    return sorted(remarks, key=lambda sentence: ("warning", "good", "note").index(sentence.tone))
 
 
 def _few(sentences: Iterable[Remark], what: str) -> Iterable[Remark]:
@@ -160,9 +160,9 @@ def _saturated(results: Mapping[str, SearchResult]) -> Iterable[Remark]:
 
 def _differences(content: ReportContent) -> Iterable[Remark]:
     """Significant differences between separate fits, short enough for the summary."""
-    found = [one for one in agreements(content.results) if one.differs]
-    names = [one.name for one in found]
-    for one in found:
+    differing = [one for one in agreements(content.results) if one.differs]
+    names = [one.name for one in differing]
+    for one in differing:
         text = (
             f"{parameter_label(one.name, names)} differs between the separate fits by {size_text(one)} "
             f"({range_text(one)}), more than their noise explains ({chance_text(one)})."

@@ -14,7 +14,7 @@ _OF_RECORD = "The twin was fitted to chosen samples of these records; the table 
 
 def cycles_table(content: ReportContent) -> ReportTable:
     """Energy loss and peak of every cycle of the whole records; empty where no record has force, travel and cycles."""
-    records = {name: found.record for held in content.records.values() for name, found in held.items()}
+    records = {name: comparison.record for by_name in content.records.values() for name, comparison in by_name.items()}
     rows = [(name, *row) for name, record in records.items() if has_cycles(record) for row in _rows(loops(record))]
     columns = (
         Column("Experiment"),
@@ -92,13 +92,13 @@ def _rows(cycles: tuple[Loop, ...]) -> list[tuple[Cell, ...]]:
     first = cycles[0].peak_tension
     return [
         (
-            one.number + 1,
-            one.peak_tension,
-            100 * (first - one.peak_tension) / first if first > 0.0 else None,
-            1e3 * one.loading_energy,
-            1e3 * one.lost_energy,
-            100 * one.hysteresis,
-            None if one.vanishes_at is None else 1e3 * one.vanishes_at,
+            loop.number + 1,
+            loop.peak_tension,
+            100 * (first - loop.peak_tension) / first if first > 0.0 else None,
+            1e3 * loop.loading_energy,
+            1e3 * loop.lost_energy,
+            100 * loop.hysteresis,
+            None if loop.vanishes_at is None else 1e3 * loop.vanishes_at,
         )
-        for one in cycles
+        for loop in cycles
     ]

@@ -89,17 +89,17 @@ class FirstScreen:
     @property
     def shown(self) -> tuple[list[Statement], list[Statement]]:
         """The statements that are shown, and those that are folded away."""
-        found = self.statements
-        shared = [one for one in found if not parameter_name(one.name).experiment] or found
-        n = len(found) if len(found) <= _FEW else len(shared[:_MOST])
-        return found[:n], found[n:]
+        statements = self.statements
+        shared = [one for one in statements if not parameter_name(one.name).experiment] or statements
+        n = len(statements) if len(statements) <= _FEW else len(shared[:_MOST])
+        return statements[:n], statements[n:]
 
     @property
     def material(self) -> list[Statement]:
         """The statements on the material; on what all tests share, if no constant of the material was free."""
         kinds = material_kinds(self.judged.values())
-        found = [one for one in self.statements if parameter_name(one.name).kind in kinds]
-        return found or self.shown[0]
+        of_material = [one for one in self.statements if parameter_name(one.name).kind in kinds]
+        return of_material or self.shown[0]
 
 
 def three_sentences(of: FirstScreen) -> list[str]:
@@ -172,21 +172,21 @@ def _contradictions(result: SearchResult, names: Iterable[str]) -> dict[str, Spr
 
 
 def _over_tests(name: str, names: list[str], ranges: Mapping[str, str], material: Iterable[Statement]) -> str:
-    held = [one for one in material if one.name == name]
+    statements = [one for one in material if one.name == name]
     label = parameter_label(name, names)
-    if not any(one.is_determined for one in held):
+    if not any(one.is_determined for one in statements):
         return f"{label} not determined in any test"
-    return f"{label} = {ranges[name] if name in ranges else value_text(held[0].estimate)} test by test"
+    return f"{label} = {ranges[name] if name in ranges else value_text(statements[0].estimate)} test by test"
 
 
 def _basis(result: SearchResult) -> str:
     """The tests that an estimate rests on, and what their samples are worth."""
     n = len(result.experiments)
     text = f"{n} tests" if n > 1 else "one test"
-    held = _records(result)
-    if not any(one.are_alike for one in held):
+    records = _records(result)
+    if not any(one.are_alike for one in records):
         return text
-    total, worth = sum(one.n for one in held), sum(min(max(one.effective, 1.0), one.n) for one in held)
+    total, worth = sum(one.n for one in records), sum(min(max(one.effective, 1.0), one.n) for one in records)
     return f"{text} whose {total} measured values are correlated and worth {plain(round(worth), 2)} independent values"
 
 
@@ -203,10 +203,10 @@ def _largest_source(of: FirstScreen) -> str:
     vague = list(dict.fromkeys(one.label for one in material if not one.is_determined))
     cover = "their intervals cover" if len(vague) > 1 else "its interval covers"
     text = f"The data do not determine {joined(vague)}: {cover} nearly the whole allowed range." if vague else ""
-    known = [one for one in material if one.is_determined and one.budget]
-    if not known:
+    budgeted = [one for one in material if one.is_determined and one.budget]
+    if not budgeted:
         return text or _unknown(of)
-    widest = max(known, key=lambda one: interval_share(one.estimate) or 0.0)
+    widest = max(budgeted, key=lambda one: interval_share(one.estimate) or 0.0)
     names = [one.name for one in material]
     apart = [spread for result in of.judged.values() for spread in _contradictions(result, names).values()]
     first = f"First find why the {WORDS[apart[0].kind]} differ. " if apart else ""

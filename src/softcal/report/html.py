@@ -57,10 +57,10 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
         sections=sections,
         tables=tables,
         record_failures=[
-            f"{name}: comparison with the whole record failed: {found.failure}"
+            f"{name}: comparison with the whole record failed: {record.failure}"
             for records in content.records.values()
-            for name, found in records.items()
-            if found.failure
+            for name, record in records.items()
+            if record.failure
         ],
         provenance={name: provenance_rows(e.prepared) for name, e in content.experiments.items()},
         # Table I of paper A shows each constant of a material once.
@@ -72,31 +72,31 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
 
 def key_numbers(content: ReportContent) -> list[KeyNumber]:
     """What was gained over the nominal values, and the errors of the headline calibration."""
-    found: list[KeyNumber] = []
+    numbers: list[KeyNumber] = []
     gains = improvements(content)
     if gains:
         gain, first = gains[0].reduction, gains[0]
         remark = f"{first.error_text(first.nominal)} at the nominal values, {first.error_text(first.tuned)} now"
         value = "–" if gain is None else number(gain)
-        found.append(KeyNumber("Error reduced by", value, "%", remark))
-    return found + _key_errors(content, content.headline_result)
+        numbers.append(KeyNumber("Error reduced by", value, "%", remark))
+    return numbers + _key_errors(content, content.headline_result)
 
 
 def _key_errors(content: ReportContent, result: SearchResult) -> list[KeyNumber]:
     """The RMS distance of all markers, and the errors that the third sentence of the first screen tells."""
-    found: list[KeyNumber] = []
+    errors: list[KeyNumber] = []
     fitted = [place for place in places(result) if not place.held_out]
     distance = pooled(fitted)
     if distance is not None:
         length = fitted[0].fit.length
         share = "" if length is None else f"{number(100 * distance.rms / length, 2)} % of the length; "
         remark = f"{share}{number(MM * distance.max)} mm at most"
-        found.append(KeyNumber("Markers, RMS distance", number(MM * distance.rms), "mm", remark))
+        errors.append(KeyNumber("Markers, RMS distance", number(MM * distance.rms), "mm", remark))
     misses = list(misses_of(content.samples, result))
     for word in dict.fromkeys(miss.word for miss in misses):
         if (miss := worst(misses, word)) is not None:
             where = f"; largest in {miss.place}" if sum(one.word == word for one in misses) > 1 else ""
             share = "" if miss.share is None else f"{number(100 * miss.share, 2)} % of its range"
             value, _, unit = miss.size.partition(" ")
-            found.append(KeyNumber(f"{word.capitalize()}, RMS error", value, unit, f"{share}{where}"))
-    return found
+            errors.append(KeyNumber(f"{word.capitalize()}, RMS error", value, unit, f"{share}{where}"))
+    return errors

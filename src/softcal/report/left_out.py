@@ -21,9 +21,9 @@ def left_out_sentence(result: SearchResult) -> str:
     if not shares:
         return ""
     low, high = (number(100 * share, 3) for share in (min(shares), max(shares)))
-    held = f"{low} %" if low == high else f"{low} to {high} %"
+    range_text = f"{low} %" if low == high else f"{low} to {high} %"
     return (
-        f"Predicted by the others, each of the {len(result.left_out)} tests has {held} of its measured values "
+        f"Predicted by the others, each of the {len(result.left_out)} tests has {range_text} of its measured values "
         "within the 95 % band of a further one."
     )
 

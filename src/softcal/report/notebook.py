@@ -85,9 +85,9 @@ def _parts(response: Response, shape: Snapshot, moved: dict[str, np.ndarray] | N
     shades = {name: colormaps[DISPLACEMENT](d / largest)[:, :3] for name, d in (moved or {}).items()}
     parts: list[Part] = []
     for name, tets in response.tets.items():
-        fine, own = fine_surface(boundary(tets)), shades.get(name)
+        fine, colours = fine_surface(boundary(tets)), shades.get(name)
         parts.append(
-            Surface(fine.at(shape.points[name]), fine.triangles, colour=FAINT if own is None else fine.at(own))
+            Surface(fine.at(shape.points[name]), fine.triangles, colour=FAINT if colours is None else fine.at(colours))
         )
     parts += [Tube(nodes, _ROD * size, colour=shades.get(name, FAINT)) for name, nodes in shape.rods.items()]
     cables = {} if moved is None else shape.cables

@@ -89,23 +89,19 @@ def fit_sentence(result: SearchResult) -> str:
 
 def prediction_sentence(result: SearchResult) -> Remark | None:
     """Prediction errors of held-out experiments; its tone says whether the fit generalises, "note": in part."""
-    held = [place for place in places(result) if place.held_out]
-    ahead, fitted = pooled(held), pooled(place for place in places(result) if not place.held_out)
+    predicted = [place for place in places(result) if place.held_out]
+    ahead, fitted = pooled(predicted), pooled(place for place in places(result) if not place.held_out)
     if ahead is None:
         text = _channels_sentence(result)
         return Remark(text) if text else None
-    each = joined(f"{place.experiment} to {_own(place)}" for place in held)
+    distances = ((place, place.fit.distance) for place in predicted)
+    each = joined(f"{at.experiment} to {distance_text(d, at.fit.length)}" for at, d in distances if d is not None)
     text = f"Held out of the fit and predicted: {each}"
     if fitted is None or fitted.rms <= 0:
         return Remark(f"{text}.")
     ratio = ahead.rms / fitted.rms
     tone: Tone = "good" if ratio <= _CARRIES_OVER else "warning" if ratio > _DOUBTFUL else "note"
     return Remark(f"{text}; {number(ratio, 2)} times the distance in the fitted tests.", tone)
-
-
-def _own(place: Place) -> str:
-    distance = place.fit.distance
-    return "" if distance is None else distance_text(distance, place.fit.length)
 
 
 def _channels_sentence(result: SearchResult) -> str:

@@ -50,23 +50,23 @@ def record_sentence(content: ReportContent, label: str) -> str:
     return f"{text}."
 
 
-def _whole(name: str, found: RecordFit, fitted: ExperimentFit) -> _Whole | None:
+def _whole(name: str, record: RecordFit, fitted: ExperimentFit) -> _Whole | None:
     """The force if it was compared, else the pitch, the travel or another channel; None if none was."""
-    if found.fit is None:
+    if record.fit is None:
         return None
     for of, word in in_words(fitted.rmse):
         channel = str(of)
-        share = share_of_peak(found.fit, channel)
+        share = share_of_peak(record.fit, channel)
         if share is not None:
             said = of_carrier(word, of.carrier)
-            return _Whole(name, said, of.kind.unit, found.fit.rmse[channel], share, fitted.rmse[channel], found)
+            return _Whole(name, said, of.kind.unit, record.fit.rmse[channel], share, fitted.rmse[channel], record)
     return None
 
 
-def _returns(found: RecordFit) -> bool:
+def _returns(comparison: RecordFit) -> bool:
     """Whether a drive returns after its peak by more than half of its range."""
-    for drive in found.drives:
-        values = found.record.values(drive)
+    for drive in comparison.drives:
+        values = comparison.record.values(drive)
         after = values[int(np.argmax(values)) :]
         if values.max() - after.min() > 0.5 * (values.max() - values.min()) > 0:
             return True

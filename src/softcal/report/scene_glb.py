@@ -164,11 +164,11 @@ class _Glb:
 def _normals(points: Floats, faces: Any) -> Floats:
     """Unit normals of the points, the mean of those of their triangles."""
     area = np.cross(points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]])
-    found = np.zeros_like(points)
+    normals = np.zeros_like(points)
     for corner in range(3):
-        np.add.at(found, faces[:, corner], area)
-    length = np.linalg.norm(found, axis=1, keepdims=True)
-    return np.where(length > 0.0, found / np.where(length > 0.0, length, 1.0), [0.0, 0.0, 1.0])
+        np.add.at(normals, faces[:, corner], area)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.where(length > 0.0, normals / np.where(length > 0.0, length, 1.0), [0.0, 0.0, 1.0])
 
 
 def _linear(shades: Floats) -> Floats:

@@ -12,7 +12,7 @@ import numpy as np
 from softcal.calibration.results.digits import difference, ends_text, estimate_text, shown, value_and_error
 from softcal.calibration.results.result import ExperimentFit, SearchResult
 from softcal.csv_text import csv_text
-from softcal.experiments.dataset import Dataset, Step
+from softcal.experiments.dataset import Dataset
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.report.content import ReportContent
 from softcal.report.format import (
@@ -314,7 +314,11 @@ def grouped_failures(result: SearchResult) -> list[tuple[str, int, int]]:
 
 def provenance_rows(dataset: Dataset) -> list[tuple[str, str, str]]:
     """(step, its settings in SI, its outcome), in order."""
-    return [(step.name, _settings(step), step.outcome) for step in dataset.provenance]
+    rows: list[tuple[str, str, str]] = []
+    for step in dataset.provenance:
+        settings = ", ".join(f"{key.replace('_', ' ')} = {_setting(value)}" for key, value in step.settings.items())
+        rows.append((step.name, settings, step.outcome))
+    return rows
 
 
 def provenance_table(content: ReportContent) -> ReportTable:
@@ -326,10 +330,6 @@ def provenance_table(content: ReportContent) -> ReportTable:
     ]
     columns = tuple(Column(label) for label in ("Experiment", "Step", "What", "Settings (SI)", "Outcome"))
     return ReportTable("provenance", "From the bench file to the compared data", columns, tuple(rows))
-
-
-def _settings(step: Step) -> str:
-    return ", ".join(f"{key.replace('_', ' ')} = {_setting(value)}" for key, value in step.settings.items())
 
 
 def _setting(value: object) -> str:

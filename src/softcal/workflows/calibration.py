@@ -52,9 +52,9 @@ class Calibrations(Outcome):
         if len(self.results) == 1:
             return result_html(self.headline) + "".join(map(paragraph, kept))
         rows = [
-            [label, name, *estimate_cells(one)]
+            [label, name, *estimate_cells(estimate)]
             for label, r in self.results.items()
-            for name, one in r.parameters.items()
+            for name, estimate in r.parameters.items()
         ]
         ends = [f"{label}: {result.status}" for label, result in self.results.items()]
         return summary(f"{len(self.results)} calibrations", ["calibration", "parameter", *ESTIMATE], rows, ends + kept)
@@ -131,12 +131,12 @@ def calibrate(
     results: dict[str, CalibrationResult] = {}
     headline = JOINT if JOINT in problems or len(problems) > 1 else next(iter(problems))
     with stoppable() as stop:
-        for label, one in problems.items():
+        for label, problem in problems.items():
             store = None if folder is None else calibration_folder(folder, label)
             begun = store is not None and (store / "run.json").is_file()
             try:
                 results[label] = calibrate_problem(
-                    one,
+                    problem,
                     replace(settings.search, mesh_error=settings.mesh_error and label == headline),
                     workers=workers,
                     store=store,
@@ -165,20 +165,20 @@ def plan(project: Project, engine: str = SOFTCAL, **changes: object) -> tuple[Ca
     InputError
         As `calibrate`.
     """
-    given = {key: value for key, value in changes.items() if value is not None}
+    arguments = {key: value for key, value in changes.items() if value is not None}
     fields = _fields()
 
     def where(name: str) -> str:
-        return f"--{name.replace('_', '-')}" if name in fields else f"--option {name}={given[name]}"
+        return f"--{name.replace('_', '-')}" if name in fields else f"--option {name}={arguments[name]}"
 
-    known = {name: value for name, value in given.items() if name in fields or name in options_of()}
-    settings = changed(project.calibration, known, where)
+    overrides = {name: value for name, value in arguments.items() if name in fields or name in options_of()}
+    settings = changed(project.calibration, overrides, where)
     # A file may have options of other methods and losses, a caller may not.
     used = options_of({"method": OPTIMISERS[settings.method], "loss": LOSSES[settings.loss]})
     what = f"neither the method {settings.method} nor the loss {settings.loss} has this option"
     faults = [
         unknown(what, where(name), name, sorted(used), among=(*used, *fields), got="")
-        for name in given
+        for name in arguments
         if name not in fields and name not in used
     ]
     if faults:
@@ -207,11 +207,11 @@ def require_options(given: Mapping[str, object]) -> None:
     ParameterError
         With every name that is none.
     """
-    known = {*_fields(), *options_of()}
+    valid = {*_fields(), *options_of()}
     faults = [
-        unknown("neither a method nor a loss has this option", f"--option {name}={value}", name, sorted(known), got="")
+        unknown("neither a method nor a loss has this option", f"--option {name}={value}", name, sorted(valid), got="")
         for name, value in given.items()
-        if name not in known
+        if name not in valid
     ]
     if faults:
         raise ParameterError(faults)
@@ -315,24 +315,24 @@ def project_at(
         raise ParameterError(Fault("the result is of another project", project.name, got, allowed))
     of_robot = robot_parameters(project.robot)
     shared: dict[str, float] = {}
-    own: dict[str, dict[str, float]] = {}
+    by_experiment: dict[str, dict[str, float]] = {}
     for label, value in theta.items():
         name, _, experiment = label.removesuffix("]").partition("[")
         values = dict.fromkeys(tied.get(label) or (name,), value)
         members = [e.name for e in project.experiments.values() if experiment in (e.name, e.set_up)]
-        for target in [own.setdefault(e, {}) for e in members] if experiment else [shared]:
+        for target in [by_experiment.setdefault(e, {}) for e in members] if experiment else [shared]:
             target.update(values)
     for name, values in (held or {}).items():
-        own.setdefault(name, {}).update({label.partition("[")[0]: value for label, value in values.items()})
+        by_experiment.setdefault(name, {}).update({label.partition("[")[0]: value for label, value in values.items()})
     robot = with_parameters(project.robot, {name: value for name, value in shared.items() if name in of_robot})
     changed_experiments = dict(project.experiments)
     for name in experiments:
         experiment = changed_experiments[name]
-        known = experiment.rig_values().keys() | of_robot.keys()
-        here = {**{n: v for n, v in shared.items() if n not in of_robot}, **own.get(name, {})}
+        names = experiment.rig_values().keys() | of_robot.keys()
+        here = {**{n: v for n, v in shared.items() if n not in of_robot}, **by_experiment.get(name, {})}
         # The pulleys' friction stays the nominal one, under which the dataset was brought to the neck's side.
         pulleys = experiment.rig.pulleys
         kept = () if pulleys is not None and pulleys.friction_memory else (PULLEY_FRICTION,)
-        settings = {n: v for n, v in here.items() if n in known and n not in kept}
+        settings = {n: v for n, v in here.items() if n in names and n not in kept}
         changed_experiments[name] = replace(experiment, settings={**experiment.settings, **settings})
     return replace(project, robot=robot, experiments=changed_experiments)

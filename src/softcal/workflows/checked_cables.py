@@ -16,7 +16,7 @@ from softcal.units import format_quantity
 
 def cable_rows(robot: Robot) -> list[tuple[str, str]]:
     """A row for each cable, and those that belong to it."""
-    rows, held = list[tuple[str, str]](), supports(robot)
+    rows, attachments = list[tuple[str, str]](), supports(robot)
     meshes = {body.name: body.mesh for body in robot.bodies}
     for cable in robot.cables:
         runs = [(on or "space", len(list(run))) for on, run in groupby(via.on for via in cable.via_points)]
@@ -28,7 +28,7 @@ def cable_rows(robot: Robot) -> list[tuple[str, str]]:
             far = least if least == most else f"{least} to {most}"
             offset, angle = format_quantity(cable.routing_offset, "m"), format_quantity(cable.routing_angle, "rad")
             rows.append(("  routing", f"{far} from its axis, with an offset of {offset} and an angle of {angle}"))
-        rows += _support_rows(cable, held.get(cable.name, {}))
+        rows += _support_rows(cable, attachments.get(cable.name, {}))
         for body, length in off_bore(cable, meshes).items():
             if length.in_bore:
                 far = format_quantity(length.in_bore, "m", digits=3)
@@ -42,37 +42,37 @@ def cable_rows(robot: Robot) -> list[tuple[str, str]]:
 def off_course(robot: Robot) -> list[str]:
     """The cables that run straight through a body, or off the bore that they are in."""
     meshes = {body.name: body.mesh for body in robot.bodies}
-    found: list[str] = []
+    sentences: list[str] = []
     for cable in robot.cables:
         for body, length in off_bore(cable, meshes).items():
-            straight, guided = (format_quantity(one, "m", digits=3) for one in (length.straight, length.guided))
+            straight, guided = (format_quantity(part, "m", digits=3) for part in (length.straight, length.guided))
             if length.straight:
-                found.append(
+                sentences.append(
                     f"{cable.name}: {straight} of it run straight through the material of {body}, off any bore, and "
                     f"do not bend with it; allowed: a cable that follows {body}; try a via point on it, and route: bore"
                 )
             if length.guided:
-                found.append(
+                sentences.append(
                     f"{cable.name}: {guided} of it run through the material of {body}, off the bore in which a via "
                     "point is; allowed: a line along the bore; try via points where the bore turns"
                 )
-    return found
+    return sentences
 
 
-def _support_rows(cable: Cable, held: Mapping[int, Attachment]) -> list[tuple[str, str]]:
+def _support_rows(cable: Cable, attachments: Mapping[int, Attachment]) -> list[tuple[str, str]]:
     """How many via points of a cable lie in bores, and over which extent bodies bear the force of the stated ones."""
     rows: list[tuple[str, str]] = []
-    wide = [one.bore for one in held.values() if one.bore > 0.0]
+    wide = [attachment.bore for attachment in attachments.values() if attachment.bore > 0.0]
     if wide:
         widest = format_quantity(max(wide), "m", digits=3)
         of = f"{len(wide)} of {len(cable.via_points)} via points lie in bores, up to {widest} across"
         rows.append(("  bores", f"{of}: guided by the walls"))
     balls: dict[str, list[float]] = {}
-    for i, one in held.items():
+    for i, attachment in attachments.items():
         via = cable.via_points[i]
         if via.share is None:
-            kind = "stated" if via.radius is not None else "by the bore" if one.bore else "by default"
-            balls.setdefault(kind, []).append(one.radius)
+            kind = "stated" if via.radius is not None else "by the bore" if attachment.bore else "by default"
+            balls.setdefault(kind, []).append(attachment.radius)
     spread = []
     for kind, radii in balls.items():
         least, most = (format_quantity(r, "m", digits=3) for r in (min(radii), max(radii)))

@@ -47,8 +47,8 @@ class CheckReport:
     notes: tuple[str, ...] = field(default_factory=tuple)
 
     def _repr_html_(self) -> str:
-        told = [*(f"Warning: {warning}" for warning in self.warnings), *(f"Note: {note}" for note in self.notes)]
-        return summary("The project", ["part", ""], self.rows, told)
+        remarks = [*(f"Warning: {warning}" for warning in self.warnings), *(f"Note: {note}" for note in self.notes)]
+        return summary("The project", ["part", ""], self.rows, remarks)
 
 
 @checked_arguments
@@ -118,15 +118,15 @@ def check(
 
 def _unstable_at_rest(project: Project) -> list[str]:
     """The materials of bodies whose start values give no resistance to a small shear or stretch."""
-    found: list[str] = []
+    sentences: list[str] = []
     for body in project.robot.bodies:
         law = LAWS.named(body.law)
         for name, material in ((body.name, body), *((f"{body.name}.{one.name}", one) for one in body.inclusions)):
             mu, E = law.shear_modulus(material.parameters), law.youngs_modulus(material.parameters)
             if not (mu > 0.0 and E > 0.0):
                 moduli = f"shear modulus {format_quantity(mu, 'Pa')}, Young's modulus {format_quantity(E, 'Pa')}"
-                found.append(f"{name}: with these constants {body.law} is unstable at rest ({moduli})")
-    return found
+                sentences.append(f"{name}: with these constants {body.law} is unstable at rest ({moduli})")
+    return sentences
 
 
 def _refusals(project: Project) -> list[str]:
@@ -211,13 +211,13 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
 def _rod_rows(project: Project) -> list[tuple[str, str]]:
     rows: list[tuple[str, str]] = []
     for rod in project.robot.rods:
-        line, held = rod.centreline, [f"{plate} at {_arcs(rod, nodes)}" for plate, nodes in rod.clamped.items()]
-        held += [f"fixed at {_arcs(rod, rod.fixed)}"] if len(rod.fixed) else []
+        line, places = rod.centreline, [f"{plate} at {_arcs(rod, nodes)}" for plate, nodes in rod.clamped.items()]
+        places += [f"fixed at {_arcs(rod, rod.fixed)}"] if len(rod.fixed) else []
         rows += [
             (
                 f"rod {rod.name}",
                 f"{format_quantity(float(line.stations[-1]), 'm')} long, {len(line.lengths)} elements, "
-                f"{format_quantity(rod.section.constants.outer_diameter, 'm')} thick, attached: {', '.join(held)}",
+                f"{format_quantity(rod.section.constants.outer_diameter, 'm')} thick, attached: {', '.join(places)}",
             ),
             *_material_rows(rod, f"{rod.law} at small strain, as rods use it at any: " * bool(rod.law), "elements"),
         ]

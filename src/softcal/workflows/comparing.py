@@ -89,16 +89,16 @@ def compared_sweep(project: Project, settings: CalibrationSection, result: Sweep
 def _compared(
     project: Project,
     result: SearchResult,
-    known: Nominal | None,
+    nominal_errors: Nominal | None,
     configurations: Callable[[State], list[Configuration | None]],
 ) -> Compared:
     units = {name: e.unit for name, e in result.parameters.items()}
     length = next((fit.length for fit in result.experiments.values() if fit.length is not None), None)
-    state = None if known is None else _furthest_state(project, result)
+    state = None if nominal_errors is None else _furthest_state(project, result)
     if state is None:
-        return Compared(known, (), units, length)
+        return Compared(nominal_errors, (), units, length)
     there = tuple(one for one in configurations(state) if one is not None)
-    return Compared(known, there, units, length, _state_text(project, state))
+    return Compared(nominal_errors, there, units, length, _state_text(project, state))
 
 
 def _nominal(project: Project, settings: CalibrationSection, result: SearchResult, free: Sequence[str]) -> Nominal:
@@ -117,9 +117,9 @@ def _values(result: SearchResult) -> dict[str, float]:
 
 def _nominal_values(project: Project, result: SearchResult) -> dict[str, float]:
     """The project's values of a result's parameters, without those that have several."""
-    known = project.parameters
+    parameters = project.parameters
     present = {
-        name: {known[target].value for target in e.of or (name,) if target in known}
+        name: {parameters[target].value for target in e.of or (name,) if target in parameters}
         for name, e in result.parameters.items()
     }
     return {name: values.pop() for name, values in present.items() if len(values) == 1}

@@ -48,11 +48,11 @@ def study_importance(
     SoftcalError
         As `importance`.
     """
-    found = importance_study(source.problem, seed=seed, simulations=simulations, workers=workers, progress=progress)
+    study = importance_study(source.problem, seed=seed, simulations=simulations, workers=workers, progress=progress)
     result = source.result
     by_trials = result is not None and result.extra.get("importance_kind") == "fanova"
     fanova = dict(result.importance) if result is not None and by_trials else {}
-    return replace(found, fanova=fanova, notes=(*source.notes, *found.notes))
+    return replace(study, fanova=fanova, notes=(*source.notes, *study.notes))
 
 
 @checked_arguments
@@ -98,7 +98,7 @@ def importance(
     if out is not None:
         require_free_folder(Path(out))
     source = study_source(path, values, calibration)
-    found = study_importance(source, seed=seed, simulations=simulations, workers=workers, progress=progress)
+    study = study_importance(source, seed=seed, simulations=simulations, workers=workers, progress=progress)
     if out is not None:
-        write_importance(found, source.project, source.calibration, Path(out))
-    return found
+        write_importance(study, source.project, source.calibration, Path(out))
+    return study

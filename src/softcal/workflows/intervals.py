@@ -68,18 +68,18 @@ def study_intervals(
     problem, theta = source.problem, source.theta
     with executor_of(workers) as executor:
         if by == "profile":
-            found = profile(problem, theta, workers=executor, progress=progress)
+            study = profile(problem, theta, workers=executor, progress=progress)
         elif by == "jackknife":
-            found = jackknife(problem, theta, over=over)
+            study = jackknife(problem, theta, over=over)
         else:
             draws = {"posterior": SAMPLES, "bootstrap": DRAWS}[by] if samples is None else samples
             options: dict[str, Any] = {"samples": draws, "seed": seed, "workers": executor}
             if by == "posterior":
-                found = posterior(problem, theta, **options, progress=progress)
+                study = posterior(problem, theta, **options, progress=progress)
             else:
-                found = bootstrap(problem, theta, over=over, **options, progress=progress)
+                study = bootstrap(problem, theta, over=over, **options, progress=progress)
     mesh = (WITHOUT_MESH,) if source.includes_mesh else ()
-    return replace(found, notes=(*source.notes, *mesh, *found.notes))
+    return replace(study, notes=(*source.notes, *mesh, *study.notes))
 
 
 def check_method(by: str, over: str = "") -> None:
@@ -146,10 +146,10 @@ def intervals(  # noqa: PLR0913 (one keyword for each option)
     if out is not None:
         require_free_folder(Path(out))
     source = run_source(Path(path), calibration)
-    found = study_intervals(source, by, over=over, samples=samples, seed=seed, workers=workers, progress=progress)
+    study = study_intervals(source, by, over=over, samples=samples, seed=seed, workers=workers, progress=progress)
     if out is not None:
-        write_intervals(found, source.project, source.calibration, Path(out))
-    return found
+        write_intervals(study, source.project, source.calibration, Path(out))
+    return study
 
 
 def default_folder(run: Path, by: str, over: str = "") -> Path:

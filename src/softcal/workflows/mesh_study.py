@@ -67,7 +67,7 @@ def study(
         faults.append(Fault("no refinement is requested", "--halvings", got, attempt="--halvings 1"))
     if faults:
         raise InputError(faults)
-    found = study_problem(
+    result = study_problem(
         source.problem,
         source.theta,
         element=element,
@@ -76,7 +76,7 @@ def study(
         workers=workers,
         progress=progress,
     )
-    return replace(found, notes=(*source.notes, *found.notes))
+    return replace(result, notes=(*source.notes, *result.notes))
 
 
 @checked_arguments
@@ -125,7 +125,7 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
     if out is not None:
         require_free_folder(Path(out))
     source = study_source(path, values, calibration)
-    found = study(
+    result = study(
         source,
         element=element,
         halvings=halvings,
@@ -134,5 +134,5 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
         progress=progress,
     )
     if out is not None:
-        write_study(found, source.project, source.calibration, Path(out))
-    return found
+        write_study(result, source.project, source.calibration, Path(out))
+    return result

@@ -65,10 +65,10 @@ def next_test(
     if out is not None:
         require_free_folder(Path(out))
     source = run_source(Path(run), calibration)
-    found = rank(source, parameter, candidates, workers)
+    ranking = rank(source, parameter, candidates, workers)
     if out is not None:
-        write_ranking(found, source, Path(out))
-    return found
+        write_ranking(ranking, source, Path(out))
+    return ranking
 
 
 def run_source(run: Path, calibration: str = "") -> StudySource:
@@ -112,17 +112,17 @@ def rank(
     """
     problem = source.problem
     like = furthest(problem).name
-    stated = [replace(one, like=one.like or like) for one in (*candidates, *source.project.candidates)]
-    names = {one.name for one in stated}
-    found = next_tests(
+    stated = [replace(test, like=test.like or like) for test in (*candidates, *source.project.candidates)]
+    names = {test.name for test in stated}
+    ranking = next_tests(
         problem,
         source.theta,
-        [*stated, *(one for one in default_candidates(problem) if one.name not in names)],
+        [*stated, *(test for test in default_candidates(problem) if test.name not in names)],
         parameter,
         mesh_error=source.includes_mesh,
         workers=workers,
     )
-    return replace(found, notes=(*source.notes, *found.notes))
+    return replace(ranking, notes=(*source.notes, *ranking.notes))
 
 
 def write_ranking(found: NextTests, source: StudySource, folder: Path) -> None:

@@ -172,7 +172,7 @@ def _landscapes(
     if not scales_with_modulus(problem):
         return {}
     twin = ProportionalTwin(_reach(problem))
-    found: dict[str, Landscape] = {}
+    landscapes: dict[str, Landscape] = {}
     for label, result in results.items():
         pair = [
             next((n for n in result.parameters if n.endswith(kind)), "")
@@ -185,8 +185,8 @@ def _landscapes(
         grid = loss_over(one, theta, pair[0], pair[1], LANDSCAPE_SHAPE)
         failed = np.isnan(grid.loss)
         filled = np.where(failed, 0.0, grid.loss)
-        found[label] = Landscape(pair[0], pair[1], grid.x, grid.y, filled, failed.astype(np.int64))
-    return found
+        landscapes[label] = Landscape(pair[0], pair[1], grid.x, grid.y, filled, failed.astype(np.int64))
+    return landscapes
 
 
 def _reach(problem: Problem) -> float:

@@ -170,5 +170,5 @@ def load_calibrated(path: Path, values: Mapping[str, str] | None = None) -> Proj
     refuse_project_folder(path)
     run = load_run(path)
     project = calibrated(run.project, run.headline)
-    held = held_values(values or {}, robot_parameters(project.robot))
-    return replace(project, robot=with_parameters(project.robot, held))
+    fixed = held_values(values or {}, robot_parameters(project.robot))
+    return replace(project, robot=with_parameters(project.robot, fixed))

@@ -137,7 +137,7 @@ def sweep(
         reopen_run(project, folder)
     elif folder is not None:
         begin_run(project, settings, [SWEEP], folder)
-    known = nominal(problem)
+    nominal_cell = nominal(problem)
     store = None if folder is None else calibration_folder(folder, SWEEP)
     with stoppable() as stop:
         try:
@@ -160,11 +160,11 @@ def sweep(
             if not failed or folder is None:
                 raise
             raise CalibrationError(f"{error} Every cell and its reason: {folder / 'sweep.csv'}.") from None
-    found = Swept(result, known, best_cells(result, known), folder=folder, stopped_by=stop.by)
+    swept = Swept(result, nominal_cell, best_cells(result, nominal_cell), folder=folder, stopped_by=stop.by)
     if folder is not None:
         write_text(folder / "sweep.csv", sweep_csv(result))
-        finish_sweep(project, result, folder, sweep_json(found))
-    return found
+        finish_sweep(project, result, folder, sweep_json(swept))
+    return swept
 
 
 def make_sweep(project: Project, axes: Sequence[Axis], experiments: Sequence[str] | None = None) -> Problem:
@@ -207,17 +207,17 @@ def sweep_csv(result: SweepResult) -> str:
 
     Errors are in % of the length where it is known, else in SI; of several experiments each has its own columns too.
     """
-    told = sections(result)
+    parts = sections(result)
     several = list(result.experiments) if len(result.experiments) > 1 else []
     header = _header({name: p.unit for name, p in result.parameters.items()}, result.loss_name)
-    header += [f"error of {s.name} [{s.shown_unit}]" for s in told]
-    header += [f"error of {s.name} in {e} [{s.shown_unit}]" for e in several for s in told]
+    header += [f"error of {s.name} [{s.shown_unit}]" for s in parts]
+    header += [f"error of {s.name} in {e} [{s.shown_unit}]" for e in several for s in parts]
     rows: list[list[object]] = []
     for trial in result.trials:
         joint = section_errors(result, trial.errors)
         row = _row(trial, list(result.parameters))
         for errors in (joint, *(trial.errors.get(e, {}) for e in several)):
-            row += [s.shown(errors[s.name]) if s.name in errors else "" for s in told]
+            row += [s.shown(errors[s.name]) if s.name in errors else "" for s in parts]
         rows.append(row)
     return csv_text(header, rows)
 

@@ -97,16 +97,16 @@ def validation_csv(found: Validation) -> str:
     header = ["model", "left out", "experiment", "of", "unit", "RMSE", "mean", "largest", "RMSE [% of length]", "n [1]"]
     rows: list[list[object]] = []
     for model, predictions in found.models.items():
-        for one in predictions:
-            values = "; ".join(f"{name} = {e.value:.6g} {e.unit}" for name, e in one.result.parameters.items())
-            for experiment, held in one.held_out.items():
-                first = [model, ", ".join(one.left_out), experiment]
-                for point, d in held.fit.distances.items():
-                    share = "" if held.fit.length is None else 100 * d.rms / held.fit.length
+        for prediction in predictions:
+            values = "; ".join(f"{name} = {e.value:.6g} {e.unit}" for name, e in prediction.result.parameters.items())
+            for experiment, test in prediction.held_out.items():
+                first = [model, ", ".join(prediction.left_out), experiment]
+                for point, d in test.fit.distances.items():
+                    share = "" if test.fit.length is None else 100 * d.rms / test.fit.length
                     rows.append([*first, point, "m", d.rms, d.mean, d.max, share, d.n, values])
-                for channel in held.fit.alone:
-                    n, rmse = len(held.fit.measured[channel]), held.fit.rmse[channel]
-                    rows.append([*first, channel, held.fit.units[channel], rmse, "", "", "", n, values])
+                for channel in test.fit.alone:
+                    n, rmse = len(test.fit.measured[channel]), test.fit.rmse[channel]
+                    rows.append([*first, channel, test.fit.units[channel], rmse, "", "", "", n, values])
     return csv_text([*header, "parameters"], rows)
 
 

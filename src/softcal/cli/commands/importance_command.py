@@ -55,39 +55,39 @@ def importance(
 
     print_warnings(studied.project.warnings if not source.is_dir() else ())
     with executor_told(on, workers) as executor, clock() as show:
-        found = study_importance(
+        study = study_importance(
             studied,
             simulations=simulations,
             seed=seed,
             workers=executor,
             progress=lambda n: show(f"{n} evaluations"),
         )
-    _print_study(found)
-    for note in found.notes:
+    _print_study(study)
+    for note in study.notes:
         echo(f"Note: {note}")
-    for sentence in importance_sentences(found):
+    for sentence in importance_sentences(study):
         echo(sentence)
     if folder is not None:
-        write_importance(found, studied.project, studied.calibration, folder)
+        write_importance(study, studied.project, studied.calibration, folder)
         echo(f"Wrote {shown_path(folder)}")
         if folder == default:
             echo(f"Into the report with: softcal report {source}")
 
 
-def _print_study(found: ImportanceStudy) -> None:
+def _print_study(study: ImportanceStudy) -> None:
     from rich.table import Table
 
     from softcal.analysis.importance_verdict import index_text
     from softcal.units import plain
 
-    for name, output in found.outputs.items():
-        fanova = found.fanova if name == "loss" else {}
+    for name, output in study.outputs.items():
+        fanova = study.fanova if name == "loss" else {}
         table = Table(name, "alone", "with others", *["fANOVA"] * bool(fanova))
         for label, first in output.first.items():
             cells = [index_text(first), index_text(output.total[label])]
             table.add_row(label, *cells, *([f"{fanova[label]:.3f}"] if label in fanova else []))
         print_table(table)
-    errors = ", ".join(f"{name} {100 * one.surrogate_error:.1g} %" for name, one in found.outputs.items())
-    counted = ", ".join(f"{plain(value, 6)} {name}" for name, value in found.facts.items())
-    echo(f"{counted}; {plain(found.wall_s, 2)} s. Error of the surrogate over the standard deviation: {errors}.")
+    errors = ", ".join(f"{name} {100 * one.surrogate_error:.1g} %" for name, one in study.outputs.items())
+    counted = ", ".join(f"{plain(value, 6)} {name}" for name, value in study.facts.items())
+    echo(f"{counted}; {plain(study.wall_s, 2)} s. Error of the surrogate over the standard deviation: {errors}.")
     echo("± is half the 95 % interval.")

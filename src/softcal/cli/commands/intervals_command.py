@@ -70,7 +70,7 @@ def intervals(  # noqa: PLR0913 (one argument for each option)
     require_free_folder(folder)
     source = run_source(run, calibration)
     with executor_told(on, workers) as executor, clock() as show:
-        found = study_intervals(
+        study = study_intervals(
             source,
             by,
             over=over,
@@ -80,34 +80,34 @@ def intervals(  # noqa: PLR0913 (one argument for each option)
             progress=lambda n: show(f"{n} evaluations"),
         )
     echo(f"95 % intervals of the calibration '{source.calibration}'")
-    _print_study(found)
-    write_intervals(found, source.project, source.calibration, folder)
+    _print_study(study)
+    write_intervals(study, source.project, source.calibration, folder)
     echo(f"Wrote {shown_path(folder)}")
 
 
-def _print_study(found: IntervalStudy) -> None:
+def _print_study(study: IntervalStudy) -> None:
     from rich.table import Table
 
     from softcal.calibration.interval_studies.checked_interval import interval_text
     from softcal.units import format_quantity, plain
 
-    table = Table("parameter", "value", "quick", found.by, "difference")
-    for label, one in found.intervals.items():
-        share = one.difference
+    table = Table("parameter", "value", "quick", study.by, "difference")
+    for label, interval in study.intervals.items():
+        share = interval.difference
         bounds = ", ".join(
-            f"{side} bound" for side, is_at in zip(("lower", "upper"), one.at_bounds, strict=True) if is_at
+            f"{side} bound" for side, is_at in zip(("lower", "upper"), interval.at_bounds, strict=True) if is_at
         )
         table.add_row(
             label,
-            format_quantity(one.value, one.unit),
-            interval_text(one, one.quick),
-            interval_text(one, one.found) + (f" ({bounds})" if bounds else ""),
+            format_quantity(interval.value, interval.unit),
+            interval_text(interval, interval.quick),
+            interval_text(interval, interval.found) + (f" ({bounds})" if bounds else ""),
             "" if share is None else f"{plain(100 * share, 2)} %",
         )
     print_table(table)
-    counted = ", ".join(f"{plain(value, 4)} {name}" for name, value in found.facts.items())
-    echo(f"{counted}; {plain(found.wall_s, 2)} s")
-    for note in found.notes:
+    counted = ", ".join(f"{plain(value, 4)} {name}" for name, value in study.facts.items())
+    echo(f"{counted}; {plain(study.wall_s, 2)} s")
+    for note in study.notes:
         echo(f"Note: {note}")
-    for sentence in found.sentences:
+    for sentence in study.sentences:
         echo(sentence)

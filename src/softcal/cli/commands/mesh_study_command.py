@@ -121,16 +121,16 @@ def _bars() -> Generator[Observer]:
         yield show
 
 
-def _sizes(found: MeshStudy, finer: Sequence[Finer]) -> Table:
+def _sizes(study: MeshStudy, finer: Sequence[Finer]) -> Table:
     """A line per discretisation: its size, and the loss at the calibrated values and after the shifts."""
     from rich.table import Table
 
     keys = {"tets": "tets", "elements of rods": "rod_elements", "unknowns": "unknowns"}
-    shown = {what: key for what, key in keys.items() if getattr(found.size, key)}
+    shown = {what: key for what, key in keys.items() if getattr(study.size, key)}
     table = Table("", *shown, "loss", "loss after shifts")
     for name, size, loss, after in [
-        ("original", found.size, found.loss, None),
-        *((one.name, one.size, one.loss, one.reachable) for one in finer),
+        ("original", study.size, study.loss, None),
+        *((mesh.name, mesh.size, mesh.loss, mesh.reachable) for mesh in finer),
     ]:
         sizes = ("" if size is None else f"{getattr(size, key):,}" for key in shown.values())
         table.add_row(name, *sizes, _number(loss, 4), _number(after, 4))
@@ -144,14 +144,14 @@ def _changes(finer: Sequence[Finer]) -> Table:
     from softcal.analysis.mesh_changes import pooled
     from softcal.units import format_quantity
 
-    changes = {one.name: pooled(one.changes) for one in finer}
-    is_noisy = any(c.noise for held in changes.values() for c in held.values())
-    has_order = any(c.order for one in finer for c in one.changes)
+    changes = {mesh.name: pooled(mesh.changes) for mesh in finer}
+    is_noisy = any(c.noise for channels in changes.values() for c in channels.values())
+    has_order = any(c.order for mesh in finer for c in mesh.changes)
     heads = ["over its RMSE", *["over its noise"] * is_noisy, *["order"] * has_order]
     table = Table("channel", "on", "change", *heads)
-    for name in dict.fromkeys(name for held in changes.values() for name in held):
-        for on, held in changes.items():
-            c = held[name]
+    for name in dict.fromkeys(name for channels in changes.values() for name in channels):
+        for on, channels in changes.items():
+            c = channels[name]
             cells = [_number(c.rms / c.residual if c.residual else None)]
             cells += [_number(c.rms / c.noise if c.noise else None)] * is_noisy
             cells += [_number(c.order, 2)] * has_order
@@ -162,7 +162,7 @@ def _changes(finer: Sequence[Finer]) -> Table:
     return table
 
 
-def _parameters(found: MeshStudy, finer: Sequence[Finer]) -> Table:
+def _parameters(study: MeshStudy, finer: Sequence[Finer]) -> Table:
     """Lines per parameter: calibrated value, and values expected on finer meshes; one line per rig parameter."""
     from rich.table import Table
 
@@ -171,17 +171,17 @@ def _parameters(found: MeshStudy, finer: Sequence[Finer]) -> Table:
     from softcal.cli.calibration_table import value_text
 
     table = Table("parameter", "on", "value", "shift")
-    for label, estimate in found.parameters.items():
+    for label, estimate in study.parameters.items():
         name = label
-        if label in found.of_robot:
+        if label in study.of_robot:
             table.add_row(label, "original", value_text(estimate), "")
             name = ""
-        for one in finer:
-            if label in found.of_robot or one.name == found.reference:
-                there = with_unit(estimate, shown(estimate, one.values[label]))
-                bound = " (at a bound)" if label in one.at_bound else ""
-                table.add_row(name, one.name, there + bound, shift_text(estimate, one.values[label]))
-        if label in found.of_robot:
+        for mesh in finer:
+            if label in study.of_robot or mesh.name == study.reference:
+                there = with_unit(estimate, shown(estimate, mesh.values[label]))
+                bound = " (at a bound)" if label in mesh.at_bound else ""
+                table.add_row(name, mesh.name, there + bound, shift_text(estimate, mesh.values[label]))
+        if label in study.of_robot:
             table.add_section()
     return table
 

@@ -51,32 +51,32 @@ def next_test(
 
     source = run_source(run, calibration)
     with executor_told(on, workers) as executor:
-        found = rank(source, parameter, workers=executor)
-    print_table(_table(found))
-    for one in found.outlooks:
-        if one.failure:
-            echo(f"Not possible, {one.candidate.name}: {one.failure}")
-    for note in found.notes:
+        tests = rank(source, parameter, workers=executor)
+    print_table(_table(tests))
+    for outlook in tests.outlooks:
+        if outlook.failure:
+            echo(f"Not possible, {outlook.candidate.name}: {outlook.failure}")
+    for note in tests.notes:
         echo(f"Note: {note}")
-    echo(verdict(found))
+    echo(verdict(tests))
     if out is not None:
-        write_ranking(found, source, out)
+        write_ranking(tests, source, out)
         echo(f"Wrote {shown_path(out)}")
 
 
-def _table(found: NextTests) -> Table:
+def _table(tests: NextTests) -> Table:
     """A line per candidate that can be simulated, the present state first."""
     from rich.table import Table
 
     from softcal.analysis.next_test_verdict import interval_text
 
-    table = Table("candidate", f"{found.parameter}, 95 %", "length", "all parameters")
-    table.add_row("(at present)", interval_text(found.interval, found.unit) if found.interval else "none", "1", "1")
+    table = Table("candidate", f"{tests.parameter}, 95 %", "length", "all parameters")
+    table.add_row("(at present)", interval_text(tests.interval, tests.unit) if tests.interval else "none", "1", "1")
     table.add_section()
-    for one in found.outlooks:
-        if not one.failure:
-            interval = interval_text(one.interval, found.unit) if one.interval else "none"
-            table.add_row(one.candidate.name, interval, _share(one.share), _share(one.joint))
+    for outlook in tests.outlooks:
+        if not outlook.failure:
+            interval = interval_text(outlook.interval, tests.unit) if outlook.interval else "none"
+            table.add_row(outlook.candidate.name, interval, _share(outlook.share), _share(outlook.joint))
     return table
 
 

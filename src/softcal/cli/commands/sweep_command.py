@@ -82,15 +82,15 @@ def sweep(  # noqa: PLR0913 (one argument for each option)
             report_run(folder, None)
 
 
-def _table(found: Swept) -> Table:
+def _table(swept: Swept) -> Table:
     """A line for the best cell of all sections together and of each section."""
     from rich.table import Table
 
     from softcal.units import format_quantity
 
-    result = found.result
+    result = swept.result
     table = Table("best for", *result.parameters, "error", "nominal", "reduced by")
-    for best in found.best:
+    for best in swept.best:
         cells = [format_quantity(best.trial.theta[name], p.unit) for name, p in result.parameters.items()]
         gain = best.reduction
         errors = [*map(best.section.text, (best.error, best.nominal)), "" if gain is None else f"{gain:.0f} %"]

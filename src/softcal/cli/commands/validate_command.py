@@ -80,26 +80,26 @@ def validate(
         echo(f"Wrote {shown_path(out)}")
 
 
-def _table(found: Validation) -> Table:
+def _table(validation: Validation) -> Table:
     """A column per model: the parameters fitted without each fold, and the errors of the predictions."""
     from rich.table import Table
 
     from softcal.cli.calibration_table import value_text
 
-    table = Table("", *found.models)
-    folds = [one.left_out for one in next(iter(found.models.values()))]
+    table = Table("", *validation.models)
+    folds = [one.left_out for one in next(iter(validation.models.values()))]
     for i, fold in enumerate(folds):
-        fits = {model: one[i] for model, one in found.models.items() if i < len(one)}
+        fits = {model: one[i] for model, one in validation.models.items() if i < len(one)}
         shared = [n for one in fits.values() for n in one.result.parameters if "[" not in n and "frame." not in n]
         for name in dict.fromkeys(shared):
-            estimates = (fits[m].result.parameters.get(name) if m in fits else None for m in found.models)
+            estimates = (fits[m].result.parameters.get(name) if m in fits else None for m in validation.models)
             cells = ("" if estimate is None else value_text(estimate) for estimate in estimates)
             table.add_row(f"{name}, without {', '.join(fold)}", *cells)
         for experiment in fold:
             held = {m: [one.held_out[experiment].fit] for m, one in fits.items() if experiment in one.held_out}
-            _add_errors(table, f"predicted: {experiment}", [held.get(model, []) for model in found.models])
+            _add_errors(table, f"predicted: {experiment}", [held.get(model, []) for model in validation.models])
         table.add_section()
-    pooled = [[h.fit for one in p for h in one.held_out.values()] for p in found.models.values()]
+    pooled = [[h.fit for one in p for h in one.held_out.values()] for p in validation.models.values()]
     _add_errors(table, "all predictions", pooled)
     return table
 
@@ -114,17 +114,17 @@ def _add_errors(table: Table, what: str, held: Sequence[Sequence[ExperimentFit]]
         table.add_row(what, *("not predicted" for _ in held))
 
 
-def _errors(held: Sequence[ExperimentFit]) -> dict[str, str]:
+def _errors(fits: Sequence[ExperimentFit]) -> dict[str, str]:
     """RMS errors with their units, "0.94 mm (0.22 %)", by channel, and of distances."""
     from softcal.analysis.validation import pooled_errors
 
     errors: dict[str, str] = {}
-    for name, error in pooled_errors(held).items():
+    for name, error in pooled_errors(fits).items():
         if name == "distance":
-            lengths = {fit.length for fit in held}
+            lengths = {fit.length for fit in fits}
             length = lengths.pop() if len(lengths) == 1 else None
             share = "" if length is None else f" ({100 * error / length:.3g} %)"
             errors[name] = f"{1e3 * error:.3g} mm{share}"
         else:
-            errors[name] = f"{error:.3g} {held[0].units.get(name, '')}"
+            errors[name] = f"{error:.3g} {fits[0].units.get(name, '')}"
     return errors

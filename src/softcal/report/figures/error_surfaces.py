@@ -115,16 +115,16 @@ def _draw_cells(figure: Figure, axes: Axes, surface: ErrorSurface, x_scale: Scal
     from matplotlib.colors import LogNorm
 
     x, y = surface.x / x_scale.factor, surface.y / y_scale.factor
-    known = surface.error[np.isfinite(surface.error)]
+    errors = surface.error[np.isfinite(surface.error)]
     # Logarithmic colours, since what matters are ratios of errors; one colour more where all are alike.
-    low = max(float(known.min()), 1e-6 * float(known.max()), 1e-300)
-    high = max(float(np.quantile(known, _SHOWN)), 1.05 * low)
+    low = max(float(errors.min()), 1e-6 * float(errors.max()), 1e-300)
+    high = max(float(np.quantile(errors, _SHOWN)), 1.05 * low)
     shown = axes.pcolormesh(
         _edges(x), _edges(y), np.ma.masked_invalid(surface.error), cmap=SEQUENTIAL,
         norm=LogNorm(low, high, clip=True), edgecolors="white", linewidth=0.4,
     )  # fmt: skip
     bar = figure.colorbar(
-        shown, ax=axes, pad=0.02, aspect=22, extend="max" if known.max() > 1.001 * high else "neither"
+        shown, ax=axes, pad=0.02, aspect=22, extend="max" if errors.max() > 1.001 * high else "neither"
     )
     bar.outline.set_visible(False)  # type: ignore[operator]
     bar.set_label(f"Error [{surface.unit}]" if surface.unit else "Loss", fontsize=8.5)

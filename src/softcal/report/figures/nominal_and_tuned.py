@@ -38,41 +38,39 @@ _BAR = 0.4
 @register_figure("compared", place=2)
 def nominal_and_tuned(content: ReportContent) -> Iterator[Drawing]:
     """The distance of every marker in every state, at the nominal values and at the tuned ones."""
-    found = comparison(content)
-    if found is not None:
-        caption = (
-            f"Distance of every marker from its measured position, nominal and {found.tuned_name}, in every state."
-        )
-        yield Drawing(draw_comparison(found), caption, title=f"Distance of the markers, nominal and {found.tuned_name}")
+    bars = comparison(content)
+    if bars is not None:
+        caption = f"Distance of every marker from its measured position, nominal and {bars.tuned_name}, in every state."
+        yield Drawing(draw_comparison(bars), caption, title=f"Distance of the markers, nominal and {bars.tuned_name}")
 
 
-def draw_comparison(found: NominalComparison) -> Figure:
+def draw_comparison(bars: NominalComparison) -> Figure:
     """Bars of each marker's distance from its measured position: a row per marker, or one row for a single state."""
-    n = len(found.states)
+    n = len(bars.states)
     with house_style():
         if n == 1:
-            figure = new_figure(max(6.5, 1.5 + 0.8 * len(found.markers)), 3.2)
+            figure = new_figure(max(6.5, 1.5 + 0.8 * len(bars.markers)), 3.2)
             axes = figure.add_subplot()
-            _draw_bars(axes, found.nominal[:, 0], found.tuned[:, 0], found.tuned_name)
-            axes.set_xticks(range(len(found.markers)), found.markers)
-            axes.set_ylabel(f"Distance [{found.unit}{' of length' if found.unit == '%' else ''}]")
-            axes.set_title(" ".join(dict.fromkeys(part for part in (found.experiments[0], found.states[0]) if part)))
+            _draw_bars(axes, bars.nominal[:, 0], bars.tuned[:, 0], bars.tuned_name)
+            axes.set_xticks(range(len(bars.markers)), bars.markers)
+            axes.set_ylabel(f"Distance [{bars.unit}{' of length' if bars.unit == '%' else ''}]")
+            axes.set_title(" ".join(dict.fromkeys(part for part in (bars.experiments[0], bars.states[0]) if part)))
             axes.legend(loc="upper left")
             axes.margins(y=0.18)
             keep_tick_labels_apart(axes)
             return figure
         width = min(max(5.2, 1.2 + 0.5 * n), 11.0)
-        figure = new_figure(width, 1.2 + 1.45 * len(found.markers))
-        stack = figure.subplots(len(found.markers), 1, squeeze=False, sharex=True)[:, 0]
+        figure = new_figure(width, 1.2 + 1.45 * len(bars.markers))
+        stack = figure.subplots(len(bars.markers), 1, squeeze=False, sharex=True)[:, 0]
         for row, axes in enumerate(stack):
-            _draw_bars(axes, found.nominal[row], found.tuned[row], found.tuned_name)
-            axes.set_title(found.markers[row])
+            _draw_bars(axes, bars.nominal[row], bars.tuned[row], bars.tuned_name)
+            axes.set_title(bars.markers[row])
             axes.margins(x=0.01, y=0.2)
-            axes.set_ylabel(f"[{found.unit}]")
-        _name_states(stack[-1], found)
+            axes.set_ylabel(f"[{bars.unit}]")
+        _name_states(stack[-1], bars)
         for axes in stack[:-1]:
             axes.tick_params(axis="x", length=0)
-        unit = " [% of length]" if found.unit == "%" else f" [{found.unit}]"
+        unit = " [% of length]" if bars.unit == "%" else f" [{bars.unit}]"
         figure.supylabel(f"Distance from measured position{unit}", fontsize=9)
         for axes in stack:
             axes.set_ylabel("")
@@ -117,20 +115,18 @@ def _short(value: float) -> str:
     return f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
 
 
-def _name_states(axes: Axes, found: NominalComparison) -> None:
+def _name_states(axes: Axes, bars: NominalComparison) -> None:
     """Label the axis with the states and, below them, their experiments."""
-    groups = [
-        (name, [i for i, _ in held]) for name, held in groupby(enumerate(found.experiments), lambda item: item[1])
-    ]
+    groups = [(name, [i for i, _ in held]) for name, held in groupby(enumerate(bars.experiments), lambda item: item[1])]
     alone = all(len(held) == 1 for _, held in groups)
     if alone:
-        names = [f"{name}\n{found.states[held[0]]}".strip() for name, held in groups]
+        names = [f"{name}\n{bars.states[held[0]]}".strip() for name, held in groups]
         axes.set_xticks(range(len(names)), names, rotation=90 if len(names) > 8 else 0)
         return
-    axes.set_xticks(range(len(found.states)), found.states if len(found.states) <= _LABELLED else [])
-    crowded = len(found.states) > 9
+    axes.set_xticks(range(len(bars.states)), bars.states if len(bars.states) <= _LABELLED else [])
+    crowded = len(bars.states) > 9
     axes.tick_params(axis="x", labelrotation=90 if crowded else 0, labelsize=8)
-    longest = max(map(len, found.states))
+    longest = max(map(len, bars.states))
     below = -(0.34 + 0.055 * longest) if crowded else -0.34
     texts = [
         axes.text(
@@ -145,7 +141,7 @@ def _name_states(axes: Axes, found: NominalComparison) -> None:
             fontweight="bold",
         )
         for name, held in groups
-        if len(held) > 1 or name not in found.states[held[0]]
+        if len(held) > 1 or name not in bars.states[held[0]]
     ]
     lay_out(axes)
     if overlapping(texts):

@@ -69,20 +69,20 @@ def markers_of(fit: ExperimentFit) -> Markers | None:
     The transform from the bench's frame is fitted to the twin's markers, known in both frames; it needs three
     markers that are not collinear.
     """
-    measured, simulated, own = (_stacked(values, fit) for values in (fit.measured, fit.simulated, fit.response))
-    if not len(own):
+    measured, simulated, twin = (_stacked(values, fit) for values in (fit.measured, fit.simulated, fit.response))
+    if not len(twin):
         return None
-    known = np.isfinite(measured).all(axis=1)
-    measured, simulated, own = measured[known], simulated[known], own[known]
-    if np.allclose(simulated, own, rtol=0.0, atol=1e-12):
+    seen = np.isfinite(measured).all(axis=1)
+    measured, simulated, twin = measured[seen], simulated[seen], twin[seen]
+    if np.allclose(simulated, twin, rtol=0.0, atol=1e-12):
         return Markers(measured, simulated)
-    here, there = simulated - simulated.mean(axis=0), own - own.mean(axis=0)
+    here, there = simulated - simulated.mean(axis=0), twin - twin.mean(axis=0)
     sizes = np.linalg.svd(here, compute_uv=False)
     if sizes[1] < _THIN * sizes[0]:
         return None
     left, _, right = np.linalg.svd(there.T @ here)
     R = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
-    return Markers((measured - simulated.mean(axis=0)) @ R.T + own.mean(axis=0), own)
+    return Markers((measured - simulated.mean(axis=0)) @ R.T + twin.mean(axis=0), twin)
 
 
 def draw_places(title: str, equilibria: EquilibriumShapes, markers: Mapping[str, Markers]) -> Figure:
@@ -175,11 +175,11 @@ def _frame(flat: Floats) -> tuple[float, float, float, float]:
 
 def _stacked(values: Mapping[str, Floats], fit: ExperimentFit) -> Floats:
     """All states of the markers of `fit`, marker by marker, shape (n, 3); empty if a marker has no values."""
-    found: list[Floats] = []
+    parts: list[Floats] = []
     for marker in fit.distances:
         columns = [values.get(str(part)) for part in positions(marker)]
         present = [column for column in columns if column is not None]
         if len(present) < 3:
             return np.empty((0, 3))
-        found.append(np.stack(present, axis=1))
-    return np.concatenate(found) if found else np.empty((0, 3))
+        parts.append(np.stack(present, axis=1))
+    return np.concatenate(parts) if parts else np.empty((0, 3))

@@ -104,7 +104,7 @@ def trajectory_panels(experiment: ExperimentContent, fit: ExperimentFit) -> Traj
         measured = fit.measured.get(name)
         shown = None if measured is None else np.asarray(measured, dtype=np.float64) / scale.factor
         residual = None if shown is None else simulated - shown
-        band, repeat = (held[name] / scale.factor if name in held else None for held in (fit.bands, fit.repeats))
+        band, repeat = (sizes[name] / scale.factor if name in sizes else None for sizes in (fit.bands, fit.repeats))
         panels.append(TrajectoryPanel(name, channel_name(name).label, scale, shown, simulated, residual, band, repeat))
     n_samples = len(panels[0].simulated) if panels else 0
     abscissa = _abscissa(experiment, n_samples)

@@ -19,7 +19,7 @@ from softcal.mechanics.elements import P1, P2, P2P1
 from softcal.mechanics.stress import cauchy_stress, green_lagrange_strain, von_mises
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
-from softcal.workflows.pulls import films
+from softcal.workflows.cases import films
 
 
 @pytest.mark.parametrize("element", ["P1", "P2P1"])

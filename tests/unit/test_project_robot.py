@@ -278,8 +278,8 @@ def test_contact_is_off_unless_asked_for(tmp_path: Path):
 
 
 def test_the_template_checks_and_pulls(tmp_path: Path):
+    from softcal.workflows.cases import parse_pulls
     from softcal.workflows.checking import check
-    from softcal.workflows.pulls import parse_pulls
     from softcal.workflows.template import write_template
 
     project = load(write_template("manipulator", tmp_path / "m"))

@@ -190,8 +190,16 @@ def statement(name: str, label: str, estimate: Estimate, study: MeshStudy | None
     study
         A mesh study; without it, or where it is of another value, the budget has no share of the mesh.
     """
-    one = Statement(name, label, estimate, _budget(estimate, None if study is None else _shift(name, estimate, study)))
-    return one if one.is_determined else replace(one, budget={})
+    shares = {kind: share for kind, share in estimate.shares.items() if share > 0.0}
+    shift, half = None if study is None else _shift(name, estimate, study), half_width(estimate)
+    if shares and shift and half and MESH not in shares:
+        variance = (estimate.standard_error or half / NORMAL_95) ** 2
+        total = variance + shift**2
+        shares = {kind: share * variance / total for kind, share in shares.items()} | {MESH: shift**2 / total}
+    order = [source.kind for source in SOURCES]
+    budget = dict(sorted(shares.items(), key=lambda pair: order.index(pair[0]) if pair[0] in order else len(order)))
+    stated = Statement(name, label, estimate, budget)
+    return stated if stated.is_determined else replace(stated, budget={})
 
 
 def percent(share: float) -> str:
@@ -219,17 +227,6 @@ def interval_share(estimate: Estimate) -> float | None:
     if estimate.scale == "log" and low > 0:
         return math.log(high / low) / math.log(estimate.upper / estimate.lower)
     return (high - low) / (estimate.upper - estimate.lower)
-
-
-def _budget(estimate: Estimate, shift: float | None) -> dict[str, float]:
-    shares = {kind: share for kind, share in estimate.shares.items() if share > 0.0}
-    half = half_width(estimate)
-    if shares and shift and half and MESH not in shares:
-        variance = (estimate.standard_error or half / NORMAL_95) ** 2
-        total = variance + shift**2
-        shares = {kind: share * variance / total for kind, share in shares.items()} | {MESH: shift**2 / total}
-    order = [source.kind for source in SOURCES]
-    return dict(sorted(shares.items(), key=lambda one: order.index(one[0]) if one[0] in order else len(order)))
 
 
 def _shift(name: str, estimate: Estimate, study: MeshStudy) -> float | None:

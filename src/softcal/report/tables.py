@@ -103,7 +103,11 @@ def parameters_table(content: ReportContent) -> ReportTable:
     fitted parameters, by calibration.
     """
     kinds = material_kinds(content.results.values())
-    scales = [_scale_of_kind(content, kind) for kind in kinds]
+    scales: list[Scale] = []
+    for kind in kinds:  # each constant has one scale in all calibrations: that of the first that has it
+        pairs = ((result.parameters, find_parameter(result.parameters, kind)) for result in content.results.values())
+        scale = next((estimate_scale(estimates[name]) for estimates, name in pairs if name), None)
+        scales.append(scale or scale_of(constants_of(LAWS)[kind].quantity.unit))
     rows: list[tuple[Cell, ...]] = []
     for label, result in content.results.items():
         row: list[Cell] = [result_label(label)]
@@ -116,8 +120,7 @@ def parameters_table(content: ReportContent) -> ReportTable:
             else:
                 value, error, unit = estimate.value, estimate.standard_error, scale.unit or "1"
                 row.append(Known(value / scale.factor, shown(estimate, value, unit)))
-                of_error = "" if error is None else difference(estimate, error, unit)
-                row.append(None if error is None else Known(error / scale.factor, of_error))
+                row.append(None if error is None else Known(error / scale.factor, difference(estimate, error, unit)))
             importances.append(result.importance.get(name) if name else None)
         bound = [parameter_label(name) for name, estimate in result.parameters.items() if estimate.at_bound]
         others = [name for name in result.parameters if parameter_name(name).kind not in kinds]
@@ -344,12 +347,3 @@ def _setting(value: object) -> str:
         text = ", ".join(_setting(item) for item in items[:6])
         return f"[{text}, … {len(items)} in all]" if len(items) > 6 else f"[{text}]"
     return str(value)
-
-
-def _scale_of_kind(content: ReportContent, kind: str) -> Scale:
-    """Display scale of a constant in all calibrations: that of the first one that has it."""
-    for result in content.results.values():
-        name = find_parameter(result.parameters, kind)
-        if name:
-            return estimate_scale(result.parameters[name])
-    return scale_of(constants_of(LAWS)[kind].quantity.unit)

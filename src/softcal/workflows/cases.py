@@ -1,17 +1,27 @@
-"""Cases to simulate: pulls given by the user, or experiments with the robot's settings in each."""
+"""Cases to simulate: pulls of the user, or experiments with the robot's settings in each.
+
+On the command line a pull is `front=40mm`, `cable6=2kgf` or `cable6.mass=2kg`; several together are one protocol.
+`films` divides a protocol into even steps, for an animation.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from softcal.errors import Fault, InputError, ParameterError, UnitError
+from softcal.limits import LIMITS
 from softcal.project.project import Project
-from softcal.twin.protocol import Protocol
-from softcal.twin.robot import Robot
-from softcal.workflows.pulls import parse_pulls
-from softcal.workflows.simulation import protocol_of, robot_in
+from softcal.quantities import QUANTITIES
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import Control, Robot
+from softcal.workflows.simulation import protocol_of, pull, robot_in
 
 PULL = "pull"
+HANGING = ".mass"  # suffix of a cable's name: the value is a hanging mass
+SAME = 1e-9  # of the furthest command
 
 
 @dataclass(frozen=True)
@@ -49,3 +59,91 @@ def cases(project: Project, pulls: Sequence[str] = (), experiment: str = "") -> 
 def protocols_of(chosen: Mapping[str, Case]) -> dict[str, Protocol]:
     """Name -> protocol of each case."""
     return {name: case.protocol for name, case in chosen.items()}
+
+
+def parse_pulls(robot: Robot, texts: Sequence[str]) -> Protocol:
+    """Cables pulled together, each evenly from zero to its value: a shortening, a tension, or a hanging mass.
+
+    Raises
+    ------
+    InputError
+        For a text that is no pull, a cable that does not exist or is pulled twice, a mass without gravity; all at once.
+    """
+    commands = dict(Protocol({}).commands)
+    faults: list[Fault] = []
+    for text in texts:
+        try:
+            cable, control, end = _parsed(robot, text)
+            if cable in commands:
+                raise InputError(Fault("the cable is pulled twice", "--pull", f"'{text}'", "one pull for each cable"))
+            commands |= pull(robot, cable, control, end).commands
+        except InputError as error:
+            faults.extend(fault if fault.where else replace(fault, where="--pull") for fault in error.faults)
+    if faults:
+        raise InputError(faults)
+    return Protocol(commands)
+
+
+def _parsed(robot: Robot, text: str) -> tuple[str, Control, float]:
+    name, _, value = (part.strip() for part in text.partition("="))
+    if name.endswith(HANGING):
+        return name.removesuffix(HANGING), "tension", _weight(robot, text, value)
+    try:
+        return name, "shortening", QUANTITIES["shortening"].read(value)
+    except UnitError:
+        pass
+    try:
+        return name, "tension", QUANTITIES["tension"].read(value)
+    except UnitError as error:
+        allowed = f"a cable and a length or force: front=40mm, front=8N, front=2kgf; a mass hangs by front{HANGING}=2kg"
+        raise InputError(Fault("this is not a pull", "--pull", f"'{text}'", allowed)) from error
+
+
+def _weight(robot: Robot, text: str, value: str) -> float:
+    """Weight [N] of a mass under the robot's gravity."""
+    mass = QUANTITIES["mass"].read(value, where=f"--pull {text}")
+    gravity = float(np.linalg.norm(robot.gravity))
+    if gravity == 0.0:
+        raise InputError(
+            Fault(
+                "a hanging mass needs gravity",
+                "--pull",
+                f"'{text}'",
+                "gravity in the robot, or a force",
+                f"{text.partition(HANGING)[0]}={value.replace('kg', 'kgf')}" if "kg" in value else "a force in N",
+            )
+        )
+    return mass * gravity
+
+
+def films(protocols: Mapping[str, Protocol], n: int) -> dict[str, Protocol]:
+    """Each protocol as n even steps from no pull to its furthest sample; one state if nothing is pulled.
+
+    Raises
+    ------
+    InputError
+        For too few steps or too many.
+    ParameterError
+        If no protocol pulls a cable; for samples whose commands are not proportional to each other.
+    """
+    LIMITS["shapes of a film"].check(n, where="--shapes")
+    films_by_name: dict[str, Protocol] = {}
+    faults: list[Fault] = []
+    for name, protocol in protocols.items():
+        commands = np.array([command.values for command in protocol.commands.values()])
+        end = commands[:, int((commands**2).sum(axis=0).argmax())] if len(commands) else commands
+        if not end.any():
+            films_by_name[name] = Protocol({})
+        elif np.abs(commands - np.outer(end, end @ commands / (end @ end))).max() > SAME * np.abs(end).max():
+            problem = "the cables' commands are not proportional: the samples are states, not one pull"
+            faults.append(Fault(problem, name, attempt="--pull, or without --shapes, which writes every state"))
+        else:
+            share = np.linspace(0.0, 1.0, n)
+            pulls = zip(protocol.commands.items(), end, strict=True)
+            steps = {cable: Command(command.control, value * share) for (cable, command), value in pulls}
+            films_by_name[name] = Protocol(steps)
+    if not faults and not any(protocol.commands for protocol in films_by_name.values()):
+        faults.append(Fault("nothing is pulled", "--shapes", attempt="--pull"))
+    if faults:
+        raise ParameterError(faults)
+    return films_by_name

@@ -86,12 +86,9 @@ def schedule_of(project: Project, case: Case) -> Schedule:
     InputError
         For an experiment without a driving channel, or whose sample times do not ascend.
     """
-    if case.experiment:
-        return _replayed(project, project.experiments[case.experiment])
-    return Schedule(np.linspace(0.0, project.dynamics.ramp, case.protocol.n_samples), case.protocol.commands)
-
-
-def _replayed(project: Project, experiment: Experiment) -> Schedule:
+    if not case.experiment:
+        return Schedule(np.linspace(0.0, project.dynamics.ramp, case.protocol.n_samples), case.protocol.commands)
+    experiment = project.experiments[case.experiment]
     if not experiment.drives:
         fault = Fault("the experiment has no driving channel", experiment.name, attempt="--pull, or --experiment")
         raise InputError(fault)
@@ -103,11 +100,11 @@ def _replayed(project: Project, experiment: Experiment) -> Schedule:
     driven = commands(replace(experiment, dataset=data), experiment.rig_values())
     kept = np.diff(times, prepend=-np.inf) > 0.0  # of samples that share a time, the first
     times = times[kept] - times[0]
-    values = {name: command.values[kept] for name, command in driven.items()}
-    if any(own[0] != 0.0 for own in values.values()):
+    pulls = {name: command.values[kept] for name, command in driven.items()}
+    if any(pull[0] != 0.0 for pull in pulls.values()):
         times = np.append(0.0, project.dynamics.ramp + times)
-        values = {name: np.append(0.0, own) for name, own in values.items()}
-    return Schedule(times, {name: Command(driven[name].control, own) for name, own in values.items()})
+        pulls = {name: np.append(0.0, pull) for name, pull in pulls.items()}
+    return Schedule(times, {name: Command(driven[name].control, pull) for name, pull in pulls.items()})
 
 
 def _timed(project: Project, experiment: Experiment) -> Dataset:

@@ -80,6 +80,8 @@ def simulate_to_folder(
         for name, response in responses.items():
             (part / response_file(name)).write_text(response_csv(response), encoding="utf-8")
             _draw(cases[name].robot, name, response, part)
+        tests = {name: project.experiments[case.experiment] for name, case in cases.items() if case.experiment}
+        settings = {name: {"settings": dict(test.settings)} for name, test in tests.items() if test.settings}
         record = {
             "project": project.name,
             "parameters": {n: {"value": info.value, "unit": info.unit} for n, info in project.parameters.items()},
@@ -88,7 +90,7 @@ def simulate_to_folder(
                     "status": response.status,
                     "succeeded": response.succeeded,
                     "n_factorisations": response.n_factorisations,
-                    **_settings(project, cases[name]),
+                    **settings.get(name, {}),
                 }
                 for name, response in responses.items()
             },
@@ -99,12 +101,6 @@ def simulate_to_folder(
         }
         (part / "simulation.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     return responses
-
-
-def _settings(project: Project, case: Case) -> dict[str, dict[str, float]]:
-    """Settings of the robot and the rig by the experiment, SI; empty if it has none."""
-    settings = project.experiments[case.experiment].settings if case.experiment else {}
-    return {"settings": dict(settings)} if settings else {}
 
 
 def _of_engine(project: Project, engine: str) -> dict[str, dict[str, object]]:

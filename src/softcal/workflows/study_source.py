@@ -19,7 +19,6 @@ MESH_STUDY, IMPORTANCE = "mesh-study", "importance"  # folders of studies in a r
 if TYPE_CHECKING:
     from softcal.calibration.problem.problem import Problem
     from softcal.calibration.results.result import CalibrationResult
-    from softcal.workflows.run import CalibrationRun
 
 
 @dataclass(frozen=True)
@@ -105,28 +104,23 @@ def run_source(path: Path, calibration: str = "") -> StudySource:
     run = load_run(path)
     if isinstance(run, SweepRun):
         raise InputError(Fault("a sweep has no optimum to study", str(run.folder), attempt="softcal calibrate"))
-    return _of_run(run, calibration)
+    label = calibration or (JOINT if JOINT in run.results else next(iter(run.results)))
+    if label not in run.results:
+        raise InputError(unknown("the run has no such calibration", "--calibration", label, run.results))
+    from softcal.calibration.problem.problem import SOFTCAL
+    from softcal.workflows.calibration import make_problem
+
+    result = run.results[label]
+    problem = make_problem(run.project, run.settings).only(list(result.experiments))
+    engine = result.hashes.get("engine", SOFTCAL)
+    notes = () if engine == SOFTCAL else (f"The calibration was computed by {engine}, the study by {SOFTCAL}.",)
+    theta = {name: estimate.value for name, estimate in result.parameters.items()}
+    return StudySource(problem, theta, label, run.project, notes, result)
 
 
 def default_folder(path: Path, name: str) -> Path | None:
     """Default folder of a study of this name: in the run; None for a project, whose study is only printed."""
     return path / name if path.is_dir() else None
-
-
-def _of_run(run: CalibrationRun, calibration: str) -> StudySource:
-    from softcal.calibration.problem.problem import SOFTCAL
-    from softcal.workflows.calibration import make_problem
-
-    label = calibration or (JOINT if JOINT in run.results else next(iter(run.results)))
-    if label not in run.results:
-        raise InputError(unknown("the run has no such calibration", "--calibration", label, run.results))
-    result = run.results[label]
-    problem = make_problem(run.project, run.settings).only(list(result.experiments))
-    engine = result.hashes.get("engine", SOFTCAL)
-    notes = () if engine == SOFTCAL else (f"The calibration was computed by {engine}, the study by {SOFTCAL}.",)
-    return StudySource(
-        problem, {name: e.value for name, e in result.parameters.items()}, label, run.project, notes, result
-    )
 
 
 def _present(problem: Problem) -> dict[str, float]:

@@ -82,9 +82,11 @@ def draw_surfaces(
         for axes, surface in zip(panels.flat, surfaces, strict=False):
             _draw_cells(figure, axes, surface, x_scale, y_scale)
             at = tuple(nominal[n] / s.factor for n, s in zip(pair, (x_scale, y_scale), strict=True) if n in nominal)
-            if len(at) == 2 and _inside(axes, at):
-                axes.plot(*at, "D", markersize=6, markerfacecolor="white", markeredgecolor=INK, linestyle="",
-                          label="nominal values", zorder=5)  # fmt: skip
+            if len(at) == 2:
+                (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+                if left <= at[0] <= right and bottom <= at[1] <= top:
+                    axes.plot(*at, "D", markersize=6, markerfacecolor="white", markeredgecolor=INK, linestyle="",
+                              label="nominal values", zorder=5)  # fmt: skip
             axes.set_title("all sections" if surface.section == ALL else surface.section)
             least = f"best {number(surface.best[2])} {surface.unit}".rstrip()
             axes.set_title(least, loc="right", fontsize=8.5, fontweight="normal")
@@ -152,8 +154,3 @@ def _edges(values: Floats) -> Floats:
     middles = 0.5 * (shown[1:] + shown[:-1])
     edges = np.concatenate([[2 * shown[0] - middles[0]], middles, [2 * shown[-1] - middles[-1]]])
     return np.exp(edges) if is_uneven(values) else edges
-
-
-def _inside(axes: Axes, at: tuple[float, ...]) -> bool:
-    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    return left <= at[0] <= right and bottom <= at[1] <= top

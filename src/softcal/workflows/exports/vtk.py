@@ -33,13 +33,12 @@ def vtk(request: ExportRequest, folder: Path, shapes: int | None = None, in_time
     Raises
     ------
     ParameterError
-        For a number of shapes of a case that is no pull; see `softcal.workflows.pulls.films`.
+        For a number of shapes of a case that is no pull; see `softcal.workflows.cases.films`.
     """
     from softcal.export.vtk import write_vtk
     from softcal.limits import LIMITS
-    from softcal.workflows.cases import protocols_of
+    from softcal.workflows.cases import films, protocols_of
     from softcal.workflows.motion import SNAPSHOTS, simulate_each_in_time
-    from softcal.workflows.pulls import films
 
     cases = request.cases()
     if in_time:

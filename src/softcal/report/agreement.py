@@ -108,8 +108,10 @@ def _in_all_intervals(one: Agreement) -> str:
     low, high = max(low for low, _ in ends), min(high for _, high in ends)
     if low > high:
         return "; no value lies in the 95 % intervals of all"
-    given = one.largest[1]
-    return f"; {with_unit(given, f'{shown(given, low)} to {shown(given, high)}')} lies in the 95 % intervals of all"
+    largest = one.largest[1]
+    return (
+        f"; {with_unit(largest, f'{shown(largest, low)} to {shown(largest, high)}')} lies in the 95 % intervals of all"
+    )
 
 
 def spread_sentences(result: SearchResult, records: Mapping[str, Dataset] | None = None) -> list[Remark]:

@@ -85,9 +85,9 @@ def of_carrier(word: str, carrier: str) -> str:
 def _noise(data: Dataset, channel: str) -> float | None:
     """Noise of a channel [SI]: root mean square over its samples; None if not known."""
     channels = data.channels
-    own = channels.get(str(channel_name(channel).deviation))
-    if own is not None:
-        return float(np.sqrt(np.nanmean(own.values**2)))
+    noise = channels.get(str(channel_name(channel).deviation))
+    if noise is not None:
+        return float(np.sqrt(np.nanmean(noise.values**2)))
     return channels[channel].sigma if channel in channels and channels[channel].sigma > 0 else None
 
 

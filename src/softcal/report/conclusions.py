@@ -194,17 +194,17 @@ def _gain(content: ReportContent) -> Iterable[Remark]:
 
 def _bounds(results: Mapping[str, SearchResult], *, held: bool = False) -> Iterable[Remark]:
     """Parameters at a bound, and why; held: only those whose optimum lies beyond the bound."""
-    found = [(label, *pair) for label, one in results.items() for pair in one.parameters.items() if pair[1].at_bound]
+    at_bound = [(label, *pair) for label, one in results.items() for pair in one.parameters.items() if pair[1].at_bound]
     if held:
-        found = [one for one in found if one[2].is_contradicted]
-    for label, name, estimate in found:
+        at_bound = [one for one in at_bound if one[2].is_contradicted]
+    for label, name, estimate in at_bound:
         upper = abs(estimate.value - estimate.upper) <= abs(estimate.value - estimate.lower)
         bound = format_quantity(estimate.upper if upper else estimate.lower, estimate.unit, digits=AS_WRITTEN)
         name = parameter_label(name, results[label].parameters)
         at = f"{'upper' if upper else 'lower'} bound of {bound}"
         text = f"{name} is at its {at}: {_why_at_bound(estimate)}"
         yield Remark(_of(label, results, text), "warning")
-    if not found and not held:
+    if not at_bound and not held:
         yield Remark("No parameter is at a bound.", "good")
 
 
@@ -232,8 +232,8 @@ def _identified(results: Mapping[str, SearchResult]) -> Iterable[Remark]:
             if share is not None and share < _IDENTIFIED:
                 if parameter_name(name).experiment:  # of one test or set-up: in the table
                     continue
-                own = f" ({result_label(of)})" if len(results) > 1 else ""
-                sure.append(f"{label}{own}: {_percent(share)}")
+                where = f" ({result_label(of)})" if len(results) > 1 else ""
+                sure.append(f"{label}{where}: {_percent(share)}")
             elif share is not None:
                 text = f"{label} is not identified by these data: its 95 % interval covers {_percent(share)} of the "
                 yield Remark(_of(of, results, f"{text}allowed range."), "warning")

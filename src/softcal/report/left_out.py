@@ -14,10 +14,10 @@ from softcal.sensing.channel import channel_unit
 def left_out_sentence(result: SearchResult) -> str:
     """How well the experiments predict each other; "" where there are fewer than three."""
     shares: list[float] = []
-    for name, one in result.left_out.items():
+    for name, prediction in result.left_out.items():
         measured = result.experiments[name].measured
-        counts = [int(np.isfinite(measured[channel]).sum()) for channel in one.within]
-        shares.append(float(np.average(list(one.within.values()), weights=counts)))
+        counts = [int(np.isfinite(measured[channel]).sum()) for channel in prediction.within]
+        shares.append(float(np.average(list(prediction.within.values()), weights=counts)))
     if not shares:
         return ""
     low, high = (number(100 * share, 3) for share in (min(shares), max(shares)))
@@ -32,15 +32,15 @@ def left_out_table(content: ReportContent) -> ReportTable:
     """The errors of the predictions beside those of the fit; empty where there are fewer than three experiments."""
     rows: list[tuple[str | float | int | None, ...]] = []
     for label, result in content.judged.items():
-        for name, one in result.left_out.items():
-            for channel, error in one.rmse.items():
+        for name, prediction in result.left_out.items():
+            for channel, error in prediction.rmse.items():
                 scale = scale_of(channel_unit(channel) or "1")
                 fitted = result.experiments[name].rmse.get(channel)
                 shown = [
                     None if v is None else f"{number(v / scale.factor)} {scale.unit}".rstrip()
-                    for v in (fitted, error, one.half_width[channel])
+                    for v in (fitted, error, prediction.half_width[channel])
                 ]
-                rows.append((result_label(label), name, channel, *shown, 100 * one.within[channel]))
+                rows.append((result_label(label), name, channel, *shown, 100 * prediction.within[channel]))
     columns = (
         Column("Calibration"),
         Column("Experiment"),

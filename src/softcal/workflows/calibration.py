@@ -36,14 +36,14 @@ from softcal.workflows.engines import SOFTCAL, engine_for, engine_identity, left
 from softcal.workflows.outcome import Outcome
 from softcal.workflows.run_folder import begin_run, calibration_folder, finish_run, reopen_run
 
-# Told after every trial, and of every stage after them: the label of the calibration, and how far it is.
+# Called after every trial, and at every stage after them: the label of the calibration, and how far it is.
 Observer = Callable[[str, Progress], None]
 
 
 @displayed
 @dataclass(frozen=True)
 class Calibrations(Outcome):
-    """What was found: result by label (an experiment's name, or "joint"), and where it is kept."""
+    """Results by label (an experiment's name, or "joint"), and the folder that keeps them."""
 
     results: Mapping[str, CalibrationResult]
 

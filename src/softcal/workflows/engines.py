@@ -66,11 +66,11 @@ def engine_identity(name: str, settings: Mapping[str, Declared]) -> dict[str, st
 
 
 def _flat(prefix: str, values: Mapping[str, Any]) -> dict[str, str]:
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for key, value in values.items():
         if isinstance(value, Mapping):
-            found |= _flat(f"{prefix}.{key}", value)
+            texts |= _flat(f"{prefix}.{key}", value)
         else:
             several = value if isinstance(value, tuple) else (value,)
-            found[f"{prefix}.{key}"] = ", ".join(f"{one:.12g}" for one in several)
-    return found
+            texts[f"{prefix}.{key}"] = ", ".join(f"{one:.12g}" for one in several)
+    return texts

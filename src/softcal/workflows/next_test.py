@@ -151,15 +151,15 @@ def candidates_csv(found: NextTests) -> str:
     header = ["candidate", "like", "parameter", "unit", "lower", "upper", "of present length [1]"]
     rows = [
         [
-            one.candidate.name,
-            one.candidate.like,
+            outlook.candidate.name,
+            outlook.candidate.like,
             found.parameter,
             found.unit,
-            *(one.interval or (None, None)),
-            one.share,
-            one.joint,
-            one.failure,
+            *(outlook.interval or (None, None)),
+            outlook.share,
+            outlook.joint,
+            outlook.failure,
         ]
-        for one in found.outlooks
+        for outlook in found.outlooks
     ]
     return csv_text([*header, "all parameters, of present standard errors [1]", "not possible because"], rows)

@@ -1,4 +1,4 @@
-"""What every search of a project gives beside its result: where it is kept, its page, and what stopped it."""
+"""The outcome of every search of a project beside its result: its folder, its page, and the signal that stopped it."""
 
 from __future__ import annotations
 

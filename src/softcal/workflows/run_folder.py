@@ -284,11 +284,14 @@ def _require_units(folder: Path, project: Project, results: Mapping[str, SearchR
     units |= {one.name: one.unit for one in (project.space.parameters if project.space else ())}
     faults = [
         Fault(
-            f"{name} has another unit than in the project", str(calibration_folder(folder, label)), f"'{one.unit}'", own
+            f"{name} has another unit than in the project",
+            str(calibration_folder(folder, label)),
+            f"'{one.unit}'",
+            unit,
         )
         for label, result in results.items()
         for name, one in result.parameters.items()
-        if (own := units.get(name.partition("[")[0], one.unit)) != one.unit
+        if (unit := units.get(name.partition("[")[0], one.unit)) != one.unit
     ]
     if faults:
         raise StorageError(faults)

@@ -147,9 +147,9 @@ def at_start_values(project: Project) -> Project:
     shared = {t: float(p.start or 0.0) for p in free for t in p.targets if t in of_robot and not p.experiment}
 
     def own(experiment: Experiment) -> dict[str, float]:
-        known = experiment.rig_values()
+        values = experiment.rig_values()
         mine = [p for p in free if p.serves(experiment.name)]
-        return {t: float(p.start or 0.0) for p in mine for t in p.targets if t in known and t not in of_robot}
+        return {t: float(p.start or 0.0) for p in mine for t in p.targets if t in values and t not in of_robot}
 
     tests = {n: replace(e, settings={**own(e), **e.settings}) for n, e in project.experiments.items()}
     return replace(project, robot=with_parameters(project.robot, shared), experiments=tests)

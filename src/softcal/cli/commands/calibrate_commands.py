@@ -134,7 +134,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
             if engine != SOFTCAL and not resume:
                 _print_expected(loaded, engine, changes, executor.count)
             with calibration_progress() as bars:
-                found = calibrate_project(
+                calibrations = calibrate_project(
                     loaded,
                     out=folder,
                     resume=resume,
@@ -145,12 +145,12 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
                     storage=storage,
                     **changes,
                 )
-            solved = {} if found.stopped_by is not None else furthest_responses(loaded, found.results)
+            solved = {} if calibrations.stopped_by is not None else furthest_responses(loaded, calibrations.results)
             records = {name: record for name, record in loaded.corrected.items() if record is not None}
             data = {name: experiment.dataset for name, experiment in loaded.experiments.items()}
-            print_results(found.results, data, records, solved, verbose=verbose)
-            if found.stopped_by is not None:
-                raise found.stopped_by
+            print_results(calibrations.results, data, records, solved, verbose=verbose)
+            if calibrations.stopped_by is not None:
+                raise calibrations.stopped_by
         echo(f"Run: {shown_path(folder)}")
         if report:
             report_run(folder, None, solved)

@@ -87,19 +87,19 @@ def _table(validation: Validation) -> Table:
     from softcal.cli.calibration_table import value_text
 
     table = Table("", *validation.models)
-    folds = [one.left_out for one in next(iter(validation.models.values()))]
+    folds = [prediction.left_out for prediction in next(iter(validation.models.values()))]
     for i, fold in enumerate(folds):
-        fits = {model: one[i] for model, one in validation.models.items() if i < len(one)}
-        shared = [n for one in fits.values() for n in one.result.parameters if "[" not in n and "frame." not in n]
+        fits = {model: folded[i] for model, folded in validation.models.items() if i < len(folded)}
+        shared = [n for fit in fits.values() for n in fit.result.parameters if "[" not in n and "frame." not in n]
         for name in dict.fromkeys(shared):
             estimates = (fits[m].result.parameters.get(name) if m in fits else None for m in validation.models)
             cells = ("" if estimate is None else value_text(estimate) for estimate in estimates)
             table.add_row(f"{name}, without {', '.join(fold)}", *cells)
         for experiment in fold:
-            held = {m: [one.held_out[experiment].fit] for m, one in fits.items() if experiment in one.held_out}
-            _add_errors(table, f"predicted: {experiment}", [held.get(model, []) for model in validation.models])
+            tests = {m: [fit.held_out[experiment].fit] for m, fit in fits.items() if experiment in fit.held_out}
+            _add_errors(table, f"predicted: {experiment}", [tests.get(model, []) for model in validation.models])
         table.add_section()
-    pooled = [[h.fit for one in p for h in one.held_out.values()] for p in validation.models.values()]
+    pooled = [[h.fit for fit in fits for h in fit.held_out.values()] for fits in validation.models.values()]
     _add_errors(table, "all predictions", pooled)
     return table
 

@@ -27,14 +27,14 @@ _FEWEST = 12  # trials
 def history(content: ReportContent) -> Iterator[Drawing]:
     """The loss of every trial of a search, and the best so far; of a few trials, as by derivatives, it says nothing."""
     for label, result in content.calibrations.items():
-        found = search_history(result.trials)
-        if len(found.losses) >= _FEWEST:
+        search = search_history(result.trials)
+        if len(search.losses) >= _FEWEST:
             caption = (
-                f"{result_label(label)}: {len(found.losses)} trials, best loss {number(result.loss)}; "
-                f"{len(found.failed) or 'none'} failed."
+                f"{result_label(label)}: {len(search.losses)} trials, best loss {number(result.loss)}; "
+                f"{len(search.failed) or 'none'} failed."
             )
             title = f"Loss of the trials: {result_label(label)}"
-            yield Drawing(draw_history(title, found), caption, of=label)
+            yield Drawing(draw_history(title, search), caption, of=label)
 
 
 @dataclass(frozen=True)

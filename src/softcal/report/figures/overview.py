@@ -40,8 +40,8 @@ def draw_overview(content: ReportContent, result: SearchResult) -> Figure:
     """All experiments of one calibration: measured force as points, the twin as lines, over the cable's travel."""
     from matplotlib.lines import Line2D
 
-    found = {name: overview_curves(content.experiments[name], result) for name in result.experiments}
-    drawn = {name: curves for name, curves in found.items() if curves is not None}
+    pairs = {name: overview_curves(content.experiments[name], result) for name in result.experiments}
+    drawn = {name: curves for name, curves in pairs.items() if curves is not None}
     alone, columns = len(drawn) == 1, _legend_columns(drawn)
     with house_style():
         figure = new_figure(5.2, 3.5 + 0.19 * (1 if alone else math.ceil(len(drawn) / columns)))

@@ -18,24 +18,24 @@ def record(content: ReportContent) -> Iterator[Drawing]:
     # Each experiment once: from the headline's calibration if it includes it, else from the first that does.
     drawn: set[str] = set()
     for label in dict.fromkeys([content.headline, *content.records]):
-        fresh = {name: found for name, found in content.records.get(label, {}).items() if name not in drawn}
+        fresh = {name: whole for name, whole in content.records.get(label, {}).items() if name not in drawn}
         drawn.update(fresh)
-        for name, found in fresh.items():
-            if found.fit is None:
+        for name, whole in fresh.items():
+            if whole.fit is None:
                 continue
-            driven = replace(content.experiments[name], prepared=found.record, drive="time")
+            driven = replace(content.experiments[name], prepared=whole.record, drive="time")
             caption = (
-                f"{name}: the whole record and the twin ({result_label(label)}), driven by {joined(found.drives)} as "
+                f"{name}: the whole record and the twin ({result_label(label)}), driven by {joined(whole.drives)} as "
                 "measured. The twin was fitted to part of these samples, or to averages of them."
             )
-            if not found.remembers:
+            if not whole.remembers:
                 caption += " It is elastic: the hysteresis loop remains in the residual."
-            if any(step.name == PULLEY_STEP for step in found.record.provenance) and "tension" in found.fit.measured:
+            if any(step.name == PULLEY_STEP for step in whole.record.provenance) and "tension" in whole.fit.measured:
                 caption += " Pulley friction is subtracted from every sample as on the fitted branch."
-            if found.every > 1:
-                caption += f" One sample in {found.every} is compared."
+            if whole.every > 1:
+                caption += f" One sample in {whole.every} is compared."
             yield Drawing(
-                draw_trajectory(trajectory_panels(driven, found.fit), 9.0),
+                draw_trajectory(trajectory_panels(driven, whole.fit), 9.0),
                 caption,
                 of=name,
                 shown="png",

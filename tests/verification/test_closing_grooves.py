@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from softcal.calibration.statistics.mesh_error import finer_twin
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
-from softcal.mechanics import bordered, linear_solve
+from softcal.mechanics import bordered, linear_solve, touched_pattern
 from softcal.mechanics.linearisation import Linearisation
 from softcal.mechanics.node import Line, Node, node_at
 from softcal.mechanics.state import State, difference, rest_state
@@ -95,6 +95,30 @@ def test_nothing_acts_at_rest_in_what_is_shipped(example: str):
     robot = load(EXAMPLES / example / "project.yaml").robot
     assert robot.bodies
     assert force_at_rest(touching(robot)) <= 1e-12
+
+
+def test_the_pattern_has_room_for_what_touches_soon(monkeypatch: pytest.MonkeyPatch):
+    """As a groove closes, its tangent is analysed less often than without room, with the same forces."""
+    analysed, tensions = list[int](), list[np.ndarray]()
+    for without in (False, True):
+        count = list[int]()
+        monkeypatch.setattr(touched_pattern, "factorisation", counted(count))
+        if without:
+            monkeypatch.setattr("softcal.mechanics.contact.ROOM", -1.0)
+        response = simulate(touching(grooved()), pulled(*np.linspace(0.0, 5e-3, 6)))
+        assert response.succeeded
+        analysed.append(len(count))
+        tensions.append(response.channels["front.tension"])
+    assert analysed[0] <= 0.5 * analysed[1]
+    np.testing.assert_allclose(*tensions, rtol=1e-8)
+
+
+def counted(count: list[int]) -> Any:
+    def factorisation(indptr: np.ndarray, indices: np.ndarray, *, single: bool) -> linear_solve.Factorisation:
+        count.append(len(indices))
+        return linear_solve.factorisation(indptr, indices, single=single)
+
+    return factorisation
 
 
 @pytest.mark.parametrize("element", ["P1", pytest.param("P2P1", marks=pytest.mark.slow)])

@@ -12,7 +12,6 @@ state and the border as it is now, the same substitution is a preconditioner.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -76,7 +75,7 @@ class BorderedTangent:
             whole, self._border = dense_tangent(self.system.pattern, data, at.touch, border)
             self._factors = Dense(self.unit[:, None] * whole * self.unit)
         else:
-            self._factors = self._factorised(data, at.touch, single=False)
+            self._factors = self._factorised(at, data, single=False)
         self._spent = 0.0
         self.n_factorisations += 1
 
@@ -119,14 +118,14 @@ class BorderedTangent:
         """Factorise the tangent in single precision."""
         if at.data is None:
             raise SimulationError("There is no tangent to factorise.")
-        self._factors = self._factorised(at.data, at.touch, single=True)
+        self._factors = self._factorised(at, at.data, single=True)
         self._columns_solved, self._is_own, self._spent = None, True, 0.0
         self.n_factorisations += 1
 
-    def _factorised(self, data: Floats, touch: Any, *, single: bool) -> Factors:
+    def _factorised(self, at: Linearisation, data: Floats, *, single: bool) -> Factors:
         if single not in self._patterns:
             self._patterns[single] = MirroredPattern(self.system.pattern, self.system.mirrors, self.unit, single=single)
-        return self._patterns[single].factorise(data, touch)
+        return self._patterns[single].factorise(data, at.touch, at.near)
 
     def exclude(self, modes: Floats) -> None:
         """Exclude modes, see `Statics.exclude`, from solutions of the tangent that was factorised last."""

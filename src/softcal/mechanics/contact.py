@@ -51,6 +51,7 @@ from softcal.mechanics.weighted_blocks import blocks_on_points
 from softcal.units import format_quantity
 
 SLACK = 0.1  # of the depth: motion for which pairs near are kept
+ROOM = 0.5  # of the depth: how far points are from touching whose entries a tangent's pattern has beforehand
 ONSET = 0.02  # of the depth: overlap over which the pressure's slope rises, for Newton's method
 
 
@@ -146,12 +147,15 @@ class ContactTerm(Term):
             parts.append((self._rubbing.points, self._rubbing.simplices, blocks))
         into.points[self.points] += self.weights.T @ gradient
         if into.data is not None:
-            ptr, of, weights = self._sums
-            for points, simplices, part in parts:
-                if len(part):
-                    vertices = np.column_stack([points, simplices])
-                    rows, columns, part = blocks_on_points(vertices, part, ptr, of, weights, len(self.points))
-                    into.outside.append((part, self.points[rows], self.points[columns]))
+            into.outside += [self._on_points(*part) for part in parts if len(part[-1])]
+            into.near.append(lambda: self._on_points(*self._near.around(V, ROOM * self.depth)))
+
+    def _on_points(self, points: Ints, simplices: Ints, blocks: Floats | None = None) -> tuple[Floats, Ints, Ints]:
+        """Blocks, rows and columns of the layout's points by the tangents (m, 12, 12) of pairs; without, of zeros."""
+        blocks = np.zeros((len(points), 12, 12)) if blocks is None else blocks
+        vertices = np.column_stack([points, simplices])
+        rows, columns, sums = blocks_on_points(vertices, blocks, *self._sums, len(self.points))
+        return sums, self.points[rows], self.points[columns]
 
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
         rates = {name: rate for name, rate in self.stiffness.rates(given.theta).items() if name in into}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -55,6 +56,8 @@ class Linearisation:
         Columns and rows added by unknown efforts and by losses.
     touch
         Part of the tangent outside its pattern (sparse, upper triangle), such as contacts, or None.
+    near
+        The entries of that part where all that is near touches (sparse, upper triangle, of zeros), or None.
     is_convex
         Whether ridges between triangles in contact count as flat in the tangent, which is then not the exact one.
     """
@@ -68,6 +71,7 @@ class Linearisation:
     data: Floats | None = None
     border: Border = NO_BORDER
     touch: Any = None
+    near: Callable[[], Any] = lambda: None
     is_convex: bool = False
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -32,8 +32,9 @@ class MirroredPattern:
         self._halves: dict[Mirror, list[TouchedPattern]] = {}
         self._whole: TouchedPattern | None = None
 
-    def factorise(self, data: Floats, touch: Any) -> Factors:
-        """The factors of the planned entries `data` (nnz,) and of `touch`, a sparse upper triangle, or None.
+    def factorise(self, data: Floats, touch: Any, near: Callable[[], Any]) -> Factors:
+        """The factors of the planned entries `data` (nnz,) and of `touch`, a sparse upper triangle, or None; `near`:
+        see `TouchedPattern.factorise`.
 
         Raises
         ------
@@ -48,14 +49,15 @@ class MirroredPattern:
                     self._halves[mirror] = [
                         TouchedPattern(half.triangle, self._unit[half.own], single=self._single) for half in halves
                     ]
-                even, odd = (HalfFactors(*each) for each in zip(halves, self._halves[mirror], entries, strict=True))
+                patterns = self._halves[mirror]
+                even, odd = (HalfFactors(*each, near) for each in zip(halves, patterns, entries, strict=True))
                 even.factors  # noqa: B018 (where it is singular, so is the whole tangent)
                 return Halves(even, odd)
             for pattern in self._halves.pop(mirror, []):
                 pattern.release()
         if self._whole is None:
             self._whole = TouchedPattern(self._pattern, self._unit, single=self._single)
-        return self._whole.factorise(data, touch)
+        return self._whole.factorise(data, touch, near)
 
     def release(self) -> None:
         """Release the factors' memory."""
@@ -71,11 +73,12 @@ class HalfFactors:
     half: Half
     pattern: TouchedPattern
     entries: tuple[Floats, Any]
+    near: Callable[[], Any]
 
     @cached_property
     def factors(self) -> Factors:
         """The factors of this half."""
-        return self.pattern.factorise(*self.entries)
+        return self.pattern.factorise(*self.entries, lambda: self.half.of_touch(self.near().tocoo()))
 
 
 class Halves:

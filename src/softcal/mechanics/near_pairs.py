@@ -20,10 +20,18 @@ class NearPairs:
     """
 
     def __init__(self, meeting: Meeting, reach: Floats, slack: float) -> None:
-        self._meeting, self._slack = meeting, slack
+        self._meeting, self._reach, self._slack = meeting, reach, slack
         self._within = reach + 2.0 * slack * (1.0 + NEAREST) / (1.0 - NEAREST)
         nothing = np.zeros(0, dtype=np.int64)
         self._kept = np.full((len(meeting.group), 3), np.inf), nothing, nothing
+
+    def around(self, V: Floats, room: float) -> tuple[Ints, Ints]:
+        """Points (m,) and the triangles (m, 3) that are less than `room` [m] from touching with vertices at V."""
+        within = self._reach + room
+        points, triangles = near(V, V, self._meeting, within)
+        corners = self._meeting.faces[triangles]
+        close = distances(V, points, corners) < within[points]
+        return points[close], corners[close]
 
     def at(self, V: Floats) -> tuple[Ints, Ints]:
         """Points (m,), ascending, and triangles (m,) that contain all that touch with vertices at V (n_vertices, 3)."""

@@ -131,14 +131,20 @@ class System:
             return at
         self.motion.reduce_tangent(state, total.gradient, total.data)
         data = total.data[: self.pattern.nnz]
-        border, touch = self._border(state, total), None
-        if total.outside:
-            import scipy.sparse as sp
+        at = replace(at, data=data, border=self._border(state, total), is_convex=convex)
+        if not total.outside:
+            return at
+        touch = self._outside(state, total.outside)
+        return replace(at, touch=touch, near=lambda: self._outside(state, [of() for of in total.near]))
 
-            blocks, rows, columns = (np.concatenate(parts) for parts in zip(*total.outside, strict=True))
-            n = self.layout.first_effort_unknown
-            touch = sp.csr_matrix(self.motion.reduce_blocks(state, blocks, rows, columns), shape=(n, n))
-        return replace(at, data=data, border=border, touch=touch, is_convex=convex)
+    def _outside(self, state: State, parts: Sequence[tuple[Floats, Ints, Ints]]) -> Any:
+        """A sparse upper triangle on the unknowns by blocks outside the pattern, see `Sum`."""
+        import scipy.sparse as sp
+
+        nothing = (np.zeros((0, 3, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64))
+        blocks, rows, columns = (np.concatenate(each) for each in zip(nothing, *parts, strict=True))
+        n = self.layout.first_effort_unknown
+        return sp.csr_matrix(self.motion.reduce_blocks(state, blocks, rows, columns), shape=(n, n))
 
     def gradient_by_parameters(self, given: Sequence[Given], names: tuple[str, ...]) -> Floats:
         """d reduced gradient / d parameter, (n_unknowns, n_names), also through their memory; `given` to each term."""

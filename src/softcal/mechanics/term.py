@@ -170,6 +170,8 @@ class Sum:
         (column, row), on the unknowns but the efforts, whose product is added to the tangent.
     outside
         (blocks, rows, columns) of tangents outside the pattern: blocks (n, 3, 3) of pairs of points, row <= column.
+    near
+        Functions of no argument that give such entries of all that may touch soon, with blocks of zeros.
     in_motion
         Gradients on all entities of forces in motion, which do not count in the scale of the residual.
     convex
@@ -186,6 +188,7 @@ class Sum:
         self.low_rank: list[LowRank] = []
         self.rank_one_own: list[tuple[Floats, Floats]] = []
         self.outside: list[tuple[Floats, Ints, Ints]] = []
+        self.near: list[Callable[[], tuple[Floats, Ints, Ints]]] = []
         self.in_motion: list[Floats] = []
         self.points: Floats = self.full[: 3 * layout.n_points].reshape(-1, 3)  # of `full`
         self.efforts: Floats = self.own[layout.first_effort_unknown :]  # of `own`

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
 from softcal.mechanics.linear_solve import Factorisation, factorisation
 from softcal.mechanics.pattern import Triangle
 
@@ -29,8 +30,9 @@ class TouchedPattern:
         self._own = np.arange(len(self._planned))
         self._factors: Factorisation | None = None
 
-    def factorise(self, data: Floats, touch: Any) -> Factorisation:
-        """The factors of the planned entries `data` (nnz,) and of `touch`, a sparse upper triangle, or None.
+    def factorise(self, data: Floats, touch: Any, near: Callable[[], Any]) -> Factorisation:
+        """The factors of the planned entries `data` (nnz,) and of `touch`, a sparse upper triangle, or None. Where that
+        has new entries, the pattern also gets those that `near` gives.
 
         Raises
         ------
@@ -42,14 +44,12 @@ class TouchedPattern:
         if touch is None:
             self._without.factorise(data)
             return self._without
-        rows = np.repeat(np.arange(self._n), np.diff(touch.indptr))
-        keys = rows * np.int64(self._n) + touch.indices
+        rows, keys = self._entries(touch)
         places = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
         new = self._keys[places] != keys
         if new.any():
             self._forget()
-            fresh = np.unique(keys[new])
-            self._keys = np.insert(self._keys, np.searchsorted(self._keys, fresh), fresh)
+            self._keys = np.unique(np.concatenate([self._keys, keys, self._entries(near())[1]]))
             self._own = np.searchsorted(self._keys, self._planned)
             places = np.searchsorted(self._keys, keys)
         whole = np.zeros(len(self._keys))
@@ -62,6 +62,11 @@ class TouchedPattern:
         factors.factorise(whole)
         self._factors = factors
         return factors
+
+    def _entries(self, touch: Any) -> tuple[Ints, Ints]:
+        """Rows, and row times the number of unknowns plus column, of a sparse matrix."""
+        rows = np.repeat(np.arange(self._n), np.diff(touch.indptr))
+        return rows, rows * np.int64(self._n) + touch.indices
 
     def release(self) -> None:
         """Release the factors' memory."""

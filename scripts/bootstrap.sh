@@ -43,10 +43,10 @@ pip() { "$venv/bin/python" -m pip --disable-pip-version-check --no-input "$@"; }
 pip install --quiet --upgrade 'pip>=25.1'
 tested() { pip install --quiet --constraint constraints.txt "$@"; }
 case $level in
-  run) tested --editable '.[mesh]' ;;
-  dev) tested --editable '.[mesh,cluster,watch]' --group dev ;;
-  bench) tested --editable '.[mesh,cluster,watch]' --group dev --group bench ;;
-  newest) pip install --quiet --upgrade --upgrade-strategy eager --editable '.[mesh,cluster,watch]' --group dev ;;
+  run) tested --editable '.[all]' ;;
+  dev) tested --editable '.[all]' --group dev ;;
+  bench) tested --editable '.[all]' --group dev --group bench ;;
+  newest) pip install --quiet --upgrade --upgrade-strategy eager --editable '.[all]' --group dev ;;
   *) stop "unknown level '$level'; allowed: run, dev, bench, newest" ;;
 esac
 

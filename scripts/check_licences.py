@@ -1,7 +1,7 @@
 """Print the licences of everything softcal needs at run time; exit 1 where one is not permitted.
 
-Walks `[project.dependencies]` and what those need in turn, without extras: Gmsh (GPL) is the extra `mesh`, run in a
-process of its own, and so never part of this tree.
+Walks `[project.dependencies]`, the extras for pictures, markers and importance, and what those need in turn. Gmsh
+(GPL), which the extra `mesh` brings, is run in a process of its own, and so never part of this tree.
 """
 
 from __future__ import annotations
@@ -40,6 +40,8 @@ SPELLINGS = (
     (r"Unlicense", "Unlicense"),
 )
 
+SOFTCAL = "softcal[pictures,markers,importance]"
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -55,7 +57,7 @@ class Verdict:
 def runtime_tree(root: str) -> dict[str, Distribution]:
     """As `needed_by`, without `root` itself."""
     found = needed_by(root)
-    del found[canonicalize_name(root)]
+    del found[canonicalize_name(Requirement(root).name)]
     return found
 
 
@@ -175,7 +177,7 @@ def judge(package: Distribution) -> Verdict:
 
 def main() -> int:
     try:
-        tree = runtime_tree("softcal")
+        tree = runtime_tree(SOFTCAL)
     except PackageNotFoundError as error:
         sys.stderr.write(f"{error.name} is needed at run time but not installed\n")
         return 2

@@ -14,7 +14,7 @@ from scripts.check_licences import needed_by
 
 ROOT = Path(__file__).parents[1]
 CONSTRAINTS = ROOT / "constraints.txt"
-SOFTCAL = "softcal[mesh,cluster,watch]"
+SOFTCAL = "softcal[all]"
 
 
 def roots() -> list[str]:

@@ -7,15 +7,41 @@ import importlib.util
 from softcal.errors import Fault, InputError
 
 
+def missing(extra: str, *modules: str, where: str = "", got: str = "") -> Fault | None:
+    """The first of an extra's modules that is not installed, with the command that installs it; None where all are.
+
+    Parameters
+    ----------
+    extra
+        Name of the extra.
+    modules
+        Modules that it brings.
+    where, got
+        Of the fault.
+    """
+    for module in modules:
+        if importlib.util.find_spec(module) is None:
+            what = f"this needs {module}, which is not installed"
+            return Fault(what, where, got, attempt=f"pip install 'softcal[{extra}]'")
+    return None
+
+
 def require_extra(extra: str, *modules: str, where: str, got: str = "") -> None:
     """Raise unless the modules that an extra brings can be imported.
+
+    Parameters
+    ----------
+    extra
+        Name of the extra.
+    modules
+        Modules that it brings.
+    where, got
+        Of the fault.
 
     Raises
     ------
     InputError
         With the command that installs it.
     """
-    for module in modules:
-        if importlib.util.find_spec(module) is None:
-            what = f"this needs {module}, which is not installed"
-            raise InputError(Fault(what, where, got, attempt=f"pip install 'softcal[{extra}]'"))
+    if (fault := missing(extra, *modules, where=where, got=got)) is not None:
+        raise InputError(fault)

@@ -7,7 +7,7 @@ from importlib.metadata import Distribution
 
 import pytest
 
-from scripts.check_licences import is_permitted, judge, licence_of, runtime_tree
+from scripts.check_licences import SOFTCAL, is_permitted, judge, licence_of, runtime_tree
 
 
 class Package(Distribution):
@@ -31,19 +31,19 @@ class Package(Distribution):
 
 
 def test_everything_needed_at_run_time_is_permitted():
-    refused = {v.name: v.licence for v in map(judge, runtime_tree("softcal").values()) if not v.permitted}
+    refused = {v.name: v.licence for v in map(judge, runtime_tree(SOFTCAL).values()) if not v.permitted}
     assert not refused
 
 
 def test_gmsh_is_no_runtime_dependency():
-    tree = runtime_tree("softcal")
+    tree = runtime_tree(SOFTCAL)
     assert "numpy" in tree
     assert not {"gmsh", "felupe", "cvxopt"} & tree.keys()
 
 
 def test_the_tree_is_walked_to_its_leaves():
     # softcal -> optuna -> sqlalchemy -> typing-extensions
-    assert {"optuna", "sqlalchemy", "typing-extensions"} <= runtime_tree("softcal").keys()
+    assert {"optuna", "sqlalchemy", "typing-extensions"} <= runtime_tree(SOFTCAL).keys()
 
 
 @pytest.mark.parametrize(

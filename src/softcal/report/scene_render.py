@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from softcal.extras import missing
 from softcal.processes import run_module
 from softcal.report.scene import Projection, Scene
 from softcal.report.style import DPI
@@ -29,6 +30,8 @@ class Rendering:
 
 def render_scenes(scenes: tuple[Scene, ...], cameras: tuple[Projection, ...]) -> Rendering:
     """Render each scene by PyVista in a separate process; on failure the note gives the reason."""
+    if (fault := missing("pictures", "pyvista", "vtkmodules")) is not None:
+        return Rendering((), f"The pictures are missing: {fault}")
     with tempfile.TemporaryDirectory(prefix="softcal-scene-") as folder:
         request, answer = Path(folder, "request.pickle"), Path(folder, "answer.npz")
         # At display size: more pixels cost time in every later step and are scaled down.

@@ -11,6 +11,7 @@ from softcal.analysis.importance import SIMULATIONS, ImportanceStudy, importance
 from softcal.calibration.interval_studies.likelihood_points import Observer
 from softcal.declare import checked_arguments
 from softcal.executors.chosen import Workers
+from softcal.extras import require_extra
 from softcal.limits import LIMITS
 from softcal.project.project import ProjectSource
 from softcal.workflows.importance_files import write_importance
@@ -48,6 +49,7 @@ def study_importance(
     SoftcalError
         As `importance`.
     """
+    require_extra("importance", "SALib", where="importance")
     study = importance_study(source.problem, seed=seed, simulations=simulations, workers=workers, progress=progress)
     result = source.result
     by_trials = result is not None and result.extra.get("importance_kind") == "fanova"

@@ -23,6 +23,7 @@ from softcal.calibration.statistics.loss_profile import loss_profiles
 from softcal.calibration.statistics.misfit import misfits
 from softcal.calibration.statistics.residuals import ResidualRecord, outliers, residual_record, step_of_readings
 from softcal.calibration.statistics.sensitivity import Statistics, local_statistics
+from softcal.extras import missing
 from softcal.units import AS_WRITTEN, format_quantity, plain
 
 R = TypeVar("R", bound=SearchResult)
@@ -182,11 +183,14 @@ def _of_all_trials(
     notes = [*local.notes, *_away(problem, best.theta, local)]
     completed = [(dict(trial.theta), trial.loss) for trial in trials if trial.loss is not None]
     importance: Mapping[str, float] = {}
-    try:
-        importance = fanova_importance(problem.space, completed, seed)
-    except KeyboardInterrupt:
-        # It takes long after a thousand trials, and the estimates are already found: only the importances are missing.
-        notes.append(Remark("The importances are missing: their computation was stopped by the user."))
+    if (fault := missing("importance", "sklearn")) is not None:
+        notes.append(Remark(f"The importances are missing: {fault}"))
+    else:
+        try:
+            importance = fanova_importance(problem.space, completed, seed)
+        except KeyboardInterrupt:
+            # It takes long after a thousand trials, and the estimates are already known: only these are missing.
+            notes.append(Remark("The importances are missing: their computation was stopped by the user."))
     return replace(local, importance=importance, notes=tuple(notes))
 
 

@@ -10,9 +10,12 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import Fault, InputError, unknown
+from softcal.extras import require_extra
 
 if TYPE_CHECKING:
     import cv2.aruco
+
+require_extra("markers", "cv2", where="markers")
 
 _LARGEST_BOARD = 100  # squares along a side
 

@@ -20,7 +20,10 @@ from typing import Literal, get_args
 import numpy as np
 
 from softcal.errors import DatasetError, Fault, InputError, StorageError
+from softcal.extras import require_extra
 from softcal.plugins.markers.camera import Image
+
+require_extra("markers", "cv2", where="markers")
 
 Grouping = Literal["name", "folder", "image"]
 

@@ -12,9 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.extras import require_extra
 from softcal.geometry.pose import Pose
 from softcal.plugins.markers.bundle import BASE, Bundle, Sighting, adjust
 from softcal.plugins.markers.camera import Camera
+
+require_extra("markers", "cv2", where="markers")
 
 _SAME = np.radians(1.0)  # rotation below which two poses are the same
 

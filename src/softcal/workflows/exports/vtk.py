@@ -32,14 +32,18 @@ def vtk(request: ExportRequest, folder: Path, shapes: int | None = None, in_time
 
     Raises
     ------
+    InputError
+        Where PyVista is not installed.
     ParameterError
         For a number of shapes of a case that is no pull; see `softcal.workflows.cases.films`.
     """
     from softcal.export.vtk import write_vtk
+    from softcal.extras import require_extra
     from softcal.limits import LIMITS
     from softcal.workflows.cases import films, protocols_of
     from softcal.workflows.motion import SNAPSHOTS, simulate_each_in_time
 
+    require_extra("pictures", "pyvista", where="export for ParaView")
     cases = request.cases()
     if in_time:
         n = SNAPSHOTS if shapes is None else shapes

@@ -39,7 +39,7 @@ from softcal.geometry.surface import boundary_faces
 from softcal.geometry.write import write_mesh
 from softcal.plugins.markers.camera_file import read_camera
 from softcal.project.base_file import read_base
-from softcal.workflows.mesh_study_files import read_study
+from softcal.workflows.mesh_study import MESH_STUDY
 from softcal.workflows.run_folder import load_run
 
 LONGEST = 60  # seconds
@@ -106,7 +106,7 @@ KINDS: dict[str, tuple[str, Reader]] = {
     "a camera file": ("camera.yaml", read_camera),
     "a base file": ("base.yaml", lambda path: read_base(str(path))),
     "motion capture": ("take.c3d", lambda path: read_c3d(path, MARKERS)),
-    "a mesh study": ("study/mesh-study.json", lambda path: read_study(path.parent)),
+    "a mesh study": ("study/mesh-study.json", lambda path: MESH_STUDY.read(path.parent)),
     "a result": ("squares/result.json", lambda path: load_result(path.parent)),
     "a result's trials": ("squares/trials.csv", lambda path: load_result(path.parent)),
     "a result's response": ("squares/response-pull.csv", lambda path: load_result(path.parent)),

@@ -19,10 +19,9 @@ from softcal.errors import StorageError
 from softcal.report.all_tables import all_tables
 from softcal.report.figure import report_pictures
 from softcal.report.html import render_page
-from softcal.workflows.importance_files import INDICES, STUDY, read_importance
+from softcal.workflows.importance import IMPORTANCE, INDICES
 from softcal.workflows.reporting import report_content
 from softcal.workflows.run_folder import load_run
-from softcal.workflows.study_source import IMPORTANCE
 
 E, SLACK = "bar.youngs_modulus", "front.slack[pull]"
 NARROW = ("[0.1 MPa, 40 MPa]", "[0.5 MPa, 4 MPa]")
@@ -49,21 +48,21 @@ def studied(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_run_is_studied_in_its_folder_beside_fanova(studied: Path, capsys: pytest.CaptureFixture[str]):
-    stored = read_importance(studied / IMPORTANCE)
+    stored = IMPORTANCE.read(studied / IMPORTANCE.folder)
     assert stored is not None
     results = load_run(studied).results
     assert stored.is_of(results)
     assert stored.study.fanova == pytest.approx(dict(results["pull"].importance))
     assert set(stored.study.outputs) == {"loss", "tension", "pitch"}
-    record = json.loads((studied / IMPORTANCE / STUDY).read_text(encoding="utf-8"))
+    record = json.loads((studied / IMPORTANCE.folder / IMPORTANCE.file).read_text(encoding="utf-8"))
     assert any(E in one and "tension" in one for one in record["sentences"])
-    with (studied / IMPORTANCE / INDICES).open(encoding="utf-8") as file:
+    with (studied / IMPORTANCE.folder / INDICES).open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 3 * 5
     indices = stored.study.outputs["pitch"].total
     (held,) = (r for r in rows if (r["output"], r["order"], r["parameter"]) == ("pitch", "total", SLACK))
     assert float(held["index [1]"]) == pytest.approx(indices[SLACK].value)
-    assert read_importance(studied) is None
+    assert IMPORTANCE.read(studied) is None
     code, _, message = run(capsys, "importance", studied)
     assert code == 2
     assert "the folder is not empty" in message
@@ -81,7 +80,7 @@ def test_the_report_shows_it_while_the_bounds_are_the_same(studied: Path, tmp_pa
     assert f"{E} and {SLACK}" in page or "these explain alone" in page
     other = tmp_path / "run"
     shutil.copytree(studied, other)
-    path = other / IMPORTANCE / STUDY
+    path = other / IMPORTANCE.folder / IMPORTANCE.file
     record = json.loads(path.read_text(encoding="utf-8"))
     record["study"]["ranges"][E]["upper"] *= 2
     path.write_text(json.dumps(record), encoding="utf-8")
@@ -90,7 +89,7 @@ def test_the_report_shows_it_while_the_bounds_are_the_same(studied: Path, tmp_pa
     assert "not over the bounds of the search" in content.importance_note
     path.write_text(path.read_text(encoding="utf-8").replace('"facts"', '"fakts"'), encoding="utf-8")
     with pytest.raises(StorageError, match="importance study"):
-        read_importance(other / IMPORTANCE)
+        IMPORTANCE.read(other / IMPORTANCE.folder)
 
 
 def test_a_project_is_studied_before_any_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -16,8 +16,7 @@ from softcal.cli import main
 from softcal.cli.commands import intervals_command
 from softcal.cli.printing import shown_path
 from softcal.errors import StorageError
-from softcal.workflows.intervals import METHODS, WITHOUT_MESH, intervals
-from softcal.workflows.intervals_files import POINTS, STUDY, folder_name, read_intervals
+from softcal.workflows.intervals import INTERVALS, METHODS, POINTS, WITHOUT_MESH, default_folder, intervals
 from softcal.workflows.run_folder import load_run
 
 E, SLACK = "bar.youngs_modulus", "front.slack[pull]"
@@ -59,9 +58,9 @@ def studied(calibrated: Path, request: pytest.FixtureRequest) -> tuple[Path, str
 
 def test_a_study_is_written_into_the_run_and_read_back(studied: tuple[Path, str]):
     folder, by = studied
-    held = folder / folder_name(by)
-    assert sorted(path.name for path in held.iterdir()) == [STUDY, POINTS]
-    stored = read_intervals(held)
+    held = default_folder(folder, by)
+    assert sorted(path.name for path in held.iterdir()) == [INTERVALS.file, POINTS]
+    stored = INTERVALS.read(held)
     assert stored is not None
     assert stored.study.by == by
     results = load_run(folder).results
@@ -76,11 +75,11 @@ def test_a_study_is_written_into_the_run_and_read_back(studied: tuple[Path, str]
         assert one.difference < (0.2 if one.chance is None else 0.6)
         assert not one.differs
     assert WITHOUT_MESH in stored.study.notes
-    record = json.loads((held / STUDY).read_text(encoding="utf-8"))
+    record = json.loads((held / INTERVALS.file).read_text(encoding="utf-8"))
     assert record["sentences"] == list(stored.study.sentences)
     assert set(stored.study.points) == {E, SLACK}
     assert len(stored.study.points[E]) >= 5
-    assert read_intervals(folder) is None
+    assert INTERVALS.read(folder) is None
 
 
 def test_it_is_printed_beside_the_quick_one_and_nothing_is_overwritten(
@@ -139,14 +138,14 @@ def test_a_run_that_has_not_converged_is_refused(calibrated: Path, tmp_path: Pat
 
 def test_damaged_files_are_named(studied: tuple[Path, str], tmp_path: Path):
     folder, by = studied
-    shutil.copytree(folder / folder_name(by), tmp_path / "study")
+    shutil.copytree(default_folder(folder, by), tmp_path / "study")
     text = (tmp_path / "study" / POINTS).read_text(encoding="utf-8")
     (tmp_path / "study" / POINTS).write_text(text.replace(text.splitlines()[1].split(",")[0], "x", 1), encoding="utf-8")
     with pytest.raises(StorageError, match="'x' stands in the place of a number"):
-        read_intervals(tmp_path / "study")
-    (tmp_path / "study" / STUDY).write_text("{}", encoding="utf-8")
+        INTERVALS.read(tmp_path / "study")
+    (tmp_path / "study" / INTERVALS.file).write_text("{}", encoding="utf-8")
     with pytest.raises(StorageError, match="the interval study"):
-        read_intervals(tmp_path / "study")
+        INTERVALS.read(tmp_path / "study")
 
 
 def test_python_and_the_command_line_have_the_same_defaults():

@@ -21,11 +21,10 @@ from softcal.report.all_tables import all_tables
 from softcal.report.figure import report_pictures
 from softcal.report.figures.mesh_study import drawn_parameters
 from softcal.report.html import render_page
-from softcal.workflows.mesh_study import study
-from softcal.workflows.mesh_study_files import read_study
+from softcal.workflows.mesh_study import MESH_STUDY, study
 from softcal.workflows.reporting import report_content
 from softcal.workflows.run_folder import load_run
-from softcal.workflows.study_source import MESH_STUDY, study_source
+from softcal.workflows.study_source import study_source
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
@@ -59,10 +58,10 @@ def rows(path: Path) -> list[dict[str, str]]:
 def test_a_run_is_studied_in_its_folder_and_nothing_is_overwritten(
     studied: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    assert sorted(path.name for path in (studied / MESH_STUDY).iterdir()) == [
+    assert sorted(path.name for path in (studied / MESH_STUDY.folder).iterdir()) == [
         "changes.csv", "mesh-study.json", "parameters.csv",
     ]  # fmt: skip
-    before = (studied / MESH_STUDY / "mesh-study.json").read_bytes()
+    before = (studied / MESH_STUDY.folder / "mesh-study.json").read_bytes()
 
     def never(*arguments: object, **options: object) -> None:
         raise AssertionError("it must be refused before anything is simulated")
@@ -71,35 +70,35 @@ def test_a_run_is_studied_in_its_folder_and_nothing_is_overwritten(
     code, _, told = run(capsys, "mesh-study", studied)
     assert code == 2
     assert "the folder is not empty, and nothing is overwritten" in told
-    assert (studied / MESH_STUDY / "mesh-study.json").read_bytes() == before
+    assert (studied / MESH_STUDY.folder / "mesh-study.json").read_bytes() == before
 
 
 def test_the_files_hold_every_discretisation(studied: Path):
-    record = json.loads((studied / MESH_STUDY / "mesh-study.json").read_text(encoding="utf-8"))
+    record = json.loads((studied / MESH_STUDY.folder / "mesh-study.json").read_text(encoding="utf-8"))
     assert record["calibration"] == "pull"
-    assert "The mesh makes bar.youngs_modulus too low by" in record["verdicts"][0]
+    assert "The mesh makes bar.youngs_modulus too low by" in record["sentences"][0]
     names = [one["name"] for one in record["study"]["finer"]]
     assert names[:4] == ["P2P1", "h/2", "h/4", "P2P1 h/2"]
-    parameters = rows(studied / MESH_STUDY / "parameters.csv")
+    parameters = rows(studied / MESH_STUDY.folder / "parameters.csv")
     assert {row["discretisation"] for row in parameters} == set(names)
     modulus = next(r for r in parameters if (r["discretisation"], r["parameter"]) == ("h/2", "bar.youngs_modulus"))
     assert float(modulus["found"]) == pytest.approx(MODULUS, rel=1e-3)
     assert float(modulus["expected"]) > 1.1 * MODULUS
     assert float(modulus["shift"]) == pytest.approx(float(modulus["expected"]) - float(modulus["found"]))
-    changes = rows(studied / MESH_STUDY / "changes.csv")
+    changes = rows(studied / MESH_STUDY.folder / "changes.csv")
     first = next(row for row in changes if (row["discretisation"], row["of"]) == ("h/2", "tension"))
     assert float(first["relative [1]"]) < -0.1
     assert float(first["noise sd"]) == pytest.approx(0.05)
 
 
 def test_a_study_is_read_back_as_it_was(studied: Path):
-    stored = read_study(studied / MESH_STUDY)
+    stored = MESH_STUDY.read(studied / MESH_STUDY.folder)
     assert stored is not None
     assert stored.is_of(load_run(studied).results)
     assert stored.study.best is not None
     assert stored.study.best.name == "P2P1 h/2"
     assert stored.study.parameters["bar.youngs_modulus"].interval is not None
-    assert read_study(studied) is None
+    assert MESH_STUDY.read(studied) is None
 
 
 def test_the_table_fits_eighty_columns(
@@ -149,7 +148,7 @@ def test_a_study_of_other_values_is_not_told_as_this_runs(
     monkeypatch.setattr(reporting, "_landscapes", lambda *_: {})
     copied = tmp_path / "run"
     shutil.copytree(studied, copied)
-    path = copied / MESH_STUDY / "mesh-study.json"
+    path = copied / MESH_STUDY.folder / "mesh-study.json"
     record = json.loads(path.read_text(encoding="utf-8"))
     modulus = record["study"]["parameters"]["bar.youngs_modulus"]
     modulus["value"] *= 1.01
@@ -159,7 +158,7 @@ def test_a_study_of_other_values_is_not_told_as_this_runs(
     assert content.mesh_study is None
     page = render_page(content, [], all_tables(content))
     assert "is not of the calibrated values" in page
-    shutil.rmtree(copied / MESH_STUDY)
+    shutil.rmtree(copied / MESH_STUDY.folder)
     assert "What the mesh contributes" not in render_page(
         report_content(load_run(copied)), [], all_tables(report_content(load_run(copied)))
     )
@@ -171,7 +170,7 @@ def test_a_broken_study_is_told_by_its_path(studied: Path, tmp_path: Path, text:
 
     (tmp_path / "mesh-study.json").write_text(text, encoding="utf-8")
     with pytest.raises(StorageError, match=r"mesh-study\.json"):
-        read_study(tmp_path)
+        MESH_STUDY.read(tmp_path)
 
 
 def test_a_project_is_studied_at_its_parameters_and_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -187,7 +186,7 @@ def test_a_project_is_studied_at_its_parameters_and_printed(tmp_path: Path, caps
 
 def test_another_engine_is_noted(calibrated: Path, tmp_path: Path):
     copied = tmp_path / "run"
-    shutil.copytree(calibrated, copied, ignore=shutil.ignore_patterns(MESH_STUDY))
+    shutil.copytree(calibrated, copied, ignore=shutil.ignore_patterns(MESH_STUDY.folder))
     assert study_source(copied).notes == ()
     path = copied / "calibrations" / "pull" / "result.json"
     record = json.loads(path.read_text(encoding="utf-8"))
@@ -261,7 +260,7 @@ def test_the_limit_of_the_command_is_that_of_the_study():
 
 def test_in_python(calibrated: Path, tmp_path: Path):
     found = softcal.mesh_study(calibrated, halvings=1, max_unknowns=2000, out=tmp_path / "study")
-    stored = read_study(tmp_path / "study")
+    stored = MESH_STUDY.read(tmp_path / "study")
     assert stored is not None
     assert stored.study == found
     with pytest.raises(softcal.StorageError, match="nothing is overwritten"):

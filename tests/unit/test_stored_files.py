@@ -30,7 +30,7 @@ from softcal.errors import StorageError
 from softcal.experiments.table import load_table
 from softcal.experiments.table_format import TableFormat
 from softcal.report.write import write_files
-from softcal.workflows.mesh_study_files import read_study
+from softcal.workflows.mesh_study import MESH_STUDY
 from softcal.workflows.run_folder import load_run
 
 STORE = "calibrations/pull"
@@ -128,7 +128,7 @@ def test_the_files_are_read_as_they_were_written(
 ) -> None:
     """What every case below damages is whole."""
     assert load_run(run).results["pull"].loss == load_result(run / STORE).loss
-    assert read_study(finished / "study") is not None
+    assert MESH_STUDY.read(finished / "study") is not None
     assert resume(capsys, finished, run)[0] == 0
     tpe = shutil.copytree(finished / "tpe", tmp_path / "tpe")
     assert resume(capsys, finished, tpe, "--method", "tpe", "--trials", "4")[0] == 0
@@ -185,7 +185,7 @@ FREE = {"project"}
 DOCUMENTS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "the record of a run": ("run/run.json", load_run),
     "a result": (f"run/{RESULT}", lambda folder: load_result(folder / STORE)),
-    "a mesh study": ("study/mesh-study.json", read_study),
+    "a mesh study": ("study/mesh-study.json", MESH_STUDY.read),
 }
 
 
@@ -222,7 +222,7 @@ def test_a_key_that_is_missing_is_refused(name: str, finished: Path, tmp_path: P
     folder = shutil.copytree(finished / file.split("/")[0], tmp_path / "copy")
     target = folder / file.partition("/")[2]
     document = json.loads(target.read_text())
-    optional = {"project", "verdicts", "changes", *(("format", "residuals") if "result" in name else ())}
+    optional = {"project", "sentences", "changes", *(("format", "residuals") if "result" in name else ())}
     refused = 0
     for key in document:
         if key in optional:
@@ -265,7 +265,7 @@ def test_a_record_that_is_none_is_refused(
     (folder / inside).write_bytes(TEXTS[text])
     if first == "study":
         with pytest.raises(StorageError, match="mesh study"):
-            read_study(folder)
+            MESH_STUDY.read(folder)
         return
     reading = f"{STORE}/run.json" == inside
     code, err = resume(capsys, finished, folder) if reading else outcome(capsys, "report", folder)

@@ -7,15 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-from softcal.analysis.importance import SIMULATIONS, ImportanceStudy, importance_study
+from softcal.analysis.importance import SIMULATIONS, ImportanceStudy, Range, importance_study
+from softcal.analysis.importance_verdict import importance_sentences
 from softcal.calibration.interval_studies.likelihood_points import Observer
+from softcal.calibration.results.result import CalibrationResult
+from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.executors.chosen import Workers
 from softcal.extras import require_extra
 from softcal.limits import LIMITS
 from softcal.project.project import ProjectSource
-from softcal.workflows.importance_files import write_importance
 from softcal.workflows.output import require_free_folder
+from softcal.workflows.study_files import StudyKind
 from softcal.workflows.study_source import StudySource, study_source
 
 
@@ -102,5 +105,34 @@ def importance(
     source = study_source(path, values, calibration)
     study = study_importance(source, seed=seed, simulations=simulations, workers=workers, progress=progress)
     if out is not None:
-        write_importance(study, source.project, source.calibration, Path(out))
+        IMPORTANCE.write(study, source.project, source.calibration, Path(out))
     return study
+
+
+def indices_csv(found: ImportanceStudy) -> str:
+    """A row per output and parameter, or pair of them: its index with its error [-]."""
+    rows: list[list[object]] = []
+    for name, output in found.outputs.items():
+        for order, indices in (("first", output.first), ("total", output.total)):
+            for label, one in indices.items():
+                rows.append([name, order, label, "", one.value, one.error])
+        for pair in output.pairs:
+            rows.append([name, "pair", *pair.labels, pair.index.value, pair.index.error])
+    return csv_text(["output", "order", "parameter", "with", "index [1]", "error [1]"], rows)
+
+
+def _is_of(study: ImportanceStudy, result: CalibrationResult) -> bool:
+    """Whether a run searched within the studied bounds."""
+    return study.ranges == {label: Range(e.lower, e.upper, e.unit, e.scale) for label, e in result.parameters.items()}
+
+
+INDICES = "indices.csv"
+IMPORTANCE = StudyKind(
+    what="the importance study",
+    study=ImportanceStudy,
+    file="importance.json",
+    folder="importance",
+    sentences=importance_sentences,
+    tables={INDICES: indices_csv},
+    is_of=_is_of,
+)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,13 +13,15 @@ from softcal.calibration.interval_studies.likelihood_points import Observer
 from softcal.calibration.interval_studies.posterior import SAMPLES, posterior
 from softcal.calibration.interval_studies.profile import profile
 from softcal.calibration.interval_studies.resampling import jackknife
+from softcal.calibration.results.stored import contradiction, read_rows
 from softcal.calibration.statistics.groups import KINDS
+from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, unknown
 from softcal.executors.chosen import Workers, executor_of
 from softcal.limits import LIMITS
-from softcal.workflows.intervals_files import folder_name, write_intervals
 from softcal.workflows.output import require_free_folder
+from softcal.workflows.study_files import StudyKind, has_values
 from softcal.workflows.study_source import StudySource, run_source
 
 WITHOUT_MESH = (
@@ -148,7 +151,7 @@ def intervals(  # noqa: PLR0913 (one keyword for each option)
     source = run_source(Path(path), calibration)
     study = study_intervals(source, by, over=over, samples=samples, seed=seed, workers=workers, progress=progress)
     if out is not None:
-        write_intervals(study, source.project, source.calibration, Path(out))
+        INTERVALS.write(study, source.project, source.calibration, Path(out))
     return study
 
 
@@ -164,4 +167,49 @@ def default_folder(run: Path, by: str, over: str = "") -> Path:
     over
         Kind of group.
     """
-    return run / folder_name(by, over)
+    return run / "-".join(["intervals", by, *([over] if over else [])])
+
+
+def points_csv(found: IntervalStudy) -> str:
+    """A row per point: the parameters [SI], and where there is a likelihood its excess over the least."""
+    header = [f"{label} [{found.intervals[label].unit}]" for label in found.points]
+    columns = list(found.points.values())
+    if found.excess:
+        header, columns = [*header, EXCESS], [*columns, found.excess]
+    return csv_text(header, zip(*columns, strict=True))
+
+
+def _with_points(study: IntervalStudy, folder: Path) -> IntervalStudy:
+    """A study with the points of its table."""
+    path = folder / POINTS
+    header, rows = read_rows(path, INTERVALS.what)
+    columns: dict[str, tuple[float, ...]] = {}
+    for title, cells in zip(header, zip(*rows, strict=True) if rows else [()] * len(header), strict=True):
+        columns[title.rpartition(" [")[0] or title] = tuple(_number(path, cell) for cell in cells)
+    excess = columns.pop(EXCESS, ())
+    if columns and set(columns) != set(study.intervals):
+        raise contradiction(path, INTERVALS.what, f"its columns are not the parameters of {INTERVALS.file}")
+    return replace(study, points=columns, excess=excess)
+
+
+def _number(path: Path, cell: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise contradiction(path, INTERVALS.what, f"'{cell[:40]}' stands in the place of a number")
+    return value
+
+
+POINTS, EXCESS = "points.csv", "excess"
+INTERVALS = StudyKind(
+    what="the interval study",
+    study=IntervalStudy,
+    file="intervals.json",
+    sentences=lambda study: study.sentences,
+    tables={POINTS: points_csv},
+    is_of=lambda study, result: has_values(result, {label: one.value for label, one in study.intervals.items()}),
+    slim=lambda study: replace(study, points={}, excess=()),
+    complete=_with_points,
+)

@@ -8,14 +8,16 @@ from pathlib import Path
 
 from softcal.analysis.mesh_study import UNKNOWNS, MeshStudy, Observer
 from softcal.analysis.mesh_study import mesh_study as study_problem
+from softcal.analysis.mesh_verdict import mesh_verdicts
+from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, unknown
 from softcal.executors.chosen import Workers
 from softcal.mechanics.elements import DEFAULT, higher_elements
 from softcal.project.project import ProjectSource
 from softcal.twin.finer import has_lower
-from softcal.workflows.mesh_study_files import write_study
 from softcal.workflows.output import require_free_folder
+from softcal.workflows.study_files import StudyKind, has_values
 from softcal.workflows.study_source import StudySource, study_source
 
 MOST_HALVINGS = 3
@@ -134,5 +136,43 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
         progress=progress,
     )
     if out is not None:
-        write_study(result, source.project, source.calibration, Path(out))
+        MESH_STUDY.write(result, source.project, source.calibration, Path(out))
     return result
+
+
+def parameters_csv(found: MeshStudy) -> str:
+    """A row per discretisation and parameter: calibrated value, standard error, value expected there [SI]."""
+    header = ["discretisation", "unknowns", "parameter", "unit", "found", "standard_error", "expected", "shift"]
+    rows: list[list[object]] = []
+    for one in found.finer:
+        first = [one.name, None if one.size is None else one.size.unknowns]
+        if one.failure:
+            rows.append([*first, *[None] * 8, one.failure])
+        for label, value in one.values.items():
+            estimate = found.parameters[label]
+            shift, error = value - estimate.value, estimate.standard_error
+            cells = [label, estimate.unit, estimate.value, error, value, shift]
+            rows.append([*first, *cells, shift / error if error else None, label in one.at_bound, "simulated"])
+    return csv_text([*header, "shift over standard error [1]", "at_bound", "status"], rows)
+
+
+def changes_csv(found: MeshStudy) -> str:
+    """A row per discretisation, experiment and channel: its change, noise and residual [SI]."""
+    header = ["discretisation", "experiment", "of", "unit", "RMS change", "relative [1]", "noise sd", "RMSE of the fit"]
+    rows: list[list[object]] = []
+    for one in found.finer:
+        for c in one.changes:
+            numbers = [c.rms, c.share, c.noise, c.residual, c.n, c.order]
+            rows.append([one.name, c.experiment, c.name, c.unit, *numbers])
+    return csv_text([*header, "n [1]", "order [1]"], rows)
+
+
+MESH_STUDY = StudyKind(
+    what="the mesh study",
+    study=MeshStudy,
+    file="mesh-study.json",
+    folder="mesh-study",
+    sentences=lambda study: [verdict.text for verdict in mesh_verdicts(study)],
+    tables={"parameters.csv": parameters_csv, "changes.csv": changes_csv},
+    is_of=lambda study, result: has_values(result, {label: e.value for label, e in study.parameters.items()}),
+)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 from softcal.analysis.candidate import Candidate
@@ -15,11 +15,8 @@ from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, StorageError
 from softcal.executors.chosen import Workers
 from softcal.workflows.output import require_free_folder
-from softcal.workflows.study_files import write_study_files
+from softcal.workflows.study_files import StudyKind
 from softcal.workflows.study_source import StudySource, study_source
-
-RANKING, TABLE = "next-test.json", "candidates.csv"
-FORMAT = 1
 
 
 @checked_arguments
@@ -67,7 +64,7 @@ def next_test(
     source = run_source(Path(run), calibration)
     ranking = rank(source, parameter, candidates, workers)
     if out is not None:
-        write_ranking(ranking, source, Path(out))
+        NEXT_TEST.write(ranking, source.project, source.calibration, Path(out))
     return ranking
 
 
@@ -125,27 +122,6 @@ def rank(
     return replace(ranking, notes=(*source.notes, *ranking.notes))
 
 
-def write_ranking(found: NextTests, source: StudySource, folder: Path) -> None:
-    """Write the ranking (`next-test.json`) and its table (`candidates.csv`) into a new folder.
-
-    Parameters
-    ----------
-    found
-        The ranking.
-    source
-        Of the ranking.
-    folder
-        New or empty.
-
-    Raises
-    ------
-    StorageError
-        If the folder holds files, or cannot be written; nothing is then written.
-    """
-    record = {"verdict": verdict(found), "next_test": asdict(found)}
-    write_study_files(folder, RANKING, record, {TABLE: candidates_csv(found)}, source.project, source.calibration)
-
-
 def candidates_csv(found: NextTests) -> str:
     """A row for each candidate, in the order of the ranking; the interval in SI."""
     header = ["candidate", "like", "parameter", "unit", "lower", "upper", "of present length [1]"]
@@ -163,3 +139,12 @@ def candidates_csv(found: NextTests) -> str:
         for outlook in found.outlooks
     ]
     return csv_text([*header, "all parameters, of present standard errors [1]", "not possible because"], rows)
+
+
+NEXT_TEST = StudyKind(
+    what="the ranking",
+    study=NextTests,
+    file="next-test.json",
+    sentences=lambda study: [verdict(study)],
+    tables={"candidates.csv": candidates_csv},
+)

@@ -25,19 +25,19 @@ from softcal.twin.response import Response
 from softcal.workflows.calibrated_shapes import calibrated_shapes, from_undeformed, furthest_response
 from softcal.workflows.calibration import JOINT, calibrated, make_problem
 from softcal.workflows.comparing import compared_calibration, compared_sweep
-from softcal.workflows.importance_files import StoredImportance, read_importance
-from softcal.workflows.mesh_study_files import StoredStudy, read_study
+from softcal.workflows.importance import IMPORTANCE
+from softcal.workflows.mesh_study import MESH_STUDY
 from softcal.workflows.run import SWEEP, CalibrationRun, Run, SweepRun
 from softcal.workflows.run_folder import load_run
 from softcal.workflows.simulation import twin_view
-from softcal.workflows.study_source import IMPORTANCE, MESH_STUDY
+from softcal.workflows.study_files import StudyKind
 from softcal.workflows.whole_record import compare_records
 
 # Columns and rows of a computed landscape; with this many trials, the trials are drawn instead.
 LANDSCAPE_SHAPE = (41, 9)
 ENOUGH_TRIALS = 100
 
-S = TypeVar("S", StoredStudy, StoredImportance)
+S = TypeVar("S")
 
 
 @checked_arguments
@@ -99,10 +99,10 @@ def report_content(run: CalibrationRun | SweepRun, solved: Mapping[str, Response
 def _calibration_content(run: CalibrationRun, solved: Mapping[str, Response]) -> ReportContent:
     project = run.project
     headline = JOINT if JOINT in run.results else next(iter(run.results))
-    stale = f"The mesh study in {MESH_STUDY} is not of the calibrated values"
-    mesh, mesh_note = _current(run, read_study(run.folder / MESH_STUDY), stale)
-    stale = f"The study in {IMPORTANCE} is not over the bounds of the search"
-    importance, importance_note = _current(run, read_importance(run.folder / IMPORTANCE), stale)
+    stale = f"The mesh study in {MESH_STUDY.folder} is not of the calibrated values"
+    mesh, mesh_note = _current(run, MESH_STUDY, stale)
+    stale = f"The study in {IMPORTANCE.folder} is not over the bounds of the search"
+    importance, importance_note = _current(run, IMPORTANCE, stale)
     return ReportContent(
         results=run.results,
         headline=headline,
@@ -110,21 +110,22 @@ def _calibration_content(run: CalibrationRun, solved: Mapping[str, Response]) ->
         landscapes=_landscapes(project, run.results, run.settings),
         records={label: compare_records(project, result) for label, result in run.results.items()},
         compared=compared_calibration(project, run.settings, run.results[headline]),
-        mesh_study=None if mesh is None else mesh.study,
+        mesh_study=mesh,
         mesh_note=mesh_note,
-        importance=None if importance is None else importance.study,
+        importance=importance,
         importance_note=importance_note,
         **_shared(run, run.results[headline], solved.get(headline)),
     )
 
 
-def _current(run: CalibrationRun, study: S | None, stale: str) -> tuple[S | None, str]:
+def _current(run: CalibrationRun, kind: StudyKind[S], stale: str) -> tuple[S | None, str]:
     """A study in the run's folder if it belongs to the run's results, and a note on it."""
-    if study is None:
+    stored = kind.read(run.folder / kind.folder)
+    if stored is None:
         return None, ""
-    if not study.is_of(run.results):
+    if not stored.is_of(run.results):
         return None, f"{stale}: delete it and repeat it."
-    return study, f"Of the calibration '{study.calibration}'." if len(run.results) > 1 else ""
+    return stored.study, f"Of the calibration '{stored.calibration}'." if len(run.results) > 1 else ""
 
 
 def _shared(run: Run, result: SearchResult, furthest: Response | None = None) -> dict[str, Any]:

@@ -1,11 +1,12 @@
-"""What the files of every study share: a record that says what was studied, beside its tables, in a new folder."""
+"""The kinds of studies, and how each is stored: a record of it and what was studied, beside tables, in a new folder."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.results.store import write_text
@@ -15,64 +16,111 @@ from softcal.project.project import Project
 from softcal.workflows.output import new_folder
 
 FORMAT = 1
-R = TypeVar("R", bound=Record)
+S = TypeVar("S")
 
 
-def write_study_files(
-    folder: Path, name: str, found: Mapping[str, Any], tables: Mapping[str, str], project: Project, calibration: str
-) -> None:
-    """Write a study's record and its tables into a new folder.
+class _StudyRecord(Record, Generic[S]):
+    study: S
+    calibration: str
 
-    Parameters
+
+@dataclass(frozen=True)
+class StudyKind(Generic[S]):
+    """A kind of study, by the dataclass of its results.
+
+    Attributes
     ----------
-    name
-        File of the record, which is written last.
-    found
-        Entries of the record.
+    what
+        Its name in messages, such as "the mesh study".
+    study
+        The dataclass, which is the schema of its record.
+    file
+        Name of the record, which is written last.
+    sentences
+        What it says in words.
     tables
         File -> text of a table.
-    project, calibration
-        What was studied: the project, and the label of its calibration, "" without one.
-
-    Raises
-    ------
-    StorageError
-        If the folder holds files, or cannot be written; nothing is then written.
+    folder
+        Its folder in a run, by default; "" where it has none.
+    is_of
+        Whether a study is still one of a calibration's result.
+    slim, complete
+        The study without what its tables have, and the same of a folder with it again.
     """
-    record = {
-        "format": FORMAT,
-        "project": project.name,
-        "calibration": calibration,
-        **found,
-        "hashes": dict(project.hashes),
-        "versions": installed_versions(),
-    }
-    with new_folder(folder) as part:
-        for table, text in tables.items():
-            write_text(part / table, text)
-        write_text(part / name, json.dumps(record, indent=2, allow_nan=False) + "\n")
+
+    what: str
+    study: type[S]
+    file: str
+    sentences: Callable[[S], Sequence[str]]
+    tables: Mapping[str, Callable[[S], str]]
+    folder: str = ""
+    is_of: Callable[[S, CalibrationResult], bool] = lambda study, result: True
+    slim: Callable[[S], S] = lambda study: study
+    complete: Callable[[S, Path], S] = lambda study, folder: study
+
+    def write(self, study: S, project: Project, calibration: str, folder: Path) -> None:
+        """Write a study, its record and its tables, into a new folder.
+
+        Parameters
+        ----------
+        study
+            The study.
+        project
+            Of the study, with its hashes.
+        calibration
+            Label of the studied calibration of a run, or "".
+        folder
+            New or empty.
+
+        Raises
+        ------
+        StorageError
+            If the folder holds files, or cannot be written; nothing is then written.
+        """
+        entries: Any = self.slim(study)
+        record = {
+            "format": FORMAT,
+            "project": project.name,
+            "calibration": calibration,
+            "sentences": list(self.sentences(study)),
+            "study": asdict(entries),
+            "hashes": dict(project.hashes),
+            "versions": installed_versions(),
+        }
+        with new_folder(folder) as part:
+            for table, text in self.tables.items():
+                write_text(part / table, text(study))
+            write_text(part / self.file, json.dumps(record, indent=2, allow_nan=False) + "\n")
+
+    def read(self, folder: Path) -> StoredStudy[S] | None:
+        """The study in a folder, or None.
+
+        Raises
+        ------
+        StorageError
+            Where it cannot be read, or is damaged.
+        """
+        path = folder / self.file
+        if not path.is_file():
+            return None
+        record = read_record(_StudyRecord[self.study], path, self.what, FORMAT)
+        return StoredStudy(self, self.complete(record.study, folder), record.calibration)
 
 
-def are_values_of(values: Mapping[str, float], result: CalibrationResult | None) -> bool:
-    """Whether the values [SI by label] that were studied are still those of a result."""
-    return result is not None and dict(values) == {label: e.value for label, e in result.parameters.items()}
+@dataclass(frozen=True)
+class StoredStudy(Generic[S]):
+    """A stored study and the label of its calibration, "" for a project's study."""
+
+    kind: StudyKind[S]
+    study: S
+    calibration: str
+
+    def is_of(self, results: Mapping[str, CalibrationResult]) -> bool:
+        """Whether it is still of a run's results."""
+        result = results.get(self.calibration)
+        return result is not None and self.kind.is_of(self.study, result)
 
 
-def read_study_record(kind: type[R], path: Path, what: str) -> R | None:
-    """The record of a study, or None where there is none.
-
-    Parameters
-    ----------
-    kind
-        Dataclass of the record.
-    path
-        Its file.
-    what
-        Name of the study in messages.
-
-    Raises
-    ------
-    StorageError
-        Where it cannot be read, or is damaged.
-    """
-    return read_record(kind, path, what, FORMAT) if path.is_file() else None
+def has_values(result: CalibrationResult, values: Mapping[str, float]) -> bool:
+    """Whether the values of a result [SI by label] are these."""
+    return dict(values) == {label: e.value for label, e in result.parameters.items()}

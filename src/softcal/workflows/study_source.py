@@ -14,8 +14,6 @@ from softcal.errors import Fault, InputError, ParameterError, unknown
 from softcal.project.names import JOINT
 from softcal.project.project import Project, ProjectSource, load
 
-MESH_STUDY, IMPORTANCE = "mesh-study", "importance"  # folders of studies in a run
-
 if TYPE_CHECKING:
     from softcal.calibration.problem.problem import Problem
     from softcal.calibration.results.result import CalibrationResult

@@ -41,18 +41,15 @@ def importance(
 
     By SALib on a surrogate of the twin through some hundred trajectories, which is checked at others.
     """
+    from softcal.workflows.importance import IMPORTANCE, study_importance
     from softcal.workflows.output import require_free_folder
-    from softcal.workflows.study_source import IMPORTANCE, default_folder, study_source
+    from softcal.workflows.study_source import default_folder, study_source
 
-    default = default_folder(source, IMPORTANCE)
+    default = default_folder(source, IMPORTANCE.folder)
     folder = out if out is not None else default
     if folder is not None:
         require_free_folder(folder)
     studied = study_source(source, parsed_values(values), calibration)
-    from softcal.analysis.importance_verdict import importance_sentences
-    from softcal.workflows.importance import study_importance
-    from softcal.workflows.importance_files import write_importance
-
     print_warnings(studied.project.warnings if not source.is_dir() else ())
     with executor_told(on, workers) as executor, clock() as show:
         study = study_importance(
@@ -65,10 +62,10 @@ def importance(
     _print_study(study)
     for note in study.notes:
         echo(f"Note: {note}")
-    for sentence in importance_sentences(study):
+    for sentence in IMPORTANCE.sentences(study):
         echo(sentence)
     if folder is not None:
-        write_importance(study, studied.project, studied.calibration, folder)
+        IMPORTANCE.write(study, studied.project, studied.calibration, folder)
         echo(f"Wrote {shown_path(folder)}")
         if folder == default:
             echo(f"Into the report with: softcal report {source}")

@@ -60,8 +60,7 @@ def intervals(  # noqa: PLR0913 (one argument for each option)
     jackknife: one group of measurements left out at a time, without a further trajectory. bootstrap: groups with random
     weights, the ends confirmed by some three trajectories each.
     """
-    from softcal.workflows.intervals import check_method, default_folder, study_intervals
-    from softcal.workflows.intervals_files import write_intervals
+    from softcal.workflows.intervals import INTERVALS, check_method, default_folder, study_intervals
     from softcal.workflows.output import require_free_folder
     from softcal.workflows.study_source import run_source
 
@@ -81,7 +80,7 @@ def intervals(  # noqa: PLR0913 (one argument for each option)
         )
     echo(f"95 % intervals of the calibration '{source.calibration}'")
     _print_study(study)
-    write_intervals(study, source.project, source.calibration, folder)
+    INTERVALS.write(study, source.project, source.calibration, folder)
     echo(f"Wrote {shown_path(folder)}")
 
 

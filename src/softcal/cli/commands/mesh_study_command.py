@@ -49,17 +49,14 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
 
     No mesher is needed: every tet is divided into eight, linear tets become quadratic, rod elements are halved.
     """
+    from softcal.workflows.mesh_study import MESH_STUDY, study
     from softcal.workflows.output import require_free_folder
-    from softcal.workflows.study_source import MESH_STUDY, default_folder, study_source
+    from softcal.workflows.study_source import default_folder, study_source
 
-    folder = out if out is not None else default_folder(source, MESH_STUDY)
+    folder = out if out is not None else default_folder(source, MESH_STUDY.folder)
     if folder is not None:
         require_free_folder(folder)
     studied = study_source(source, parsed_values(values), calibration)
-    from softcal.analysis.mesh_verdict import mesh_verdicts
-    from softcal.workflows.mesh_study import study
-    from softcal.workflows.mesh_study_files import write_study
-
     print_warnings(studied.project.warnings if not source.is_dir() else ())
     with executor_told(on, workers) as executor, _bars() as show:
         result = study(
@@ -77,12 +74,12 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
             echo(f"Not simulated, {mesh.name} ({mesh.what}): {mesh.failure}")
     for note in result.notes:
         echo(f"Note: {note}")
-    for verdict in mesh_verdicts(result):
-        echo(verdict.text)
+    for sentence in MESH_STUDY.sentences(result):
+        echo(sentence)
     if folder is not None:
-        write_study(result, studied.project, studied.calibration, folder)
+        MESH_STUDY.write(result, studied.project, studied.calibration, folder)
         echo(f"Wrote {shown_path(folder)}")
-        if folder == default_folder(source, MESH_STUDY):
+        if folder == default_folder(source, MESH_STUDY.folder):
             echo(f"Into the report with: softcal report {source}")
 
 

@@ -47,7 +47,7 @@ def next_test(
     if out is not None:
         require_free_folder(out)
     from softcal.analysis.next_test_verdict import verdict
-    from softcal.workflows.next_test import rank, run_source, write_ranking
+    from softcal.workflows.next_test import NEXT_TEST, rank, run_source
 
     source = run_source(run, calibration)
     with executor_told(on, workers) as executor:
@@ -60,7 +60,7 @@ def next_test(
         echo(f"Note: {note}")
     echo(verdict(tests))
     if out is not None:
-        write_ranking(tests, source, out)
+        NEXT_TEST.write(tests, source.project, source.calibration, out)
         echo(f"Wrote {shown_path(out)}")
 
 

@@ -158,6 +158,12 @@ def test_gmsh_groups_of_one_name_unnamed_groups_and_tets_in_two_groups(tmp_path)
     require_sound(mesh)
 
 
+def test_a_group_whose_sense_gmsh_turned_keeps_its_name(tmp_path):
+    path = tmp_path / "neck.msh"
+    path.write_text(MSH.replace("2 2 2 1 1 1 3 2", "2 2 2 -1 1 1 3 2"))
+    assert read_mesh(path).face_sets["neck"].shape == (1, 3)
+
+
 def test_a_group_of_loose_triangles_is_refused(tmp_path):
     path = tmp_path / "neck.msh"
     path.write_text(MSH.replace("2 2 2 1 1 1 3 2", "2 2 2 1 1 1 3 5").replace("4\n1 0 0 0", "5\n5 9 9 9\n1 0 0 0"))
@@ -187,6 +193,17 @@ def bricks_too(path):
     )
 
 
+def two_pieces(path):
+    meshio.Mesh(np.eye(4, 3), [("tetra", [[0, 1, 2, 3]])]).write(path)
+    text = path.read_text()
+    piece = text[text.index("<Piece") : text.index("</Piece>") + len("</Piece>")]
+    path.write_text(text.replace(piece, 2 * piece))
+
+
+def flagged(**data):
+    return lambda path: meshio.Mesh(np.eye(4, 3), [("tetra", [[0, 1, 2, 3]])], **data).write(path)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "told"),
     [
@@ -206,6 +223,19 @@ def bricks_too(path):
             bricks_too,
             "other solid elements beside tetrahedra; got 8 points, 1 tetra, 1 hexahedron; allowed",
         ),
+        ("pieces.vtu", two_pieces, "several pieces; got 2; allowed: one"),
+        (
+            "nan.vtu",
+            flagged(point_data={"node set a": np.array([np.nan, 0, 0, 1])}),
+            "'node set a': this is no set; got",
+        ),
+        (
+            "half.vtu",
+            flagged(point_data={"node set a": np.array([0.5, 0, 0, 1])}),
+            "no set; .*allowed: 0 or 1 for each",
+        ),
+        ("vector.vtu", flagged(point_data={"node set a": np.eye(4, 3)}), "'node set a': this is no set"),
+        ("cells.vtu", flagged(cell_data={"element set a": [np.array([2])]}), "'element set a': this is no set"),
         ("nan.msh", MSH.replace("4 0 0 1", "4 0 0 nan"), "no finite coordinates; got node 3"),
         ("word.msh", MSH.replace("4 0 0 1", "4 0 zero 1"), "got a word in the place of a number, or another number of"),
         ("short.msh", MSH.replace("1 15 2 1 1 4", "1"), "got the number or name of something that the file does not"),

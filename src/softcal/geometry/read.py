@@ -99,6 +99,9 @@ def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
 
 
 def _read(path: Path, factor: float) -> TetMesh:
+    if path.suffix.lower() == ".vtu" and (pieces := path.read_bytes().count(b"<Piece")) > 1:  # meshio keeps the last
+        what, attempt = "the file holds several pieces", "merge them, such as by ParaView's filter Clean to Grid"
+        raise MeshError(Fault(what, str(path), str(pieces), "one", attempt))
     raw = _read_raw(path)
     # Rows of other kinds, such as polyhedra, may differ in length.
     blocks = [
@@ -128,7 +131,7 @@ def _read(path: Path, factor: float) -> TetMesh:
     mesh = _checked(path, factor * np.asarray(raw.points, dtype=np.float64), tets)
     node_sets: dict[str, Ints] = {name: np.unique(nodes) for name, nodes in raw.point_sets.items()}
     node_sets |= {
-        key.removeprefix(NODE_SET): np.flatnonzero(flags)
+        key.removeprefix(NODE_SET): _flagged(flags, f"{path}, '{key}'")
         for key, flags in raw.point_data.items()
         if key.startswith(NODE_SET)
     }
@@ -266,15 +269,23 @@ def _groups(path: Path, raw: Any, blocks: list[tuple[str, Ints]]) -> Iterator[tu
     names = _physical_names(path) if path.suffix.lower() == ".msh" else {}
     for i, tags in enumerate(raw.cell_data.get("gmsh:physical", ())):
         for tag in np.unique(tags[np.asarray(tags) != 0]).tolist():
-            name = names.get((DIMENSION.get(blocks[i][0], -1), int(tag)), str(int(tag)))
+            name = names.get((DIMENSION.get(blocks[i][0], -1), abs(int(tag))), str(int(tag)))
             add(name, i, np.flatnonzero(tags == tag))
     for key, by_block in raw.cell_data.items():
         prefix = next((prefix for prefix in CELL_SETS if key.startswith(prefix)), None)
         for i, flags in enumerate(by_block if prefix else ()):
             if prefix and DIMENSION.get(blocks[i][0]) == CELL_SETS[prefix]:
-                add(key.removeprefix(prefix), i, np.flatnonzero(flags))
+                add(key.removeprefix(prefix), i, _flagged(flags, f"{path}, '{key}'"))
     for (name, dimension), chosen in found.items():
         yield name, dimension, [(i, np.array(sorted(rows), dtype=np.int64)) for i, rows in chosen.items()]
+
+
+def _flagged(flags: Any, where: str) -> Ints:
+    """The numbers whose flag is 1."""
+    if np.ndim(flags) != 1 or not np.isin(flags, (0, 1)).all():
+        got = f"numbers from {np.min(flags):g} to {np.max(flags):g} in an array {np.shape(flags)}"
+        raise MeshError(Fault("this is no set", where, got, "0 or 1 for each node or cell"))
+    return np.flatnonzero(flags)
 
 
 def _physical_names(path: Path) -> dict[tuple[int, int], str]:

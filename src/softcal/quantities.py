@@ -237,8 +237,9 @@ Point = tuple[Length, Length, Length]
 
 
 def _pointing(value: tuple[float, float, float], where: str) -> tuple[float, float, float]:
-    if not any(value):
-        raise ParameterError(Fault("the direction has no length", where, "[0, 0, 0]", "such as [0, 0, 1]"))
+    if not sum(x * x for x in value):  # as of [0, 0, 1e-200]
+        got = f"[{', '.join(f'{x:g}' for x in value)}]"
+        raise ParameterError(Fault("the direction has no length", where, got, "such as [0, 0, 1]"))
     return value
 
 

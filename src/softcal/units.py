@@ -205,7 +205,8 @@ def parse_quantity(value: object, si_unit: str, *, where: str = "") -> float:
         if match is None:
             raise _unreadable(value, si_unit, where)
         if _DECIMAL_COMMA.match(value):
-            raise _unreadable(value, si_unit, where, attempt=f"'{value.strip().replace(',', '.', 1)}'")
+            attempt = f"'{value.strip().replace(',', '.')}'" if value.count(",") == 1 else ""
+            raise _unreadable(value, si_unit, where, attempt)
         number, unit = float(match[1].replace("−", "-")), match[2]
     else:
         number, unit = _as_float(value), ""

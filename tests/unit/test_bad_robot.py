@@ -194,6 +194,10 @@ CASES: dict[str, tuple[Change, tuple[str, ...]]] = {
         ("direction: [0, 2, 0]", "direction: [0, 0, 0]"),
         ("loads.push.direction", "no length", "got [0, 0, 0]"),
     ),
+    "a direction whose length is lost": (
+        ("direction: [0, 2, 0]", "direction: [0, 1e-200, 0]"),
+        ("loads.push.direction", "no length", "got [0, 1e-200, 0]"),
+    ),
     "a direction twice": (
         ("force: 0.02 N", "force: [0 N, 1 N, 0 N]"),
         ("loads.push", "direction is given twice", "force: 2 N"),

@@ -185,6 +185,11 @@ def test_drift_is_found_at_the_returns() -> None:
     assert_allclose(level.values("tension") - found.values("tension"), -0.01 * found.values("time"), atol=0.02)
 
 
+def test_the_clock_has_no_drift_to_take_off() -> None:
+    with pytest.raises(DatasetError, match=r"bench: the time has no drift over itself; got channel time"):
+        detrend(record(bench_record.motion()), "time", at="ends")
+
+
 def test_loop_energy_and_softening() -> None:
     found = find_cycles(record(bench_record.motion(), noise=0.01, drift=0.0))
     travel = bench_record.TRAVEL - bench_record.SLACK

@@ -203,6 +203,7 @@ def test_all_faults_of_a_list_at_once() -> None:
         {"zero": {"channel": "tension", "by": "fist"}},
         {"find_cycles": {"lower_force_limit": 0.1}},
         {"correct_pulley_friction": {"n_pulleys": 2.5, "friction_coefficient": 0.1}},
+        {"correct_pulley_friction": {"n_pulleys": 200, "friction_coefficient": 0.1}},
         {"remove_slack": {"subtract_floor": "yes"}},
         {"select_cycles": ["two"]},
         {"zero": "tesnion"},
@@ -225,7 +226,8 @@ def test_all_faults_of_a_list_at_once() -> None:
         "allowed: true or false",
         "or a list of cycle numbers",
         "Try: 'tension'",
-        "prepare[11]: a step is one name",
+        "n_pulleys: there are too many pulleys; got 200; allowed: 1 to 100 pulleys",
+        "prepare[12]: a step is one name",
     ):
         assert part in told, part
 

@@ -208,6 +208,16 @@ def test_thousands_separator_is_no_number(tmp_path: Path) -> None:
         read_table(write(tmp_path, "Time;Disp;Force\n0,5;1,5;1.200\n"), UTM)
 
 
+@pytest.mark.parametrize("rows", ["1;2;1,200\n2;3;1,300\n", "1,500;2,250;1,200\n"])
+def test_a_comma_that_may_be_either_is_refused(tmp_path: Path, rows: str) -> None:
+    path = write(tmp_path, f"Time;Disp;Force\n{rows}")
+    with pytest.raises(DatasetError, match=r"'1,[25]00'.*Try: decimal: ',' in the project"):
+        read_table(path, UTM)
+    assert read_table(path, UTM, TableFormat(decimal=",")).values("tension")[0] == pytest.approx(1.2)
+    path.write_text(f"Time;Disp;Force\n0,500;1;1,100\n{rows}")
+    assert read_table(path, UTM).values("tension")[1] == pytest.approx(1.2)
+
+
 def test_filter_that_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match=r"no row holds '7'.*'0\.0', '1\.5', '3\.0'"):
         read_table(write(tmp_path, PLAIN), UTM, where={"Disp": "7"})
@@ -217,6 +227,13 @@ def test_filtered_rows_need_not_be_numbers(tmp_path: Path) -> None:
     path = write(tmp_path, "test,Force\nA,1\nB,broken\nA,2\n")
     assert_allclose(
         read_table(path, {"tension": ColumnSpec("Force", "N")}, where={"test": "A"}).values("tension"), [1, 2]
+    )
+
+
+def test_a_filter_takes_no_name_for_a_number(tmp_path: Path) -> None:
+    path = write(tmp_path, "run,Force\n10,1\n1_0,2\n10.0,3\n")
+    assert_allclose(
+        read_table(path, {"tension": ColumnSpec("Force", "N")}, where={"run": 10}).values("tension"), [1, 3]
     )
 
 

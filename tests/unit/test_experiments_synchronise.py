@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 
 from softcal.errors import DatasetError, InputError
 from softcal.experiments.dataset import Channel, Dataset, Step
+from softcal.experiments.merge import merge_on_one_clock
 from softcal.experiments.synchronise import CommonMotion, clock_warning, fit_clock, synchronise
 
 MOVED = bench_record.motion(4)
@@ -44,6 +45,20 @@ def test_recovers_a_known_clock(lag: float, rate: float, step: float, sign: floa
     assert_allclose(fit.to_imu(MOVED.time), MOVED.time + lag + rate * (MOVED.time - 0.5 * MOVED.time[-1]), atol=5e-3)
     assert_allclose(fit.rate, rate, atol=1.5e-4)
     assert sign * fit.correlation > 0.98
+
+
+def test_nothing_is_made_up_where_a_record_has_a_gap() -> None:
+    """Samples in a gap of the other record are left out, as those beyond its ends, and the step says so."""
+    whole = imu(0.0, noise=0.0)
+    clock = whole.values("time")
+    seen = (clock < 8.0) | (clock > 11.0)
+    gone = whole.take(np.flatnonzero(seen), Step("read_table", {}, ""))
+    inside = (MOVED.time > 8.0) & (MOVED.time < 11.0)
+    for merged in (merge_on_one_clock(utm(), gone), synchronise(utm(), gone, CommonMotion(estimate_rate=False))):
+        time = merged.values("time")
+        assert 0 < inside.sum() <= len(MOVED.time) - len(time) <= inside.sum() + 4
+        assert not ((time > 8.1) & (time < 10.9)).any()
+        assert f"{len(time)} of {len(MOVED.time)} samples" in merged.provenance[-1].outcome
 
 
 def test_lag_is_finer_than_a_sample() -> None:

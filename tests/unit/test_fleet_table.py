@@ -145,6 +145,10 @@ def test_only_the_named_factors_are_compared(tmp_path: Path) -> None:
             f"specimen,{FILE},slack [mm]\none,p1.csv,2\n",
             "Try: 'experiments.pull.slack', or --by slack if it is a factor",
         ),
+        (
+            f"specimen,{FILE},bar.density [kg/m^3],robot.bodies.bar.density [kg/m^3]\none,p1.csv,1,2\n",
+            "columns 'bar.density [kg/m^3]' and 'robot.bodies.bar.density [kg/m^3]': two columns mean the same",
+        ),
         (f"specimen,{FILE},{FILE}\none,p1.csv,p2.csv\n", f"columns '{FILE}' and '{FILE}': two columns mean the same"),
         (f"specimen,{FILE},name\none,p1.csv,Red arm\n", "this column sets nothing; got 'name'"),
         (f"specimen,{FILE},name\none,p1.csv,Red arm\n", "Try: another name, or --by name if it is a factor"),

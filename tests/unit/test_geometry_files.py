@@ -82,6 +82,42 @@ def test_abaqus_sets_are_read(tmp_path):
     assert mesh.node_sets["base"].tolist() == [0, 1, 2]
 
 
+DECK = (
+    "*NODE\n1, 0., 0., 0.\n2, 1., 0., 0.\n3, 0., 1., 0.\n4, 0., 0., 1.\n5, 1., 1., 1.\n"
+    "*ELEMENT, TYPE=C3D4\n11, 1, 2, 3, 4\n*ELEMENT, TYPE=C3D4, ELSET=tip\n12, 2, 3, 4, 5\n"
+    "*NSET, NSET=held\n1, 2, 3\n*ELSET, ELSET=all\n11, 12\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("1, 2, 3\n", "1 , 2 , 3\n"),
+        ("1, 2, 3\n", "1,\n** of the clamp\n2, 3,\n"),
+        ("1, 2, 3\n", "1, 2\n*NSET, NSET=held\n3\n"),
+        ("held\n1, 2, 3\n", "foot\n1, 2\n*NSET, NSET=held\nfoot, 3\n"),
+        ("held\n1, 2, 3\n", "held, GENERATE\n1, 2\n3, 3, 1\n"),
+        ("5, 1., 1., 1.\n", "** the tip\n5, 1., 1., 1.\n"),
+        ("11, 1, 2, 3, 4\n", "** the foot\n11, 1, 2, 3, 4\n"),
+        ("11, 1, 2, 3, 4\n", "11, 1, 2,\n3, 4\n"),
+        ("TYPE=C3D4, ELSET=tip", "type=c3d4,\n elset=tip"),
+        ("all\n11, 12\n", "all\n11\ntip\n"),
+        ("all\n11, 12\n", "foot\n11\n*ELSET, ELSET=all\nfoot, tip\n"),
+        ("*NODE\n", "*PART, NAME=a\n*NODE, NSET=every\n"),
+        ("*ELEMENT, TYPE=C3D4\n", "*ELEMENT, TYPE=S3, ELSET=lid\n1, 1, 2, 3\n*ELEMENT, TYPE=C3D4\n"),
+    ],
+)
+def test_a_deck_is_read_as_abaqus_reads_it(tmp_path, before, after):
+    assert before in DECK
+    path = tmp_path / "a.inp"
+    path.write_text(DECK.replace(before, after))
+    mesh = read_mesh(path)
+    assert mesh.n_tets == 2
+    assert mesh.node_sets["held"].tolist() == [0, 1, 2]
+    assert mesh.element_sets["tip"].tolist() == [1]
+    assert mesh.element_sets["all"].tolist() == [0, 1]
+
+
 MSH = """$MeshFormat
 2.2 0 8
 $EndMeshFormat
@@ -122,6 +158,12 @@ def test_gmsh_groups_of_one_name_unnamed_groups_and_tets_in_two_groups(tmp_path)
     require_sound(mesh)
 
 
+def test_a_group_whose_sense_gmsh_turned_keeps_its_name(tmp_path):
+    path = tmp_path / "neck.msh"
+    path.write_text(MSH.replace("2 2 2 1 1 1 3 2", "2 2 2 -1 1 1 3 2"))
+    assert read_mesh(path).face_sets["neck"].shape == (1, 3)
+
+
 def test_a_group_of_loose_triangles_is_refused(tmp_path):
     path = tmp_path / "neck.msh"
     path.write_text(MSH.replace("2 2 2 1 1 1 3 2", "2 2 2 1 1 1 3 5").replace("4\n1 0 0 0", "5\n5 9 9 9\n1 0 0 0"))
@@ -144,6 +186,24 @@ def two_orders(path):
     meshio.Mesh(mesh.points, [("tetra10", mesh.tets), ("tetra", mesh.tets[:1, :4])]).write(path)
 
 
+def bricks_too(path):
+    box = [[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)]
+    meshio.Mesh(np.array(box, float), [("tetra", [[0, 1, 2, 4]]), ("hexahedron", [[0, 1, 3, 2, 4, 5, 7, 6]])]).write(
+        path
+    )
+
+
+def two_pieces(path):
+    meshio.Mesh(np.eye(4, 3), [("tetra", [[0, 1, 2, 3]])]).write(path)
+    text = path.read_text()
+    piece = text[text.index("<Piece") : text.index("</Piece>") + len("</Piece>")]
+    path.write_text(text.replace(piece, 2 * piece))
+
+
+def flagged(**data):
+    return lambda path: meshio.Mesh(np.eye(4, 3), [("tetra", [[0, 1, 2, 3]])], **data).write(path)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "told"),
     [
@@ -158,6 +218,24 @@ def two_orders(path):
         ("neck.stl", "solid", "mesh_file"),
         ("lid.vtu", triangles_only, "no tetrahedra; got 3 points, 1 triangle; allowed: tetra"),
         ("two.vtu", two_orders, "mixes linear and quadratic"),
+        (
+            "bricks.vtu",
+            bricks_too,
+            "other solid elements beside tetrahedra; got 8 points, 1 tetra, 1 hexahedron; allowed",
+        ),
+        ("pieces.vtu", two_pieces, "several pieces; got 2; allowed: one"),
+        (
+            "nan.vtu",
+            flagged(point_data={"node set a": np.array([np.nan, 0, 0, 1])}),
+            "'node set a': this is no set; got",
+        ),
+        (
+            "half.vtu",
+            flagged(point_data={"node set a": np.array([0.5, 0, 0, 1])}),
+            "no set; .*allowed: 0 or 1 for each",
+        ),
+        ("vector.vtu", flagged(point_data={"node set a": np.eye(4, 3)}), "'node set a': this is no set"),
+        ("cells.vtu", flagged(cell_data={"element set a": [np.array([2])]}), "'element set a': this is no set"),
         ("nan.msh", MSH.replace("4 0 0 1", "4 0 0 nan"), "no finite coordinates; got node 3"),
         ("word.msh", MSH.replace("4 0 0 1", "4 0 zero 1"), "got a word in the place of a number, or another number of"),
         ("short.msh", MSH.replace("1 15 2 1 1 4", "1"), "got the number or name of something that the file does not"),
@@ -169,13 +247,70 @@ def two_orders(path):
         (
             "type.inp",
             INP.replace("C3D4", "C9"),
-            "got Element type not available: C9; allowed: a valid .inp file. Try: ",
+            r"got elements of type C9 in line 6; allowed: a valid \.inp file\. Try: ",
         ),
-        ("cell.inp", INP.replace("held\n1", "held, GENERATE\n1, 9, 1"), "got the number or name of something that"),
-        ("other.inp", INP + "*INCLUDE, INPUT=/dev/zero\n", r"got \*INCLUDE of /dev/zero: a mesh is one file"),
-        ("twice.inp", INP.replace("4, 0., 0.", "3, 0., 0."), "4 nodes with 3 numbers: a node number is there twice"),
-        ("lists.inp", INP + INP, r"a second \*NODE: all nodes are in one list"),
-        ("set.inp", INP.replace("upper\n2", "upper\nx"), "got Unknown cell set 'x'"),
+        (
+            "cell.inp",
+            INP.replace("held\n1", "held, GENERATE\n1, 9, 1"),
+            r"got number 5 under \*NSET in line 9, which no node has",
+        ),
+        ("other.inp", INP + "*INCLUDE, INPUT=/dev/zero\n", r"got \*INCLUDE in line 13, which is not followed: list"),
+        ("twice.inp", INP.replace("4, 0., 0.", "3, 0., 0."), "got number 3 of two nodes"),
+        ("lists.inp", INP + INP, "got number 1 of two nodes"),
+        ("set.inp", INP.replace("upper\n2", "upper\nx"), r"got 'x' under \*ELSET in line 11: a set that is above it"),
+        ("nodes.inp", INP.replace("held\n1", "held\n1, x"), r"got 'x' under \*NSET in line 9: a set that is above it"),
+        (
+            "half.inp",
+            INP.replace("held\n1", "held\n1.0, 2"),
+            r"got '1\.0' under \*NSET in line 9: a set that is above it",
+        ),
+        (
+            "minus.inp",
+            INP.replace("held\n1", "held\n-1, 2"),
+            r"got number -1 under \*NSET in line 9, which no node has",
+        ),
+        ("element.inp", INP.replace("upper\n2", "upper\n2, 99"), r"got number 99 under \*ELSET in line 11, which no"),
+        (
+            "of.inp",
+            INP.replace("=held\n1", "=held, ELSET=solid"),
+            r"got ELSET of \*NSET in line 9, which is not followed: list",
+        ),
+        (
+            "round.inp",
+            INP.replace("*NODE", "*NODE, SYSTEM=C"),
+            r"got SYSTEM of \*NODE in line 1, which is not followed: list",
+        ),
+        (
+            "system.inp",
+            "*SYSTEM\n1., 0., 0., 2., 0., 0.\n" + INP,
+            r"got \*SYSTEM in line 1, which is not followed: list",
+        ),
+        (
+            "copies.inp",
+            INP + "*NCOPY, OLD SET=held, SHIFT\n0, 0, 5\n",
+            r"got \*NCOPY in line 13, which is not followed: list",
+        ),
+        (
+            "moved.inp",
+            INP + "*INSTANCE, PART=a\n0., 0., 50.\n",
+            r"got \*INSTANCE in line 13, which is not followed: list",
+        ),
+        (
+            "parts.inp",
+            INP + "*INSTANCE, PART=a\n*INSTANCE, PART=a\n",
+            r"got \*INSTANCE in line 14, which is not followed: list",
+        ),
+        (
+            "down.inp",
+            INP.replace("held\n1", "held, GENERATE\n3, 1, -1"),
+            r"got numbers from 3 down to 1 under \*NSET in",
+        ),
+        ("label.inp", INP.replace("\n2, 1, 2", "\n1, 1, 2"), "got number 1 of two elements"),
+        (
+            "row.inp",
+            INP.replace("2, 1, 2, 3, 4", "2, 1, 2, 3"),
+            r"got 9 numbers under \*ELEMENT in line 6, each with 4 nodes",
+        ),
     ],
 )
 def test_bad_files_are_told_in_one_sentence(tmp_path, capfd, name, content, told):

@@ -56,6 +56,12 @@ def test_every_equal_key_is_a_fault(tmp_path: Path):
     assert document.data["a"] == 1
 
 
+def test_a_second_merge_is_a_fault(tmp_path: Path):
+    document = read(tmp_path, "a: &x {k: 1}\nb: &y {k: 2}\nc:\n  <<: *x\n  <<: *y\n")
+    (fault,) = document.faults
+    assert (fault.where, fault.what, fault.allowed) == ("p.yaml:5: c", "the key appears twice", "<<: [*a, *b]")
+
+
 def test_aliases_and_merge_keys(tmp_path: Path):
     document = read(tmp_path, "a: &x {k: 1, l: 2}\nb: *x\nc: {<<: *x, l: 3}\n")
     assert document.data["b"] == {"k": 1, "l": 2}

@@ -59,6 +59,7 @@ def test_quantities_are_read(text, si_unit, value):
         ("2.3 MPaa", "Pa", "the unit does not fit"),
         ("two MPa", "Pa", "not a quantity"),
         ("2,3 MPa", "Pa", "not a quantity.*Try: .2.3 MPa."),
+        ("2,000,000 Pa", "Pa", r"allowed: for example '1\.5 Pa'\.$"),
         ("3 2 mm", "m", "does not fit"),
         ("5 mm", "px", "does not fit; got 'mm'"),
         ("5 px", "m", "does not fit; got 'px'"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -17,6 +18,7 @@ from softcal.experiments.table import Table, uses_decimal_comma
 N_NAMED = 5  # lines and cells named in a fault
 _N_VALUES = 10  # values of a filter's column listed in a fault
 _SNIFFED = 2000  # rows used to detect the decimal sign
+_EITHER = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 MOST_VALUES = 100_000_000  # numbers kept of one file: 0.8 GB
 
 
@@ -104,6 +106,8 @@ def read_columns(
     for numbers, rows in table.rows():
         if decimal is None:
             decimal = "," if uses_decimal_comma([row[c] for row in rows[:_SNIFFED] for c in places.values()]) else "."
+            if decimal == ",":
+                _require_decimals(table, [row[c] for row in rows for c in places.values()])
         n_rows += len(rows)
         for sieve in sieves:
             numbers, rows = sieve.kept(numbers, rows)
@@ -134,6 +138,18 @@ def read_columns(
         decimal=decimal or ".",
         unmet=unmet,
     )
+
+
+def _require_decimals(table: Table, cells: Sequence[str]) -> None:
+    """Refuse numbers whose every comma may as well stand between thousands."""
+    commas = [cell for cell in cells if "," in cell]
+    if all(_EITHER.fullmatch(cell) for cell in commas):
+        what = "a comma may be the decimal sign, or stand between thousands"
+        attempt = "decimal: ',' in the project, or numbers without a comma"
+        allowed = "a number that tells which, such as 0,5 or 12,34"
+        raise DatasetError(
+            Fault(what, str(table.path), f"'{commas[0]}' and {len(commas) - 1} like it", allowed, attempt)
+        )
 
 
 def cells_of(table: Table, column: int, lines: Sequence[int]) -> list[str]:
@@ -185,10 +201,7 @@ class _Sieve:
 def _same(cell: str, wanted: str) -> bool:
     if cell == wanted.strip():
         return True
-    try:
-        return float(cell.replace(",", ".")) == float(wanted.replace(",", "."))
-    except ValueError:
-        return False
+    return _float(cell.replace(",", ".")) == _float(wanted.replace(",", "."))
 
 
 def _floats(cells: list[str]) -> Floats:

@@ -6,13 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from softcal.checks import Floats, Ints
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset, Step
 from softcal.units import format_quantity
 
+GAP = 10  # times the median step of a record, beyond which nothing is interpolated
+
 
 def merge_on_one_clock(first: Dataset, second: Dataset) -> Dataset:
-    """The first record with the channels of the second interpolated at its times, over their common span.
+    """The first record with the channels of the second interpolated at its times, where the second covers them.
 
     Raises
     ------
@@ -24,7 +27,7 @@ def merge_on_one_clock(first: Dataset, second: Dataset) -> Dataset:
     if shared:
         raise DatasetError(Fault("both records hold the same channel", where, ", ".join(shared)))
     time, other = first.values("time"), second.values("time")
-    inside = np.flatnonzero((time >= other.min()) & (time <= other.max()))
+    inside = covered(time, other)
     if not len(inside):
         spans = [" to ".join(format_quantity(float(t), "s") for t in (x.min(), x.max())) for x in (time, other)]
         raise DatasetError(
@@ -41,6 +44,24 @@ def merge_on_one_clock(first: Dataset, second: Dataset) -> Dataset:
     step = Step("merge_on_one_clock", {"with": second.name}, outcome)
     both = replace(first, provenance=(*first.provenance, *second.provenance)).take(inside, step)
     return replace(both, channels={**both.channels, **added})
+
+
+def covered(times: Floats, others: Floats) -> Ints:
+    """Which times another record covers: not those beyond its ends, or in a gap of it.
+
+    Parameters
+    ----------
+    times
+        Ascending times [s].
+    others
+        Those of the other record, on the same clock [s].
+    """
+    after = np.searchsorted(others, times).clip(max=len(others) - 1)
+    before = (np.searchsorted(others, times, side="right") - 1).clip(min=0)
+    steps = np.diff(others)
+    longest = GAP * np.median(steps[steps > 0.0]) if (steps > 0.0).any() else 0.0
+    inside = (times >= others[0]) & (times <= others[-1])
+    return np.flatnonzero(inside & (others[after] - others[before] <= longest))
 
 
 def merge_on_labels(first: Dataset, second: Dataset) -> Dataset:

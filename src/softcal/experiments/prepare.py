@@ -124,7 +124,7 @@ def _parse_setting(
         case "count":
             if isinstance(value, int) and not isinstance(value, bool) and value >= 0:
                 if value:
-                    LIMITS["samples"].check(value, where=where)
+                    LIMITS[setting.of].check(value, where=where)
                 return value
             raise _wrong(where, value, "a whole number, 0 or more")
         case "flag":

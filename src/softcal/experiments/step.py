@@ -34,11 +34,14 @@ class Setting(Checked):
         Words that are allowed, of some kinds beside what they read.
     channel_from : str
         Of "of channel": the setting that names the channel.
+    of : str
+        Of "count": what is counted, by its name in `LIMITS`.
     """
 
     kind: str
     choices: tuple[str, ...] = ()
     channel_from: str = "channel"
+    of: str = "samples"
 
 
 @dataclass(frozen=True)

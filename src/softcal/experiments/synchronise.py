@@ -10,6 +10,7 @@ from softcal.checks import Floats
 from softcal.declare import Declared
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset, Step
+from softcal.experiments.merge import covered
 from softcal.quantities import Duration, Share
 from softcal.units import format_quantity
 
@@ -144,7 +145,7 @@ def synchronise(utm: Dataset, imu: Dataset, motion: CommonMotion | None = None) 
         fit = fit_clock(utm, imu, replace(motion, estimate_rate=False))
     at = fit.to_imu(utm.values("time"))
     imu_time = imu.values("time")
-    inside = np.flatnonzero((at >= imu_time[0]) & (at <= imu_time[-1]))
+    inside = covered(at, imu_time)
     outcome = (
         f"the clock of {imu.name} shows {fit.lag:+.4f} s beside that of {utm.name} at "
         f"{format_quantity(fit.middle, 's')}, "

@@ -1,4 +1,4 @@
-"""Reading mesh files (.msh, .vtk, .vtu, .inp) by meshio, with their named groups."""
+"""Reading mesh files (.msh, .vtk, .vtu by meshio, .inp), with their named groups."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import contextlib
 import io
 import re
 import shlex
-import threading
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from softcal.bounded_work import TimeUp, memory_limit, time_limit
 from softcal.checks import Floats, Ints
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, MeshError
+from softcal.geometry.deck import DeckError, read_deck
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import matching_faces
 from softcal.limits import LIMITS
@@ -52,7 +52,6 @@ NO_WORDS = re.compile(r"[^A-Za-z]*|\[.*|.*(\w\(|[!=]=).*|Warning: .*")
 SUMMARY = "Error: Couldn't read file"
 # Time [s] and memory [B] to read a file, and more for each of its bytes: a mesh of a million tets takes half as much.
 MOST_SECONDS, MOST_BYTES, SECONDS_EACH, BYTES_EACH = 5.0, 5e8, 1e-6, 20.0
-_reading = threading.Lock()
 # Added by meshio to the sets of a .msh file.
 NOT_A_GROUP = "gmsh:bounding_entities"
 
@@ -63,7 +62,7 @@ def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
 
     Groups of points and lines become node sets; groups of triangles face sets (outwards) and node sets; groups of
     tets element sets. They are Gmsh's physical groups (by number if unnamed), Abaqus' NSET and ELSET, and the 0/1
-    arrays that `write_mesh` stores in a .vtu file. Cells of other kinds are ignored.
+    arrays that `write_mesh` stores in a .vtu file. Other faces are ignored, other solids refused.
 
     Parameters
     ----------
@@ -100,6 +99,9 @@ def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
 
 
 def _read(path: Path, factor: float) -> TetMesh:
+    if path.suffix.lower() == ".vtu" and (pieces := path.read_bytes().count(b"<Piece")) > 1:  # meshio keeps the last
+        what, attempt = "the file holds several pieces", "merge them, such as by ParaView's filter Clean to Grid"
+        raise MeshError(Fault(what, str(path), str(pieces), "one", attempt))
     raw = _read_raw(path)
     # Rows of other kinds, such as polyhedra, may differ in length.
     blocks = [
@@ -111,6 +113,9 @@ def _read(path: Path, factor: float) -> TetMesh:
         raise MeshError(
             Fault("the file holds no tetrahedra", where=str(path), got=_contents(raw), allowed="tetra or tetra10")
         )
+    if any(block.dim == 3 and block.type not in DIMENSION and len(block.data) for block in raw.cells):
+        what, attempt = "the file holds other solid elements beside tetrahedra", "mesh all of the body with tetrahedra"
+        raise MeshError(Fault(what, str(path), _contents(raw), "tetrahedra alone", attempt))
     if len({4 if kind != "tetra10" else 10 for kind in kinds}) > 1:
         raise MeshError(
             Fault(
@@ -126,7 +131,7 @@ def _read(path: Path, factor: float) -> TetMesh:
     mesh = _checked(path, factor * np.asarray(raw.points, dtype=np.float64), tets)
     node_sets: dict[str, Ints] = {name: np.unique(nodes) for name, nodes in raw.point_sets.items()}
     node_sets |= {
-        key.removeprefix(NODE_SET): np.flatnonzero(flags)
+        key.removeprefix(NODE_SET): _flagged(flags, f"{path}, '{key}'")
         for key, flags in raw.point_data.items()
         if key.startswith(NODE_SET)
     }
@@ -172,8 +177,8 @@ def _read_raw(path: Path) -> Any:
     said = io.StringIO()
     try:
         # meshio prints an error and exits.
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), _as_one_deck():
-            return meshio.read(path)
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            return read_deck(path) if path.suffix.lower() == ".inp" else meshio.read(path)
     except MemoryError:
         raise
     except (Exception, SystemExit) as error:  # its readers raise arbitrary exceptions for a damaged file
@@ -186,39 +191,6 @@ def _read_raw(path: Path) -> Any:
                 attempt="write it again with the program that made it",
             )
         ) from error
-
-
-class DeckError(Exception):
-    """An .inp file that meshio would read otherwise than Abaqus does."""
-
-
-@contextlib.contextmanager
-def _as_one_deck() -> Generator[None]:
-    """Refuse in an .inp file what meshio reads without a word: another file that it includes, which may be anywhere and
-    is not kept with a run; a second list of nodes, which replaces the first; a number of two nodes.
-    """
-    abaqus: Any = import_module("meshio.abaqus._abaqus")
-    lists: list[int] = []
-
-    def refuse(path: object) -> None:
-        raise DeckError(f"*INCLUDE of {str(path)[:60]}: a mesh is one file")
-
-    def nodes(file: object) -> Any:
-        points, numbers, line = read_nodes(file)
-        lists.append(len(points))
-        if len(lists) > 1:
-            raise DeckError("a second *NODE: all nodes are in one list")
-        if len(numbers) < len(points):
-            raise DeckError(f"{len(points)} nodes with {len(numbers)} numbers: a node number is there twice")
-        return points, numbers, line
-
-    with _reading:
-        read, read_nodes = abaqus.read, abaqus._read_nodes  # noqa: SLF001
-        abaqus.read, abaqus._read_nodes = refuse, nodes  # noqa: SLF001
-        try:
-            yield
-        finally:
-            abaqus.read, abaqus._read_nodes = read, read_nodes  # noqa: SLF001
 
 
 def _reason(error: BaseException, said: str) -> str:
@@ -297,15 +269,23 @@ def _groups(path: Path, raw: Any, blocks: list[tuple[str, Ints]]) -> Iterator[tu
     names = _physical_names(path) if path.suffix.lower() == ".msh" else {}
     for i, tags in enumerate(raw.cell_data.get("gmsh:physical", ())):
         for tag in np.unique(tags[np.asarray(tags) != 0]).tolist():
-            name = names.get((DIMENSION.get(blocks[i][0], -1), int(tag)), str(int(tag)))
+            name = names.get((DIMENSION.get(blocks[i][0], -1), abs(int(tag))), str(int(tag)))
             add(name, i, np.flatnonzero(tags == tag))
     for key, by_block in raw.cell_data.items():
         prefix = next((prefix for prefix in CELL_SETS if key.startswith(prefix)), None)
         for i, flags in enumerate(by_block if prefix else ()):
             if prefix and DIMENSION.get(blocks[i][0]) == CELL_SETS[prefix]:
-                add(key.removeprefix(prefix), i, np.flatnonzero(flags))
+                add(key.removeprefix(prefix), i, _flagged(flags, f"{path}, '{key}'"))
     for (name, dimension), chosen in found.items():
         yield name, dimension, [(i, np.array(sorted(rows), dtype=np.int64)) for i, rows in chosen.items()]
+
+
+def _flagged(flags: Any, where: str) -> Ints:
+    """The numbers whose flag is 1."""
+    if np.ndim(flags) != 1 or not np.isin(flags, (0, 1)).all():
+        got = f"numbers from {np.min(flags):g} to {np.max(flags):g} in an array {np.shape(flags)}"
+        raise MeshError(Fault("this is no set", where, got, "0 or 1 for each node or cell"))
+    return np.flatnonzero(flags)
 
 
 def _physical_names(path: Path) -> dict[tuple[int, int], str]:

@@ -159,10 +159,12 @@ class _Reader:
 
     def mapping(self, node: MappingNode, path: KeyPath) -> dict[str, Any]:
         found: dict[str, Any] = {}
-        merged: dict[str, Any] = {}
+        merged: dict[str, Any] | None = None
         for key_node, value_node in node.value:
             if key_node.tag == _MERGE:
-                merged = {**self.merged(value_node, path), **merged}
+                if merged is not None:
+                    self.add(path, key_node, "the key appears twice", "a second <<", "<<: [*a, *b]")
+                merged = {**self.merged(value_node, path), **(merged or {})}
                 continue
             key = str(key_node.value)
             if (
@@ -181,7 +183,7 @@ class _Reader:
                 continue
             self.lines[here] = _line(key_node)
             found[key] = self.value(value_node, here)
-        return {**merged, **found}
+        return {**(merged or {}), **found}
 
     def merged(self, node: Node, path: KeyPath) -> dict[str, Any]:
         """The entries that `<<` adds: of a mapping, or of several, of which the first has precedence."""

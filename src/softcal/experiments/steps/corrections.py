@@ -73,9 +73,11 @@ def detrend(dataset: Dataset, channel: str, *, at: Literal["returns", "ends"] = 
     Raises
     ------
     DatasetError
-        If there is no time, or for `returns` fewer than two cycles.
+        If there is no time, for the time itself, or for `returns` fewer than two cycles.
     """
     time, values = dataset.values("time"), dataset.values(channel)
+    if channel == "time":
+        raise DatasetError(Fault("the time has no drift over itself", dataset.name, "channel time", "another channel"))
     if at == "ends":
         anchors = np.array([0, dataset.n_samples - 1])
         levels = values[anchors]

@@ -36,7 +36,7 @@ def pulley_gain(branch: Branch, exponent: float) -> tuple[float, float]:
 
 @register_step(
     keeps_gaps=True,
-    n_pulleys=Setting("count"),
+    n_pulleys=Setting("count", of="pulleys"),
     friction_coefficient=Setting("friction coefficient"),
     wrap_angle=Setting("angle"),
     branch=BRANCH,

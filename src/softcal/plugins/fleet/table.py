@@ -261,7 +261,8 @@ class _RowReader:
         set_by: dict[str, list[str]] = {}
         for one in self.columns:
             for key in (one.name, *one.keys) if one.factor else one.keys or (one.name,):
-                set_by.setdefault(key, []).append(f"'{one.header}'")
+                parameter = re.sub(r"^robot\.\w+\.", "", key)  # bar.density of robot.bodies.bar.density
+                set_by.setdefault(parameter, []).append(f"'{one.header}'")
         for headers in set_by.values():
             if len(headers) > 1:
                 what = f"{'two' if len(headers) == 2 else 'several'} columns mean the same"

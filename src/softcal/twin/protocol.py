@@ -245,9 +245,7 @@ def command_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
         if command.control == "tension" and command.values.min(initial=0.0) < 0.0:
             low = float(command.values.min())
             faults.append(Fault("a cable cannot push", where=f"{name}.tension", got=f"{low:.4g} N", allowed=">= 0 N"))
-        elif fault := QUANTITIES[command.control].fault(float(command.values.max()), f"{name}.{command.control}"):
-            faults.append(fault)
-        if command.control == "shortening" and command.values.max(initial=0.0) >= length:
+        elif command.control == "shortening" and command.values.max(initial=0.0) >= length:
             high = float(command.values.max())
             faults.append(
                 Fault(
@@ -257,4 +255,6 @@ def command_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
                     allowed=f"< {1e3 * length:.4g} mm",
                 )
             )
+        elif fault := QUANTITIES[command.control].fault(float(command.values.max()), f"{name}.{command.control}"):
+            faults.append(fault)
     return faults

@@ -85,6 +85,8 @@ def _numbers(
     if n_masked := _n_masked(values):
         attempt = "drop these rows, or .filled(value)" + (", NaN for a missing one" if missing else "")
         raise InputError(Fault("masked values are no numbers", name, f"{n_masked} masked", of, attempt))
+    if unit := _unit_of(values):
+        raise InputError(Fault("these have a unit of their own", name, unit, f"{of} in SI", "their magnitude in SI"))
     try:
         n = length_hint(values)  # before it is made, such as of a range
         array = np.asarray(values if n <= _MOST else np.broadcast_to(0, n))
@@ -124,6 +126,15 @@ def _n_masked(values: object, levels: int = 64) -> int:
         entries: Sequence[object] = values
         return sum(_n_masked(one, levels - 1) for one in entries)
     return 0
+
+
+def _unit_of(values: object, levels: int = 64) -> str:
+    """The unit that an array of a library of quantities has, or an entry of a list; NumPy drops it. "" without one."""
+    if isinstance(values, list | tuple) and levels:
+        entries: Sequence[object] = values
+        return next((unit for one in entries if (unit := _unit_of(one, levels - 1))), "")
+    unit = None if isinstance(values, float | int) else getattr(values, "units", getattr(values, "unit", None))
+    return "" if unit is None else f"{unit}" or "no dimension"
 
 
 def read_only(values: Of) -> Of:

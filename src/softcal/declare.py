@@ -22,6 +22,7 @@ from typing import (
     Annotated,
     Any,
     Literal,
+    NoReturn,
     ParamSpec,
     Protocol,
     TypeVar,
@@ -141,6 +142,18 @@ def _argument_hints(function: Callable[..., Any]) -> dict[str, Any]:
 _MANY = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 
+class FixedMapping(dict[Any, Any]):
+    """A mapping that is as read-only as the arrays of a frozen object: what is built of it would not follow."""
+
+    def _refused(self, *_: object, **__: object) -> NoReturn:
+        raise TypeError("a part is not changed once it is made: dataclasses.replace makes another one")
+
+    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refused  # pyright: ignore[reportAssignmentType, reportIncompatibleMethodOverride]
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (dict(self),)
+
+
 def as_annotated(value: Any, hint: Any, where: str) -> Any:
     """A value [SI] of Python's, as a field of an annotation keeps it.
 
@@ -181,17 +194,20 @@ def _kept(value: Any, hint: Any, where: str, faults: list[Fault], *, has_range: 
         given: Mapping[Any, Any] = value
         if of[0] is str and (others := [key for key in given if not isinstance(key, str)]):
             faults.append(Fault("a name is of the wrong kind", where, shown(others[0]), "text"))
-        return {key: _kept(one, of[1], f"{where}.{key}", faults) for key, one in given.items()}
+        return FixedMapping({key: _kept(one, of[1], f"{where}.{key}", faults) for key, one in given.items()})
     if not _fits(value, hint):
         faults.append(Fault("this is of the wrong kind", where, shown(value), _in_words(hint)))
     elif hint is str and "\0" in value:
         faults.append(Fault("a zero byte is no text", where, shown(value)))
-    elif hint is float and not _is_finite(value) and not (has_range and not isinstance(value, Integral)):
-        faults.append(Fault("this is not finite", where, shown(value), _in_words(hint)))
+    elif hint in (float, int):  # kept in Python's arithmetic: that of NumPy's short floats rounds, or overflows
+        plain = int(value) if isinstance(value, Integral) else float(value)
+        if hint is float and not _is_finite(plain) and not (has_range and isinstance(plain, float)):
+            faults.append(Fault("this is not finite", where, shown(value), _in_words(hint)))
+        return plain
     return value
 
 
-def _is_finite(value: Real) -> bool:
+def _is_finite(value: float) -> bool:
     try:
         return math.isfinite(value)
     except OverflowError:  # a whole number beyond all floats
@@ -203,9 +219,11 @@ def _path_fault(value: object) -> str:
     if not isinstance(value, str | os.PathLike):
         return ""
     try:
-        raw = os.fsencode(value)
+        raw = os.fsencode(Path(value))
     except UnicodeEncodeError:
         return "half a character is no text"
+    except Exception:  # noqa: BLE001 (whatever an object of a caller's does)
+        return "this is no path of text"
     is_long = len(raw) >= 4096 or max(map(len, raw.replace(b"\\", b"/").split(b"/"))) > 255
     return "a zero byte is no text" if b"\0" in raw else "this path is too long" * is_long
 

@@ -1,4 +1,4 @@
-"""Helpers of softcal and external programs in separate process groups, terminated on timeout, and when softcal is
+"""Helpers of softcal and external programs in process groups of their own, terminated on timeout, and when softcal is
 stopped or killed.
 
 No Python that is started here takes modules from the present folder, which may be a stranger's project.
@@ -19,14 +19,8 @@ from typing import Any
 SAFE = {"PYTHONSAFEPATH": "1"}
 """Variable with which a Python, and what it starts, does not take modules from the present folder."""
 
-# Reads the process group to terminate, then blocks on its pipe until the system closes it when the parent ends.
-_WATCH = """
-import os, signal, sys
-group = sys.stdin.readline()
-sys.stdin.read()
-if group:
-    getattr(os, "killpg", os.kill)(int(group), getattr(signal, "SIGKILL", signal.SIGTERM))
-"""
+# Blocks on its pipe until the system closes it when the parent ends, then terminates its process group.
+_WATCH = "import os, signal, sys; sys.stdin.read(); os.killpg(0, signal.SIGKILL)"
 
 
 def exit_code(
@@ -130,29 +124,24 @@ def _environment() -> dict[str, str]:
 @contextlib.contextmanager
 def _guarded(command: Sequence[str], **options: Any) -> Generator[subprocess.Popen[Any]]:
     """A running program, terminated at the end of this block, and with this process even if that is killed."""
-    # The watchdog is started before the program and stopped first, so that it covers the program's whole life.
-    with subprocess.Popen(
-        [sys.executable, "-I", "-S", "-c", _WATCH], bufsize=0, stdin=subprocess.PIPE, start_new_session=True
-    ) as watch:
+    # The program joins the group of its watch as it starts: there is no moment in which nothing would end it. A child
+    # holds the watch's pipe until it has joined.
+    with subprocess.Popen([sys.executable, "-I", "-S", "-c", _WATCH], stdin=subprocess.PIPE, process_group=0) as watch:
         try:
-            with subprocess.Popen(command, start_new_session=True, **options) as process:
+            with subprocess.Popen(command, process_group=watch.pid, **options) as process:
                 try:
-                    assert watch.stdin is not None  # noqa: S101
-                    with contextlib.suppress(BrokenPipeError):  # a watch that died: the program is still ended here
-                        watch.stdin.write(f"{process.pid}\n".encode())
                     yield process
                 finally:
-                    _end(process)
+                    if process.poll() is None:
+                        _end(process, watch.pid)
         finally:
             watch.kill()
 
 
-def _end(process: subprocess.Popen[Any]) -> None:
-    if process.poll() is not None:
-        return
+def _end(process: subprocess.Popen[Any], group: int) -> None:
     with contextlib.suppress(ProcessLookupError):
         if hasattr(os, "killpg"):
-            os.killpg(process.pid, signal.SIGKILL)
+            os.killpg(group, signal.SIGKILL)
         else:
             process.kill()
     process.wait()

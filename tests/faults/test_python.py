@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
+import pickle
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pint
 import pytest
 from faults.case import Case, assert_proper, parts
 from project_case import bar_mesh, bar_robot, write_project
@@ -23,6 +27,17 @@ class Broken:
     """Something that NumPy asks for an array, and that fails."""
 
     def __array__(self, *_: object, **__: object) -> None:
+        raise RuntimeError("no")
+
+
+class WithUnit(np.ndarray):
+    """An array as libraries of units have it, whose unit NumPy drops."""
+
+    unit = "mN"
+
+
+class NoPath:
+    def __fspath__(self) -> str:
         raise RuntimeError("no")
 
 
@@ -55,6 +70,9 @@ ARRAYS: Mapping[str, Callable[[], Any]] = {
     "records": lambda: np.zeros(2, [("a", float)]),
     "masked values": lambda: np.ma.array([0.5, 1.0], mask=[False, True]),
     "masks in a list": lambda: [0.5, np.ma.masked],
+    "quantities with a unit": lambda: pint.Quantity(np.array([0.5, 1.0]), "mN"),
+    "a list of quantities": lambda: [pint.Quantity(np.array([0.5, 1.0]), "mN")] * 2,
+    "an array of a library of units": lambda: np.array([0.5, 1.0]).view(WithUnit),
     "not finite": lambda: np.array([0.5, np.inf]),
     "an integer of many digits": lambda: [0, 10**400],
     "rows of two lengths": lambda: [[0.5], [0.5, 1.0]],
@@ -76,7 +94,19 @@ ARRAYS: Mapping[str, Callable[[], Any]] = {
 
 def body(**changes: Any) -> object:
     settings: dict[str, Any] = {"fixed": [0], "parameters": {"youngs_modulus": 1e6, "poissons_ratio": 0.4}, **changes}
-    return api.Body("a", bar_mesh(), **settings)
+    return api.Body(**{"name": "a", "mesh": bar_mesh(), **settings})
+
+
+def live() -> Any:
+    """A state of a twin that is driven."""
+    return api.LiveTwin(bar_robot()).at({"front": 0.001})
+
+
+def floating() -> object:
+    """A robot of which nothing is fixed."""
+    robot = bar_robot()
+    bodies = tuple(replace(body, fixed=[]) for body in robot.bodies)
+    return api.simulate(replace(robot, bodies=bodies), api.pull(robot, "front", "shortening", 0.006))
 
 
 # Where arrays come in.
@@ -123,6 +153,37 @@ CALLS: Mapping[str, Callable[[], object]] = {
             "a cell of a sweep": lambda n: api.sweep("project.yaml", over={"bar.youngs_modulus": [n]}),
         }.items()
     },
+    "a tension beyond all": lambda: api.LiveTwin(bar_robot(), "tension").at({"front": 1e300}),
+    "fifty million samples": lambda: api.Command("tension", np.broadcast_to(0.5, (49_999_999,))),
+    "a robot that floats": floating,
+    "a helix of two nodes": lambda: api.helix((0, 0, 0), (0, 0, 1), diameter=0.02, pitch=0.01, turns=20.0, at=2),
+    "an uncertainty below zero": lambda: api.UncertainParameter("bar.youngs_modulus", "Pa", -1.0),
+    "no project to validate": lambda: api.validate({}),
+    "an option that an export has not": lambda: api.write_export(
+        "sofa", api.ExportRequest(api.load("project.yaml")), "out", colour=3
+    ),
+    "an option of an export of another kind": lambda: api.write_export(
+        "reduced", api.ExportRequest(api.load("project.yaml")), "out", samples="many"
+    ),
+    "a path that is none": lambda: api.simulate(NoPath()),
+    "a live twin that is pickled": lambda: pickle.dumps(api.LiveTwin(bar_robot())),
+    "a live state that is pickled": lambda: pickle.dumps(live()),
+    "a live twin that is copied": lambda: copy.deepcopy(api.LiveTwin(bar_robot())),
+    "a derivative of no channel": lambda: live().by_commands()["nobody", "front.shortening"],
+    "a derivative by nobody": lambda: live().by_commands()["front.tension", "nobody"],
+    "a derivative of one name": lambda: live().by_commands()["front.tension"],
+    "rows of one name": lambda: live().by_commands().of("front.tension"),
+    "derivatives by a list": lambda: live().by_parameters(["bar.youngs_modulus"]),
+    **{
+        f"a {what} called {name[:10]!r}": lambda make=make, name=name: make(name)
+        for what, make in {
+            "body": lambda name: body(name=name),
+            "cable": lambda name: replace(bar_robot().cables[0], name=name),
+            "plate": lambda name: api.Plate(name, {"bar": [1]}, [0.0, 0.0, 0.0]),
+            "material": lambda name: api.Material(name, [1], {"youngs_modulus": 1e6}),
+        }.items()
+        for name in ("", "a b", "a\nb", "../x", "<b>", "=1+1", "1a", "a" * 500, "rig", "con", "\u202eabc")
+    },
     "a float beyond all others": lambda: api.Command("tension", np.array([np.longdouble("1e4000")])),
     **{
         f"{what} to {name}": lambda use=use, path=path: use(path)
@@ -143,6 +204,20 @@ CALLS: Mapping[str, Callable[[], object]] = {
     },
 }
 CALL_CASES = [Case("Python", name, call, files=write_project) for name, call in CALLS.items()]
+
+
+def in_threads() -> None:
+    """One live twin in three threads, each of which gets the states of its own commands."""
+    twin, alone = api.LiveTwin(bar_robot()), api.LiveTwin(bar_robot())
+    pulls = (0.001, 0.004, 0.009, 0.002)
+    tensions = {pull: alone.at({"front": pull}).channels["front.tension"] for pull in pulls}
+    with ThreadPoolExecutor(3) as threads:
+        states = threads.map(lambda pull: (pull, twin.at({"front": pull})), pulls * 15)
+        for pull, state in states:
+            np.testing.assert_allclose(state.channels["front.tension"], tensions[pull], rtol=1e-6)
+
+
+CALL_CASES.append(Case("Python", "a live twin in three threads", in_threads, ("solved",)))
 
 
 @pytest.mark.parametrize("case", parts([*ARRAY_CASES, *CALL_CASES]))

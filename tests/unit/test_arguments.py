@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -98,6 +102,39 @@ def test_arrays_are_what_they_say_or_refused() -> None:
     mesh = softcal.box_mesh((1.0, 1.0, 1.0), (1, 1, 1))
     with pytest.raises(InputError, match=r"tets: these are not whole numbers; got floats\. Try: \.astype\(int\)"):
         softcal.TetMesh(mesh.points, mesh.tets.astype(float))
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32, np.longdouble, Fraction])
+def test_numbers_of_other_kinds_are_computed_with_as_floats(kind: Any) -> None:
+    body = bar_robot().bodies[0]
+    ratio, density = kind(0.25), kind(100)
+    robot = replace(bar_robot(), bodies=(replace(body, density=density),), gravity=[0.0, 0.0, -9.81])
+    as_floats = replace(robot, bodies=(replace(body, density=100.0),))
+    name = "bar.poissons_ratio"
+    channels = softcal.simulate(robot, PULL, {name: ratio}).channels
+    same = softcal.simulate(as_floats, PULL, {name: 0.25}).channels
+    assert channels["front.tension"].tolist() == same["front.tension"].tolist()
+    assert type(softcal.FreeParameter(name, "1", kind(0), ratio).upper) is float
+
+
+def test_what_a_part_is_made_of_does_not_change_under_it() -> None:
+    robot = bar_robot()
+    for mapping in (robot.bodies[0].parameters, robot.plates[0].nodes, PULL.commands):
+        values: Any = mapping
+        for change in (lambda v: v.update(a=1), lambda v: v.pop(next(iter(v))), lambda v: v.__setitem__("a", 1)):
+            with pytest.raises(TypeError, match=r"dataclasses\.replace"):
+                change(values)
+        assert pickle.loads(pickle.dumps(values)).keys() == copy.deepcopy(values).keys() == values.keys()
+
+
+def test_a_run_is_not_begun_with_files_that_are_no_longer_those_of_the_project(tmp_path: Path) -> None:
+    project = softcal.load(write_project(tmp_path))
+    data = tmp_path / "data" / "pull.csv"
+    data.write_text(data.read_text() + "9.9,22.0,9.0,3.0\n")
+    (tmp_path / "bar.msh").unlink()
+    with pytest.raises(InputError, match=r"(?s)bar\.msh: .*pull\.csv: the file has changed or gone since .* loaded"):
+        softcal.calibrate(project, out=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_test_that_is_read_twice_is_found() -> None:

@@ -29,6 +29,22 @@ COMMAND = ["sh", "-c", {command!r}]
 """
 
 
+# Is killed in the moment in which it has started a program.
+KILLED_AT_ONCE = """
+import os, signal, subprocess
+from pathlib import Path
+from softcal import processes
+class Popen(subprocess.Popen):
+    def __init__(self, command, **options):
+        super().__init__(command, **options)
+        if command == ["sleep", "100"]:
+            Path("started").write_text(str(self.pid))
+            os.kill(os.getpid(), signal.SIGKILL)
+subprocess.Popen = Popen
+processes.run(["sleep", "100"], timeout=100)
+"""
+
+
 def are_running(numbers: list[int]) -> bool:
     states = [Path(f"/proc/{number}/stat") for number in numbers]
     return any(state.exists() and state.read_text().rpartition(")")[2].split()[0] != "Z" for state in states)
@@ -51,7 +67,6 @@ def test_they_end_with_a_process_that_is_killed(tmp_path: Path, call: str, numbe
         assert wait_for((tmp_path / "started").exists), "they were never started"
         started = [int(word) for word in (tmp_path / "started").read_text().split()]
         assert are_running(started)
-        time.sleep(0.5)  # a program runs for a moment before its watch has its number, longer on a loaded machine
         parent.send_signal(number)
         assert parent.wait(20) == -number
         try:
@@ -63,6 +78,18 @@ def test_they_end_with_a_process_that_is_killed(tmp_path: Path, call: str, numbe
     finally:
         parent.kill()
         parent.wait()
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks into /proc")
+def test_they_end_with_a_process_that_is_killed_as_it_starts_them(tmp_path: Path):
+    done = subprocess.run([sys.executable, "-c", KILLED_AT_ONCE], cwd=tmp_path, check=False)
+    assert done.returncode == -signal.SIGKILL
+    started = [int((tmp_path / "started").read_text())]
+    try:
+        assert wait_for(lambda: not are_running(started))
+    finally:
+        if are_running(started):
+            os.kill(started[0], signal.SIGKILL)
 
 
 def test_they_end_when_they_take_too_long(tmp_path: Path):

@@ -146,6 +146,23 @@ def test_sessions_beyond_those_of_many_browsers_are_refused():
     assert ask("", "/", app=app)[0] == 200
 
 
+@pytest.mark.parametrize(("first", "asked"), [("http.disconnect", []), ("http.request", ["http.request", "then"])])
+def test_a_browser_that_has_hung_up_is_not_answered(first: str, asked: list[str]):
+    """Engine.IO's answer would be a traceback."""
+    received = []
+    messages = [{"type": "then"}, {"type": first}]
+
+    async def inner(scope: Any, receive: Any, send: Any) -> None:
+        received.extend([(await receive())["type"], (await receive())["type"]])
+
+    async def receive() -> Any:
+        return messages.pop()
+
+    scope = {"type": "http", "path": PATHS[4], "method": "GET", "query_string": b"sid=1"}
+    asyncio.run(Packets(inner, SimpleNamespace(sockets={}))(scope, receive, inner))  # type: ignore[arg-type]
+    assert received == asked
+
+
 def test_the_page_may_load_nothing_from_elsewhere():
     policy = ask("")[2]["content-security-policy"]
     assert "default-src 'none'" in policy

@@ -44,7 +44,7 @@ def print_results(
     """
     if not results:
         return
-    from softcal.project.names import JOINT
+    from softcal.names import JOINT
     from softcal.report.content import first_label, judged
     from softcal.report.first_screen import FirstScreen, three_sentences
     from softcal.report.format import worst

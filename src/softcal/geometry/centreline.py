@@ -144,7 +144,7 @@ def helix(
     Raises
     ------
     MeshError
-        Where a measure is out of range, or `towards` is along the axis.
+        Where a measure is out of range, a turn has fewer than four elements, or `towards` is along the axis.
     """
     faults = [
         Fault(f"a helix's {name} must be positive", name, got=f"{value:.6g}", allowed="> 0")
@@ -161,6 +161,9 @@ def helix(
         e2 = -e2
     radius, climb = diameter / 2.0, pitch / (2.0 * math.pi)
     angle = 2.0 * math.pi * turns * _fractions(at)
+    if (widest := float(np.diff(angle).max())) > 0.5 * math.pi * (1.0 + 1e-9):
+        got, allowed = f"{2.0 * math.pi / widest:.3g} elements in a turn", "4 or more"
+        raise MeshError(Fault("a helix is too coarse for its turns", "at", got, allowed))
     per_angle = math.hypot(radius, climb)
     outwards = np.cos(angle)[:, None] * e1 + np.sin(angle)[:, None] * e2
     around = np.cos(angle)[:, None] * e2 - np.sin(angle)[:, None] * e1

@@ -28,6 +28,7 @@ equilibrium, from the beginning; a warm step to the same commands then makes the
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from threading import RLock
 
 import numpy as np
 
@@ -78,10 +79,12 @@ class WarmSteps:
         The last equilibrium, from which the next step starts.
     n_iterations
         Number of iterations of the last step; 0 where the march was needed.
+    turn
+        Of the threads that use it, one at a time.
     """
 
     def __init__(self, statics: Statics, begin: Reached) -> None:
-        self.statics, self.begin = statics, begin
+        self.statics, self.begin, self.turn = statics, begin, RLock()
         self.reset()
 
     def reset(self) -> None:

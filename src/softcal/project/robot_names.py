@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from softcal.limits import LIMITS
+from softcal.names import folded, part_name_fault
 from softcal.project.document import Document, Findings
-from softcal.project.names import RESERVED_OF_PARTS, folded, name_fault
 from softcal.project.robot_schema import RobotSection
 from softcal.project.section import validated
 from softcal.twin.manipulator import Manipulator
@@ -48,9 +48,7 @@ def check_part_names(section: RobotSection, findings: Findings) -> None:
     for kind in KINDS:
         for name in getattr(section, kind):
             path = ("robot", kind, name)
-            if not name.isidentifier():
-                findings.add(path, "this cannot be a name", got=repr(name), allowed="letters, digits and _")
-            elif (fault := name_fault(name, RESERVED_OF_PARTS)) is not None:
+            if fault := part_name_fault(name):
                 findings.add(path, fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
             if folded(name) in seen:
                 got = f"'{name}', first as {seen[folded(name)]}"

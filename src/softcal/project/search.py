@@ -251,19 +251,21 @@ def _free(name: str, section: ParameterSection, unit: str, path: KeyPath, findin
             numbers[".".join(map(str, key))] = parse_quantity(value, unit)
     if len(numbers) < len(given) + sum(value is not None for value in optional.values()):
         return None
-    return FreeParameter(
-        name,
-        unit,
-        numbers["bounds.0"],
-        numbers["bounds.1"],
-        section.scale,
-        numbers.get("start"),
-        per_experiment=section.per == "experiment",
-        prior_mean=numbers.get("prior.mean"),
-        prior_sd=numbers.get("prior.sd"),
-        of=tuple(section.of or ()),
-        per_set_up=section.per == "set_up",
-    )
+    with findings.at((*path, "of") if section.of else path):
+        return FreeParameter(
+            name,
+            unit,
+            numbers["bounds.0"],
+            numbers["bounds.1"],
+            section.scale,
+            numbers.get("start"),
+            per_experiment=section.per == "experiment",
+            prior_mean=numbers.get("prior.mean"),
+            prior_sd=numbers.get("prior.sd"),
+            of=tuple(section.of or ()),
+            per_set_up=section.per == "set_up",
+        )
+    return None
 
 
 def quantity_of(name: str) -> Quantity | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -15,16 +15,16 @@ from softcal.experiments.prepare import PlannedStep
 from softcal.limits import LIMITS
 from softcal.materials.catalogue import LAWS
 from softcal.materials.infill import PrintInfill
+from softcal.names import RESERVED_OF_TESTS, folded, name_fault
 from softcal.project.bench_names import experiments_named
 from softcal.project.bench_plan import check_headers, plan_bench
 from softcal.project.bench_schema import ExperimentSection
 from softcal.project.calibration_schema import CalibrationSection, ParameterSection, UncertainSection
 from softcal.project.candidate_schema import CandidateSection
-from softcal.project.document import Document, Findings
+from softcal.project.document import Document, Findings, KeyPath
 from softcal.project.files import InputFiles
 from softcal.project.law_schema import OwnLawSection, register_laws
 from softcal.project.mesh_schema import MeshFile
-from softcal.project.names import RESERVED_OF_TESTS, check_names
 from softcal.project.robot_names import check_part_names, part_names
 from softcal.project.robot_schema import BodySection, RobotSection
 from softcal.project.search import Wanted, build_search, check_kinds, check_owners, wanted_by
@@ -242,10 +242,10 @@ def _check_names(document: Document, experiments: Mapping[str, ExperimentSection
     tests = document.mapping("experiments")
     candidates = document.mapping("candidates")
     names = {name: ("experiments", name) for name in tests} | {name: ("candidates", name) for name in candidates}
-    check_names(names, findings, RESERVED_OF_TESTS)
+    _check_allowed(names, findings, RESERVED_OF_TESTS)
     for name in set(tests) & set(candidates):
         findings.add(("candidates", name), "an experiment has the name of the candidate", got=f"'{name}'")
-    check_names(
+    _check_allowed(
         {one.set_up: ("experiments", name, "set_up") for name, one in experiments.items() if one.set_up},
         findings,
         RESERVED_OF_TESTS,
@@ -253,6 +253,27 @@ def _check_names(document: Document, experiments: Mapping[str, ExperimentSection
     for section, reserved in (("parameters", ()), ("uncertain", RESERVED)):
         given = document.mapping(section)
         tied = [name for name, one in given.items() if isinstance(one, dict) and one.get("of")]
-        check_names({name: (section, name) for name in tied}, findings, reserved)
+        _check_allowed({name: (section, name) for name in tied}, findings, reserved)
     if fault := LIMITS["experiments"].fault(len(tests)):
         findings.add(("experiments",), fault.what, got=fault.got, allowed=fault.allowed)
+
+
+def _check_allowed(names: Mapping[str, KeyPath], findings: Findings, reserved: Iterable[str] = ()) -> None:
+    """Record names that are not allowed, and names that differ only in capitals, which a file system may not
+    distinguish.
+
+    Parameters
+    ----------
+    names
+        Key path by name.
+    findings
+        Collects the faults and warnings.
+    reserved
+        Names that softcal uses for its own files and columns.
+    """
+    seen: dict[str, str] = {}
+    for name, path in names.items():
+        if (fault := name_fault(name, reserved)) is not None:
+            findings.add(path, fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
+        elif (other := seen.setdefault(folded(name), name)) != name:
+            findings.add(path, "two names differ only in capitals", got=f"'{other}' and '{name}'")

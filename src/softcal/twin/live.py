@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, wraps
+from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar, runtime_checkable
 from typing import Protocol as Shape
-from typing import runtime_checkable
 
 import numpy as np
 
 from softcal.checks import Floats, ReadOnly
-from softcal.declare import OrInfinite, checked_arguments
+from softcal.declare import OrInfinite, as_annotated, checked_arguments
 from softcal.display import displayed
-from softcal.errors import Fault, ParameterError, SimulationError, unknown
+from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.march import Reached, Target, by_command
 from softcal.mechanics.node import by_parameters
@@ -63,13 +63,33 @@ class Jacobian(ReadOnly):
     values: Floats
 
     def __getitem__(self, entry: tuple[str, str]) -> float:
-        """One derivative, by channel and name."""
-        channel, name = entry
-        return float(self.values[self.channels.index(channel), self.names.index(name)])
+        """One derivative, by channel and name.
+
+        Raises
+        ------
+        InputError
+            For a channel or a name that there is not.
+        """
+        channel, name = as_annotated(entry, tuple[str, str], "entry")
+        return float(self.of([channel])[0, _number(name, self.names, "by this there is no derivative")])
 
     def of(self, channels: Sequence[str]) -> Floats:
-        """The rows of some channels (n, n_names), in their order."""
-        return self.values[[self.channels.index(channel) for channel in channels]]
+        """The rows of some channels (n, n_names), in their order.
+
+        Raises
+        ------
+        InputError
+            For a channel that there is not.
+        """
+        names = as_annotated(channels, Sequence[str], "channels")
+        return self.values[[_number(name, self.channels, "there is no such channel") for name in names]]
+
+
+def _number(name: str, names: Sequence[str], what: str) -> int:
+    """The number of a row or column."""
+    if name not in names:
+        raise ParameterError(unknown(what, "", name, names))
+    return names.index(name)
 
 
 @displayed
@@ -124,7 +144,7 @@ class LiveState:
         SimulationError
             Where the tangent is singular.
         """
-        return self._place.by_parameters(names)
+        return self._place.by_parameters(as_annotated(names, tuple[str, ...], "names"))
 
     @cached_property
     def shape(self) -> Snapshot:
@@ -137,8 +157,31 @@ class LiveState:
         return self._place.warnings()
 
 
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def _in_turn(method: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[Any, P], R]:
+    """The method, which waits for those that other threads call: a twin and its states have one factorisation."""
+
+    @wraps(method)
+    def alone(self: Any, *args: P.args, **kwargs: P.kwargs) -> R:
+        with self._steps.turn:
+            return method(self, *args, **kwargs)
+
+    return alone
+
+
+class _InOneProcess:
+    """Base of what has a factorisation, which is neither copied nor pickled."""
+
+    def __reduce__(self) -> NoReturn:
+        attempt = "a LiveTwin of the same robot there; of a state, its channels"
+        raise InputError(Fault("a live twin cannot be copied or sent to another process", attempt=attempt))
+
+
 @displayed
-class LiveTwin:
+class LiveTwin(_InOneProcess):
     """A robot's equilibrium that follows commands, one state after the other, at the cost of a kept factorisation.
 
     A state is that of `simulate` at its commands. Where the robot snaps, or remembers (friction with a memory,
@@ -206,6 +249,7 @@ class LiveTwin:
         """The present equilibrium."""
         return self._state
 
+    @_in_turn
     def reset(self) -> LiveState:
         """Return to rest: under the loads, all cables slack, nothing remembered."""
         self._steps.reset()
@@ -214,6 +258,7 @@ class LiveTwin:
         status = f"At rest, all cables slack.{self._at_rest}"
         return self._moved_to(place, {}, self._values(place, None), status, n)
 
+    @_in_turn
     @checked_arguments
     def at(self, commands: Mapping[str, float], elapsed: OrInfinite = np.inf) -> LiveState:
         """Move to commands.
@@ -264,7 +309,7 @@ class LiveTwin:
     def _place(self, state: State, aim: Target, reached: Reached, shortenings: Mapping[str, float]) -> _Place:
         return _Place(
             twin=self._twin,
-            steps=self._steps,
+            _steps=self._steps,
             state=state,
             aim=aim,
             reached=reached,
@@ -319,31 +364,33 @@ class LiveTwin:
 
 
 @dataclass(frozen=True)
-class _Place:
+class _Place(_InOneProcess):
     """The place of a live twin: the equilibrium with the memory before its step, and the sample that the step reached.
 
     names: parameters by which the memory has derivatives.
     """
 
     twin: Twin
-    steps: WarmSteps
+    _steps: WarmSteps
     state: State
     aim: Target
     reached: Reached
     shortenings: Mapping[str, float]
     names: tuple[str, ...]
 
+    @_in_turn
     def by_commands(self) -> Jacobian:
-        statics, now, target = self.steps.statics, self.reached.controls, self.aim.controls
+        statics, now, target = self._steps.statics, self.reached.controls, self.aim.controls
         cables = cables_of(self.twin.system).names
         first = cables_of(self.twin.system).first
         numbers = np.arange(len(cables)) + first
         labels = tuple(self._label(name, bool(target.is_held[i])) for name, i in zip(cables, numbers, strict=True))
-        self.steps.factorise(self.state, now)
+        self._steps.factorise(self.state, now)
         dz = by_command(statics, self.state, now, target, numbers)
         own = {name: (np.array(labels) == self._label(name, False)).astype(float) for name in self.shortenings}
         return self._jacobian(labels, sense_rates(self.twin, self.state, statics.theta, dz, (), own))
 
+    @_in_turn
     def by_parameters(self, names: tuple[str, ...]) -> Jacobian:
         known = robot_parameters(self.twin.robot)
         faults = [unknown_name(name, known) for name in names if name not in known]
@@ -360,8 +407,8 @@ class _Place:
             ]
         if faults:
             raise ParameterError(faults)
-        statics, now = self.steps.statics, self.reached.controls
-        self.steps.factorise(self.state, now)
+        statics, now = self._steps.statics, self.reached.controls
+        self._steps.factorise(self.state, now)
         dz = by_parameters(statics, self.state, now, names)
         own = {name: np.zeros(len(names)) for name in self.shortenings}
         return self._jacobian(names, sense_rates(self.twin, self.state, statics.theta, dz, names, own))
@@ -370,8 +417,8 @@ class _Place:
         return snapshot(self.twin, self.state, dict(commands), 0.0, "")
 
     def warnings(self) -> tuple[str, ...]:
-        system, theta, x = self.twin.system, self.steps.statics.theta, self.state.x
-        begin = cables_of(system).lengths(self.steps.begin.state.x)
+        system, theta, x = self.twin.system, self._steps.statics.theta, self.state.x
+        begin = cables_of(system).lengths(self._steps.begin.state.x)
         skins = self.twin.skins
         crossed = "" if skins is None else crossed_at([("these commands", skins.crossings(x))])
         out = drawn_out_at([("these commands", drawn_out(system, theta, begin, self.state))])

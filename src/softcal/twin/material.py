@@ -10,6 +10,7 @@ import numpy as np
 
 from softcal.arrays import Numbers
 from softcal.checks import require_below
+from softcal.declare import FixedMapping
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.materials.inelastic import History
@@ -34,6 +35,10 @@ class Material(NamedPart):
     elements: Numbers
     parameters: Mapping[str, float]
     density: Density = 0.0
+
+    @property
+    def _own_name(self) -> str:
+        return self.name.rpartition(".")[2]
 
 
 class Deformable(Protocol):
@@ -73,7 +78,7 @@ def complete_materials(part: Deformable, n_elements: int, of: str) -> None:
     """
     constants, past = part.constants, part.past
     own = complete(part.parameters, constants, owner=part.name)
-    object.__setattr__(part, "parameters", own)
+    object.__setattr__(part, "parameters", FixedMapping(own))
     inclusions = (
         replace(one, parameters=complete({**own, **one.parameters}, constants, owner=f"{part.name}.{one.name}"))
         for one in part.inclusions

@@ -13,6 +13,8 @@ from softcal.checks import Floats, Ints
 from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, unknown
+from softcal.limits import LIMITS
+from softcal.quantities import QUANTITIES
 from softcal.sensing.channel import ChannelName, kinds
 from softcal.twin.robot import Control, Robot
 
@@ -38,6 +40,8 @@ class Command(Checked):
         super().__post_init__()
         if len(self.values) == 0:
             raise InputError(Fault("the command has no sample", self.control, allowed="one value or more"))
+        if fault := LIMITS["samples"].fault(len(self.values), self.control):
+            raise InputError(fault)
 
 
 @displayed
@@ -241,7 +245,7 @@ def command_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
         if command.control == "tension" and command.values.min(initial=0.0) < 0.0:
             low = float(command.values.min())
             faults.append(Fault("a cable cannot push", where=f"{name}.tension", got=f"{low:.4g} N", allowed=">= 0 N"))
-        if command.control == "shortening" and command.values.max(initial=0.0) >= length:
+        elif command.control == "shortening" and command.values.max(initial=0.0) >= length:
             high = float(command.values.max())
             faults.append(
                 Fault(
@@ -251,4 +255,6 @@ def command_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
                     allowed=f"< {1e3 * length:.4g} mm",
                 )
             )
+        elif fault := QUANTITIES[command.control].fault(float(command.values.max()), f"{name}.{command.control}"):
+            faults.append(fault)
     return faults

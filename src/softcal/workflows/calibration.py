@@ -26,9 +26,9 @@ from softcal.display import displayed
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError, unknown
 from softcal.executors.chosen import Workers
 from softcal.html_text import paragraph, summary
+from softcal.names import JOINT
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration_schema import CalibrationSection
-from softcal.project.names import JOINT
 from softcal.project.project import Project, ProjectSource, project_of
 from softcal.project.section import changed
 from softcal.twin.parameters import robot_parameters, with_parameters

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from softcal.catalogue import Catalogue, FunctionMember
-from softcal.declare import Checked, checked_arguments
+from softcal.declare import Checked, as_annotated, checked_arguments
 from softcal.display import displayed
-from softcal.errors import Fault
+from softcal.errors import Fault, InputError, unknown
 
 if TYPE_CHECKING:
     from softcal.project.project import Project
@@ -250,6 +250,13 @@ def write_export(name: str, request: ExportRequest, folder: str | Path, **option
     from softcal.workflows.output import new_folder, require_free_folder
 
     export, folder = EXPORTS.named(name), Path(folder)
+    known = [*inspect.signature(export.function).parameters][2:]
+    if faults := [
+        unknown("the export has no such option", one, one, known, got="") for one in options if one not in known
+    ]:
+        raise InputError(faults)
+    for one, option in export.options.items():
+        as_annotated(options.get(one), option.kind | None, one)
     require_free_folder(folder)
     with new_folder(folder) as part:
         written = [path.relative_to(part) for path in export.function(request, part, **options)]

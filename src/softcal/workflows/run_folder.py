@@ -91,8 +91,12 @@ def begin_run(project: Project, settings: CalibrationSection, labels: list[str],
     Raises
     ------
     StorageError
-        Where the folder holds files, or cannot be written.
+        Where the folder holds files, or cannot be written, or the project's files have changed since it was loaded.
     """
+    sources = {project.path.name: project.path, **project.inputs}
+    if changed := [path.absolute() for name, path in sources.items() if _digest(path) != project.hashes[name]]:
+        what, attempt = "the file has changed or gone since the project was loaded", "load the project again"
+        raise StorageError([Fault(what, str(path), attempt=attempt) for path in changed])
     with new_folder(folder, "another --out, or --resume to go on with the run in it") as part:
         try:
             shutil.copyfile(project.path, part / PROJECT)
@@ -371,6 +375,14 @@ def _sha256(path: Path) -> str:
         return sha256(path)
     except OSError as error:
         raise StorageError(Fault("the file cannot be read", str(path), error.strerror or str(error))) from error
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file; "" where it cannot be read."""
+    try:
+        return sha256(path)
+    except OSError:
+        return ""
 
 
 def _copy_inputs(project: Project, folder: Path) -> dict[str, str]:

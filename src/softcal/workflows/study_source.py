@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softcal.errors import Fault, InputError, ParameterError, unknown
-from softcal.project.names import JOINT
+from softcal.names import JOINT
 from softcal.project.project import Project, ProjectSource, load
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from softcal.calibration.search.search import Progress
 from softcal.calibration.search.settings import SearchSettings
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
-from softcal.errors import Fault, ParameterError
+from softcal.errors import Fault, InputError, ParameterError
 from softcal.executors.chosen import Workers
 from softcal.project.project import Project, ProjectSource, project_of
 from softcal.workflows.calibration import make_problem
@@ -58,6 +58,8 @@ def validate(
         Where nothing could be simulated.
     """
     if isinstance(projects, Mapping):
+        if not projects:
+            raise InputError(Fault("there is no project to validate", "projects", "an empty mapping"))
         labelled = {label: project_of(source) for label, source in projects.items()}
     else:
         project = project_of(projects)

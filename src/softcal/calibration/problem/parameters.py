@@ -38,6 +38,11 @@ class FreeParameter(ScopedParameter):
         A normal prior [unit], counted by the likelihood loss; None without one.
     floor, ceiling
         Limits that the parameter may never reach [unit], such as 0.5 for Poisson's ratio.
+
+    Raises
+    ------
+    ParameterError
+        For bounds, a start or a prior that make no sense; all faults at once.
     """
 
     lower: float
@@ -49,6 +54,11 @@ class FreeParameter(ScopedParameter):
     ceiling: OrInfinite = math.inf
     floor: OrInfinite = -math.inf
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if faults := _faults(self):
+            raise ParameterError(faults)
+
 
 @displayed
 @dataclass(frozen=True)
@@ -58,15 +68,14 @@ class SearchSpace:
     Raises
     ------
     ParameterError
-        For no free parameter, two of one name, or bounds, start or prior that make no sense; all faults at once.
+        For no free parameter, or two of one name.
     """
 
     parameters: tuple[FreeParameter, ...]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", tuple(self.parameters))
-        faults = [fault for parameter in self.parameters for fault in _faults(parameter)]
-        faults += doubled(self.parameters, TWICE)
+        faults = doubled(self.parameters, TWICE)
         if not self.parameters:
             faults.append(Fault("there is no free parameter", "free parameters", allowed="at least one"))
         if faults:
@@ -160,7 +169,7 @@ def search_space(
     found: list[FreeParameter] = []
     for given in parameters:
         parameter, wrong = resolved(given, known)
-        faults += [*wrong, *_faults(parameter)]
+        faults += wrong
         if wrong:
             continue
         infos = [known[target] for target in parameter.targets]

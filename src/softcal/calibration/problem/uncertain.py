@@ -25,6 +25,14 @@ RESERVED = ("noise", "drift", "misfit", "prior", "experiments", "set-ups", "mark
 """Sources of error that an uncertain parameter of a user must not be named after."""
 
 
+def sd_fault(sd: float, unit: str, where: str = "") -> Fault | None:
+    """The fault of a standard deviation [unit], or None."""
+    if 0.0 < sd < math.inf:
+        return None
+    got = f"{sd:.6g}" if unit == "1" else f"{sd:.6g} {unit}"
+    return Fault("the standard deviation must be above zero", where, got, attempt="no entry for what is exactly known")
+
+
 @displayed
 @dataclass(frozen=True)
 class UncertainParameter(ScopedParameter):
@@ -40,6 +48,11 @@ class UncertainParameter(ScopedParameter):
 
     sd: float
     written: str = ""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if fault := sd_fault(self.sd, self.unit, self.label):
+            raise ParameterError(fault)
 
     @property
     def source(self) -> str:
@@ -66,8 +79,7 @@ def uncertain_parameters(
     Raises
     ------
     ParameterError
-        For names that do not exist, a wrong unit, a standard deviation that is not above zero, or a parameter that is
-        given twice; all faults at once.
+        For names that do not exist, a wrong unit, or a parameter that is given twice; all faults at once.
     """
     faults: list[Fault] = []
     found: list[UncertainParameter] = []
@@ -108,14 +120,6 @@ def free_and_uncertain(
     return faults
 
 
-def sd_fault(sd: float, unit: str, where: str = "") -> Fault | None:
-    """The fault of a standard deviation [unit], or None."""
-    if 0.0 < sd < math.inf:
-        return None
-    got = f"{sd:.6g}" if unit == "1" else f"{sd:.6g} {unit}"
-    return Fault("the standard deviation must be above zero", where, got, attempt="no entry for what is exactly known")
-
-
 def _written_out(given: UncertainParameter, known: Iterable[str]) -> list[UncertainParameter]:
     """One for each parameter that matches a name with wildcards; the given one without them."""
     if given.of or not any(mark in given.name for mark in "*?["):
@@ -131,7 +135,6 @@ def _faults(parameter: UncertainParameter, known: Mapping[str, ParameterInfo]) -
         for target in parameter.targets
         if known[target].unit != parameter.unit
     ]
-    faults += [fault] if (fault := sd_fault(parameter.sd, parameter.unit, label)) else []
     if parameter.source in RESERVED:
         faults.append(Fault("the name is that of a source of error", label, attempt="another name"))
     return faults

@@ -90,12 +90,12 @@ def coupon(  # noqa: PLR0913 (one argument for each option)
     ] = None,
 ) -> None:
     """Fit laws, alone or with a history, to coupon tests: intervals, errors held out, stability, a body's block."""
-    from softcal.project.names import RESERVED_OF_PARTS, name_fault
+    from softcal.names import part_name_fault
     from softcal.workflows.output import require_free_folder
 
     data, predict, test = data or [], predict or [], test or []
     _require_consistent(data, predict, test, law or [], history or [], stored)
-    if fault := name_fault(body, RESERVED_OF_PARTS):
+    if fault := part_name_fault(body):
         raise ParameterError(replace(fault, where="--body"))
     if out is not None:
         require_free_folder(out)

@@ -11,9 +11,9 @@ from softcal.errors import Fault, InputError, ProjectFileError
 from softcal.executors.each import results
 from softcal.executors.executor import Executor
 from softcal.experiments.read import line_numbers
+from softcal.names import JOINT
 from softcal.plugins.fleet.table import FleetRow, FleetTable, missing_files, row_project
 from softcal.project.alike_faults import merged
-from softcal.project.names import JOINT
 from softcal.project.yaml_file import read_document
 from softcal.workflows.calibration import plan
 

@@ -30,11 +30,11 @@ from softcal.experiments.table import Table, load_table, split_header
 from softcal.experiments.table_format import TableFormat
 from softcal.experiments.text_file import open_text
 from softcal.limits import LIMITS
+from softcal.names import folded, name_fault
 from softcal.plugins.fleet.cell import CellReader
 from softcal.project.alike_faults import merged
 from softcal.project.document import Document, Entry, dotted, key_path
 from softcal.project.files import InputFiles, sha256
-from softcal.project.names import folded, name_fault
 from softcal.project.project import Project, load
 from softcal.project.sections import SECTIONS
 from softcal.project.yaml_file import read_document

@@ -41,8 +41,13 @@ class Packets:
             await self.app(scope, _page_s_packets(receive), send)
         elif scope["method"] == "POST":
             await self._take(query.get("sid", ""), scope, receive, send)
-        else:
-            await self.app(scope, receive, send)
+        elif (first := await receive())["type"] != "http.disconnect":  # Engine.IO answers those that have hung up too
+            messages = [first]
+
+            async def message() -> MutableMapping[str, Any]:
+                return messages.pop() if messages else await receive()
+
+            await self.app(scope, message, send)
 
     async def _take(self, name: str, scope: Scope, receive: Receive, send: Send) -> None:
         """Take in the packets of a request, or end its session."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
 import signal
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from softcal.plugins.watch.watch import Watch
 
 LOOPBACK, PORT, FURTHER = "127.0.0.1", 8085, 50
-MOST_PAGES = 30  # at once, of half a megabyte to three each, by the number of trials
+MOST_PAGES = 30  # at once, of half a megabyte to four each, by the numbers of trials and parameters
 _REPORT_POLICY = "sandbox; default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; font-src data:"
 # What NiceGUI raises by a message without the entries of the page's own.
 _NOT_THE_PAGE_S = (LookupError, TypeError, ValueError, AttributeError)
@@ -188,8 +189,8 @@ def _server(gate: Gate, ready: Callable[[], None]) -> Any:
     import uvicorn
 
     def is_ours(record: logging.LogRecord) -> bool:
-        """Whether a record is no answer that could not be given to a request that broke off in disorder."""
-        return not (record.exc_info and isinstance(record.exc_info[1], h11.ProtocolError))
+        """Whether a record is no answer that could not be given: a request broke off in disorder, or the page ended."""
+        return not (record.exc_info and isinstance(record.exc_info[1], h11.ProtocolError | asyncio.CancelledError))
 
     class WatchServer(uvicorn.Server):
         """A server that says when it answers, and ends by every signal that stops softcal."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
+from softcal.declare import shown
 from softcal.errors import Fault
 from softcal.limits import LIMITS
-from softcal.project.document import Findings, KeyPath
 
 # The label of the calibration of all experiments together, which is kept beside those of each.
 JOINT = "joint"
@@ -31,25 +31,11 @@ def name_fault(name: str, reserved: Iterable[str] = ()) -> Fault | None:
     return None
 
 
-def check_names(names: Mapping[str, KeyPath], findings: Findings, reserved: Iterable[str] = ()) -> None:
-    """Record names that are not allowed, and names that differ only in capitals, which a file system may not
-    distinguish.
-
-    Parameters
-    ----------
-    names
-        Key path by name.
-    findings
-        Collects the faults and warnings.
-    reserved
-        Names that softcal uses for its own files and columns.
-    """
-    seen: dict[str, str] = {}
-    for name, path in names.items():
-        if (fault := name_fault(name, reserved)) is not None:
-            findings.add(path, fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
-        elif (other := seen.setdefault(folded(name), name)) != name:
-            findings.add(path, "two names differ only in capitals", got=f"'{other}' and '{name}'")
+def part_name_fault(name: str) -> Fault | None:
+    """Fault of a name of a robot's part, after which parameters and channels are named; None if it is allowed."""
+    if not name.isidentifier():
+        return Fault("this cannot be a name", got=shown(name), allowed="letters, digits and _, no digit first")
+    return name_fault(name, RESERVED_OF_PARTS)
 
 
 def folded(name: str) -> str:

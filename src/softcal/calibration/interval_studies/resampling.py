@@ -76,17 +76,15 @@ class Resampled:
                 low, high = (self.model(j, end) for end in ends[j])
                 found = (min(low, e.value), max(high, e.value))
             chance = float(chances[j]) if j in ends else None
-            reason = self._reason(j)
+            if self.without.ratios(self.held.found)[j] > 1.0:
+                reason = f"the {self.kind} differ by more than the noise that the quick one assumes"
+            else:
+                reason = f"the quick one includes errors that do not show between {self.kind}"
             intervals[label] = CheckedInterval(
                 e.value, e.unit, e.lower, e.upper, e.scale, e.interval, found, reason, chance
             )
         counted = {self.kind: float(len(self.parts.names)), **facts}
         return IntervalStudy(by, intervals, (*self._notes(), *notes), counted, time.perf_counter() - began, points)
-
-    def _reason(self, j: int) -> str:
-        if self.without.ratios(self.held.found)[j] > 1.0:
-            return f"the {self.kind} differ by more than the noise that the quick one assumes"
-        return f"the quick one includes errors that do not show between {self.kind}"
 
     def _notes(self) -> tuple[str, ...]:
         own = [label for label, is_own in zip(self.labels, self.parts.own, strict=True) if is_own]

@@ -169,7 +169,8 @@ def search_space(
         present = sum(info.value for info in infos) / len(infos)
         for one in expanded(replace(parameter, floor=floor, ceiling=ceiling), experiments, own, set_ups):
             members = one.members or (one.experiment,)
-            found.append(_started(one, (own or {}).get(members[0], {}).get(one.targets[0], present)))
+            start = (own or {}).get(members[0], {}).get(one.targets[0], present)
+            found.append(replace(one, start=start) if one.start is None and one.lower <= start <= one.upper else one)
     faults += doubled(found, TWICE)
     if faults:
         raise ParameterError(faults)
@@ -195,12 +196,6 @@ def split(space: SearchSpace, label: str, known: Mapping[str, ParameterInfo]) ->
             continue
         parts += [replace(p, name=t, of=(), floor=known[t].floor, ceiling=known[t].ceiling) for t in p.targets]
     return SearchSpace(tuple(parts))
-
-
-def _started(parameter: FreeParameter, present: float) -> FreeParameter:
-    if parameter.start is None and parameter.lower <= present <= parameter.upper:
-        return replace(parameter, start=present)
-    return parameter
 
 
 def _faults(parameter: FreeParameter) -> list[Fault]:

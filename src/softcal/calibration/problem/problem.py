@@ -208,18 +208,14 @@ class Problem:
         if not jacobian or self.simulate is not None or len(driven) != 1 or self.robot.remembers:
             return self._contribution(theta, group, jacobian=jacobian)
         rough = self._contribution(theta, group, jacobian=True, shared=True, curve_tolerance=ROUGH)
-        misfit = self._misfit(rough)
+        blocks = self._blocks(rough.observations)
+        misfit = min(
+            (rms(b.residual) / max(float(np.abs(b.residual + b.measured).max()), 1e-300) for b in blocks), default=0.0
+        )
         if rough.failure or SHARE * misfit >= ROUGH:
             return rough
         tolerance = {"curve_tolerance": SHARE * misfit} if misfit >= FAR else {}
         return self._contribution(theta, group, jacobian=True, shared=True, **tolerance)
-
-    def _misfit(self, one: Contribution) -> float:
-        """The residuals' root mean square over the largest predicted value, of the channel where that is least."""
-        blocks = self._blocks(one.observations)
-        return min(
-            (rms(b.residual) / max(float(np.abs(b.residual + b.measured).max()), 1e-300) for b in blocks), default=0.0
-        )
 
     def _contribution(
         self, theta: Mapping[str, float], group: Trajectory, *, jacobian: bool, **options: Any

@@ -15,7 +15,7 @@ import json
 import os
 from collections.abc import Generator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO
+from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field
 
@@ -68,7 +68,7 @@ class RunStore:
         require_inside(folder, (ARRAYS,))
         with storing(self._path):
             # Two processes in one folder would each undo the other's search.
-            self._file = _alone(folder)
+            self._file = hold_in(folder / JOURNAL, "run", "calibration")
             try:
                 mend(self._path)
                 self._journal = TrialJournal(self._path)
@@ -210,11 +210,6 @@ class RunStore:
             Where the file cannot be read, or is damaged.
         """
         return self._journal.read()
-
-
-def _alone(folder: Path) -> BinaryIO:
-    """The file of the trials, held by this process alone."""
-    return hold_in(folder / JOURNAL, "run", "calibration")
 
 
 def write_text(path: Path, text: str) -> None:

@@ -137,7 +137,9 @@ def damaged(path: Path, what: str, error: ValidationError) -> StorageError:
     faults: list[Fault] = []
     for one in error.errors(include_url=False, include_context=False)[:_N_NAMED]:
         got = "" if one["type"] in ("json_invalid", "missing") else shown(one["input"])
-        faults.append(Fault(f"{what} cannot be read: {_place(one['loc'])}{_sentence(one['msg'])}", str(path), got))
+        place = ".".join(str(key)[:60] for key in one["loc"]) + ": " * bool(one["loc"])
+        message = one["msg"][:1].lower() + one["msg"][1:]
+        faults.append(Fault(f"{what} cannot be read: {place}{message}", str(path), got))
     return StorageError(faults)
 
 
@@ -170,11 +172,3 @@ def read_rows(path: Path, what: str) -> tuple[list[str], list[list[str]]]:
         if len(row) != len(header):
             raise contradiction(path, what, f"row {number} has {len(row)} cells, and the header {len(header)}")
     return header, rows
-
-
-def _place(location: tuple[str | int, ...]) -> str:
-    return ".".join(str(key)[:60] for key in location) + ": " if location else ""
-
-
-def _sentence(message: str) -> str:
-    return message[:1].lower() + message[1:]

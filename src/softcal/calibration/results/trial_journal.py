@@ -26,7 +26,6 @@ from softcal.regular_file import own_file
 
 if TYPE_CHECKING:
     import optuna
-    from optuna.storages.journal import JournalFileOpenLock
 
 JOURNAL, ARRAYS = "optuna.journal", "arrays"
 STUDY = "softcal"
@@ -101,9 +100,16 @@ class TrialJournal:
         with self._reading():
             open(path, "rb", opener=own_file).close()
             from optuna.storages import JournalStorage
-            from optuna.storages.journal import JournalFileBackend
+            from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 
-            self._storage = JournalStorage(JournalFileBackend(str(path), lock_obj=_no_lock(path)))
+            class NoLock(JournalFileOpenLock):
+                def acquire(self) -> bool:
+                    return True
+
+                def release(self) -> None:
+                    pass
+
+            self._storage = JournalStorage(JournalFileBackend(str(path), lock_obj=NoLock(str(path))))
 
     def begin(self) -> None:
         """Make the study where the file is new.
@@ -333,20 +339,3 @@ def _as_stored(
         row.errors,
     )
     return StoredTrial(trial, row.n_solves, row.elapsed, arrays_file(folder, row.number) if row.arrays else None)
-
-
-def _no_lock(path: Path) -> JournalFileOpenLock:
-    """A lock that is always free: the one process that writes holds the file itself (see `file_lock`).
-
-    Optuna's is a file, which a process that is killed leaves behind, and which the next one waits for.
-    """
-    from optuna.storages.journal import JournalFileOpenLock
-
-    class NoLock(JournalFileOpenLock):
-        def acquire(self) -> bool:
-            return True
-
-        def release(self) -> None:
-            pass
-
-    return NoLock(str(path))

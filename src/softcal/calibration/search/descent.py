@@ -138,7 +138,12 @@ class Descent:
             self._radius = 0.35 * length
         elif gain > 0.75 * promised and length > 0.99 * self._radius and self._since_failure > _WARY:
             self._radius = min(1.0, 3.0 * self._radius)
-        if is_poor and self._merit is self.loss and self._is_short(tried):
+        if (
+            is_poor
+            and self._merit is self.loss
+            and self._has_errors()
+            and share_of_errors(self.space, self.loss, self._here(), tried.z - self.z) <= NEAR
+        ):
             short = f"a step of less than {NEAR:.1g} standard errors no longer lowers the loss as its slope promises"
             if gain > 0.0:
                 self.z, self.best = tried.z, evaluation
@@ -147,10 +152,6 @@ class Descent:
             self._move(tried, evaluation)
         else:
             self._propose()
-
-    def _is_short(self, tried: Point) -> bool:
-        """Whether a step from here is short beside the standard errors of every parameter."""
-        return self._has_errors() and share_of_errors(self.space, self.loss, self._here(), tried.z - self.z) <= NEAR
 
     def _move(self, to: Point, evaluation: Evaluation) -> None:
         self.z, self.best = to.z, evaluation

@@ -140,7 +140,8 @@ class _Bands:
         z = np.clip(space.to_search(fitted.theta), 0.0, 1.0)
         slopes = space.jacobian(z)
         serves = space.serving(e.name for e in part.experiments)
-        found = estimator(part.loss, z, slopes, blocks, serves, part.uncertain if _systematic(blocks) else ())
+        uncertain = part.uncertain if any(block.systematic is not None for block in blocks) else ()
+        found = estimator(part.loss, z, slopes, blocks, serves, uncertain)
         return None if found.spent else cls(space, part.loss, slopes, found, blocks)
 
     def of_prediction(self, alone: Problem, seen: Evaluation) -> dict[str, Floats]:
@@ -180,7 +181,3 @@ class _Bands:
         groups = (self.loss.noise_group(one) for one in self.fitted if one.channel == block.channel)
         alike = [known[group] for group in groups if group in known]
         return known.get(self.loss.noise_group(block), max(alike, key=lambda one: one.size, default=None))
-
-
-def _systematic(blocks: Sequence[Block]) -> bool:
-    return any(block.systematic is not None for block in blocks)

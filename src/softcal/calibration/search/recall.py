@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from softcal.calibration.problem.observation import Observation
 from softcal.calibration.problem.problem import Evaluation, Problem
 from softcal.calibration.results.payload import decode
 from softcal.calibration.results.stored import contradiction, read_bytes
@@ -54,29 +53,18 @@ def recalled(problem: Problem, proposal: Proposal, stored: StoredTrial, journal:
     what = f"trial {trial.number} of the run"
     observations = decode(read_bytes(path, what), path, what)
     try:
-        _check(problem, observations)
+        for experiment in problem.experiments:
+            seen = observations[experiment.name]
+            columns = [values for channel in seen.derivatives.values() for values in channel.values()]
+            for values in (*seen.predicted.values(), *columns):
+                if values.shape != (experiment.dataset.n_samples,):
+                    raise ValueError(f"{values.shape} values for {experiment.dataset.n_samples} samples")
+            for values in (*seen.predicted.values(), *columns, *seen.response.values()):
+                if not np.isfinite(values).all():
+                    raise ValueError("values that are not finite")
         again = problem.judge(trial.theta, observations, stored.n_solves, trial.n_factorisations, trial.seconds)
     except (KeyError, ValueError) as error:
         raise contradiction(path, what, f"its arrays are not those of this problem ({error})") from error
     if trial.loss is None or again.loss is None or not math.isclose(again.loss, trial.loss, rel_tol=_SAME):
         raise contradiction(path, what, f"its arrays give the loss {again.loss}, and not {trial.loss}")
     return again
-
-
-def _check(problem: Problem, observations: dict[str, Observation]) -> None:
-    """Whether every array is finite and as long as the measurements.
-
-    Raises
-    ------
-    ValueError
-        Where one is not.
-    """
-    for experiment in problem.experiments:
-        seen = observations[experiment.name]
-        columns = [values for channel in seen.derivatives.values() for values in channel.values()]
-        for values in (*seen.predicted.values(), *columns):
-            if values.shape != (experiment.dataset.n_samples,):
-                raise ValueError(f"{values.shape} values for {experiment.dataset.n_samples} samples")
-        for values in (*seen.predicted.values(), *columns, *seen.response.values()):
-            if not np.isfinite(values).all():
-                raise ValueError("values that are not finite")

@@ -156,11 +156,17 @@ def searched(
             announce("derivatives at the best trial")
             with contextlib.suppress(KeyboardInterrupt):
                 tally.derive()
+        status = optimiser.status
+        if stopped:
+            status = (
+                f"Stopped by {stopped} after {len(tally.trials)} of at most {optimiser.total} trials; "
+                f"this is the best so far.{' Resume the run to go on.' * (run is not None)}"
+            )
         account = Account(
             optimiser.name,
             settings["seed"],
             settings,
-            _stopped_status(tally, optimiser, stopped) if stopped else optimiser.status,
+            status,
             tally.n_solves,
             tally.elapsed(),
             search.identity,
@@ -333,12 +339,4 @@ def no_result(trials: Sequence[Trial], stopped: str) -> str:
     return (
         f"All {len(trials)} trials failed: the twin could not be simulated anywhere. The most frequent reason "
         f"({count} times): {reason} Try: narrower bounds, a stiffer start, or softcal check."
-    )
-
-
-def _stopped_status(tally: _Tally, optimiser: Optimiser, stopped: str) -> str:
-    kept = " Resume the run to go on." if tally.run is not None else ""
-    return (
-        f"Stopped by {stopped} after {len(tally.trials)} of at most {optimiser.total} trials; "
-        f"this is the best so far.{kept}"
     )

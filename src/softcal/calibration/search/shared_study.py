@@ -161,7 +161,11 @@ class SharedStudy:
         """
         try:
             with self._answering():
-                return self._read(self._storage.read())
+                trials = self._storage.read()
+                for frozen in trials:
+                    if frozen.number not in self._outcomes and _is_outcome(frozen):
+                        self._outcomes[frozen.number] = _outcome(frozen, self._place, self._about, self._space)
+                return dict(sorted(self._outcomes.items()))
         except UnansweredError:
             self._seen.clear()  # no sign of life could be seen meanwhile
             raise
@@ -264,12 +268,6 @@ class SharedStudy:
         _require_same(self._place, self._about, attribute(study.user_attrs, OUTCOME))
         return study
 
-    def _read(self, trials: Collection[optuna.trial.FrozenTrial]) -> Mapping[int, StoredTrial]:
-        for frozen in trials:
-            if frozen.number not in self._outcomes and _is_outcome(frozen):
-                self._outcomes[frozen.number] = _outcome(frozen, self._place, self._about, self._space)
-        return dict(sorted(self._outcomes.items()))
-
     def _give_up_stale(self) -> None:
         """Give up every trial of another process that has shown no sign of life for a minute."""
         now = time.monotonic()
@@ -326,7 +324,12 @@ def _outcome(
     """
     held = attribute(frozen.user_attrs, OUTCOME)
     why = "" if isinstance(held, dict) else "it has no outcome of softcal's"
-    if not why and not _is_in(space, frozen.params):
+    bounds = {p.label: (p.lower, p.upper) for p in space.parameters}
+    numbers = {name: value for name, value in frozen.params.items() if isinstance(value, int | float)}  # others: below
+    if not why and not (
+        frozen.params.keys() == bounds.keys()
+        and all(bounds[name][0] <= value <= bounds[name][1] for name, value in numbers.items())
+    ):
         why = "its parameters are not those of the search, or out of their bounds"
     losses = [value for value in frozen.values or () if isinstance(value, int | float)]
     if not why and any(abs(loss) > _LARGEST for loss in losses):
@@ -338,15 +341,6 @@ def _outcome(
             why = f"{error.error_count()} faults"
     what = f"trial {frozen.number} of the study {about.name} cannot be read: {why}"
     raise StorageError(Fault(what, place.shown, attempt="another storage"))
-
-
-def _is_in(space: SearchSpace, theta: Mapping[str, Any]) -> bool:
-    """Whether these are values of the parameters of a search; others than numbers are refused later."""
-    bounds = {p.label: (p.lower, p.upper) for p in space.parameters}
-    numbers = {name: value for name, value in theta.items() if isinstance(value, int | float)}
-    return theta.keys() == bounds.keys() and all(
-        bounds[name][0] <= value <= bounds[name][1] for name, value in numbers.items()
-    )
 
 
 def _require_same(place: StorageUrl, wanted: StudyIdentity, held: Any) -> None:

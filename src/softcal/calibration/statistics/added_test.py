@@ -176,7 +176,13 @@ def with_added_test(
     errs = (*uncertain, *(added.uncertain * added.repeats))
     seen = [weighed(loss, _padded(block, slopes, wide, len(errs))) for block in blocks]
     noises = {channel.name: _noise(loss, blocks, found, channel) for channel in added.channels}
-    precision = _precision(loss, seen, found)
+    # The loss's weight times the noise's variance, the mean over the calibration's samples.
+    products: list[Floats] = []
+    for one in seen:
+        if one.block.experiment:
+            noise = (1.0 if one.stated is None else one.stated) * found.noise[loss.noise_group(one.block)].size
+            products.append(one.weights * np.broadcast_to(noise, len(one.weights)) ** 2)
+    precision = float(np.concatenate(products).mean())
     for name, (start, own_errs) in places.items():
         for channel in added.channels:
             jacobian = np.zeros((len(channel.answer), wide))
@@ -195,8 +201,10 @@ def with_added_test(
     parts, serves = parts_by_set_up(parts, found.set_ups), serves_by_set_up(serves, found.set_ups)
     sources = _base_sources(parts, found, places)
     new = [part for part in parts if part.experiment in places]
+    total = sum(len(one.answer) for one in added.channels)
     for part, channel in zip(new, list(added.channels) * added.repeats, strict=True):
-        _add_source(sources, part, noises[channel.name], _spent(added, channel))
+        dof = len(channel.answer) * max(1.0 - added.priors.shape[1] / total, 1.0 / total)
+        _add_source(sources, part, noises[channel.name], dof)
     labelled = {i: (p.source, p.label) for i, p in enumerate(errs)}
     averaged = [_with_steps(one, i, found, parts, sources, places, serves, added) for i, one in _differing(found)]
     linear = Linear(parts, inverse, [one for one in averaged if one.has_interval])
@@ -243,17 +251,6 @@ def _noise(loss: Loss, blocks: Sequence[Block], found: Estimator, channel: Added
     if process is None:
         return _Noise(unit, states, source.dof, white)
     return _Noise(unit, states, source.dof, white, correlated, process.length / values, process.scatter)
-
-
-def _precision(loss: Loss, seen: Sequence[Weighed], found: Estimator) -> float:
-    """Mean over the calibration's samples of the loss's weight times the noise's variance."""
-    measured = [one for one in seen if one.block.experiment]
-    products: list[Floats] = []
-    for one in measured:
-        unit = 1.0 if one.stated is None else one.stated
-        size = found.noise[loss.noise_group(one.block)].size
-        products.append(one.weights * np.broadcast_to(unit * size, len(one.weights)) ** 2)
-    return float(np.concatenate(products).mean())
 
 
 def _expected(
@@ -306,12 +303,6 @@ def _alike(source: Source, size: float, process: Process | None) -> bool:
         return source.process is process and bool(np.isclose(source.size, size))
     ours, theirs = ([p.variance, p.share, p.length] for p in (source.process, process))
     return bool(np.allclose(ours, theirs))
-
-
-def _spent(added: AddedTest, channel: AddedChannel) -> float:
-    """Degrees of freedom that a channel adds to the estimate of its noise."""
-    total = sum(len(one.answer) for one in added.channels)
-    return len(channel.answer) * max(1.0 - added.priors.shape[1] / total, 1.0 / total)
 
 
 def _differing(found: Estimator) -> list[tuple[int, Between]]:

@@ -63,22 +63,15 @@ def repeat_bands(loss: Loss, slopes: Floats, blocks: Sequence[Block], found: Est
 
     slopes: d theta / d z (size,).
     """
+    from scipy.ndimage import uniform_filter1d
 
     def width(block: Block, jacobian: Floats) -> Floats:
-        J = jacobian * slopes
-        off = np.maximum(noise_of(loss, block, found) ** 2, _around(block.residual**2))
+        J, n = jacobian * slopes, len(block.residual)
+        around = uniform_filter1d(block.residual**2, size=min(n, max(_AROUND, n // _PART)), mode="nearest")
+        off = np.maximum(noise_of(loss, block, found) ** 2, np.asarray(around, dtype=np.float64))
         return float(student(np.array([np.inf]))[0]) * np.sqrt(np.einsum("ni,ij,nj->n", J, found.by_noise, J) + off)
 
     return _by_channel(blocks, width)
-
-
-def _around(squares: Floats) -> Floats:
-    """The mean (n,) of squares around each sample."""
-    from scipy.ndimage import uniform_filter1d
-
-    n = len(squares)
-    size = min(n, max(_AROUND, n // _PART))
-    return np.asarray(uniform_filter1d(squares, size=size, mode="nearest"), dtype=np.float64)
 
 
 def _by_channel(blocks: Sequence[Block], width: Callable[[Block, Floats], Floats]) -> dict[str, dict[str, Floats]]:

@@ -147,7 +147,11 @@ def between_experiments(
     left = [int(j) for j in np.flatnonzero(np.sum(list(serves.values()), axis=0) > 1)]
     own = np.sum(list(serves.values()), axis=0) == 1
     held = members or {name: (name,) for name in serves}
-    errs = _own_errors(uncertain, held)
+    errs: dict[str, dict[int, tuple[str, str]]] = {}
+    for k, p in enumerate(uncertain):
+        serving = [own for own, experiments in held.items() if p.serves(*experiments)]
+        if len(serving) == 1:
+            errs.setdefault(serving[0], {})[k] = p.source, p.label
     of = _parts_of(parts, serves, own)
     every = [
         one
@@ -226,18 +230,6 @@ def _parts_of(
     return {name: found.get(name, []) for name in names}
 
 
-def _own_errors(
-    uncertain: Sequence[UncertainParameter], members: Mapping[str, Sequence[str]]
-) -> dict[str, dict[int, tuple[str, str]]]:
-    """Experiment, or set-up -> the uncertain parameters that are of it alone."""
-    found: dict[str, dict[int, tuple[str, str]]] = {}
-    for k, p in enumerate(uncertain):
-        serving = [own for own, experiments in members.items() if p.serves(*experiments)]
-        if len(serving) == 1:
-            found.setdefault(serving[0], {})[k] = p.source, p.label
-    return found
-
-
 def _columns(on: np.ndarray) -> tuple[int, ...]:
     return tuple(int(k) for k in np.flatnonzero(on))
 
@@ -278,7 +270,10 @@ def own_step(alone: Alone, own: np.ndarray, j: int, apart: Apart | None = None) 
 
 def _own_step(alone: Alone, j: int, own: tuple[int, ...]) -> OwnStep | None:
     size = len(alone.serves)
-    inverse = _inverse([part.sums for part in alone.parts], np.array([j, *(k for k in own if k != j)]), size)
+    sums = [part.sums for part in alone.parts]
+    columns = np.array([j, *(k for k in own if k != j)])
+    scaled, _ = _normal_equations(sums, columns, size)
+    inverse = None if np.linalg.eigvalsh(scaled)[0] < _NULL else _least_inverse(sums, columns, size)
     if inverse is None:
         return None
     response = inverse[:, j]
@@ -291,12 +286,6 @@ def _own_step(alone: Alone, j: int, own: tuple[int, ...]) -> OwnStep | None:
     return (
         OwnStep(value, variance, 2 * variance**2 / scatter if scatter > 0 else np.inf, response) if variance else None
     )
-
-
-def _inverse(sums: Sequence[Sums], columns: Ints, size: int) -> Floats | None:
-    """The inverse (size, size) of the normal equations in some columns, zero in the others; None where it has none."""
-    scaled, _ = _normal_equations(sums, columns, size)
-    return None if np.linalg.eigvalsh(scaled)[0] < _NULL else _least_inverse(sums, columns, size)
 
 
 def _least_inverse(sums: Sequence[Sums], columns: Ints, size: int) -> Floats:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from softcal.calibration.problem.loss import Block, Loss, rms, total
+from softcal.calibration.problem.loss import Loss, rms, total
 from softcal.calibration.problem.parameters import SearchSpace
 from softcal.calibration.statistics.estimator import estimator
 from softcal.calibration.statistics.local_model import LocalModel, Point, jacobian_of
@@ -34,7 +34,8 @@ def distance_to_minimum(space: SearchSpace, loss: Loss, here: Point, trusted: Lo
     step = plain.minimise(np.zeros(space.size), np.ones(space.size)) - here.z
     lowest = trusted.loss(trusted.minimise(np.zeros(space.size), np.ones(space.size)))
     before, after = loss.squares(trusted.loss(here.z)), loss.squares(lowest)
-    left = before + loss.squares(total(loss, [_rounding(block) for block in here.blocks]))
+    rounding = [replace(b, residual=np.full(len(b.residual), _TWIN_ROUNDING * rms(b.measured))) for b in here.blocks]
+    left = before + loss.squares(total(loss, rounding))
     n = sum(len(block.residual) for block in here.blocks)
     gain = math.sqrt(max(before - after, 0.0) * max(n - space.size, 1) / left) if left > 0.0 else 0.0
     return max(in_standard_errors(space, loss, here, step), _GAIN * gain)
@@ -47,11 +48,6 @@ def share_of_errors(space: SearchSpace, loss: Loss, here: Point, step: Floats) -
     spread = np.linalg.norm(estimator(loss, here.z, space.jacobian(here.z), here.blocks).root, axis=0)
     felt = spread > 0.0
     return float((np.abs(step[felt]) / spread[felt]).max(initial=0.0))
-
-
-def _rounding(block: Block) -> Block:
-    """The block with residuals of the size of the twin's rounding error."""
-    return replace(block, residual=np.full(len(block.residual), _TWIN_ROUNDING * rms(block.measured)))
 
 
 def in_standard_errors(space: SearchSpace, loss: Loss, here: Point, step: Floats) -> float:

@@ -271,14 +271,20 @@ def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated
     notes: list[Remark] = []
     has_errors = not (found.spent or mixed.all() or saturated)
     if mixed.any():
-        notes.append(Remark(_blind_note([p for p, is_mixed in zip(space.labels, mixed, strict=True) if is_mixed])))
+        *others, last = (label for label, is_mixed in zip(space.labels, mixed, strict=True) if is_mixed)
+        text = f"The data do not depend on {last}: its value is arbitrary and no standard error is given."
+        if others:
+            text = f"The data cannot separate {', '.join(others)} and {last}: only a combination of them is determined."
+            text += " Fix one of them, or state a prior of one."
+        notes.append(Remark(text))
     differing = next((one.kind for one in found.between if one.effects.differs), None)
     for group, noise in found.noise.items():
         if noise.stated and noise.size > _TOO_LARGE:
             text = _excess_note(group, noise.size, differing, widened=has_errors, priors=PRIOR in found.noise)
             notes.append(Remark(text, "warning"))
     if found.spent and not saturated:
-        notes.append(Remark(_spent_note(found.spent)))
+        text = f"There are at least as many parameters as measurements of {' and of '.join(found.spent)}"
+        notes.append(Remark(f"{text}: neither the noise nor standard errors can be estimated."))
     return notes
 
 
@@ -293,21 +299,6 @@ def _excess_note(channel: str, factor: float, differing: str | None, *, widened:
     if not widened:
         return text
     return f"{text} The standard errors are increased accordingly{', except for the share of the priors' * priors}."
-
-
-def _spent_note(groups: Sequence[str]) -> str:
-    return (
-        f"There are at least as many parameters as measurements of {' and of '.join(groups)}: neither the noise nor "
-        "standard errors can be estimated."
-    )
-
-
-def _blind_note(mixed: Sequence[str]) -> str:
-    if len(mixed) == 1:
-        return f"The data do not depend on {mixed[0]}: its value is arbitrary and no standard error is given."
-    named = f"{', '.join(mixed[:-1])} and {mixed[-1]}"
-    text = f"The data cannot separate {named}: only a combination of them is determined."
-    return f"{text} Fix one of them, or state a prior of one."
 
 
 def spread(space: SearchSpace, z: Floats, between: Between, found: Estimator, known: np.ndarray) -> Spread:

@@ -110,7 +110,7 @@ class ProjectCase(BenchmarkCase):
         fits = {**found.experiments, **{name: one.fit for name, one in found.held_out.items()}}
         tables = [
             _simulated(project.experiments[name], fits[name], with_bands=name in held)
-            for name in self._order(project, held)
+            for name in [*(name for name in project.experiments if name not in held), *held]
         ]
         samples = tuple(sample for names, _, _ in tables for sample in names)
         names = dict.fromkeys(name for _, table, _ in tables for name in table)
@@ -132,9 +132,6 @@ class ProjectCase(BenchmarkCase):
 
     def _held(self, project: Project) -> tuple[str, ...]:
         return tuple(experiments_named(self.held_out or project.calibration.hold_out, project.experiments))
-
-    def _order(self, project: Project, held: tuple[str, ...]) -> list[str]:
-        return [*(name for name in project.experiments if name not in held), *held]
 
     def _project(self, data: Path | None) -> Project:
         """The project, with further samples in the place of those that it predicts."""

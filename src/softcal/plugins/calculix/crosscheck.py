@@ -165,7 +165,7 @@ def crosscheck(
             own = engine.own(robot)
             response = simulate(own, end, snapshots=True, curve_tolerance=0.0)
             ours = state_of(response)
-            if _is_still(own, ours):
+            if all(np.abs(u).max() < STILL for u in _moved(own, ours).values()):
                 still.append(name)
                 continue
             theirs = engine.solve(own, end, response.snapshots[-1], running)
@@ -174,8 +174,21 @@ def crosscheck(
             continue
         differences = tuple(_differences(own, ours, theirs))
         left_out = engine.leaves_out(response.snapshots[-1])
+        bodies = [
+            f"{a.name}: {what} {getattr(a, what)} becomes {getattr(b, what)}"
+            for a, b in zip(robot.bodies, own.bodies, strict=True)
+            for what in ("law", "element")
+            if getattr(a, what) != getattr(b, what)
+        ]
+        without = robot.contact is not None and own.contact is None
         comparisons.append(
-            EngineComparison(name, differences, tuple(_changes(robot, own)), response.instabilities, left_out)
+            EngineComparison(
+                name,
+                differences,
+                tuple([*bodies, *["no contact, so that parts may pass through each other"] * without]),
+                response.instabilities,
+                left_out,
+            )
         )
     return Crosscheck(tuple(comparisons), absent, refused, failed, tuple(still))
 
@@ -185,10 +198,6 @@ def _moved(robot: Robot, outcome: EngineState) -> dict[str, Floats]:
     rest = {name: mesh.points for name, mesh in twin_of(robot).meshes.items()}
     rest |= {rod.name: rod.centreline.nodes for rod in robot.rods}
     return {name: x - rest[name] for name, x in outcome.points.items()}
-
-
-def _is_still(robot: Robot, ours: EngineState) -> bool:
-    return all(np.abs(u).max() < STILL for u in _moved(robot, ours).values())
 
 
 def _differences(robot: Robot, ours: EngineState, theirs: EngineState) -> list[Difference]:
@@ -236,14 +245,3 @@ def _over(difference: float, size: float) -> float:
 def _angle(R: Floats) -> float:
     """The angle [rad] of a rotation."""
     return float(Rotation.from_matrix(R).magnitude())
-
-
-def _changes(given: Robot, own: Robot) -> list[str]:
-    bodies = [
-        f"{a.name}: {what} {getattr(a, what)} becomes {getattr(b, what)}"
-        for a, b in zip(given.bodies, own.bodies, strict=True)
-        for what in ("law", "element")
-        if getattr(a, what) != getattr(b, what)
-    ]
-    without = given.contact is not None and own.contact is None
-    return [*bodies, *["no contact, so that parts may pass through each other"] * without]

@@ -88,7 +88,7 @@ def require_same_code(client: distributed.Client, address: str) -> None:
     ]
     faults: dict[str, Fault] = {}
     for (what, function, args), own in zip(asked, ours, strict=True):
-        asked_now = _still_asked(client, faults)
+        asked_now = [worker for worker in client.scheduler_info(n_workers=-1)["workers"] if worker not in faults]
         told = _answers(client, function, args, asked_now)
         if not told:  # no worker yet, or one that does not answer: the code is compared with every call
             break
@@ -117,7 +117,3 @@ def _answers(
     asking.start()
     asking.join(ANSWER)
     return dict(found)
-
-
-def _still_asked(client: distributed.Client, faults: dict[str, Fault]) -> list[str]:
-    return [worker for worker in client.scheduler_info(n_workers=-1)["workers"] if worker not in faults]

@@ -82,22 +82,20 @@ def _draw(axes: Axes, laws: Mapping[str, Sequence[PredictedCoupon]], k: int, sca
         for i, one in enumerate(said):
             colour = SERIES[(i if by_test else number) % len(SERIES)]
             label = f"{one.coupon.name}, {name}" if by_test else name
-            _draw_law(axes, one, k, colour, label, scale.factor, in_time=in_time, band=alone)
+            across, stress, half = (
+                _across(one.coupon, in_time=in_time),
+                one.stress[:, k] / scale.factor,
+                one.half[:, k] / scale.factor,
+            )
+            # A line for each value of the first of two stretches.
+            strain = one.coupon.strain
+            cuts = [] if in_time else np.flatnonzero(np.any(np.diff(strain[:, :-1], axis=0) != 0.0, axis=1)) + 1
+            for rows in np.split(np.arange(len(strain)), cuts):
+                axes.plot(across[rows], stress[rows], color=colour, label=label, linewidth=1.2 if in_time else None)
+                if alone and np.isfinite(half[rows]).all():
+                    ends = (stress - half)[rows], (stress + half)[rows]
+                    axes.fill_between(across[rows], *ends, color=colour, alpha=0.18, linewidth=0, label=_BAND)
     axes.set_ylabel(scale.axis("nominal stress"))
-
-
-def _draw_law(
-    axes: Axes, one: PredictedCoupon, k: int, colour: str, label: str, factor: float, *, in_time: bool, band: bool
-) -> None:
-    across, stress, half = _across(one.coupon, in_time=in_time), one.stress[:, k] / factor, one.half[:, k] / factor
-    # A line for each value of the first of two stretches.
-    strain = one.coupon.strain
-    cuts = [] if in_time else np.flatnonzero(np.any(np.diff(strain[:, :-1], axis=0) != 0.0, axis=1)) + 1
-    for rows in np.split(np.arange(len(strain)), cuts):
-        axes.plot(across[rows], stress[rows], color=colour, label=label, linewidth=1.2 if in_time else None)
-        if band and np.isfinite(half[rows]).all():
-            ends = (stress - half)[rows], (stress + half)[rows]
-            axes.fill_between(across[rows], *ends, color=colour, alpha=0.18, linewidth=0, label=_BAND)
 
 
 def _across(coupon: Coupon, *, in_time: bool) -> Floats:

@@ -48,7 +48,10 @@ def fitted_with_history(problem: CouponProblem, start: Floats | None = None, sta
     CalibrationError
         Where the material has no stress at any start.
     """
-    searched, coarse = _Searched(problem), _Searched(_coarser(problem))
+    searched, coarse = (
+        _Searched(problem),
+        _Searched(CouponProblem(problem.constants, [one.coarser(_ROWS) for one in problem.coupons], problem.loss)),
+    )
     candidates = [] if start is None else [start]
     candidates += _drawn(problem, starts - len(candidates))
     ends: list[Any] = [end for values in candidates if (end := coarse.end(values, ftol=1e-5, xtol=None, max_nfev=40))]
@@ -59,11 +62,6 @@ def fitted_with_history(problem: CouponProblem, start: Floats | None = None, sta
     if found is None:
         raise CalibrationError(f"{problem.law.name}: there is no stress at the measured strains.")
     return searched.values(found.x)
-
-
-def _coarser(problem: CouponProblem) -> CouponProblem:
-    """With fewer rows, where a way has many: the time of a search is that of its rows."""
-    return CouponProblem(problem.constants, [one.coarser(_ROWS) for one in problem.coupons], problem.loss)
 
 
 class _Searched:

@@ -70,7 +70,7 @@ def render_coupon_page(
         marks=marks(sources),
         key_numbers=key_numbers(found),
         charts=charts,
-        across=_is_wide(found),
+        across=len({(coupon.test, axis) for coupon in found.coupons for axis in coupon.kind.axes}) > 1,
         coupons=coupons_table(found.coupons, [p.coupon for p in predicted]),
         laws=laws_table(found),
         moduli=moduli_table(found),
@@ -108,11 +108,6 @@ def key_numbers(found: LawComparison) -> list[KeyNumber]:
             looked,
         ),
     ]
-
-
-def _is_wide(found: LawComparison) -> bool:
-    """Whether the chart has columns for several stresses, and needs the width of the page."""
-    return len({(coupon.test, axis) for coupon in found.coupons for axis in coupon.kind.axes}) > 1
 
 
 def _subject(found: LawComparison, files: Sequence[str], n_predicted: int) -> str:

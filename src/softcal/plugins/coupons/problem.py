@@ -65,15 +65,13 @@ def stress_scales(coupons: Sequence[Coupon]) -> dict[str, float]:
 
 def apparent_modulus(coupons: Sequence[Coupon]) -> float:
     """The shear modulus [Pa] of the neo-Hookean body that is nearest to the stresses."""
-    unit, measured = _unit_stresses(coupons), np.concatenate([coupon.stresses for coupon in coupons])
-    return float(abs(unit @ measured) / (unit @ unit))
-
-
-def _unit_stresses(coupons: Sequence[Coupon]) -> Floats:
-    """The nominal stresses of a neo-Hookean body with a shear modulus of one, where they were measured."""
     theta = {"youngs_modulus": 3.0, "poissons_ratio": 0.5}
     values = tuple(np.float64(theta[name]) for name in NEO_HOOKE_ISOCHORIC.names)
-    return np.concatenate([LawResponse(NEO_HOOKE_ISOCHORIC, c.states).stress(values)[c.measured] for c in coupons])
+    unit, measured = (
+        np.concatenate([LawResponse(NEO_HOOKE_ISOCHORIC, c.states).stress(values)[c.measured] for c in coupons]),
+        np.concatenate([coupon.stresses for coupon in coupons]),
+    )
+    return float(abs(unit @ measured) / (unit @ unit))
 
 
 class CouponProblem:

@@ -22,7 +22,8 @@ HOLDS = 0.8
 def verdict(found: LawComparison) -> str:
     """Which law is recommended, and why."""
     chosen = found.recommended
-    up_to = _measured(found)
+    sizes = ", ".join(f"{plain(size, 3)} {mode}" for mode, size in found.laws[0].fit.stability.measured.items())
+    up_to = f"up to strains of the size measured (stretches of {sizes})"
     if chosen is None:
         return f"No law is recommended: none is stable {up_to}, with constants that the tests determine."
     return (
@@ -74,11 +75,6 @@ def conclusions(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> l
     of_robots = ONE_EXPERIMENT, not_included(())
     said += [note for note in one.fit.statistics.notes if note.text not in of_robots]
     return sorted(said, key=lambda sentence: sentence.tone != "warning")
-
-
-def _measured(found: LawComparison) -> str:
-    sizes = ", ".join(f"{plain(size, 3)} {mode}" for mode, size in found.laws[0].fit.stability.measured.items())
-    return f"up to strains of the size measured (stretches of {sizes})"
 
 
 def _unstable(one: ComparedLaw) -> list[str]:

@@ -87,7 +87,9 @@ def fleet(  # noqa: PLR0913 (one argument for each option)
                 raise found.stopped_by
         echo(f"Fleet: {shown_path(folder)}")
         if report:
-            _report(found)
+            from softcal.plugins.fleet.report import write_fleet_report
+
+            echo(f"Report: {shown_path(write_fleet_report(found))}")
 
 
 @contextmanager
@@ -124,9 +126,3 @@ def _print(found: Fleet) -> None:
             print_report_table(table)
     for sentence in fleet_sentences(found.specimens, found.statement):
         echo(sentence.text)
-
-
-def _report(found: Fleet) -> None:
-    from softcal.plugins.fleet.report import write_fleet_report
-
-    echo(f"Report: {shown_path(write_fleet_report(found))}")

@@ -31,11 +31,15 @@ def render_fleet_page(
 ) -> str:
     """The page as text."""
     sentences = fleet_sentences(specimens, found)
+    seconds = sum(one.seconds for one in specimens)
+    text = f"{found.done} calibrated"
+    if found.failed:
+        text += f", {found.failed} failed"
     return render(
         Path(__file__).with_name("fleet.html.j2"),
         title=f"{page.name}: {len(specimens)} specimens",
         created=page.created,
-        subject=_subject(specimens, found),
+        subject=f"{text}; {duration(seconds)} of computation.",
         key_numbers=key_numbers(found.populations),
         warnings=[one.text for one in sentences if one.tone == "warning"],
         conclusions=[one for one in sentences if one.tone != "warning"],
@@ -53,11 +57,3 @@ def key_numbers(populations: Sequence[Population]) -> list[KeyNumber]:
         remark = f"95 %: {ends_text(one.interval, one.unit, one.mean)}; spread {spread}, 95 %: {ends}"
         found.append(KeyNumber(one.label, mean, unit, remark))
     return found
-
-
-def _subject(specimens: Sequence[Specimen], found: FleetStatement) -> str:
-    seconds = sum(one.seconds for one in specimens)
-    text = f"{found.done} calibrated"
-    if found.failed:
-        text += f", {found.failed} failed"
-    return f"{text}; {duration(seconds)} of computation."

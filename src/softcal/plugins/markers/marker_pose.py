@@ -122,7 +122,10 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
         starts.update(_starts(camera, known, again, candidates))
         problem = _problem(camera, markers, used, starts, found)
         best = adjust(problem.start, problem.sightings)
-    misfit = _misfit(best.bundle, problem)
+    squares: dict[str, list[float]] = {}
+    for sighting, image in zip(problem.sightings, problem.images, strict=True):
+        squares.setdefault(image, []).extend(np.sum(best.bundle.residuals(sighting) ** 2, axis=1))
+    misfit = {image: float(np.sqrt(np.mean(found))) for image, found in squares.items()}
     _check_misfit(misfit, used)
     noise = _noise(best, problem)
     problem = replace(problem, sightings=_weighed(markers, problem, best.bundle, noise))
@@ -266,13 +269,6 @@ def _weighed(markers: MarkerSet, problem: _Problem, bundle: Bundle, noise: float
         replace(sighting, weight=noise / np.sqrt(noise**2 + (counts[one] - 1) * _SMALLEST_NOISE**2))
         for sighting, one in zip(problem.sightings, alike, strict=True)
     )
-
-
-def _misfit(bundle: Bundle, problem: _Problem) -> dict[str, float]:
-    squares: dict[str, list[float]] = {}
-    for sighting, image in zip(problem.sightings, problem.images, strict=True):
-        squares.setdefault(image, []).extend(np.sum(bundle.residuals(sighting) ** 2, axis=1))
-    return {image: float(np.sqrt(np.mean(found))) for image, found in squares.items()}
 
 
 def _check_misfit(misfit: Mapping[str, float], used: Sequence[Glimpse]) -> None:

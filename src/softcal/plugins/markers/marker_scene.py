@@ -53,7 +53,18 @@ class MarkerSet:
         both = sorted(set(self.base) & set(self.companions))
         faults += [Fault(f"marker {number} is named twice", "--base") for number in both]
         if faults:
-            raise DatasetError([_plain(fault) for fault in faults])
+            raise DatasetError(
+                [
+                    Fault(
+                        fault.what.replace("marker -1", "a marker"),
+                        fault.where,
+                        fault.got,
+                        fault.allowed,
+                        fault.attempt,
+                    )
+                    for fault in faults
+                ]
+            )
 
     @property
     def standing(self) -> tuple[int, ...]:
@@ -88,7 +99,3 @@ class Glimpse:
     group: str
     viewpoint: str
     corners: Mapping[int, Floats]
-
-
-def _plain(fault: Fault) -> Fault:
-    return Fault(fault.what.replace("marker -1", "a marker"), fault.where, fault.got, fault.allowed, fault.attempt)

@@ -55,7 +55,25 @@ class MarkerTable:
         for group in self.groups:
             cells = [cell for name in self.names for cell in _cells(self.cells.get((group, name)))]
             rows.append([group, self.n_images[group], *cells, "; ".join(self.notes[group])])
-        return csv_text(["group", "images [1]", *(h for name in self.names for h in _headers(name)), "notes"], rows)
+        return csv_text(
+            [
+                "group",
+                "images [1]",
+                *(
+                    h
+                    for name in self.names
+                    for h in [
+                        *(f"{name}.{axis} [m]" for axis in _COORDINATES),
+                        *(f"{name}.{axis}_sd [m]" for axis in _COORDINATES),
+                        *(f"{name}.r{axis} [rad]" for axis in _COORDINATES),
+                        *(f"{name}.r{axis}_sd [rad]" for axis in _COORDINATES),
+                        f"{name}.images [1]",
+                    ]
+                ),
+                "notes",
+            ],
+            rows,
+        )
 
 
 def marker_table(
@@ -148,16 +166,6 @@ def _notes(
         elif estimate.is_ambiguous:
             found.append(f"{markers.label(number)} is ambiguous: two orientations fit the images equally well")
     return tuple(found)
-
-
-def _headers(name: str) -> list[str]:
-    return [
-        *(f"{name}.{axis} [m]" for axis in _COORDINATES),
-        *(f"{name}.{axis}_sd [m]" for axis in _COORDINATES),
-        *(f"{name}.r{axis} [rad]" for axis in _COORDINATES),
-        *(f"{name}.r{axis}_sd [rad]" for axis in _COORDINATES),
-        f"{name}.images [1]",
-    ]
 
 
 def _cells(estimate: MarkerEstimate | None) -> list[str]:

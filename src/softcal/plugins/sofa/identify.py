@@ -88,7 +88,7 @@ def identify(robot: Robot, linear: LinearRobot, protocol: Protocol) -> Identifie
     target = _simulated(robot, thinned)
     experiment = _experiment(robot, thinned, target)
     moduli = [_modulus(body) for body in foreign]
-    ratios = [_ratio(body) for body in foreign]
+    ratios = [FreeParameter(f"{body.name}.poissons_ratio", "1", 0.0, LARGEST_RATIO) for body in foreign]
     start = {f"{body.name}.poissons_ratio": min(body.parameters["poissons_ratio"], STARTING_RATIO) for body in foreign}
     there = _fitted(replace(linear, robot=with_parameters(linear.robot, start)), experiment, moduli)
     left = _differences(there, thinned, target, experiment)
@@ -113,10 +113,6 @@ def _shown(name: str, value: float) -> str:
 def _modulus(body: Body) -> FreeParameter:
     E = body.parameters["youngs_modulus"]
     return FreeParameter(f"{body.name}.youngs_modulus", "Pa", E / 100.0, 10.0 * E, "log")
-
-
-def _ratio(body: Body) -> FreeParameter:
-    return FreeParameter(f"{body.name}.poissons_ratio", "1", 0.0, LARGEST_RATIO)
 
 
 def _fitted(linear: LinearRobot, experiment: Experiment, free: Sequence[FreeParameter]) -> LinearRobot:
@@ -152,7 +148,9 @@ def _experiment(robot: Robot, protocol: Protocol, target: Response) -> Experimen
     drives = tuple(protocol.drives)
     free = [cable.name for cable in robot.cables if cable.name not in protocol.commands]
     slack = [str(ChannelName(kind, name)) for name in free for kind in CableSensor.kinds]
-    rest = _rest(robot)
+    places = {plate.name: plate.reference for plate in robot.plates}
+    places |= {marker.name: marker.place for marker in robot.markers}
+    rest = {str(part): float(x) for name, at in places.items() for part, x in zip(positions(name), at, strict=True)}
     change = {
         channel: float(np.abs(values - rest.get(channel, 0.0)).max())
         for channel, values in target.channels.items()
@@ -172,10 +170,3 @@ def _experiment(robot: Robot, protocol: Protocol, target: Response) -> Experimen
         for name in (*compared, *drives)
     }
     return Experiment(EXPERIMENT, Dataset(EXPERIMENT, channels), drive=drives, compared=compared)
-
-
-def _rest(robot: Robot) -> dict[str, float]:
-    """Undeformed positions of plates and markers [m]."""
-    places = {plate.name: plate.reference for plate in robot.plates}
-    places |= {marker.name: marker.place for marker in robot.markers}
-    return {str(part): float(x) for name, at in places.items() for part, x in zip(positions(name), at, strict=True)}

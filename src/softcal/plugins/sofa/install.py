@@ -56,7 +56,12 @@ def find_sofa(environment: Mapping[str, str] | None = None) -> Sofa:
             )
         )
     root = Path(written).expanduser().absolute()
-    packages = _packages(root)
+    found = [
+        root / "plugins" / "SofaPython3" / "lib" / "python3" / "site-packages",
+        *root.glob("lib/python3*/site-packages"),
+    ]
+    found += sorted(root.glob("plugins/*/lib/python3/site-packages"))
+    packages = [folder for folder in dict.fromkeys(found) if folder.is_dir()]
     if not any((folder / "Sofa").is_dir() for folder in packages):
         what = (
             "this folder does not exist"
@@ -68,15 +73,6 @@ def find_sofa(environment: Mapping[str, str] | None = None) -> Sofa:
     sofa = Sofa(str(root), _python(root, packages, given.get(PYTHON, "")), tuple(map(str, packages)))
     _require_cables(sofa)
     return sofa
-
-
-def _packages(root: Path) -> list[Path]:
-    found = [
-        root / "plugins" / "SofaPython3" / "lib" / "python3" / "site-packages",
-        *root.glob("lib/python3*/site-packages"),
-    ]
-    found += sorted(root.glob("plugins/*/lib/python3/site-packages"))
-    return [folder for folder in dict.fromkeys(found) if folder.is_dir()]
 
 
 def _python(root: Path, packages: list[Path], given: str) -> str:

@@ -137,7 +137,10 @@ def linear_robot(robot: Robot) -> LinearRobot:
         raise ParameterError(faults)
     still = tuple(plate.name for plate in robot.plates if plate.fixed)
     old = {body.name: body for body in robot.bodies}
-    meshes = {body.name: _corner_mesh(body.mesh) for body in robot.bodies}
+    meshes = {
+        body.name: TetMesh(body.mesh.points[body.mesh.corners], _renumbered(body.mesh, body.mesh.tets[:, :4]))
+        for body in robot.bodies
+    }
 
     def numbers(body: str, nodes: Ints) -> Ints:
         return _renumbered(old[body].mesh, nodes)
@@ -147,7 +150,13 @@ def linear_robot(robot: Robot) -> LinearRobot:
         return np.unique(np.concatenate([numbers(body, old[body].fixed), *on_still]))
 
     bodies = tuple(
-        replace(body, mesh=meshes[body.name], element=ITS_ELEMENT, law=_its_law(body), fixed=fixed(body.name))
+        replace(
+            body,
+            mesh=meshes[body.name],
+            element=ITS_ELEMENT,
+            law=body.law if body.law in MATERIALS else STAND_IN,
+            fixed=fixed(body.name),
+        )
         for body in robot.bodies
     )
     plates = tuple(
@@ -173,14 +182,6 @@ def linear_robot(robot: Robot) -> LinearRobot:
         replace(robot, bodies=bodies, rods=rods, plates=plates, ties=ties, loads=loads, cables=cables, contact=None),
         still,
     )
-
-
-def _its_law(body: Body) -> str:
-    return body.law if body.law in MATERIALS else STAND_IN
-
-
-def _corner_mesh(mesh: TetMesh) -> TetMesh:
-    return TetMesh(mesh.points[mesh.corners], _renumbered(mesh, mesh.tets[:, :4]))
 
 
 def _renumbered(mesh: TetMesh, nodes: Ints) -> Ints:

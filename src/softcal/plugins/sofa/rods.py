@@ -47,6 +47,15 @@ def rod_parameters(rod: Rod, density: float) -> dict[str, Any]:
     """
     rod = finer(rod, SEGMENTS)
     flexibilities, kinds = _flexibilities(rod)
+    masses = density * node_volumes(rod)
+    section = rod.section.constants
+    inertia = (section.I1 + section.I2) / section.area
+    groups: list[dict[str, Any]] = []
+    for node in np.argsort(-masses, kind="stable").tolist():
+        mass = float(masses[node])
+        if not groups or mass < (1.0 - SAME_MASS) * groups[-1]["mass"]:
+            groups.append({"mass": mass, "inertia_per_mass": inertia, "nodes": []})
+        groups[-1]["nodes"].append(node)
     return {
         "segments": SEGMENTS,
         "nodes": rod.centreline.nodes.tolist(),
@@ -58,7 +67,7 @@ def rod_parameters(rod: Rod, density: float) -> dict[str, Any]:
         "axes": Rotation.from_matrix(rod.centreline.triads[:-1]).as_quat().tolist(),
         "fixed": rod.fixed.tolist(),
         "plates": {name: nodes.tolist() for name, nodes in rod.clamped.items()},
-        "masses": _masses(rod, density),
+        "masses": groups,
     }
 
 
@@ -104,20 +113,6 @@ def node_volumes(rod: Rod) -> Floats:
     """Volume of the rod per node (m,) [m^3]: half of the adjacent elements."""
     half = 0.5 * rod.section.constants.area * rod.centreline.lengths
     return np.append(half, 0.0) + np.insert(half, 0, 0.0)
-
-
-def _masses(rod: Rod, density: float) -> list[dict[str, Any]]:
-    """Groups of nodes of equal mass [kg]; inertia: per mass, isotropic, that of the section about its axis [m^2]."""
-    masses = density * node_volumes(rod)
-    section = rod.section.constants
-    inertia = (section.I1 + section.I2) / section.area
-    groups: list[dict[str, Any]] = []
-    for node in np.argsort(-masses, kind="stable").tolist():
-        mass = float(masses[node])
-        if not groups or mass < (1.0 - SAME_MASS) * groups[-1]["mass"]:
-            groups.append({"mass": mass, "inertia_per_mass": inertia, "nodes": []})
-        groups[-1]["nodes"].append(node)
-    return groups
 
 
 def _on_own_nodes(rod: Rod) -> RodTerm:

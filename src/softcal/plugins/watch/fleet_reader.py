@@ -99,11 +99,11 @@ class FleetReader:
 def _open(search: WatchedSearch, fleet: LiveSign | None) -> WatchedSearch:
     """A specimen without a record: from the end of its search to its record, the fleet's process works on it."""
     live = search.live
-    if live is not None and live.ended and fleet is not None and _is_of(live, fleet):
+    if (
+        live is not None
+        and live.ended
+        and fleet is not None
+        and (live.updated is not None and fleet.began is not None and live.updated >= fleet.began)
+    ):
         live = replace(live, pid=fleet.pid, host=fleet.host, updated=fleet.updated, ended=fleet.ended)
     return replace(search, live=live, is_open=True)
-
-
-def _is_of(live: LiveSign, fleet: LiveSign) -> bool:
-    """Whether a sign was given since the fleet began, or was resumed."""
-    return live.updated is not None and fleet.began is not None and live.updated >= fleet.began

@@ -11,7 +11,7 @@ from softcal.plugins.watch.charts import fleet_chart, loss_chart, parameter_char
 from softcal.plugins.watch.figure_panel import FigurePanel, of_fits, of_report
 from softcal.plugins.watch.time_left import fleet_time_left, search_time_left
 from softcal.plugins.watch.twin_panel import TwinPanel, fit_text
-from softcal.plugins.watch.watched import Course, WatchedRun, WatchedSearch
+from softcal.plugins.watch.watched import Course, WatchedSearch
 from softcal.plugins.watch.words import (
     STATES,
     best_rows,
@@ -69,7 +69,8 @@ class RunPage:
         """Read what is new, and show it."""
         run = await self._watch.now()
         now = datetime.now(UTC)
-        search = self._search(run, now)
+        chosen = next((search for search in run.searches if search.label == self._chosen), None)
+        search = chosen if chosen is not None or run.kind == "fleet" else run.now_at(now)
         search = None if search is None else await self._watch.whole(search)
         self._name.set_text(run.name)
         _show(self._report, bool(run.report))
@@ -101,10 +102,6 @@ class RunPage:
         self._state.classes(replace=f"sc-state {course}")
         self._stage.set_text(sentence)
         self._fill.style(f"width: {100 * share:.1f}%")
-
-    def _search(self, run: WatchedRun, now: datetime) -> WatchedSearch | None:
-        chosen = next((search for search in run.searches if search.label == self._chosen), None)
-        return chosen if chosen is not None or run.kind == "fleet" else run.now_at(now)
 
     def _show_search(self, search: WatchedSearch, now: datetime) -> None:
         course = search.course(now)

@@ -53,7 +53,15 @@ def main(shape: Path) -> None:
             at_values = project_at(project, theta, tied, names)
             known = _furthest(at_values, names)
             answer |= _shape(at_values, names, known, shape)
-            answer |= _fits(at_values, label, names, known, shape.parent)
+            from softcal.plugins.watch.fit_drawing import fit_drawings, fits_at
+            from softcal.report.style import as_png
+
+            fits, missing = fits_at(at_values, names, known)
+            captions: list[str] = []
+            for drawing in fit_drawings(at_values, label, fits):
+                (shape.parent / f"fit-{len(captions)}.png").write_bytes(as_png(drawing.figure, FINE))
+                captions.append(drawing.caption)
+            answer |= {"captions": captions, "missing": missing}
     except SoftcalError as error:
         answer["trouble"] = str(error)
     json.dump({**answer, "cpu": time.process_time()}, sys.stdout)
@@ -78,21 +86,6 @@ def _furthest(at_values: Project, names: Sequence[str]) -> dict[str, Response]:
     if not at_values.experiments[name].drives:
         return {}
     return {name: simulate(at_values, experiment=name, snapshots=True)}
-
-
-def _fits(
-    at_values: Project, label: str, names: Sequence[str], known: Mapping[str, Response], folder: Path
-) -> dict[str, Any]:
-    """Write what the experiments measured, and what the twin does, as the report draws it."""
-    from softcal.plugins.watch.fit_drawing import fit_drawings, fits_at
-    from softcal.report.style import as_png
-
-    fits, missing = fits_at(at_values, names, known)
-    captions: list[str] = []
-    for drawing in fit_drawings(at_values, label, fits):
-        (folder / f"fit-{len(captions)}.png").write_bytes(as_png(drawing.figure, FINE))
-        captions.append(drawing.caption)
-    return {"captions": captions, "missing": missing}
 
 
 def _shape(at_values: Project, names: Sequence[str], known: Mapping[str, Response], path: Path) -> dict[str, Any]:

@@ -33,7 +33,14 @@ class GridOptimiser(Optimiser):
     @classmethod
     def begin(cls, problem: Problem, settings: SearchSettings) -> GridOptimiser:
         space = problem.space
-        per_axis = np.linspace(0.0, 1.0, _per_axis(space, settings.trials or 0))
+        trials = settings.trials or 0
+        count = int(trials ** (1.0 / space.size) + 1e-9)
+        if count < 2:
+            allowed = f"at least {2**space.size}"
+            raise ParameterError(
+                Fault(f"a grid over {space.size} parameters needs more trials", "trials", str(trials), allowed)
+            )
+        per_axis = np.linspace(0.0, 1.0, count)
         points = (space.to_model(z) for z in itertools.product(per_axis, repeat=space.size))
         return cls(points, [len(per_axis)] * space.size)
 
@@ -72,16 +79,6 @@ class GridOptimiser(Optimiser):
         if self._asked < self.total:
             return f"The grid of {self._shape} points is not finished."
         return f"All {self.total} points of the grid ({self._shape}) were evaluated."
-
-
-def _per_axis(space: SearchSpace, trials: int) -> int:
-    found = int(trials ** (1.0 / space.size) + 1e-9)
-    if found < 2:
-        allowed = f"at least {2**space.size}"
-        raise ParameterError(
-            Fault(f"a grid over {space.size} parameters needs more trials", "trials", str(trials), allowed)
-        )
-    return found
 
 
 def _check(space: SearchSpace, axes: Mapping[str, Sequence[float]]) -> None:

@@ -13,7 +13,6 @@ from softcal.calibration.problem.problem import Evaluation, Problem
 from softcal.calibration.search.descent import Descent, counted
 from softcal.calibration.search.optimiser import Optimiser, Proposal, register_optimiser
 from softcal.calibration.search.settings import SearchSettings
-from softcal.checks import Floats
 from softcal.limits import LIMITS
 
 # A start above this share of the range below a ceiling may lie where elements lock.
@@ -70,7 +69,15 @@ class LeastSquaresOptimiser(Optimiser):
         self._space, self._loss = space, loss
         self._trials = trials
         numbers = [j for j, label in enumerate(space.labels) if label in of_paths]
-        own, *others = (Descent(space, loss, z, trials, numbers) for z in _starts(space, starts, seed))
+        # A Latin hypercube beside the parameters' own start. A parameter's values in it follow from its label: load
+        # paths that separate fits have solved from there serve the joint one.
+        n = max(starts - 1, 0)
+        further = np.zeros((n, space.size))
+        for j, label in enumerate(space.labels):
+            random = np.random.default_rng([seed, *label.encode()])
+            further[:, j] = (random.permutation(n) + random.random(n)) / max(n, 1)
+        first = np.clip(space.to_search(space.start), 0.0, 1.0)
+        own, *others = (Descent(space, loss, z, trials, numbers) for z in (first, *further))
         self._descents = [own, *others]
         self._waves = [[own], others]
         below = np.array([np.isfinite(p.ceiling) for p in space.parameters])
@@ -87,7 +94,10 @@ class LeastSquaresOptimiser(Optimiser):
                 self._leave_if_known(descent)
             running = [(descent, descent.next) for descent in wave if descent.next is not None]
             if running:
-                return tuple(self._proposal(descent, z) for descent, z in running)
+                proposals = [Proposal(n, self._space.to_model(z)) for n, (_, z) in enumerate(running, self._number)]
+                self._asked |= {proposal.number: d for proposal, (d, _) in zip(proposals, running, strict=True)}
+                self._number += len(proposals)
+                return tuple(proposals)
         return ()
 
     def tell(self, proposal: Proposal, evaluation: Evaluation) -> None:
@@ -132,12 +142,6 @@ class LeastSquaresOptimiser(Optimiser):
         begun = [descent for wave in self._waves for descent in wave if descent.best is not None]
         return min(begun, key=_value) if begun else self._descents[0]
 
-    def _proposal(self, descent: Descent, z: Floats) -> Proposal:
-        proposal = Proposal(self._number, self._space.to_model(z))
-        self._asked[self._number] = descent
-        self._number += 1
-        return proposal
-
     def _leave_if_known(self, descent: Descent) -> None:
         found = [other for wave in self._waves for other in wave if other.converged]
         if descent.next is not None and descent.evaluations >= descent.budget:
@@ -159,15 +163,3 @@ def _value(descent: Descent) -> float:
     if descent.best is None or descent.best.loss is None:
         raise RuntimeError("the descent has no loss")
     return descent.best.loss
-
-
-def _starts(space: SearchSpace, count: int, seed: int) -> list[Floats]:
-    """The parameters' own start, and a Latin hypercube. A parameter's values in it follow from its label: load paths
-    that separate fits have solved from there serve the joint one.
-    """
-    n = max(count - 1, 0)
-    others = np.zeros((n, space.size))
-    for j, label in enumerate(space.labels):
-        random = np.random.default_rng([seed, *label.encode()])
-        others[:, j] = (random.permutation(n) + random.random(n)) / max(n, 1)
-    return [np.clip(space.to_search(space.start), 0.0, 1.0), *others]

@@ -67,10 +67,8 @@ def apparent_modulus(coupons: Sequence[Coupon]) -> float:
     """The shear modulus [Pa] of the neo-Hookean body that is nearest to the stresses."""
     theta = {"youngs_modulus": 3.0, "poissons_ratio": 0.5}
     values = tuple(np.float64(theta[name]) for name in NEO_HOOKE_ISOCHORIC.names)
-    unit, measured = (
-        np.concatenate([LawResponse(NEO_HOOKE_ISOCHORIC, c.states).stress(values)[c.measured] for c in coupons]),
-        np.concatenate([coupon.stresses for coupon in coupons]),
-    )
+    unit = np.concatenate([LawResponse(NEO_HOOKE_ISOCHORIC, c.states).stress(values)[c.measured] for c in coupons])
+    measured = np.concatenate([coupon.stresses for coupon in coupons])
     return float(abs(unit @ measured) / (unit @ unit))
 
 

@@ -90,7 +90,9 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
         If no image shows the base, or the markers of an image contradict the other images.
     """
     everything = {number for one in glimpses for number in one.corners}
-    glimpses = [_wanted(markers, one) for one in glimpses]
+    if markers.names:  # other markers may move
+        numbers = {*markers.names, *markers.standing}
+        glimpses = [replace(g, corners={n: c for n, c in g.corners.items() if n in numbers}) for g in glimpses]
     candidates: dict[str, Sequence[PoseCandidate]] = {
         view: view_candidates(camera, markers, [one for one in glimpses if one.viewpoint == view])
         for view in dict.fromkeys(one.viewpoint for one in glimpses)
@@ -187,14 +189,6 @@ def _noise(best: Adjustment, problem: _Problem) -> float:
     n_free = 6 * (len(best.bundle.views) + len(best.bundle.bodies))
     n_seen = sum(sighting.pixels.size for sighting in problem.sightings)
     return max(_SMALLEST_NOISE, float(np.sqrt(best.cost / max(n_seen - n_free, 1))))
-
-
-def _wanted(markers: MarkerSet, glimpse: Glimpse) -> Glimpse:
-    """The base and the named markers of an image (all if none is named); other markers may move."""
-    if not markers.names:
-        return glimpse
-    wanted = {*markers.names, *markers.standing}
-    return replace(glimpse, corners={number: c for number, c in glimpse.corners.items() if number in wanted})
 
 
 @dataclass(frozen=True)

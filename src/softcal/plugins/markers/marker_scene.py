@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -53,18 +53,7 @@ class MarkerSet:
         both = sorted(set(self.base) & set(self.companions))
         faults += [Fault(f"marker {number} is named twice", "--base") for number in both]
         if faults:
-            raise DatasetError(
-                [
-                    Fault(
-                        fault.what.replace("marker -1", "a marker"),
-                        fault.where,
-                        fault.got,
-                        fault.allowed,
-                        fault.attempt,
-                    )
-                    for fault in faults
-                ]
-            )
+            raise DatasetError([replace(f, what=f.what.replace("marker -1", "a marker")) for f in faults])
 
     @property
     def standing(self) -> tuple[int, ...]:

@@ -55,25 +55,13 @@ class MarkerTable:
         for group in self.groups:
             cells = [cell for name in self.names for cell in _cells(self.cells.get((group, name)))]
             rows.append([group, self.n_images[group], *cells, "; ".join(self.notes[group])])
-        return csv_text(
-            [
-                "group",
-                "images [1]",
-                *(
-                    h
-                    for name in self.names
-                    for h in [
-                        *(f"{name}.{axis} [m]" for axis in _COORDINATES),
-                        *(f"{name}.{axis}_sd [m]" for axis in _COORDINATES),
-                        *(f"{name}.r{axis} [rad]" for axis in _COORDINATES),
-                        *(f"{name}.r{axis}_sd [rad]" for axis in _COORDINATES),
-                        f"{name}.images [1]",
-                    ]
-                ),
-                "notes",
-            ],
-            rows,
-        )
+        of_each = [
+            pattern.format(axis)
+            for pattern in ("{} [m]", "{}_sd [m]", "r{} [rad]", "r{}_sd [rad]")
+            for axis in _COORDINATES
+        ]
+        header = [f"{name}.{column}" for name in self.names for column in (*of_each, "images [1]")]
+        return csv_text(["group", "images [1]", *header, "notes"], rows)
 
 
 def marker_table(

@@ -26,7 +26,7 @@ from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
-from softcal.twin.robot import Body, Robot
+from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 from softcal.units import format_quantity
 
@@ -87,7 +87,8 @@ def identify(robot: Robot, linear: LinearRobot, protocol: Protocol) -> Identifie
     thinned = protocol.thinned(SAMPLES)
     target = _simulated(robot, thinned)
     experiment = _experiment(robot, thinned, target)
-    moduli = [_modulus(body) for body in foreign]
+    E = {body.name: body.parameters["youngs_modulus"] for body in foreign}
+    moduli = [FreeParameter(f"{name}.youngs_modulus", "Pa", at / 100.0, 10.0 * at, "log") for name, at in E.items()]
     ratios = [FreeParameter(f"{body.name}.poissons_ratio", "1", 0.0, LARGEST_RATIO) for body in foreign]
     start = {f"{body.name}.poissons_ratio": min(body.parameters["poissons_ratio"], STARTING_RATIO) for body in foreign}
     there = _fitted(replace(linear, robot=with_parameters(linear.robot, start)), experiment, moduli)
@@ -108,11 +109,6 @@ def identify(robot: Robot, linear: LinearRobot, protocol: Protocol) -> Identifie
 
 def _shown(name: str, value: float) -> str:
     return format_quantity(value, "Pa" if name.endswith(".youngs_modulus") else "1", digits=5)
-
-
-def _modulus(body: Body) -> FreeParameter:
-    E = body.parameters["youngs_modulus"]
-    return FreeParameter(f"{body.name}.youngs_modulus", "Pa", E / 100.0, 10.0 * E, "log")
 
 
 def _fitted(linear: LinearRobot, experiment: Experiment, free: Sequence[FreeParameter]) -> LinearRobot:

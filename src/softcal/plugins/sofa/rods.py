@@ -132,12 +132,7 @@ def _flexibilities(rod: Rod) -> tuple[list[dict[str, Any]], list[int]]:
     shear = np.swapaxes(turn, 1, 2) @ (found[1] - found[0]) @ turn
     bending = np.swapaxes(turn, 1, 2) @ found[0] @ turn - shear
     length = np.repeat([1.0, float(rod.centreline.lengths.mean())], 3)  # scales moments and rotations
-    firsts, kinds = _alike(np.stack([bending, shear], axis=1) * length[:, None] * length)
-    return [{"by_bending": bending[i].tolist(), "by_shear": shear[i].tolist()} for i in firsts], kinds
-
-
-def _alike(values: Floats) -> tuple[list[int], list[int]]:
-    """Index of the first of each kind of equal values (n, ...), and the kind of each."""
+    values = np.stack([bending, shear], axis=1) * length[:, None] * length
     apart = SAME_KIND * float(np.abs(values).max())
     firsts: list[int] = []
     kinds: list[int] = []
@@ -146,4 +141,4 @@ def _alike(values: Floats) -> tuple[list[int], list[int]]:
         if kind == len(firsts):
             firsts.append(len(kinds))
         kinds.append(kind)
-    return firsts, kinds
+    return [{"by_bending": bending[i].tolist(), "by_shear": shear[i].tolist()} for i in firsts], kinds

@@ -140,12 +140,8 @@ def schedule_csv(protocol: Protocol) -> str:
     table = np.column_stack([np.append(0.0, command.values) for command in commands.values()])
     rates = np.array(
         [
-            (
-                PULL_SPEED
-                if command.control == "shortening"
-                else max(float(np.abs(values).max(initial=0.0)), 1e-12) / PULL_TIME
-            )
-            for command, values in zip(commands.values(), table.T, strict=True)
+            PULL_SPEED if c.control == "shortening" else max(float(np.abs(v).max(initial=0.0)), 1e-12) / PULL_TIME
+            for c, v in zip(commands.values(), table.T, strict=True)
         ]
     )
     steps = np.abs(np.diff(table, axis=0)) / rates

@@ -47,7 +47,11 @@ def skins(linear: LinearRobot) -> dict[str, Skin]:
     found |= {rod.name: rod_skin(finer(rod, SEGMENTS)) for rod in robot.rods}
     plates = ((plate.name, plate_skin(robot, plate)) for plate in robot.plates)
     found |= {name: skin for name, skin in plates if skin is not None}
-    return {name: _with_edges(skin) for name, skin in found.items()}
+    for name, skin in found.items():
+        source, triangles = split_at_edges(skin.points, skin.triangles)
+        nodes = None if skin.nodes is None else skin.nodes[source]
+        found[name] = replace(skin, points=skin.points[source], triangles=triangles, nodes=nodes)
+    return found
 
 
 def plate_skin(robot: Robot, plate: Plate) -> Skin | None:
@@ -116,12 +120,6 @@ def write_surfaces(linear: LinearRobot, folder: Path) -> list[Path]:
 
 def _file(name: str) -> str:
     return f"{name}.obj"
-
-
-def _with_edges(skin: Skin) -> Skin:
-    source, triangles = split_at_edges(skin.points, skin.triangles)
-    nodes = None if skin.nodes is None else skin.nodes[source]
-    return replace(skin, points=skin.points[source], triangles=triangles, nodes=nodes)
 
 
 def _camera(centre: Floats, size: float, up: Floats) -> dict[str, Any]:

@@ -83,13 +83,8 @@ def parameter_chart(search: WatchedSearch, facts: ParameterFacts) -> dict[str, A
         "inRange": {"color": ["#0072b2", "#8fbbd6", "#dfe5ea"]}, "outOfRange": {"color": "#e5e8ec"}, "inverse": False,
     }  # fmt: skip
     if len(names) == 1:
-        loss_axis = {
-            "type": "log" if min(losses) > 0.0 and max(losses) / min(losses) > WIDE else "value",
-            "name": "loss",
-            "scale": True,
-            "axisLabel": _TEXT,
-            "nameTextStyle": _TEXT,
-        }
+        scale = "log" if min(losses) > 0.0 and max(losses) / min(losses) > WIDE else "value"
+        loss_axis = {"type": scale, "name": "loss", "scale": True, "axisLabel": _TEXT, "nameTextStyle": _TEXT}
         x = {**_cartesian(axes[0]), "nameLocation": "middle", "nameGap": 28}
         grid = {"left": 12, "right": 20, "top": 34, "bottom": 34, "containLabel": True}
         return {**base, "grid": grid, "xAxis": x, "yAxis": loss_axis,

@@ -102,8 +102,12 @@ def _open(search: WatchedSearch, fleet: LiveSign | None) -> WatchedSearch:
     if (
         live is not None
         and live.ended
+        and live.updated
         and fleet is not None
-        and (live.updated is not None and fleet.began is not None and live.updated >= fleet.began)
+        and fleet.began is not None
+        and (
+            live.updated >= fleet.began  # a sign since the fleet began, or was resumed
+        )
     ):
         live = replace(live, pid=fleet.pid, host=fleet.host, updated=fleet.updated, ended=fleet.ended)
     return replace(search, live=live, is_open=True)

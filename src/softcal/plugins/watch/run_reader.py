@@ -91,7 +91,11 @@ class RunReader:
         """Runs and scores in the folder itself, or runs, fleets and scores in folders in it."""
         searches: list[WatchedSearch] = []
         scores: list[WatchedScore] = []
-        for place in ("", *self._folders()):
+        try:
+            folders = sorted(one.name for one in self.folder.iterdir() if one.is_dir() and not one.is_symlink())
+        except OSError:
+            folders = []
+        for place in ("", *folders):
             score = told(faults, lambda place=place: read_record(self.folder, _joined(place, SCORE)))
             if score is not None:
                 scores.append(watched_score(score))
@@ -118,12 +122,6 @@ class RunReader:
                 break
         kind = "runs" if searches else "benchmark" if scores else ""
         return WatchedRun(name, kind, tuple(searches), scores=tuple(scores), unreadable=tuple(faults))
-
-    def _folders(self) -> list[str]:
-        try:
-            return sorted(one.name for one in self.folder.iterdir() if one.is_dir() and not one.is_symlink())
-        except OSError:
-            return []
 
     def _result(self, place: str) -> WatchedResult | None:
         record = read_record(self.folder, place)

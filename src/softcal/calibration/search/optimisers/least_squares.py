@@ -13,6 +13,7 @@ from softcal.calibration.problem.problem import Evaluation, Problem
 from softcal.calibration.search.descent import Descent, counted
 from softcal.calibration.search.optimiser import Optimiser, Proposal, register_optimiser
 from softcal.calibration.search.settings import SearchSettings
+from softcal.checks import Floats
 from softcal.limits import LIMITS
 
 # A start above this share of the range below a ceiling may lie where elements lock.
@@ -69,15 +70,7 @@ class LeastSquaresOptimiser(Optimiser):
         self._space, self._loss = space, loss
         self._trials = trials
         numbers = [j for j, label in enumerate(space.labels) if label in of_paths]
-        # A Latin hypercube beside the parameters' own start. A parameter's values in it follow from its label: load
-        # paths that separate fits have solved from there serve the joint one.
-        n = max(starts - 1, 0)
-        further = np.zeros((n, space.size))
-        for j, label in enumerate(space.labels):
-            random = np.random.default_rng([seed, *label.encode()])
-            further[:, j] = (random.permutation(n) + random.random(n)) / max(n, 1)
-        first = np.clip(space.to_search(space.start), 0.0, 1.0)
-        own, *others = (Descent(space, loss, z, trials, numbers) for z in (first, *further))
+        own, *others = (Descent(space, loss, z, trials, numbers) for z in _starts(space, starts, seed))
         self._descents = [own, *others]
         self._waves = [[own], others]
         below = np.array([np.isfinite(p.ceiling) for p in space.parameters])
@@ -163,3 +156,15 @@ def _value(descent: Descent) -> float:
     if descent.best is None or descent.best.loss is None:
         raise RuntimeError("the descent has no loss")
     return descent.best.loss
+
+
+def _starts(space: SearchSpace, count: int, seed: int) -> list[Floats]:
+    """The parameters' own start, and a Latin hypercube. A parameter's values in it follow from its label: load paths
+    that separate fits have solved from there serve the joint one.
+    """
+    n = max(count - 1, 0)
+    others = np.zeros((n, space.size))
+    for j, label in enumerate(space.labels):
+        random = np.random.default_rng([seed, *label.encode()])
+        others[:, j] = (random.permutation(n) + random.random(n)) / max(n, 1)
+    return [np.clip(space.to_search(space.start), 0.0, 1.0), *others]

@@ -20,7 +20,6 @@ from pydantic import ValidationError, model_validator
 from softcal.calibration.problem.parameters import SearchSpace
 from softcal.calibration.results.result import Trial
 from softcal.calibration.results.stored import Amount, Count, Record, contradiction, damaged
-from softcal.calibration.statistics.fanova import distributions
 from softcal.errors import Fault, StorageError
 from softcal.regular_file import own_file
 
@@ -339,3 +338,13 @@ def _as_stored(
         row.errors,
     )
     return StoredTrial(trial, row.n_solves, row.elapsed, arrays_file(folder, row.number) if row.arrays else None)
+
+
+def distributions(space: SearchSpace) -> dict[str, optuna.distributions.BaseDistribution]:
+    """The search space as Optuna sees it."""
+    import optuna
+
+    return {
+        p.label: optuna.distributions.FloatDistribution(p.lower, p.upper, log=p.scale == "log")
+        for p in space.parameters
+    }

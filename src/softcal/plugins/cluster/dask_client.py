@@ -5,15 +5,21 @@ from __future__ import annotations
 import asyncio
 import concurrent.futures
 import contextlib
+import hashlib
+import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
+from functools import cache
+from importlib import import_module
 from importlib.metadata import version
+from pathlib import Path
 from sysconfig import get_python_version
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
+import softcal
 from softcal.errors import Fault, InputError
 from softcal.extras import require_extra
-from softcal.plugins.cluster.code import code_hash
 
 if TYPE_CHECKING:
     import distributed
@@ -117,3 +123,38 @@ def _answers(
     asking.start()
     asking.join(ANSWER)
     return dict(found)
+
+
+@cache
+def code_hash() -> str:
+    """The first twelve characters of the SHA-256 of all modules of this installation, in the order of their names."""
+    home = Path(softcal.__file__).parent
+    found = hashlib.sha256()
+    for path in sorted(home.rglob("*.py")):
+        found.update(path.relative_to(home).as_posix().encode())
+        found.update(path.read_bytes())
+    return found.hexdigest()[:12]
+
+
+_NAMES = ("distributed.client", "distributed.core", "distributed.comm", "distributed.scheduler")
+_lock = threading.Lock()
+_before: list[dict[str, int]] = []  # the levels that each use of a cluster found; the first is the last to go
+
+
+@contextmanager
+def dask_silenced() -> Generator[None]:
+    """Silence Dask within this block; the levels of its loggers are restored when the last such block ends."""
+    with suppress(ModuleNotFoundError):
+        import_module("distributed")  # which sets the levels itself
+    with _lock:
+        _before.append({name: logging.getLogger(name).level for name in _NAMES})
+        for name in _NAMES:
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        with _lock:
+            levels = _before.pop()
+            if not _before:
+                for name, level in levels.items():
+                    logging.getLogger(name).setLevel(level)

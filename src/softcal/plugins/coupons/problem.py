@@ -24,7 +24,7 @@ from softcal.materials.neo_hooke import NEO_HOOKE_ISOCHORIC
 from softcal.plugins.coupons.coupon import Coupon
 from softcal.plugins.coupons.free_constants import FreeConstants
 from softcal.plugins.coupons.history_response import response_of
-from softcal.plugins.coupons.response import LawResponse
+from softcal.plugins.coupons.kind import LawResponse
 
 _LARGE = 1e3
 

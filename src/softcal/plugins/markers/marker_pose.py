@@ -11,11 +11,10 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.geometry.pose import Pose
-from softcal.plugins.markers.bundle import BASE, Adjustment, Bundle, Sighting, adjust
+from softcal.plugins.markers.bundle import BASE, Adjustment, Bundle, PoseCandidate, Sighting, adjust, pose_candidates
 from softcal.plugins.markers.camera import Camera
 from softcal.plugins.markers.marker_scene import Glimpse, MarkerSet
 from softcal.plugins.markers.marker_start import GroupStart, start_group, view_candidates
-from softcal.plugins.markers.square_pose import PoseCandidate, pose_candidates
 
 # A pose is ambiguous if the cost of a second one is larger by less than this, in units of the corners' variance.
 _TELLING = 9.0

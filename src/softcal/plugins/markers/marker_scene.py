@@ -10,7 +10,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.geometry.pose import Pose
-from softcal.plugins.markers.square_pose import square_corners
+from softcal.plugins.markers.bundle import square_corners
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.geometry.pose import Pose
-from softcal.plugins.markers.bundle import BASE, Adjustment, Bundle, Sighting, adjust
+from softcal.plugins.markers.bundle import BASE, Adjustment, Bundle, PoseCandidate, Sighting, adjust, pose_candidates
 from softcal.plugins.markers.camera import Camera
 from softcal.plugins.markers.marker_scene import Glimpse, MarkerSet
-from softcal.plugins.markers.square_pose import PoseCandidate, pose_candidates
 
 # Excess cost [px²] above which a pose is discarded: impossible by chance for corners accurate to 0.1 px.
 _CLEARLY_WORSE = 0.3

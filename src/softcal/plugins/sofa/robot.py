@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +18,6 @@ from softcal.geometry.quadratic import linear_numbers
 from softcal.geometry.varied_section import VariedSection
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import P1
-from softcal.plugins.sofa.laws import MATERIALS
 from softcal.plugins.sofa.rods import linear_rod
 from softcal.twin.bores import bores
 from softcal.twin.robot import Body, Moment, Robot, SurfaceLoad
@@ -188,3 +189,30 @@ def _renumbered(mesh: TetMesh, nodes: Ints) -> Ints:
     """New numbers of corner nodes; nodes of a list that are no corners are omitted."""
     found = linear_numbers(mesh)[nodes]
     return found[found >= 0] if found.ndim == 1 else found
+
+
+MATERIALS: Mapping[str, str] = {
+    "neo-hooke": "NeoHookean",
+    "stable-neo-hooke": "StableNeoHookean",
+    "stvenant-kirchhoff": "StVenantKirchhoff",
+    "sofa-mooney-rivlin": "MooneyRivlin",
+    "sofa-ogden": "Ogden",
+    "sofa-arruda-boyce": "ArrudaBoyce",
+}
+
+
+def material(law: str, theta: Mapping[str, float]) -> dict[str, Any]:
+    """A body's law in the scene's parameters, at softcal's constants theta [SI]; law: one of `MATERIALS`.
+
+    The constants are E and nu, of which the scene makes mu and Lame's lambda, or those of SOFA's ParameterSet.
+    """
+    name = MATERIALS[law]
+    if name == "Ogden":
+        own = [theta["mu1"] * theta["alpha1"], theta["alpha1"], theta["bulk_modulus"]]
+    elif name == "MooneyRivlin":
+        own = [theta["C10"], theta["C01"], theta["bulk_modulus"]]
+    elif name == "ArrudaBoyce":
+        own = [theta["chain_modulus"], theta["bulk_modulus"]]
+    else:
+        return {"material": name, **{key: theta[key] for key in ("youngs_modulus", "poissons_ratio")}}
+    return {"material": name, "constants": own}

@@ -16,8 +16,7 @@ from softcal.csv_text import csv_text
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.attachment import attach
 from softcal.mechanics.elements import ELEMENTS
-from softcal.plugins.sofa.laws import material
-from softcal.plugins.sofa.robot import LinearRobot
+from softcal.plugins.sofa.robot import LinearRobot, material
 from softcal.plugins.sofa.rods import SEGMENTS, finer, node_volumes, rod_parameters
 from softcal.plugins.sofa.settings import SofaSettings
 from softcal.twin.loads import surface_forces

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from softcal.plugins.watch.charts import fleet_chart, loss_chart, parameter_chart
 from softcal.plugins.watch.figure_panel import FigurePanel, of_fits, of_report
-from softcal.plugins.watch.time_left import fleet_time_left, search_time_left
 from softcal.plugins.watch.twin_panel import TwinPanel, fit_text
 from softcal.plugins.watch.watched import Course, WatchedSearch
 from softcal.plugins.watch.words import (
@@ -17,9 +16,11 @@ from softcal.plugins.watch.words import (
     best_rows,
     failed_rows,
     fleet_text,
+    fleet_time_left,
     run_state,
     score_rows,
     search_rows,
+    search_time_left,
     share_done,
     share_finished,
     state_sentence,

@@ -231,9 +231,12 @@ def _accurate(
             return logarithm, error
         n = max(_CHECKS, 2 * size)
         if simulated.n_evaluations + n > simulations:
+            state = "its surrogate does not cover the posterior yet"
+            if np.isfinite(error):
+                state = f"its surrogate still errs by {error:.2g} in the log-posterior, and {ERROR:g} is allowed"
             raise CalibrationError(
-                f"After {simulated.n_evaluations} evaluations of the twin {_state(error)}. Try: more simulations, "
-                "fewer free parameters, narrower bounds, or profiles, which need no surrogate."
+                f"After {simulated.n_evaluations} evaluations of the twin {state}. Try: more simulations, fewer free "
+                "parameters, narrower bounds, or profiles, which need no surrogate."
             )
         points = draft[chance.choice(len(draft), n, replace=False)]
         found = simulated.at(list(points))
@@ -253,12 +256,6 @@ def _accurate(
             wider = mean + _WIDER * (draft[chance.choice(len(draft), n, replace=False)] - mean)
             simulated.at(list(np.clip(wider, 0.0, 1.0)))
     raise CalibrationError("No surrogate of the twin became accurate.")
-
-
-def _state(error: float) -> str:
-    if not np.isfinite(error):
-        return "its surrogate does not cover the posterior yet"
-    return f"its surrogate still errs by {error:.2g} in the log-posterior, and {ERROR:g} is allowed"
 
 
 def sampled(logarithm: LogPosterior, n: int, seed: int, *, converge: bool = True) -> Chain:

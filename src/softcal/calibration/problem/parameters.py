@@ -92,7 +92,14 @@ class SearchSpace:
 
     def to_search(self, theta: Mapping[str, float]) -> Floats:
         """The point of the unit box for theta [SI]."""
-        return np.array([_to_search(p, theta[p.label]) for p in self.parameters])
+        return np.array(
+            [
+                math.log(theta[p.label] / p.lower) / math.log(p.upper / p.lower)
+                if p.scale == "log"
+                else (theta[p.label] - p.lower) / (p.upper - p.lower)
+                for p in self.parameters
+            ]
+        )
 
     def jacobian(self, z: Sequence[float] | Floats) -> Floats:
         """d theta / d z, the diagonal, shape (size,)."""
@@ -164,7 +171,13 @@ def search_space(
         if wrong:
             continue
         infos = [known[target] for target in parameter.targets]
-        faults += [fault for info in infos for fault in _limit_faults(parameter, info)]
+        for info in infos:
+            if parameter.unit != info.unit:
+                of = f" ({info.name})" if info.name != parameter.name else ""
+                faults.append(Fault("the unit is not the parameter's" + of, parameter.label, parameter.unit, info.unit))
+            for what, bound in (("lower bound", parameter.lower), ("upper bound", parameter.upper)):
+                if (fault := info.quantity.fault(bound, parameter.label)) is not None:
+                    faults.append(replace(fault, what=f"the {what} is outside what the parameter may be"))
         floor, ceiling = max(info.floor for info in infos), min(info.ceiling for info in infos)
         present = sum(info.value for info in infos) / len(infos)
         for one in expanded(replace(parameter, floor=floor, ceiling=ceiling), experiments, own, set_ups):
@@ -219,17 +232,6 @@ def _faults(parameter: FreeParameter) -> list[Fault]:
     return faults
 
 
-def _limit_faults(parameter: FreeParameter, info: ParameterInfo) -> list[Fault]:
-    faults: list[Fault] = []
-    if parameter.unit != info.unit:
-        of = f" ({info.name})" if info.name != parameter.name else ""
-        faults.append(Fault("the unit is not the parameter's" + of, parameter.label, parameter.unit, info.unit))
-    for what, bound in (("lower bound", parameter.lower), ("upper bound", parameter.upper)):
-        if (fault := info.quantity.fault(bound, parameter.label)) is not None:
-            faults.append(replace(fault, what=f"the {what} is outside what the parameter may be"))
-    return faults
-
-
 def _to_model(parameter: FreeParameter, z: float) -> float:
     # The bounds themselves are hit exactly: exp(log(x)) may step over them by one unit in the last place, and a step to
     # a bound may end short of it by as much.
@@ -240,9 +242,3 @@ def _to_model(parameter: FreeParameter, z: float) -> float:
     if parameter.scale == "log":
         return parameter.lower * math.exp(z * math.log(parameter.upper / parameter.lower))
     return parameter.lower + z * (parameter.upper - parameter.lower)
-
-
-def _to_search(parameter: FreeParameter, value: float) -> float:
-    if parameter.scale == "log":
-        return math.log(value / parameter.lower) / math.log(parameter.upper / parameter.lower)
-    return (value - parameter.lower) / (parameter.upper - parameter.lower)

@@ -72,10 +72,23 @@ def uncertain_parameters(
     faults: list[Fault] = []
     found: list[UncertainParameter] = []
     for given in parameters:
-        for written in _written_out(given, known):
+        is_pattern = not given.of and any(mark in given.name for mark in "*?[")
+        matches = [name for name in known if is_pattern and fnmatchcase(name, given.name)]
+        for written in [replace(given, name=name, written=given.name) for name in matches] or [given]:
             parameter, unknown = resolved(written, known)
-            faults += unknown or _faults(parameter, known)
-            found += [] if unknown else expanded(parameter, experiments, own, set_ups)
+            faults += unknown
+            if unknown:
+                continue
+            label = parameter.label
+            faults += [
+                Fault("the unit is not the parameter's", label, parameter.unit, known[target].unit)
+                for target in parameter.targets
+                if known[target].unit != parameter.unit
+            ]
+            faults += [fault] if (fault := sd_fault(parameter.sd, parameter.unit, label)) else []
+            if parameter.source in RESERVED:
+                faults.append(Fault("the name is that of a source of error", label, attempt="another name"))
+            found += expanded(parameter, experiments, own, set_ups)
     faults += doubled(found, TWICE)
     if faults:
         raise ParameterError(faults)
@@ -114,24 +127,3 @@ def sd_fault(sd: float, unit: str, where: str = "") -> Fault | None:
         return None
     got = f"{sd:.6g}" if unit == "1" else f"{sd:.6g} {unit}"
     return Fault("the standard deviation must be above zero", where, got, attempt="no entry for what is exactly known")
-
-
-def _written_out(given: UncertainParameter, known: Iterable[str]) -> list[UncertainParameter]:
-    """One for each parameter that matches a name with wildcards; the given one without them."""
-    if given.of or not any(mark in given.name for mark in "*?["):
-        return [given]
-    matches = [name for name in known if fnmatchcase(name, given.name)]
-    return [replace(given, name=name, written=given.name) for name in matches] or [given]
-
-
-def _faults(parameter: UncertainParameter, known: Mapping[str, ParameterInfo]) -> list[Fault]:
-    label = parameter.label
-    faults = [
-        Fault("the unit is not the parameter's", label, parameter.unit, known[target].unit)
-        for target in parameter.targets
-        if known[target].unit != parameter.unit
-    ]
-    faults += [fault] if (fault := sd_fault(parameter.sd, parameter.unit, label)) else []
-    if parameter.source in RESERVED:
-        faults.append(Fault("the name is that of a source of error", label, attempt="another name"))
-    return faults

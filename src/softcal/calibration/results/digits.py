@@ -81,6 +81,11 @@ def interval_text(estimate: Estimate) -> str:
     return with_unit(estimate, ends_text(estimate))
 
 
+def range_text(ends: tuple[float, float], unit: str) -> str:
+    """Ends [unit], to four digits or as many as tell them apart: "1.94 to 2.02 MPa", "950 kPa to 1.02 MPa"."""
+    return format_range(*ends, unit, digits=digits_that_tell(*ends))
+
+
 def with_unit(estimate: Estimate, text: str) -> str:
     """A number or two in the estimate's display unit, with that unit."""
     unit = display_unit(estimate)
@@ -92,6 +97,6 @@ def estimate_cells(estimate: Estimate) -> list[str]:
     ends = estimate.interval
     return [
         format_quantity(estimate.value, estimate.unit) + (" (at a bound)" if estimate.at_bound else ""),
-        "–" if ends is None else format_range(*ends, estimate.unit, digits=digits_that_tell(*ends)),
+        "–" if ends is None else range_text(ends, estimate.unit),
         format_range(estimate.lower, estimate.upper, estimate.unit),
     ]

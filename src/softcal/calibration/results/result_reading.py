@@ -204,22 +204,14 @@ def _trials(path: Path) -> tuple[Trial, ...]:
                     errors.setdefault(experiment, {})[of] = _number(path, text, i)
             else:
                 theta[title.rpartition(" [")[0]] = _number(path, text, i)
-        trials.append(_trial(path, row[:fixed], theta, losses, errors))
+        names = ("number", "state", "loss", "seconds", "n_factorisations", "reason")
+        cells = {name: text for name, text in zip(names, row[:fixed], strict=True) if text or name == "reason"}
+        try:
+            t = _ROW.validate_strings(cells)
+        except ValidationError as error:
+            raise damaged(path, _WHAT, error) from error
+        if (t.state == "COMPLETE") != (t.loss is not None):
+            why = f"trial {t.number} is {t.state}, and its loss is '{cells.get('loss', '')}'"
+            raise contradiction(path, _WHAT, why)
+        trials.append(Trial(t.number, theta, t.state, t.loss, t.reason, t.seconds, t.n_factorisations, losses, errors))
     return tuple(trials)
-
-
-def _trial(
-    path: Path,
-    cells: list[str],
-    theta: dict[str, float],
-    losses: dict[str, float],
-    errors: dict[str, dict[str, float]],
-) -> Trial:
-    told = dict(zip(("number", "state", "loss", "seconds", "n_factorisations", "reason"), cells, strict=True))
-    try:
-        row = _ROW.validate_strings({key: text for key, text in told.items() if text or key == "reason"})
-    except ValidationError as error:
-        raise damaged(path, _WHAT, error) from error
-    if (row.state == "COMPLETE") != (row.loss is not None):
-        raise contradiction(path, _WHAT, f"trial {row.number} is {row.state}, and its loss is '{told['loss']}'")
-    return Trial(row.number, theta, row.state, row.loss, row.reason, row.seconds, row.n_factorisations, losses, errors)

@@ -102,23 +102,18 @@ def _predict(
     shared = [p for p in alone.space.parameters if p.label in theta]
     held = {target: theta[p.label] for p in shared for target in p.targets}
     placed = replace(experiment, settings={**experiment.settings, **held})
-    evaluation, unsettled = _nuisances(replace(alone, experiments=(placed,), space=SearchSpace(tuple(own))))
+    part = replace(alone, experiments=(placed,), space=SearchSpace(tuple(own)))
+    descent = Descent(part.space, part.loss, np.clip(part.space.to_search(part.space.start), 0.0, 1.0), _BUDGET)
+    evaluation: Evaluation | None = None
+    while descent.next is not None:
+        evaluation = part.evaluate(part.space.to_model(descent.next), jacobian=True)
+        descent.tell(evaluation)
+    evaluation = descent.best if descent.best is not None else evaluation
+    unsettled = "" if descent.converged else descent.status
     if with_slopes and evaluation is not None and evaluation.loss is not None:
         everything = {**evaluation.theta, **{p.label: theta[p.label] for p in shared}}
         evaluation = alone.evaluate(everything, jacobian=True)
     return evaluation, own, unsettled
-
-
-def _nuisances(problem: Problem) -> tuple[Evaluation | None, str]:
-    """The best evaluation over the nuisances of one experiment, and how the fit ended where it did not converge."""
-    space = problem.space
-    descent = Descent(space, problem.loss, np.clip(space.to_search(space.start), 0.0, 1.0), _BUDGET)
-    last: Evaluation | None = None
-    while descent.next is not None:
-        last = problem.evaluate(space.to_model(descent.next), jacobian=True)
-        descent.tell(last)
-    evaluation = descent.best if descent.best is not None else last
-    return evaluation, "" if descent.converged else descent.status
 
 
 @dataclass(frozen=True)

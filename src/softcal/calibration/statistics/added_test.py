@@ -13,7 +13,7 @@ the experiments differ, the test is one more of them, with the same spread betwe
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -199,7 +199,15 @@ def with_added_test(
             seen.append(Weighed(Block("", "prior", np.zeros(1), np.zeros(1), 1.0, jacobian), np.ones(1), np.ones(1)))
     parts, inverse, unseen = linearised(loss, seen, np.ones(wide), len(errs), found.missed)
     parts, serves = parts_by_set_up(parts, found.set_ups), serves_by_set_up(serves, found.set_ups)
-    sources = _base_sources(parts, found, places)
+    # The calibration's sources, with the priors of the added parameters, in the parts of all parameters.
+    sources: list[Source] = []
+    for source in (one for one in found.sources if one.kind != DRIFT):
+        own = [p for p in parts if p.group == source.name and p.experiment not in places and p.group != PRIOR]
+        sources.append(replace(source, records=tuple(_record(part, source.process) for part in own)))
+    priors = tuple(_record(part, None) for part in parts if part.group == PRIOR)
+    sources = [one for one in sources if one.name != PRIOR]
+    if priors:
+        sources.append(Source("prior", PRIOR, priors, 1.0, np.inf))
     new = [part for part in parts if part.experiment in places]
     total = sum(len(one.answer) for one in added.channels)
     for part, channel in zip(new, list(added.channels) * added.repeats, strict=True):
@@ -267,17 +275,6 @@ def _expected(
     if channel.counted:
         return Weighed(block, loss.square_weights(block, residual), None)
     return Weighed(block, np.full(n, precision / noise.variance), None)
-
-
-def _base_sources(parts: Sequence[ScaledBlock], found: Estimator, added: Collection[str]) -> list[Source]:
-    """The calibration's sources of error, with the priors of the added parameters, in the parts of all parameters."""
-    sources: list[Source] = []
-    for source in (one for one in found.sources if one.kind != DRIFT):
-        own = [p for p in parts if p.group == source.name and p.experiment not in added and p.group != PRIOR]
-        sources.append(replace(source, records=tuple(_record(part, source.process) for part in own)))
-    priors = tuple(_record(part, None) for part in parts if part.group == PRIOR)
-    sources = [one for one in sources if one.name != PRIOR]
-    return [*sources, *([Source("prior", PRIOR, priors, 1.0, np.inf)] if priors else [])]
 
 
 def _record(part: ScaledBlock, process: Process | None) -> ErrorRecord:

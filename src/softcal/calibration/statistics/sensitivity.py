@@ -153,7 +153,14 @@ def local_statistics(
     slopes = space.jacobian(z)
     serves = space.serving(dict.fromkeys(block.experiment for block in blocks if block.experiment))
     found = local_estimator(space, loss, z, blocks, uncertain) if found is None else found
-    importance = _importance(space, loss, blocks, slopes)
+    felt = np.zeros(space.size)
+    for block in blocks:
+        if block.jacobian is not None:
+            missed = loss.stated_noise(block)
+            if missed is None:
+                missed = np.full(len(block.residual), max(rms(block.residual), 1e-12 * rms(block.measured) + 1e-300))
+            felt += np.sum((block.jacobian * slopes / missed[:, None]) ** 2, axis=0)
+    importance = dict(zip(space.labels, (felt / felt.sum()).tolist(), strict=True)) if felt.sum() > 0 else {}
     errors: dict[str, float | None] = dict.fromkeys(space.labels)
     intervals: dict[str, tuple[float, float] | None] = dict.fromkeys(space.labels)
     mixed = unseen_parameters(found.unseen)
@@ -254,17 +261,6 @@ def _together(space: SearchSpace, errors: Mapping[str, float], found: Estimator,
         f"{one} and {other} move together: if {other} were known, the error of {one} would be "
         f"{plain(100 * share, 2)} % of what it is."
     )
-
-
-def _importance(space: SearchSpace, loss: Loss, blocks: Sequence[Block], slopes: Floats) -> dict[str, float]:
-    felt = np.zeros(space.size)
-    for block in blocks:
-        if block.jacobian is not None:
-            missed = loss.stated_noise(block)
-            if missed is None:
-                missed = np.full(len(block.residual), max(rms(block.residual), 1e-12 * rms(block.measured) + 1e-300))
-            felt += np.sum((block.jacobian * slopes / missed[:, None]) ** 2, axis=0)
-    return dict(zip(space.labels, (felt / felt.sum()).tolist(), strict=True)) if felt.sum() > 0 else {}
 
 
 def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated: bool) -> Sequence[Remark]:

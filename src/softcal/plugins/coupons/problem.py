@@ -14,11 +14,9 @@ from functools import cached_property
 
 import numpy as np
 
-from softcal.calibration.problem.experiment import Experiment
-from softcal.calibration.problem.loss import Block, Loss, rms
+from softcal.calibration.problem.loss import Block, SumOfSquares, rms
 from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
 from softcal.checks import Floats
-from softcal.errors import Fault
 from softcal.materials.law import Law
 from softcal.materials.neo_hooke import NEO_HOOKE_ISOCHORIC
 from softcal.plugins.coupons.coupon import Coupon
@@ -30,26 +28,17 @@ _LARGE = 1e3
 
 
 @dataclass(frozen=True)
-class CouponLoss(Loss):
+class CouponLoss(SumOfSquares):
     """sum (residual / scale)^2; scales: kind of test -> root mean square of its nominal stresses [Pa]."""
 
     scales: Mapping[str, float] = field(default_factory=dict[str, float])
     name: str = "coupons"
 
-    def block_value(self, block: Block, residual: Floats) -> float:
-        return float(residual**2 @ self.square_weights(block, residual))
-
     def square_weights(self, block: Block, residual: Floats) -> Floats:
         return np.full(len(residual), self.scales[self.noise_group(block)] ** -2)
 
-    def share(self, blocks: Sequence[Block]) -> float:
-        return 1.0
-
     def noise_group(self, block: Block) -> str:
         return block.channel.split()[0]
-
-    def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
-        return []
 
 
 def coupon_loss(coupons: Sequence[Coupon]) -> CouponLoss:

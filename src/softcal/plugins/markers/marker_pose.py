@@ -111,7 +111,16 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
     starts = _starts(camera, markers, used, candidates)
     problem = _problem(camera, markers, used, starts)
     best = adjust(problem.start, problem.sightings)
-    found = _seen_beside_the_base(markers, glimpses, candidates, problem, best, starts)
+    # Companions with certain poses that appear in images without the base.
+    lost = {number for one in glimpses if not candidates[one.viewpoint] for number in one.corners}
+    noise = _noise(best, problem)
+    clear = {group for group, start in starts.items() if start.margin >= _TELLING * noise**2}
+    seen = {number for group, number in problem.keys if group in clear}
+    found = {
+        number: best.bundle.bodies[problem.bodies["", number]]
+        for number in markers.companions
+        if number in lost & seen and ("", number) in problem.bodies
+    }
     if found:
         known = replace(markers, base={**markers.base, **found}, companions=())
         late = {one.group for one in glimpses if not candidates[one.viewpoint]}
@@ -161,26 +170,6 @@ def _starts(
             if len(candidates[view]) > 1 and sum(one.viewpoint == view for one in used) > len(mine):
                 candidates[view] = (PoseCandidate(pose, 0.0),)  # shared with other states: determined once
     return starts
-
-
-def _seen_beside_the_base(
-    markers: MarkerSet,
-    glimpses: Sequence[Glimpse],
-    candidates: Mapping[str, Sequence[PoseCandidate]],
-    problem: _Problem,
-    best: Adjustment,
-    starts: Mapping[str, GroupStart],
-) -> dict[int, Pose]:
-    """Companions with certain poses that appear in images without the base."""
-    lost = {number for one in glimpses if not candidates[one.viewpoint] for number in one.corners}
-    noise = _noise(best, problem)
-    clear = {group for group, start in starts.items() if start.margin >= _TELLING * noise**2}
-    seen = {number for group, number in problem.keys if group in clear}
-    return {
-        number: best.bundle.bodies[problem.bodies["", number]]
-        for number in markers.companions
-        if number in lost & seen and ("", number) in problem.bodies
-    }
 
 
 def _noise(best: Adjustment, problem: _Problem) -> float:

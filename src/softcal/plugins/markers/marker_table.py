@@ -53,7 +53,17 @@ class MarkerTable:
         """
         rows: list[list[object]] = []
         for group in self.groups:
-            cells = [cell for name in self.names for cell in _cells(self.cells.get((group, name)))]
+            cells: list[str] = []
+            for name in self.names:
+                estimate = self.cells.get((group, name))
+                if estimate is None:
+                    cells += [""] * 12 + ["0"]
+                    continue
+                sd = np.sqrt(np.diag(estimate.covariance))
+                turns = (*estimate.pose.rotation_vector, *sd[:3])
+                cells += [f"{value:.9g}" for value in (*estimate.pose.position, *sd[3:])]
+                cells += ["" if estimate.is_ambiguous else f"{value:.9g}" for value in turns]
+                cells.append(str(estimate.n_images))
             rows.append([group, self.n_images[group], *cells, "; ".join(self.notes[group])])
         of_each = [
             pattern.format(axis)
@@ -154,15 +164,3 @@ def _notes(
         elif estimate.is_ambiguous:
             found.append(f"{markers.label(number)} is ambiguous: two orientations fit the images equally well")
     return tuple(found)
-
-
-def _cells(estimate: MarkerEstimate | None) -> list[str]:
-    if estimate is None:
-        return [""] * 12 + ["0"]
-    sd = np.sqrt(np.diag(estimate.covariance))
-    turns = [*estimate.pose.rotation_vector, *sd[:3]]
-    return [
-        *(f"{value:.9g}" for value in (*estimate.pose.position, *sd[3:])),
-        *("" if estimate.is_ambiguous else f"{value:.9g}" for value in turns),
-        str(estimate.n_images),
-    ]

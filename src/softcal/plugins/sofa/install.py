@@ -87,7 +87,9 @@ def _python(root: Path, packages: list[Path], given: str) -> str:
     for python in beside:
         if python.is_file():
             return str(python)
-    version = _version(packages)
+    bindings = (path.name for folder in packages for path in (folder / "Sofa").glob("*.cpython-*"))
+    versions = (match[1] for name in bindings if (match := re.search(r"\.cpython-3(\d+)", name)))
+    version = next((f"3.{minor}" for minor in versions), "")
     if version in ("", f"{sys.version_info.major}.{sys.version_info.minor}"):
         return sys.executable
     found = shutil.which(f"python{version}")
@@ -101,15 +103,6 @@ def _python(root: Path, packages: list[Path], given: str) -> str:
             )
         )
     return found
-
-
-def _version(packages: list[Path]) -> str:
-    """The version of Python that the bindings were compiled for, such as "3.12"; "" if unknown."""
-    for folder in packages:
-        for path in (folder / "Sofa").glob("*.cpython-*"):
-            if match := re.search(r"\.cpython-3(\d+)", path.name):
-                return f"3.{match[1]}"
-    return ""
 
 
 @functools.cache

@@ -43,12 +43,16 @@ def main(shape: Path) -> None:
     answer: dict[str, Any] = {"units": {}, "bounds": {}, "title": "", "largest": 0.0, "trouble": ""}
     try:
         project, settings = project_of_run(request["folder"])
-        answer |= _parameters(project)
+        units = {name: info.unit for name, info in project.parameters.items()}
+        free = () if project.space is None else project.space.parameters
+        for parameter in free:
+            name = next(iter(parameter.targets), parameter.name)
+            units[parameter.label] = units.get(name, units.get(parameter.name, "1"))
+        answer |= {"units": units, "bounds": {p.label: [p.lower, p.upper] for p in free}}
         if theta := request.get("theta"):
             label = request["label"]
             names = [label] if label in project.experiments else list(project.experiments)
             names = [name for name in names if name not in settings.hold_out] or list(project.experiments)
-            free = () if project.space is None else project.space.parameters
             tied = {**project.tied, **{p.label: p.targets for p in free}}
             at_values = project_at(project, theta, tied, names)
             known = _furthest(at_values, names)
@@ -65,16 +69,6 @@ def main(shape: Path) -> None:
     except SoftcalError as error:
         answer["trouble"] = str(error)
     json.dump({**answer, "cpu": time.process_time()}, sys.stdout)
-
-
-def _parameters(project: Project) -> dict[str, Any]:
-    """Units of all parameters, and bounds and scale of the free ones, by label."""
-    units = {name: info.unit for name, info in project.parameters.items()}
-    free = () if project.space is None else project.space.parameters
-    for parameter in free:
-        name = next(iter(parameter.targets), parameter.name)
-        units[parameter.label] = units.get(name, units.get(parameter.name, "1"))
-    return {"units": units, "bounds": {p.label: [p.lower, p.upper] for p in free}}
 
 
 def _furthest(at_values: Project, names: Sequence[str]) -> dict[str, Response]:

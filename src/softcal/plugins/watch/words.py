@@ -6,10 +6,11 @@ import math
 from datetime import datetime
 from typing import Any
 
+from softcal.calibration.results.digits import range_text
 from softcal.plugins.watch.live import LONG
 from softcal.plugins.watch.twin import ParameterFacts
 from softcal.plugins.watch.watched import Course, WatchedRun, WatchedSearch
-from softcal.units import digits_that_tell, format_quantity, format_range
+from softcal.units import format_quantity
 
 STATES: dict[Course, str] = {
     "waiting": "Not begun",
@@ -217,7 +218,7 @@ def _shown(value: float, unit: str | None) -> str:
 def _range(low: float, high: float, unit: str | None) -> str:
     if unit is None:
         return f"{low:.4g} to {high:.4g} (SI)"
-    return format_range(low, high, unit, digits=digits_that_tell(low, high))
+    return range_text((low, high), unit)
 
 
 _BEGINNING = 10.0  # [s] that a search may take before its sign of life

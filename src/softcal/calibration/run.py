@@ -109,6 +109,13 @@ def require_joinable(
 ) -> None:
     """Raise unless `calibrate` with the same arguments could take part in a shared study; nothing is made.
 
+    Parameters
+    ----------
+    problem, settings, hashes
+        As of `calibrate`.
+    sharing
+        The shared study.
+
     Raises
     ------
     InputError

@@ -163,7 +163,15 @@ class IntervalStudy:
 def checked(
     estimates: Mapping[str, Estimate], found: Mapping[str, tuple[float, float] | None], reason: str
 ) -> dict[str, CheckedInterval]:
-    """The intervals `found` [SI by label] beside the quick ones of the estimates; reason: why they may differ."""
+    """The intervals by another method beside the quick ones of the estimates, by label.
+
+    Parameters
+    ----------
+    estimates, found
+        Label -> estimate with its quick interval; label -> ends [unit] by the other method, None where it has none.
+    reason
+        Why they may differ, the end of a sentence.
+    """
     return {
         label: CheckedInterval(e.value, e.unit, e.lower, e.upper, e.scale, e.interval, found.get(label), reason)
         for label, e in estimates.items()

@@ -259,7 +259,16 @@ def _accurate(
 
 
 def sampled(logarithm: LogPosterior, n: int, seed: int, *, converge: bool = True) -> Chain:
-    """Draws of a posterior; converge: whether the chain must be long enough to tell its own autocorrelation.
+    """Draws of a posterior.
+
+    Parameters
+    ----------
+    logarithm
+        Its log-density.
+    n, seed
+        Number of draws, and the seed of the random numbers.
+    converge
+        Whether the chain must be long enough to tell its own autocorrelation.
 
     Raises
     ------

@@ -67,7 +67,19 @@ class Resampled:
         began: float,
         points: Mapping[str, tuple[float, ...]],
     ) -> IntervalStudy:
-        """The study with these ends in the unit box."""
+        """The study with these ends.
+
+        Parameters
+        ----------
+        by, notes, facts
+            As of `IntervalStudy`; the facts without the number of groups.
+        ends
+            Number of the parameter -> ends in the unit box.
+        began
+            When the study began, as of `time.perf_counter` [s].
+        points
+            Label -> values [SI] without each group, or of each draw.
+        """
         held, chances = self.held, self.without.chances(self.held.found)
         intervals: dict[str, CheckedInterval] = {}
         for j, (label, e) in enumerate(held.estimates.items()):
@@ -106,7 +118,14 @@ def default_groups(problem: Problem) -> str:
 
 
 def resampled(problem: Problem, theta: Mapping[str, float], over: str = "") -> Resampled:
-    """The groups of measurements at the calibrated values theta [SI by label].
+    """The groups of measurements at the minimum of the loss.
+
+    Parameters
+    ----------
+    problem, theta
+        The calibrated problem, and its minimum [SI by label].
+    over
+        The kind of group, see `groups.KINDS`; by default as `default_groups`.
 
     Raises
     ------
@@ -130,9 +149,15 @@ def resampled(problem: Problem, theta: Mapping[str, float], over: str = "") -> R
 
 
 def jackknife(problem: Problem, theta: Mapping[str, float], *, over: str = "") -> IntervalStudy:
-    """95 % intervals by leaving out one group of measurements at a time, from calibrated values theta [SI by label].
+    """95 % intervals by leaving out one group of measurements at a time. From the jacobians: the twin is simulated
+    once.
 
-    From the jacobians: the twin is simulated once. over: the kind of group, see `groups.KINDS`.
+    Parameters
+    ----------
+    problem, theta
+        The calibrated problem, and its minimum [SI by label].
+    over
+        The kind of group, see `groups.KINDS`; by default as `default_groups`.
 
     Raises
     ------

@@ -152,10 +152,19 @@ def search_space(
 ) -> SearchSpace:
     """Expand patterns of names and per-experiment nuisances, and check every parameter against those that exist.
 
-    A start that is not given is the present value where that lies within the bounds: of tied parameters the mean, and
-    of a nuisance the experiment's own (`own`: values by experiment and name). A parameter for each experiment is made
-    only for those of `own` that have it. set_ups: experiment -> the set-up it was done in; one that has none, or "",
-    is a set-up by itself.
+    A start that is not stated is the present value where that lies within the bounds: of tied parameters the mean, and
+    of a nuisance the experiment's own.
+
+    Parameters
+    ----------
+    parameters, experiments
+        Free parameters as a user states them, and the names of the experiments.
+    known
+        Name -> what is known of a parameter of the robot or the rig.
+    own
+        Experiment -> name -> value [SI]; a parameter for each experiment is made for those that have it.
+    set_ups
+        Experiment -> the set-up it was done in; one that has none, or "", is a set-up by itself.
 
     Raises
     ------
@@ -192,6 +201,13 @@ def search_space(
 
 def split(space: SearchSpace, label: str, known: Mapping[str, ParameterInfo]) -> SearchSpace:
     """The space in which each of the parameters that are tied in `label` is free by itself.
+
+    Parameters
+    ----------
+    space, label
+        The search space, and the label of the tied parameters.
+    known
+        Name -> what is known of a parameter of the robot or the rig.
 
     Raises
     ------

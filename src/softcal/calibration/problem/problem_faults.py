@@ -25,7 +25,17 @@ def problem_faults(
     loss: Loss,
     uncertain: Sequence[UncertainParameter] = (),
 ) -> list[Fault]:
-    """Every fault of a problem's parts, and of how they go together."""
+    """Every fault of a problem's parts, and of how they go together.
+
+    Parameters
+    ----------
+    robot, experiments
+        The robot, and its experiments.
+    space, loss
+        The search space, and the loss.
+    uncertain
+        The uncertain parameters.
+    """
     known = {**robot_parameters(robot), **rig_parameters(experiments)}
     varied = {
         e.name: space.free_in(e.name) | {t for p in uncertain if p.serves(e.name) for t in p.targets}

@@ -61,7 +61,16 @@ def uncertain_parameters(
 ) -> tuple[UncertainParameter, ...]:
     """One for each value that errs by itself: names with a wildcard written out, nuisances for each experiment.
 
-    own: values of the rig's parameters by experiment and name. set_ups: experiment -> the set-up it was done in.
+    Parameters
+    ----------
+    parameters, experiments
+        Uncertain parameters as a user states them, and the names of the experiments.
+    known
+        Name -> what is known of a parameter of the robot or the rig.
+    own
+        Experiment -> name -> value [SI] of the rig's parameters.
+    set_ups
+        Experiment -> the set-up it was done in.
 
     Raises
     ------
@@ -100,7 +109,12 @@ def free_and_uncertain(
 ) -> list[Fault]:
     """The faults of uncertain parameters that are free in an experiment too, or a parameter of none of them.
 
-    free: experiment -> the parameters of the robot and the rig that are free in it.
+    Parameters
+    ----------
+    uncertain, experiments
+        The uncertain parameters, and the names of the experiments.
+    free
+        Experiment -> the parameters of the robot and the rig that are free in it.
     """
     faults: list[Fault] = []
     names = list(experiments)
@@ -122,7 +136,15 @@ def free_and_uncertain(
 
 
 def sd_fault(sd: float, unit: str, where: str = "") -> Fault | None:
-    """The fault of a standard deviation [unit], or None."""
+    """The fault of a standard deviation [unit], or None.
+
+    Parameters
+    ----------
+    sd, unit
+        The standard deviation [unit].
+    where
+        The parameter, in the message.
+    """
     if 0.0 < sd < math.inf:
         return None
     got = f"{sd:.6g}" if unit == "1" else f"{sd:.6g} {unit}"

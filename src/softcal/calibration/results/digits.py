@@ -34,7 +34,17 @@ def half_width(estimate: Estimate) -> float | None:
 
 
 def shown(estimate: Estimate, value: float, unit: str = "") -> str:
-    """A value of the parameter [unit], such as an end of its interval, as a plain number in a display unit."""
+    """A value of the parameter [unit], such as an end of its interval, as a plain number in a display unit.
+
+    Parameters
+    ----------
+    estimate
+        The parameter's.
+    value
+        Number [SI].
+    unit
+        Display unit; by default that of the estimate.
+    """
     factor = unit_factor(unit or display_unit(estimate), estimate.unit)
     for bound in (estimate.lower, estimate.upper):
         if math.isclose(value, bound, rel_tol=1e-9):
@@ -43,7 +53,14 @@ def shown(estimate: Estimate, value: float, unit: str = "") -> str:
 
 
 def difference(estimate: Estimate, value: float, unit: str = "") -> str:
-    """The same of an error or a difference, which bounds do not concern."""
+    """An error of the parameter, or a difference of its values, as a plain number in a display unit; bounds do not
+    concern it.
+
+    Parameters
+    ----------
+    estimate, value, unit
+        As of `shown`.
+    """
     factor, half = unit_factor(unit or display_unit(estimate), estimate.unit), half_width(estimate)
     return rounded(value / factor, half and half / factor, least=int(estimate.scale == "log"))
 

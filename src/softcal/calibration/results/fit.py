@@ -23,8 +23,14 @@ def experiment_fit(
     bands: Mapping[str, Floats] | None = None,
     repeats: Mapping[str, Floats] | None = None,
 ) -> ExperimentFit:
-    """The errors of the predicted measurements `seen`; bands and repeats: channel -> half-width [SI] at its measured
-    samples.
+    """The errors of the predicted measurements of an experiment.
+
+    Parameters
+    ----------
+    experiment, seen
+        The experiment, and what the twin predicts of it.
+    bands, repeats
+        Channel -> half-width (n,) [SI] at its measured samples.
     """
     channels = experiment.dataset.channels
     errors = {

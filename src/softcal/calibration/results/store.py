@@ -88,7 +88,18 @@ class RunStore:
         versions: Mapping[str, str],
         files: Mapping[str, str] | None = None,
     ) -> RunStore:
-        """A new run. identity: hash by the name of what is hashed; files: texts to keep with the run, by file name.
+        """A new run.
+
+        Parameters
+        ----------
+        folder, space
+            The run's folder, and the search space.
+        identity
+            Hash by the name of what is hashed.
+        settings, versions
+            Settings of the search, and versions of packages, by name.
+        files
+            Texts to keep with the run, by file name.
 
         Raises
         ------
@@ -122,7 +133,16 @@ class RunStore:
         settings: Mapping[str, Any],
         grows: bool = True,
     ) -> RunStore:
-        """The run in a folder, resumed with the settings it began with; `grows`: except the number of trials.
+        """The run in a folder, resumed with the settings it began with.
+
+        Parameters
+        ----------
+        folder, space
+            The run's folder, and the search space.
+        identity, settings
+            As of `create`; they must be those of the run.
+        grows
+            Whether the number of trials may be another.
 
         Raises
         ------
@@ -172,6 +192,15 @@ class RunStore:
 
     def append(self, trial: Trial, *, n_solves: int, elapsed: float, arrays: bytes | None = None) -> None:
         """Store a trial, its arrays first; it is on disk when this returns.
+
+        Parameters
+        ----------
+        trial
+            The trial.
+        n_solves, elapsed
+            Trajectories solved for it, and time [s] since the search began.
+        arrays
+            What it predicts, as of `encode`.
 
         Raises
         ------

@@ -311,7 +311,14 @@ def attributes(stored: StoredTrial) -> dict[str, Any]:
 
 
 def as_stored(frozen: optuna.trial.FrozenTrial, held: Mapping[str, Any], folder: Path) -> StoredTrial:
-    """A trial of Optuna's. held: its number and softcal's attributes of it; folder: the run's.
+    """A trial of Optuna's as one of softcal's.
+
+    Parameters
+    ----------
+    frozen, held
+        The trial, and its number with softcal's attributes of it.
+    folder
+        The run's.
 
     Raises
     ------

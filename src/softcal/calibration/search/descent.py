@@ -270,6 +270,13 @@ def trusted_model(space: SearchSpace, loss: Loss, here: Point, others: Sequence[
     The models scale forces with moduli, with Poisson's ratio as itself or as its reciprocal distance to the ceiling.
     Gauss-Newton's takes their place where it predicts clearly better, as in a valley of factors (modulus times
     friction), which is straight in their logarithms; and where they do not reproduce the twin at its own point.
+
+    Parameters
+    ----------
+    space, loss
+        The search space, and the loss.
+    here, others
+        The simulated points, with jacobians.
     """
     scaled = [LocalModel(space, loss, here, reciprocal=reciprocal) for reciprocal in (True, False)]
     plain = LocalModel(space, loss, here, plain=True)

@@ -108,7 +108,16 @@ class Evaluator:
 def evaluated(
     problem: Problem, theta: Mapping[str, float], *, workers: int | Executor = 1, jacobian: bool = False
 ) -> Evaluation:
-    """One evaluation at theta [SI by label], its trajectories shared by the workers.
+    """One evaluation, its trajectories shared by the workers.
+
+    Parameters
+    ----------
+    problem, theta
+        The problem, and its parameters [SI by label].
+    workers
+        An executor, or a number of processes.
+    jacobian
+        Whether derivatives are wanted.
 
     Raises
     ------

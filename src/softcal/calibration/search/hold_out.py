@@ -60,9 +60,16 @@ def fitted_part(problem: Problem, hold_out: Sequence[str]) -> Problem:
 def predicted(
     problem: Problem, theta: Mapping[str, float], hold_out: Sequence[str], fitted: Evaluation
 ) -> tuple[dict[str, HeldOut], tuple[Remark, ...]]:
-    """The twin's prediction at theta of each experiment of `hold_out`, and remarks on those that failed.
+    """The twin's prediction of each experiment that was held out, and remarks on those that failed.
 
-    fitted: the evaluation of the others, from whose residuals the predictions have their bands.
+    Parameters
+    ----------
+    problem, theta
+        The problem with all experiments, and the calibrated parameters [SI by label].
+    hold_out
+        Names of the experiments to predict.
+    fitted
+        The evaluation of the others, from whose residuals the predictions have their bands.
     """
     bands = _Bands.of(fitted_part(problem, hold_out), fitted)
     found: dict[str, HeldOut] = {}

@@ -37,9 +37,14 @@ _EVERY = 1.0  # [s]
 
 @contextmanager
 def told_live(folder: Path | None, executor: Executor, observer: Observer | None = None) -> Generator[Observer]:
-    """An observer that passes progress on to another, and what it was told last into a folder about once a second.
+    """An observer that passes progress on to another, and writes its last into a folder about once a second.
 
-    folder: None writes nowhere.
+    Parameters
+    ----------
+    folder
+        None writes nowhere.
+    executor, observer
+        Whose workers are listed, and who is told.
     """
     last: Progress | None = None
 

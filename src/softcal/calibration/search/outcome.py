@@ -92,9 +92,18 @@ def conclude(
     uncertain: tuple[UncertainParameter, ...] | None = None,
     **own: Any,
 ) -> R:
-    """The result whose best evaluation is `best`; make: its class, own: what that class has of its own.
+    """The result of a search.
 
-    uncertain: the parameters of its blocks' `systematic`; the problem's where None.
+    Parameters
+    ----------
+    make, own
+        The class of the result, and what that class has of its own.
+    problem, best, trials
+        The problem, its best evaluation, and all trials.
+    account
+        How the search went.
+    uncertain
+        The parameters of the blocks' `systematic`; the problem's where None.
     """
     if best.loss is None:
         raise ValueError("the best evaluation has no loss")
@@ -268,9 +277,16 @@ def _states(labels: list[str]) -> str:
 
 
 def fanova_importance(space: SearchSpace, trials: list[tuple[dict[str, float], float]], seed: int) -> dict[str, float]:
-    """fANOVA importances by label from completed trials (theta, loss); empty where they are not defined.
+    """fANOVA importances by label; empty with fewer than two trials, or when all losses are equal.
 
-    That is with fewer than two trials, or when all losses are equal.
+    Parameters
+    ----------
+    space
+        The search space.
+    trials
+        Completed ones: theta [SI by label], loss.
+    seed
+        Of fANOVA's random numbers.
     """
     import optuna
 

@@ -128,6 +128,17 @@ def searched(
 ) -> Generator[Found]:
     """Run a search; its folder and workers are released at the end of the context, when the result is made and written.
 
+    Parameters
+    ----------
+    search
+        What is searched, and how.
+    workers
+        An executor, or a number of processes.
+    store, resume, files
+        Folder of the run, whether it is resumed, and texts to keep with it by file name.
+    progress
+        Called after every trial.
+
     Raises
     ------
     ParameterError
@@ -317,6 +328,13 @@ def _progress(tally: _Tally, optimiser: Optimiser, stage: str = "") -> Progress:
 def open_run(search: Search, folder: Path | None, resume: bool, files: Mapping[str, str] | None) -> RunStore | None:
     """The folder of a search, new or resumed; None where nothing is to be stored.
 
+    Parameters
+    ----------
+    search
+        What is searched, and how.
+    folder, resume, files
+        Folder of the run, whether it is resumed, and texts to keep with it by file name.
+
     Raises
     ------
     StorageError
@@ -349,6 +367,13 @@ _SAME = 1e-9  # relative; of a loss that is computed again from the same numbers
 
 def recalled(problem: Problem, proposal: Proposal, stored: StoredTrial, journal: Path) -> Evaluation:
     """The evaluation of a proposal, from the trial that is kept under its number in the journal of a run.
+
+    Parameters
+    ----------
+    problem, proposal
+        The problem, and what is to be evaluated.
+    stored, journal
+        The trial, and the journal that it is from.
 
     Raises
     ------

@@ -67,7 +67,12 @@ class Sharing:
 def require_shareable(search: Search, sharing: Sharing, folder: Path | None = None) -> None:
     """Raise unless a search can be shared; leaves nothing of it in the storage.
 
-    folder: of a run that is resumed.
+    Parameters
+    ----------
+    search, sharing
+        What is searched, and the study that it is to share.
+    folder
+        Of a run that is resumed.
 
     Raises
     ------
@@ -96,6 +101,13 @@ def searched_together(
     progress: Observer | None = None,
 ) -> Generator[Found]:
     """Take part in a search by TPE until all its trials are done, those of other processes too.
+
+    Parameters
+    ----------
+    search, sharing
+        What is searched, and the study that is shared.
+    workers, store, resume, files, progress
+        As of `searched`.
 
     Raises
     ------

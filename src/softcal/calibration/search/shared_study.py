@@ -80,6 +80,13 @@ def joinable_trials(place: StorageUrl, about: StudyIdentity, space: SearchSpace)
     """Every trial with its outcome so far of a study that a storage has already; None where it can be made. Nothing of
     it is made or changed.
 
+    Parameters
+    ----------
+    place, about
+        The storage, and what the study must be of.
+    space
+        The search space.
+
     Raises
     ------
     StorageError
@@ -380,7 +387,15 @@ def _is_outcome(trial: optuna.trial.FrozenTrial) -> bool:
 
 
 def set_attribute(set_one: Callable[[str, Any], None], key: str, value: Any) -> None:
-    """Set an attribute of a study or a trial. set_one: Optuna's `set_user_attr` of it."""
+    """Set an attribute of a study or a trial, a long one in pieces.
+
+    Parameters
+    ----------
+    set_one
+        Optuna's `set_user_attr` of it.
+    key, value
+        The attribute.
+    """
     text = json.dumps(value)
     if len(text) <= _LONGEST:
         set_one(key, value)

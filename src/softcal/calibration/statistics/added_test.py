@@ -166,8 +166,16 @@ def with_added_test(
     added: AddedTest,
     uncertain: Sequence[UncertainParameter] = (),
 ) -> ExpectedEstimates:
-    """What is expected after a test is added to the calibration in which `found` was estimated from the other
-    arguments; they are as for `estimator`.
+    """What is expected after a test is added to a calibration.
+
+    Parameters
+    ----------
+    loss, blocks, slopes, serves, uncertain
+        As of `estimator`.
+    found
+        The estimator that these made.
+    added
+        The test.
     """
     size, q, k, m = len(slopes), added.priors.shape[1], len(uncertain), len(added.uncertain)
     # The first column of each test's own parameters, and the columns of its own errors.

@@ -212,7 +212,15 @@ def _widened(sums: Sums, places: Ints, columns: Ints) -> Sums:
 
 
 def parts_alone(name: str, parts: Sequence[ScaledBlock], own: np.ndarray) -> list[ScaledBlock]:
-    """The parts of an experiment, with the priors of its own parameters."""
+    """The parts of an experiment, with the priors of its own parameters.
+
+    Parameters
+    ----------
+    name, parts
+        The experiment, and the parts of all.
+    own
+        Whether each parameter (size,) is of that experiment alone.
+    """
     return [p for p in parts if p.experiment == name or (p.group == PRIOR and np.all(own[np.any(p.answer, axis=0)]))]
 
 
@@ -264,7 +272,17 @@ def _compared(every: Sequence[Alone], own: np.ndarray, j: int, apart: Apart) -> 
 
 
 def own_step(alone: Alone, own: np.ndarray, j: int, apart: Apart | None = None) -> OwnStep | None:
-    """An experiment's own step in parameter j; None where it does not determine it."""
+    """An experiment's own step in parameter j; None where it does not determine it.
+
+    Parameters
+    ----------
+    alone, j
+        The experiment, and the number of the parameter.
+    own
+        Whether each parameter (size,) is of one experiment alone.
+    apart
+        What was computed of experiments before.
+    """
     return (apart or Apart()).own_step(alone, j, _columns(alone.serves & own))
 
 
@@ -334,6 +352,14 @@ def serves_by_set_up(serves: Mapping[str, np.ndarray], set_ups: Mapping[str, str
 
 
 def of_other_set_ups(experiment: str, names: Iterable[str], set_ups: Mapping[str, str]) -> Sequence[str]:
-    """The experiments that are not of an experiment's set-up."""
+    """The experiments that are not of an experiment's set-up.
+
+    Parameters
+    ----------
+    experiment, names
+        The experiment, and those among which the others are.
+    set_ups
+        Experiment -> its set-up.
+    """
     own = set_ups.get(experiment, experiment)
     return [name for name in names if set_ups.get(name, name) != own]

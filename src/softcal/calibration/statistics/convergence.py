@@ -29,6 +29,13 @@ def distance_to_minimum(space: SearchSpace, loss: Loss, here: Point, trusted: Lo
     The latter is sqrt((n - k) (S - S_min) / S), with the sum of squares S of n residuals and k parameters, and its
     minimum S_min by `trusted`, the search's own model there: towards a distant bound the loss may decrease by much, of
     which a linearisation at a large misfit shows little.
+
+    Parameters
+    ----------
+    space, loss
+        The search space, and the loss.
+    here, trusted
+        The simulated point, and the search's own model there.
     """
     plain = LocalModel(space, loss, here, plain=True)
     step = plain.minimise(np.zeros(space.size), np.ones(space.size)) - here.z
@@ -44,6 +51,13 @@ def distance_to_minimum(space: SearchSpace, loss: Loss, here: Point, trusted: Lo
 def share_of_errors(space: SearchSpace, loss: Loss, here: Point, step: Floats) -> float:
     """The largest share that a step in the unit box is of the standard error of a parameter, with the noise correlated
     along the records as in the intervals. Parameters that no residual feels do not count.
+
+    Parameters
+    ----------
+    space, loss
+        The search space, and the loss.
+    here, step
+        The simulated point, and the step (size,) in the unit box.
     """
     spread = np.linalg.norm(estimator(loss, here.z, space.jacobian(here.z), here.blocks).root, axis=0)
     felt = spread > 0.0
@@ -58,6 +72,13 @@ def in_standard_errors(space: SearchSpace, loss: Loss, here: Point, step: Floats
     g of half the loss. The noise of each group of channels is estimated from its own residuals: a channel with a large
     misfit does not hide how well another determines a parameter. No noise is below the twin's rounding error. A prior
     counts by its stated standard deviation, as in the estimator, whatever is left of it: one residual estimates none.
+
+    Parameters
+    ----------
+    space, loss
+        The search space, and the loss.
+    here, step
+        The simulated point, and the step (size,) in the unit box.
     """
     theta = step * space.jacobian(here.z)
     by_priors = 0.0

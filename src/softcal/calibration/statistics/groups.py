@@ -35,6 +35,13 @@ Labels = Sequence[str]
 def groups_of(problem: Problem, blocks: Sequence[Block], kind: str) -> list[np.ndarray]:
     """The group of each sample (n,) of each block, `NONE` for a sample that is in none, as those of the priors.
 
+    Parameters
+    ----------
+    problem, blocks
+        The problem, and the blocks of its residuals.
+    kind
+        A key of `KINDS`.
+
     Raises
     ------
     InputError

@@ -18,9 +18,16 @@ from softcal.checks import Floats
 
 def instrument_errors(loss: Loss, slopes: Floats, blocks: Sequence[Block], half: Floats) -> list[dict[str, float]]:
     """Of each parameter: name of an instrument's error, on which nothing is stated -> its size [SI] that moves the
-    estimate by `half` (size,) in the unit box. Of each instrument the one that is smallest over what it reads.
+    estimate by half its interval. Of each instrument the one that is smallest over what it reads.
 
-    slopes: d theta / d z, zero of parameters that stay where they are; the blocks must have jacobians.
+    Parameters
+    ----------
+    loss, blocks
+        The loss, and its blocks with jacobians.
+    slopes
+        d theta / d z (size,), zero of parameters that stay where they are.
+    half
+        Half the intervals (size,) in the unit box.
     """
     seen = [weighed(loss, one) for one in blocks]
     parts, inverse, _ = linearised(loss, seen, slopes)

@@ -130,6 +130,15 @@ class LocalModel:
         Each pass solves the bounded linear least squares that touch the loss from above. For the likelihood that is
         Gauss-Newton; for a sum of RMSEs it is iterative reweighting, which ends at the minimiser of the sum itself and
         not of a sum of squares. No pass needs a simulation.
+
+        Parameters
+        ----------
+        lower, upper
+            The box, within the unit box, (size,) each.
+        begin
+            Where the search begins (size,), moved into the box; by default z.
+        max_iterations
+            Largest number of passes.
         """
         from scipy.optimize import lsq_linear
 
@@ -281,10 +290,19 @@ def loss_profiles(
     blocks: Sequence[Block],
     intervals: Mapping[str, tuple[float, float] | None],
 ) -> dict[str, Curve]:
-    """Label -> curve, over the interval [SI] and beyond it, of the parameters that all experiments share; of the first
-    ones without such. The blocks must have jacobians: nothing is simulated.
+    """Label -> curve, over the interval and beyond it, of the parameters that all experiments share; of the first ones
+    without such.
 
-    The residuals follow `LocalModel`, every parameter stays within its bounds.
+    Nothing is simulated: the residuals follow `LocalModel`, and every parameter stays within its bounds.
+
+    Parameters
+    ----------
+    space, loss
+        The search space, and the loss.
+    theta, blocks
+        The best parameters [SI by label], and the blocks there with jacobians.
+    intervals
+        Label -> ends [SI]; None where there is no interval.
     """
     z = np.clip(space.to_search(theta), 0.0, 1.0)
     model = LocalModel(space, loss, Point(z, blocks))

@@ -69,7 +69,15 @@ class MixedEffects:
 
 
 def mixed_effects(values: Floats, variances: Floats, design: Floats | None = None) -> MixedEffects:
-    """The model of estimates `values` (k,) with `variances` (k,); design (k, p), ones by default, k > p."""
+    """The model of some estimates.
+
+    Parameters
+    ----------
+    values, variances
+        The estimates (k,), and the variances (k,) of their errors.
+    design
+        Shape (k, p), ones by default, k > p.
+    """
     X = np.ones((len(values), 1)) if design is None else design
     k, p = X.shape
     from scipy.optimize import minimize_scalar

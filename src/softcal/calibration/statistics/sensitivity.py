@@ -124,8 +124,15 @@ class Statistics:
 def local_estimator(
     space: SearchSpace, loss: Loss, z: Floats, blocks: Sequence[Block], uncertain: Sequence[UncertainParameter] = ()
 ) -> Estimator:
-    """The minimum near z (size,) in the unit box as an estimator, with its experiments and its markers compared; see
-    `estimator` and `with_markers`.
+    """The minimum near a point as an estimator, with its experiments and its markers compared; see `estimator` and
+    `with_markers`.
+
+    Parameters
+    ----------
+    space
+        The search space.
+    loss, z, blocks, uncertain
+        As of `estimator`.
     """
     serves = space.serving(dict.fromkeys(block.experiment for block in blocks if block.experiment))
     slopes = space.jacobian(z)
@@ -141,13 +148,20 @@ def local_statistics(
     uncertain: Sequence[UncertainParameter] = (),
     found: Estimator | None = None,
 ) -> Statistics:
-    """Standard errors, intervals and importances at theta [SI by label]; the blocks must have jacobians.
-
-    uncertain: the parameters of the blocks' `systematic`. found: the estimator there, where it is known already.
+    """Standard errors, intervals and importances.
 
     A parameter at a bound has an interval, but no standard error; with as many parameters as measurements, none has
     either. The importance of a parameter is its share of the squared change of all channels, over each channel's
     misfit, per range of the parameter: a local measure, unlike fANOVA.
+
+    Parameters
+    ----------
+    space, theta
+        The search space, and the minimum [SI by label].
+    loss, blocks, uncertain
+        As of `estimator`.
+    found
+        The estimator there, where it is known already.
     """
     z = np.clip(space.to_search(theta), 0.0, 1.0)
     slopes = space.jacobian(z)
@@ -298,8 +312,16 @@ def _excess_note(channel: str, factor: float, differing: str | None, *, widened:
 
 
 def spread(space: SearchSpace, z: Floats, between: Between, found: Estimator, known: np.ndarray) -> Spread:
-    """The comparison of experiments, in SI; z: the joint minimum (size,) in the unit box, known: the parameters that
-    have an interval.
+    """The comparison of experiments, in SI.
+
+    Parameters
+    ----------
+    space, z
+        The search space, and the joint minimum (size,) in the unit box.
+    between, found
+        The comparison in the unit box, and the estimator that it is of.
+    known
+        Numbers of the parameters that have an interval.
     """
     j, label = between.column, space.labels[between.column]
     effects = between.effects

@@ -21,7 +21,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from softcal.calibration.results.store import write_text
 from softcal.errors import StorageError
@@ -62,7 +62,24 @@ def told_live(folder: Path | None, executor: Executor, observer: Observer | None
     def write(ended: bool) -> None:
         # A full disk is told by what the search itself stores, a lost cluster by its calls.
         with contextlib.suppress(StorageError, RuntimeError, OSError):
-            write_text(folder / LIVE, json.dumps(_record(last, executor, began, ended)))
+            counts = {name: getattr(last, name, 0) for name in ("done", "total", "failed")}
+            write_text(
+                folder / LIVE,
+                json.dumps(
+                    {
+                        "format": _FORMAT,
+                        "pid": os.getpid(),
+                        "host": socket.gethostname(),
+                        "began": began,
+                        "updated": _now(),
+                        "ended": ended,
+                        **counts,
+                        "stage": "" if last is None else last.stage,
+                        "executor": executor.told,
+                        "workers": [asdict(one) for one in executor.workers],
+                    }
+                ),
+            )
 
     def go_on() -> None:
         while not over.wait(_EVERY):
@@ -77,22 +94,6 @@ def told_live(folder: Path | None, executor: Executor, observer: Observer | None
         over.set()
         thread.join()
         write(ended=True)
-
-
-def _record(progress: Progress | None, executor: Executor, began: str, ended: bool) -> dict[str, Any]:
-    counts = {name: getattr(progress, name, 0) for name in ("done", "total", "failed")}
-    return {
-        "format": _FORMAT,
-        "pid": os.getpid(),
-        "host": socket.gethostname(),
-        "began": began,
-        "updated": _now(),
-        "ended": ended,
-        **counts,
-        "stage": "" if progress is None else progress.stage,
-        "executor": executor.told,
-        "workers": [asdict(one) for one in executor.workers],
-    }
 
 
 def _now() -> str:

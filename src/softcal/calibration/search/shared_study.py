@@ -194,7 +194,7 @@ class SharedStudy:
                 while len(asked) < count and self._wanted(total):
                     trial = self._study.ask()
                     self._mine.add(trial.number)
-                    if trial.number >= total and not self._first(trial.number, total):
+                    if trial.number >= total and total <= sum(n < trial.number for n in _counted(self._storage.read())):
                         self._end(trial.number, "PRUNED")  # another process was faster
                         self._mine.remove(trial.number)
                         continue
@@ -213,10 +213,6 @@ class SharedStudy:
         trials = self._storage.trials
         waiting = any(t.state.name == "WAITING" and t.number not in self._mine for t in trials)
         return waiting or len(_counted(trials) | self._mine) < total
-
-    def _first(self, number: int, total: int) -> bool:
-        """Whether fewer than `total` trials with lower numbers count, now that this one has begun."""
-        return sum(one < number for one in _counted(self._storage.read())) < total
 
     def tell(self, stored: StoredTrial) -> bool:
         """Record the outcome of a trial that was asked for; False where others have given it up meanwhile.

@@ -145,7 +145,16 @@ class LocalModel:
         x = np.clip(self._here.z if begin is None else begin, lower, upper)
         value = self.loss(x)
         for _ in range(max_iterations):
-            matrix, right = self._squares(x)
+            rows: list[Floats] = []
+            found, turn = self._residuals(x)
+            for block, one, (residual, jacobian) in zip(self._here.blocks, self._derived, found, strict=True):
+                root = np.sqrt(self._loss.square_weights(block, residual))
+                own = triangle(root[:, None] * np.column_stack([jacobian(), -residual]))
+                whole = np.column_stack([np.outer(own[:, -2], turn), own[:, -1]])
+                whole[:, one.columns] += own[:, :-2]
+                rows.append(whole)
+            every = triangle(np.concatenate(rows))[: self._space.size]
+            matrix, right = every[:, :-1], every[:, -1]
             ends = np.minimum(lower - x, -1e-300), np.maximum(upper - x, 1e-300)
             step = lsq_linear(matrix, right, ends, method="bvls", tol=1e-14).x
             factor, candidate, lowered = 1.0, x, value
@@ -196,21 +205,6 @@ class LocalModel:
         square, turn = near * (2 * t - near), 2 * near * self._along
         blocks = zip(self._derived, self._bends, strict=True)
         return [one.at(moved[one.columns], slopes[one.columns], bend, square) for one, bend in blocks], turn * slopes
-
-    def _squares(self, x: Floats) -> tuple[Floats, Floats]:
-        """The touching least squares at x, compressed by QR to as many rows as there are parameters; each block first,
-        in the columns of its own.
-        """
-        rows: list[Floats] = []
-        found, turn = self._residuals(x)
-        for block, one, (residual, jacobian) in zip(self._here.blocks, self._derived, found, strict=True):
-            root = np.sqrt(self._loss.square_weights(block, residual))
-            own = triangle(root[:, None] * np.column_stack([jacobian(), -residual]))
-            whole = np.column_stack([np.outer(own[:, -2], turn), own[:, -1]])
-            whole[:, one.columns] += own[:, :-2]
-            rows.append(whole)
-        every = triangle(np.concatenate(rows))[: self._space.size]
-        return every[:, :-1], every[:, -1]
 
 
 @dataclass(frozen=True)

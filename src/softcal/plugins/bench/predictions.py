@@ -309,6 +309,9 @@ SCALES = {1e3: "mm written as m", 1e-3: "m written as mm", 1e2: "cm written as m
 def frame_faults(measured: Floats, predicted: Floats, where: str, *, aligned: bool = False) -> list[Fault]:
     """Faults of predicted positions (n, 3) [m] that are in another unit or frame than the measured ones (n, 3).
 
+    A similarity (Umeyama, 1991) is fitted between the two. It is a fault only where it is unmistakable: the positions
+    agree far better after a rotation by a large angle, or a change of scale by a power of ten.
+
     aligned: whether the score takes the mean error off, so that any origin will do.
     """
     extent = float(np.linalg.norm(np.ptp(measured, axis=0)))

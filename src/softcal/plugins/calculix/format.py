@@ -63,7 +63,7 @@ def _ogden(terms: int) -> Callable[[Constants], list[float]]:
     return values
 
 
-# Law -> what follows *HYPERELASTIC, and its numbers by softcal's constants.
+# Law -> what follows *HYPERELASTIC, and its numbers by softcal's constants. The volumetric part is (J - 1)^2 / D1.
 CARDS: Mapping[str, tuple[str, Callable[[Constants], list[float]]]] = {
     ISOCHORIC: ("NEO HOOKE", _neo_hooke),
     "mooney-rivlin": ("MOONEY-RIVLIN", _named(("C10", "C01"), 1)),

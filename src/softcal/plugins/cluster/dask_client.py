@@ -1,4 +1,4 @@
-"""The connection to a Dask scheduler, and whether its workers have this softcal."""
+"""The connection to a Dask scheduler, what Dask logs of it, and whether its workers have this softcal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The kinds of coupon test, in closed form: the deformation of an incompressible coupon, and the measured stress.
+"""The kinds of coupon test, in closed form: the deformation of an incompressible coupon, and the measured stress; and
+what a law predicts of them.
 
 Of principal stretches lambda1, lambda2 and lambda3 = 1/(lambda1 lambda2) the third side is free: the pressure keeps its
 stress zero, so that the nominal stresses are

@@ -57,10 +57,19 @@ def render_coupon_page(
     plausibility = implausible([*found.coupons, *(p.coupon for p in predicted)])
     doubts = [*plausibility, *warnings(found, predicted)]
     fitted = one.fit.tests(found.coupons)
+    tests = [coupon.test for coupon in found.coupons]
+    counted = joined(f"{tests.count(t)} {t} test{'s' * (tests.count(t) > 1)}" for t in dict.fromkeys(tests))
+    rows = sum(len(coupon.strain) for coupon in found.coupons)
+    source = f" from {joined(files)}" if files else ""
+    n = len(found.laws)
+    laws = f"{n} laws compared" if n > 1 else "one law fitted"
+    history = f", each with {joined(found.history)}" if found.history and n > 1 else ""
+    further = f"; {len(predicted)} further test{'s' * (len(predicted) > 1)} predicted" if predicted else ""
+    stated = f"Poisson's ratio ({plain(found.poissons_ratio, 4)}) is stated, not measured."
     return render(
         Path(__file__).with_name("coupon.html.j2"),
         title=f"Recommended: {with_history(one)}" if found.recommended else "No law is recommended",
-        subject=_subject(found, files, len(predicted)),
+        subject=f"{counted}, {rows} rows{source}; {laws}{history}{further}. {stated}",
         law=with_history(one),
         recommended=found.recommended is not None,
         created=created,
@@ -111,20 +120,6 @@ def key_numbers(found: LawComparison) -> list[KeyNumber]:
             looked,
         ),
     ]
-
-
-def _subject(found: LawComparison, files: Sequence[str], n_predicted: int) -> str:
-    """What was tested and fitted, in a sentence."""
-    tests = [coupon.test for coupon in found.coupons]
-    counted = joined(f"{tests.count(t)} {t} test{'s' * (tests.count(t) > 1)}" for t in dict.fromkeys(tests))
-    rows = sum(len(coupon.strain) for coupon in found.coupons)
-    source = f" from {joined(files)}" if files else ""
-    n = len(found.laws)
-    laws = f"{n} laws compared" if n > 1 else "one law fitted"
-    history = f", each with {joined(found.history)}" if found.history and n > 1 else ""
-    further = f"; {n_predicted} further test{'s' * (n_predicted > 1)} predicted" if n_predicted else ""
-    stated = f"Poisson's ratio ({plain(found.poissons_ratio, 4)}) is stated, not measured."
-    return f"{counted}, {rows} rows{source}; {laws}{history}{further}. {stated}"
 
 
 @dataclass(frozen=True)

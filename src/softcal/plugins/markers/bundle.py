@@ -7,6 +7,7 @@ minimised by the Levenberg-Marquardt method; a step is a rotation and a translat
 References
 ----------
 Triggs, McLauchlan, Hartley and Fitzgibbon, Bundle adjustment: a modern synthesis, Vision Algorithms (2000).
+Collins and Bartoli, Infinitesimal plane-based pose estimation, International Journal of Computer Vision 109 (2014).
 """
 
 from __future__ import annotations
@@ -234,7 +235,7 @@ def square_corners(size: float) -> Floats:
 def pose_candidates(camera: Camera, points: Floats, pixels: Floats) -> tuple[PoseCandidate, ...]:
     """Poses that project points (n, 3) [m] to pixels (n, 2), best first; empty if there is none.
 
-    A square or another planar set has up to two, any other set one.
+    A square or another planar set has up to two, mirrored about the line of sight, any other set one.
     """
     import cv2
 

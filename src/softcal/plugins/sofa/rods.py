@@ -78,7 +78,14 @@ def finer(rod: Rod, segments: int) -> Rod:
     pieces: list[tuple[Floats, Floats]] = []
     for k in range(segments):
         part = k / segments
-        nodes = line.nodes[:-1] + np.einsum("nij,nj->ni", line.triads[:-1], _screwed(xi, part))
+        # The translation (n, 3) by that part of each screw, in its initial axes.
+        out = np.zeros_like(xi[:, :3])
+        for i, (rho, theta) in enumerate(zip(xi[:, :3], xi[:, 3:], strict=True)):
+            twist = np.zeros((4, 4))
+            twist[:3, :3] = np.cross(np.eye(3), theta)
+            twist[:3, 3] = rho
+            out[i] = expm(part * twist)[:3, 3]
+        nodes = line.nodes[:-1] + np.einsum("nij,nj->ni", line.triads[:-1], out)
         pieces.append((nodes, line.triads[:-1] @ Rotation.from_rotvec(part * xi[:, 3:]).as_matrix()))
     nodes = np.stack([nodes for nodes, _ in pieces], axis=1).reshape(-1, 3)
     triads = np.stack([triads for _, triads in pieces], axis=1).reshape(-1, 3, 3)
@@ -89,17 +96,6 @@ def finer(rod: Rod, segments: int) -> Rod:
     )
     clamped = {plate: _with_between(nodes, segments) for plate, nodes in rod.clamped.items()}
     return replace(rod, centreline=cut, clamped=clamped, fixed=_with_between(rod.fixed, segments))
-
-
-def _screwed(xi: Floats, part: float) -> Floats:
-    """Translation (n, 3) of a part of each screw (n, 6), in its initial axes."""
-    out = np.zeros_like(xi[:, :3])
-    for i, (rho, theta) in enumerate(zip(xi[:, :3], xi[:, 3:], strict=True)):
-        twist = np.zeros((4, 4))
-        twist[:3, :3] = np.cross(np.eye(3), theta)
-        twist[:3, 3] = rho
-        out[i] = expm(part * twist)[:3, 3]
-    return out
 
 
 def _with_between(nodes: Ints, segments: int) -> Ints:

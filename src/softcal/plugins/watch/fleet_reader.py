@@ -13,8 +13,7 @@ from softcal.plugins.fleet.folder import FLEET, SPECIMENS
 from softcal.plugins.watch.live import LiveSign, moment, read_live
 from softcal.plugins.watch.reading import Unreadable, clean, finite, inside, read_record, told
 from softcal.plugins.watch.report_figures import DrawnFigure, report_figures
-from softcal.plugins.watch.result_records import watched_result
-from softcal.plugins.watch.watched import WatchedRun, WatchedSearch
+from softcal.plugins.watch.watched import WatchedRun, WatchedSearch, watched_result
 
 MOST = 20000  # specimens
 REPORT = "report.html"

@@ -15,9 +15,15 @@ from softcal.plugins.watch.fleet_reader import FLEET, SPECIMENS, FleetReader
 from softcal.plugins.watch.live import moment, read_live
 from softcal.plugins.watch.reading import clean, count, inside, numbers, read_record, told
 from softcal.plugins.watch.report_figures import report_figures
-from softcal.plugins.watch.result_records import watched_result, watched_score
 from softcal.plugins.watch.trials import TrialReader
-from softcal.plugins.watch.watched import WatchedResult, WatchedRun, WatchedScore, WatchedSearch
+from softcal.plugins.watch.watched import (
+    WatchedResult,
+    WatchedRun,
+    WatchedScore,
+    WatchedSearch,
+    watched_result,
+    watched_score,
+)
 
 SCORE, REPORT = "score.json", "report.html"
 CALIBRATIONS = "calibrations"

@@ -98,7 +98,7 @@ def interval_text(estimate: Estimate) -> str:
     return with_unit(estimate, ends_text(estimate))
 
 
-def range_text(ends: tuple[float, float], unit: str) -> str:
+def format_interval(ends: tuple[float, float], unit: str) -> str:
     """Ends [unit], to four digits or as many as tell them apart: "1.94 to 2.02 MPa", "950 kPa to 1.02 MPa"."""
     return format_range(*ends, unit, digits=digits_that_tell(*ends))
 
@@ -114,6 +114,6 @@ def estimate_cells(estimate: Estimate) -> list[str]:
     ends = estimate.interval
     return [
         format_quantity(estimate.value, estimate.unit) + (" (at a bound)" if estimate.at_bound else ""),
-        "–" if ends is None else range_text(ends, estimate.unit),
+        "–" if ends is None else format_interval(ends, estimate.unit),
         format_range(estimate.lower, estimate.upper, estimate.unit),
     ]

@@ -6,7 +6,7 @@ import math
 from datetime import datetime
 from typing import Any
 
-from softcal.calibration.results.digits import range_text
+from softcal.calibration.results.digits import format_interval
 from softcal.plugins.watch.live import LONG
 from softcal.plugins.watch.twin import ParameterFacts
 from softcal.plugins.watch.watched import Course, WatchedRun, WatchedSearch
@@ -218,7 +218,7 @@ def _shown(value: float, unit: str | None) -> str:
 def _range(low: float, high: float, unit: str | None) -> str:
     if unit is None:
         return f"{low:.4g} to {high:.4g} (SI)"
-    return range_text((low, high), unit)
+    return format_interval((low, high), unit)
 
 
 _BEGINNING = 10.0  # [s] that a search may take before its sign of life

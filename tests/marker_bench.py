@@ -10,10 +10,10 @@ import numpy as np
 
 from examples.manipulator.render import Image, Optics, Panel, render
 from softcal.geometry.pose import Pose
+from softcal.plugins.markers.bundle import square_corners
 from softcal.plugins.markers.camera import Camera
 from softcal.plugins.markers.fiducials import CharucoBoard, board_texture, marker_modules, marker_texture
 from softcal.plugins.markers.marker_scene import Glimpse
-from softcal.plugins.markers.square_pose import square_corners
 
 DICTIONARY = "DICT_4X4_50"
 

@@ -8,9 +8,8 @@ import pytest
 from softcal.materials.catalogue import LAWS
 from softcal.plugins.coupons.coupon import Coupon
 from softcal.plugins.coupons.free_constants import free_constants
-from softcal.plugins.coupons.kind import KINDS
+from softcal.plugins.coupons.kind import KINDS, LawResponse
 from softcal.plugins.coupons.law_fit import fit_law
-from softcal.plugins.coupons.response import LawResponse
 
 # Law -> constants [SI], the bulk modulus last where the law has one.
 TRUE = {

@@ -355,7 +355,7 @@ def test_dasks_own_words_are_heard_again_when_the_last_executor_is_closed(cluste
 
 def test_dask_is_silenced_although_its_import_sets_its_loggers() -> None:
     """In a process of its own: here others have imported it."""
-    told = "import logging; from softcal.plugins.cluster.dask_logs import dask_silenced\n"
+    told = "import logging; from softcal.plugins.cluster.dask_client import dask_silenced\n"
     told += "with dask_silenced():\n import distributed; print(logging.getLogger('distributed.client').level)\n"
     told += "print(logging.getLogger('distributed.client').level)"
     done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)

@@ -13,8 +13,7 @@ from softcal.materials.catalogue import LAWS
 from softcal.materials.drucker import stiffness
 from softcal.materials.law import Law, compile_law
 from softcal.plugins.coupons.free_constants import free_constants
-from softcal.plugins.coupons.kind import KINDS, principal_states
-from softcal.plugins.coupons.response import LawResponse
+from softcal.plugins.coupons.kind import KINDS, LawResponse, principal_states
 from softcal.plugins.coupons.stability import stability
 
 C10, C01 = 2e5, 5e4

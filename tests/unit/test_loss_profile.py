@@ -19,7 +19,7 @@ from softcal.calibration.problem.problem import Problem
 from softcal.calibration.results.result_files import write_result
 from softcal.calibration.results.result_reading import load_result
 from softcal.calibration.run import calibrate
-from softcal.calibration.statistics.loss_profile import loss_profiles
+from softcal.calibration.statistics.local_model import loss_profiles
 from softcal.calibration.statistics.sensitivity import local_statistics
 from softcal.report.content import ReportContent
 from softcal.report.figure import FIGURES

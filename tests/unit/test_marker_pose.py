@@ -11,11 +11,10 @@ from marker_bench import WEBCAM, Bench, glimpse, looking, manipulator, viewpoint
 from softcal.errors import DatasetError
 from softcal.geometry.pose import Pose
 from softcal.plugins.markers import marker_pose
-from softcal.plugins.markers.bundle import BASE, Bundle, Sighting, adjust
+from softcal.plugins.markers.bundle import BASE, Bundle, Sighting, adjust, pose_candidates, square_corners
 from softcal.plugins.markers.marker_pose import MarkerPoses, estimate_poses
 from softcal.plugins.markers.marker_scene import Glimpse, MarkerSet
 from softcal.plugins.markers.marker_table import marker_table
-from softcal.plugins.markers.square_pose import pose_candidates, square_corners
 
 NOISE = 0.03  # [px]
 MARKERS = MarkerSet({0: Pose.of()}, 0.02, names={1: "S1", 2: "S2", 3: "S3", 4: "S4"})

@@ -6,9 +6,9 @@ import pytest
 
 from softcal.analysis.candidate import Candidate
 from softcal.analysis.next_test import NextTests, Outlook
-from softcal.analysis.next_test_verdict import interval_text, verdict
+from softcal.analysis.next_test_verdict import verdict
 from softcal.calibration.interval_studies.checked_interval import CheckedInterval
-from softcal.calibration.interval_studies.checked_interval import interval_text as ends_of
+from softcal.calibration.results.digits import format_interval
 from softcal.units import digits_that_tell
 
 
@@ -35,6 +35,6 @@ def test_ends_have_as_many_digits_as_tell_them_apart(low: float, high: float, di
 
 
 def test_the_ends_of_short_intervals_differ_in_text() -> None:
-    assert interval_text((11.9959e6, 12.0e6), "Pa") == "11.9959 to 12 MPa"
+    assert format_interval((11.9959e6, 12.0e6), "Pa") == "11.9959 to 12 MPa"
     one = CheckedInterval(12e6, "Pa", 1e6, 40e6, "log", (11.9959e6, 12.0001e6), None)
-    assert ends_of(one, one.quick) == "11.9959 MPa to 12.0001 MPa"
+    assert one.text(one.quick) == "11.9959 MPa to 12.0001 MPa"

@@ -19,8 +19,15 @@ from softcal.geometry.surface import boundary_triangles
 from softcal.plugins.sofa.robot import linear_robot
 from softcal.plugins.sofa.rods import SEGMENTS, finer
 from softcal.plugins.sofa.scene import scene_parameters, write_scene
-from softcal.plugins.sofa.visual import MARKER, SEE_THROUGH, SIDES, skins, visual_parameters, write_surfaces
-from softcal.plugins.sofa.wavefront import split_at_edges
+from softcal.plugins.sofa.visual import (
+    MARKER,
+    SEE_THROUGH,
+    SIDES,
+    skins,
+    split_at_edges,
+    visual_parameters,
+    write_surfaces,
+)
 from softcal.plugins.sofa.writing import write_sofa
 from softcal.twin.contacts import RIM, disc_skin
 from softcal.twin.facing import plate_radius

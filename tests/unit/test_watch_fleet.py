@@ -14,12 +14,12 @@ from watch_case import HOST, NOW, RESULT, add_trials, gone, live_record, write_f
 from softcal.plugins.watch.charts import fleet_chart
 from softcal.plugins.watch.live import live_sign
 from softcal.plugins.watch.run_reader import RunReader
-from softcal.plugins.watch.time_left import fleet_time_left
 from softcal.plugins.watch.twin import ParameterFacts, run_of
 from softcal.plugins.watch.watched import WatchedRun
 from softcal.plugins.watch.words import (
     best_rows,
     fleet_text,
+    fleet_time_left,
     run_state,
     search_rows,
     share_done,

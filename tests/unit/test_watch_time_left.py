@@ -15,8 +15,8 @@ from watch_case import NOW, add_trials, live_record, write_json, write_run
 from softcal.calibration.results.result import Trial
 from softcal.plugins.watch.live import live_sign
 from softcal.plugins.watch.run_reader import RunReader
-from softcal.plugins.watch.time_left import fleet_time_left, search_time_left
 from softcal.plugins.watch.watched import WatchedRun, WatchedSearch
+from softcal.plugins.watch.words import fleet_time_left, search_time_left
 
 HOST = socket.gethostname()
 TRIALS = tuple(Trial(number, {"E": 1e6}, "COMPLETE", 1.0) for number in range(30))

@@ -13,7 +13,7 @@ from mechanics_cases import constants, elastic
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.materials.catalogue import LAWS
-from softcal.plugins.calculix.laws import CARDS, law_lines
+from softcal.plugins.calculix.format import CARDS, law_lines
 from softcal.twin.build import build_twin
 from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Body, Robot, SurfaceLoad

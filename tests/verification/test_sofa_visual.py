@@ -18,8 +18,7 @@ from test_sofa_rods import hung
 from softcal.geometry.surface import boundary_triangles
 from softcal.plugins.sofa.install import find_sofa
 from softcal.plugins.sofa.robot import linear_robot
-from softcal.plugins.sofa.visual import skins
-from softcal.plugins.sofa.wavefront import split_at_edges
+from softcal.plugins.sofa.visual import skins, split_at_edges
 from softcal.plugins.sofa.writing import write_sofa
 from softcal.twin.robot import Robot
 

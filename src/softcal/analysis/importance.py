@@ -1,7 +1,7 @@
 """Importance of parameters over the search box: Sobol indices of the loss and of every kind of channel.
 
 The parameters are independent and uniform within their bounds, on the scale of the search, as they are for fANOVA
-(`calibration/statistics/fanova.py`), which explains the losses of the trials. The twin is evaluated by its surrogate
+(`fanova_importance`), which explains the losses of the trials. The twin is evaluated by its surrogate
 over the box.
 """
 

@@ -83,10 +83,11 @@ class NextTests:
     n_solves: int = 0
 
     def _repr_html_(self) -> str:
-        from softcal.analysis.next_test_verdict import interval_text, verdict
+        from softcal.analysis.next_test_verdict import verdict
+        from softcal.calibration.results.digits import format_interval
 
         def cells(interval: tuple[float, float] | None, share: float | None) -> list[str]:
-            return [interval_text(interval, self.unit) if interval else "–", "–" if share is None else f"{share:.2f}"]
+            return [format_interval(interval, self.unit) if interval else "–", "–" if share is None else f"{share:.2f}"]
 
         rows = [["(at present)", *cells(self.interval, 1.0)]]
         rows += [[one.candidate.name, *cells(one.interval, one.share)] for one in self.outlooks if not one.failure]

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from softcal.analysis.next_test import NextTests
-from softcal.units import digits_that_tell, format_range, plain
+from softcal.calibration.results.digits import format_interval
+from softcal.units import plain
 
 _ALIKE = 1.02  # of the shortest expected length: longer ones are worth a difference
 _LITTLE = 0.95  # of the present length: a shorter interval is worth a sentence
-
-
-def interval_text(interval: tuple[float, float], unit: str) -> str:
-    """Ends of an interval [SI] as text, with four digits, or as many as distinguish them."""
-    return format_range(*interval, unit, digits=digits_that_tell(*interval))
 
 
 def verdict(found: NextTests) -> str:
@@ -19,13 +15,13 @@ def verdict(found: NextTests) -> str:
     best = found.best
     if best is None:
         return f"No candidate would give {found.parameter} an interval."
-    expected = interval_text(best.interval, found.unit) if best.interval else ""
+    expected = format_interval(best.interval, found.unit) if best.interval else ""
     if found.interval is None:
         return (
             f"{found.parameter} has no interval: the data do not determine it. With '{best.candidate.name}' one of "
             f"{expected} is expected."
         )
-    now = f"The 95 % interval of {found.parameter} is {interval_text(found.interval, found.unit)}."
+    now = f"The 95 % interval of {found.parameter} is {format_interval(found.interval, found.unit)}."
     if best.share is None or best.share > _LITTLE:
         return f"{now} No candidate would shorten it by more than {100 * (1 - _LITTLE):.0f} %."
     alike = [one for one in found.outlooks if one.share is not None and one.share < _ALIKE * best.share]

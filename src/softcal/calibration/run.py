@@ -15,7 +15,7 @@ from softcal.calibration.results.result_files import write_result
 from softcal.calibration.search.hold_out import fitted_part, predicted
 from softcal.calibration.search.optimiser import OPTIMISERS
 from softcal.calibration.search.outcome import conclude
-from softcal.calibration.search.search import Found, Observer, Search, searched
+from softcal.calibration.search.search import Observer, Search, searched
 from softcal.calibration.search.settings import SearchSettings
 from softcal.calibration.search.shared_search import Sharing, require_shareable, searched_together
 from softcal.calibration.statistics.estimate import Remark
@@ -83,7 +83,17 @@ def calibrate(  # noqa: PLR0913 (what is searched, where, and by whom)
     course = searched if sharing is None else partial(searched_together, sharing=sharing)
     folder = None if store is None else Path(store)
     with course(search, workers=workers, store=folder, resume=resume, files=files, progress=progress) as found:
-        result = _concluded(part, found, mesh_error=given.mesh_error)
+        account = found.account
+        conclusion = partial(conclude, CalibrationResult, part, converged=account.converged)
+        if given.mesh_error and account.converged is not False:
+            found.announce("one simulation on a finer mesh")
+            seen = with_mesh_error(part, found.best)
+            account = replace(account, n_solves=account.n_solves + seen.n_solves)
+            result = conclusion(seen.best, found.trials, account, uncertain=seen.uncertain)
+            if seen.unknown:
+                result = replace(result, notes=(*result.notes, Remark(seen.unknown)))
+        else:
+            result = conclusion(found.best, found.trials, account)
         if complete.hold_out:
             found.announce(f"prediction of {', '.join(complete.hold_out)}")
             theta = {name: estimate.value for name, estimate in result.parameters.items()}
@@ -98,6 +108,13 @@ def require_joinable(
     problem: Problem, settings: SearchSettings, sharing: Sharing, hashes: Mapping[str, str] | None = None
 ) -> None:
     """Raise unless `calibrate` with the same arguments could take part in a shared study; nothing is made.
+
+    Parameters
+    ----------
+    problem, settings, hashes
+        As of `calibrate`.
+    sharing
+        The shared study.
 
     Raises
     ------
@@ -121,38 +138,3 @@ def _search(problem: Problem, given: SearchSettings, hashes: Mapping[str, str] |
         derives=True,
     )
     return search, complete
-
-
-def _concluded(problem: Problem, found: Found, *, mesh_error: bool) -> CalibrationResult:
-    """The result of a search, its intervals with the error of the mesh where that is asked for."""
-    account = found.account
-    conclusion = partial(conclude, CalibrationResult, problem)
-    if not mesh_error or account.converged is False:
-        return conclusion(found.best, found.trials, account, converged=account.converged)
-    found.announce("one simulation on a finer mesh")
-    seen = with_mesh_error(problem, found.best)
-    account = replace(account, n_solves=account.n_solves + seen.n_solves)
-    result = conclusion(seen.best, found.trials, account, uncertain=seen.uncertain, converged=account.converged)
-    return replace(result, notes=(*result.notes, *([Remark(seen.unknown)] if seen.unknown else [])))
-
-
-def calibrate_each(
-    problem: Problem, *, store: Path | None = None, resume: bool = False, **options: Any
-) -> dict[str, CalibrationResult]:
-    """Calibrate every experiment alone, as paper A does; result by experiment, run folders below `store`.
-
-    Options as for `calibrate`. When resumed, experiments that were not begun are begun.
-
-    Raises
-    ------
-    SoftcalError
-        As `calibrate`.
-    """
-    results: dict[str, CalibrationResult] = {}
-    for experiment in problem.experiments:
-        folder = None if store is None else store / experiment.name
-        begun = folder is not None and (folder / "run.json").is_file()
-        results[experiment.name] = calibrate(
-            problem.alone(experiment.name), store=folder, resume=resume and begun, **options
-        )
-    return results

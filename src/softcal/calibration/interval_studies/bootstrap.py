@@ -9,7 +9,7 @@ at the ends of the intervals are then fitted by simulations, and the ends move b
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -75,7 +75,14 @@ def bootstrap(
     ends = {int(j): tuple(np.percentile(draws.z[:, j], [tail, 100 - tail])) for j in given}
     refits = [_Refit(found, draws, j, side, end) for j in ends for side, end in enumerate(ends[j])]
     with Evaluator(problem, workers=workers, jacobian=True) as evaluator:
-        n, n_solves = _refitted(refits, evaluator, problem, progress)
+        n = n_solves = 0
+        while unfinished := [(one, one.next) for one in refits if one.next is not None]:
+            proposals = [Proposal(n + i, problem.space.to_model(z)) for i, (_, z) in enumerate(unfinished)]
+            for (one, _), (_, evaluation) in zip(unfinished, evaluator.evaluate(proposals), strict=True):
+                one.tell(evaluation)
+                n, n_solves = n + 1, n_solves + evaluation.n_solves
+                if progress is not None:
+                    progress(1 + n)
     notes = [one.note for one in refits if one.note]
     moved: dict[int, tuple[float, float]] = {}
     for j in ends:
@@ -163,19 +170,3 @@ class _Refit:
 
     def _within(self, z: Floats) -> Floats:
         return np.clip(nearest_within(z, self.found.root), 0.0, 1.0)
-
-
-def _refitted(
-    refits: Sequence[_Refit], evaluator: Evaluator, problem: Problem, progress: Observer | None
-) -> tuple[int, int]:
-    """Carry out the refits; the number of evaluations and of trajectories."""
-    n = n_solves = 0
-    while wanted := [one for one in refits if one.next is not None]:
-        points = [one.next for one in wanted if one.next is not None]
-        proposals = [Proposal(n + i, problem.space.to_model(z)) for i, z in enumerate(points)]
-        for one, (_, evaluation) in zip(wanted, evaluator.evaluate(proposals), strict=True):
-            one.tell(evaluation)
-            n, n_solves = n + 1, n_solves + evaluation.n_solves
-            if progress is not None:
-                progress(1 + n)
-    return n, n_solves

@@ -59,7 +59,8 @@ class CheckedInterval:
         """Largest distance between corresponding ends over half the quick interval's length [-]; None without both."""
         if self.quick is None or self.found is None:
             return None
-        (low, high), (found_low, found_high) = (tuple(map(self._on_scale, ends)) for ends in (self.quick, self.found))
+        scaled = (math.log(end) if self.scale == "log" else end for end in (*self.quick, *self.found))
+        low, high, found_low, found_high = scaled
         apart = max(abs(found_low - low), abs(found_high - high))
         return 2 * apart / (high - low) if high > low else (math.inf if apart > 0 else 0.0)
 
@@ -75,8 +76,12 @@ class CheckedInterval:
         """Whether each end is the bound of the search."""
         return (False, False) if self.found is None else (self.found[0] <= self.lower, self.found[1] >= self.upper)
 
-    def _on_scale(self, value: float) -> float:
-        return math.log(value) if self.scale == "log" else value
+    def text(self, ends: tuple[float, float] | None) -> str:
+        """Both ends with their unit, to the digits that tell them apart; "-" where there is no interval."""
+        if ends is None:
+            return "-"
+        unit = readable_unit(self.value, self.unit)
+        return " to ".join(format_quantity(end, self.unit, unit, digits=digits_that_tell(*ends)) for end in ends)
 
 
 @displayed
@@ -129,7 +134,7 @@ class IntervalStudy:
 
     def _repr_html_(self) -> str:
         rows = [
-            [label, format_quantity(one.value, one.unit), interval_text(one, one.quick), interval_text(one, one.found)]
+            [label, format_quantity(one.value, one.unit), one.text(one.quick), one.text(one.found)]
             for label, one in self.intervals.items()
         ]
         header = ["parameter", "value", "quick", self.by]
@@ -138,7 +143,12 @@ class IntervalStudy:
     @property
     def sentences(self) -> tuple[str, ...]:
         """What the comparison with the quick intervals says."""
-        found = tuple(_sentence(self.by, label, one) for label, one in self.intervals.items() if one.differs)
+        found = tuple(
+            f"{label}: the interval by {self.by} is {one.text(one.found)}, the quick one {one.text(one.quick)}"
+            f"{one.reason and f': {one.reason}'}."
+            for label, one in self.intervals.items()
+            if one.differs
+        )
         missing = [label for label, one in self.intervals.items() if one.quick is None and one.found is not None]
         if missing:
             found = (*found, f"There is no quick interval of {', '.join(missing)}.")
@@ -153,23 +163,16 @@ class IntervalStudy:
 def checked(
     estimates: Mapping[str, Estimate], found: Mapping[str, tuple[float, float] | None], reason: str
 ) -> dict[str, CheckedInterval]:
-    """The intervals `found` [SI by label] beside the quick ones of the estimates; reason: why they may differ."""
+    """The intervals by another method beside the quick ones of the estimates, by label.
+
+    Parameters
+    ----------
+    estimates, found
+        Label -> estimate with its quick interval; label -> ends [unit] by the other method, None where it has none.
+    reason
+        Why they may differ, the end of a sentence.
+    """
     return {
         label: CheckedInterval(e.value, e.unit, e.lower, e.upper, e.scale, e.interval, found.get(label), reason)
         for label, e in estimates.items()
     }
-
-
-def interval_text(one: CheckedInterval, ends: tuple[float, float] | None) -> str:
-    """Both ends with their unit, to the digits that tell them apart; "-" where there is no interval."""
-    if ends is None:
-        return "-"
-    unit = readable_unit(one.value, one.unit)
-    low, high = (format_quantity(end, one.unit, unit, digits=digits_that_tell(*ends)) for end in ends)
-    return f"{low} to {high}"
-
-
-def _sentence(by: str, label: str, one: CheckedInterval) -> str:
-    found, quick = interval_text(one, one.found), interval_text(one, one.quick)
-    reason = f": {one.reason}" if one.reason else ""
-    return f"{label}: the interval by {by} is {found}, the quick one {quick}{reason}."

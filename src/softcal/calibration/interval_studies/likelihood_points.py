@@ -49,7 +49,15 @@ class Quadratic:
         return self._rest + float(np.sum((self._right + self._rows @ step) ** 2)), self._z + step
 
     def end(self, j: int, side: int, most: float) -> tuple[float, Floats]:
-        """The value of parameter j up to which the least sum of squares is at most `most`, and the others there."""
+        """The value of parameter j up to which the least sum of squares is at most `most`, and the others there.
+
+        Parameters
+        ----------
+        j, side
+            Number of the parameter, and its side: -1 towards low values, 1 towards high ones.
+        most
+            The largest sum of squares.
+        """
         from scipy.optimize import brentq
 
         start = float(self.least()[1][j])

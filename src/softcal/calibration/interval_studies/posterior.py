@@ -231,11 +231,23 @@ def _accurate(
             return logarithm, error
         n = max(_CHECKS, 2 * size)
         if simulated.n_evaluations + n > simulations:
+            state = "its surrogate does not cover the posterior yet"
+            if np.isfinite(error):
+                state = f"its surrogate still errs by {error:.2g} in the log-posterior, and {ERROR:g} is allowed"
             raise CalibrationError(
-                f"After {simulated.n_evaluations} evaluations of the twin {_state(error)}. Try: more simulations, "
-                "fewer free parameters, narrower bounds, or profiles, which need no surrogate."
+                f"After {simulated.n_evaluations} evaluations of the twin {state}. Try: more simulations, fewer free "
+                "parameters, narrower bounds, or profiles, which need no surrogate."
             )
-        error = _error(logarithm, simulated, draft[chance.choice(len(draft), n, replace=False)])
+        points = draft[chance.choice(len(draft), n, replace=False)]
+        found = simulated.at(list(points))
+        failed = [one for one in found if isinstance(one, str)]
+        if failed:
+            raise CalibrationError(
+                f"The twin cannot be simulated at {len(failed)} of {len(found)} draws of the posterior, so that it has "
+                f"no posterior there: {failed[0]} Try: narrower bounds."
+            )
+        exact = logarithm.of_squares(points, np.array([one.value for one in found if isinstance(one, Seen)]))
+        error = float(np.std((logarithm.function()(points) - exact) / 2))
         beyond = logarithm.beyond(chance)
         if len(beyond):
             error = np.inf
@@ -246,27 +258,17 @@ def _accurate(
     raise CalibrationError("No surrogate of the twin became accurate.")
 
 
-def _state(error: float) -> str:
-    if not np.isfinite(error):
-        return "its surrogate does not cover the posterior yet"
-    return f"its surrogate still errs by {error:.2g} in the log-posterior, and {ERROR:g} is allowed"
-
-
-def _error(logarithm: LogPosterior, simulated: SimulatedPoint, points: Floats) -> float:
-    """Standard deviation of the error of the log-posterior at points that are simulated for this."""
-    found = simulated.at(list(points))
-    failed = [one for one in found if isinstance(one, str)]
-    if failed:
-        raise CalibrationError(
-            f"The twin cannot be simulated at {len(failed)} of {len(found)} draws of the posterior, so that it has no "
-            f"posterior there: {failed[0]} Try: narrower bounds."
-        )
-    exact = logarithm.of_squares(points, np.array([one.value for one in found if isinstance(one, Seen)]))
-    return float(np.std((logarithm.function()(points) - exact) / 2))
-
-
 def sampled(logarithm: LogPosterior, n: int, seed: int, *, converge: bool = True) -> Chain:
-    """Draws of a posterior; converge: whether the chain must be long enough to tell its own autocorrelation.
+    """Draws of a posterior.
+
+    Parameters
+    ----------
+    logarithm
+        Its log-density.
+    n, seed
+        Number of draws, and the seed of the random numbers.
+    converge
+        Whether the chain must be long enough to tell its own autocorrelation.
 
     Raises
     ------
@@ -279,7 +281,14 @@ def sampled(logarithm: LogPosterior, n: int, seed: int, *, converge: bool = True
     walkers = max(_WALKERS, 4 * size)
     function = logarithm.function()
     chance = np.random.default_rng(seed)
-    first = _inside(function, logarithm, walkers, chance)
+    # Points at which the density is above zero, around the mean.
+    found = np.zeros((0, len(logarithm.mean)))
+    shrink = 1.0
+    while len(found) < walkers:
+        points = _drawn(logarithm.mean, shrink**2 * logarithm.covariance, 4 * walkers, chance)
+        found = np.concatenate([found, points[np.isfinite(function(points))]])
+        shrink *= 0.8
+    first = found[:walkers]
     # With differences of walkers two thirds of the steps do, in ten dimensions. Not DESnookerMove: emcee 3.1's draws
     # are too narrow, there by a third.
     moves = [(emcee.moves.StretchMove(), 0.5), (emcee.moves.DEMove(), 0.5)]
@@ -307,19 +316,6 @@ def sampled(logarithm: LogPosterior, n: int, seed: int, *, converge: bool = True
     return Chain(z, function(z), lag, len(z) * thin / max(lag, thin))
 
 
-def _inside(
-    function: Callable[[Floats], Floats], logarithm: LogPosterior, n: int, chance: np.random.Generator
-) -> Floats:
-    """Points at which the density is above zero, drawn around the mean."""
-    found = np.zeros((0, len(logarithm.mean)))
-    shrink = 1.0
-    while len(found) < n:
-        points = _drawn(logarithm.mean, shrink**2 * logarithm.covariance, 4 * n, chance)
-        found = np.concatenate([found, points[np.isfinite(function(points))]])
-        shrink *= 0.8
-    return found[:n]
-
-
 def _drawn(mean: Floats, covariance: Floats, n: int, chance: np.random.Generator) -> Floats:
     """Normal points (n, size), those outside the box moved to its walls."""
     return np.clip(mean + chance.standard_normal((n, len(mean))) @ np.linalg.cholesky(covariance).T, 0.0, 1.0)
@@ -329,7 +325,9 @@ def reasons(labels: Sequence[str], z: Floats) -> dict[str, str]:
     """Why the interval of each parameter may differ from the quick one; "" where the draws z (n, size) show nothing."""
     away = (z - z.mean(axis=0)) / np.maximum(z.std(axis=0), 1e-300)
     correlations = away.T @ away / len(z)
-    is_cut = _cut(z)
+    near = _NEAR * z.std(axis=0)
+    share = np.maximum(np.mean(z < near, axis=0), np.mean(z > 1 - near, axis=0))
+    is_cut = [bool(one) for one in share > _CUT * _NEAR / np.sqrt(2 * np.pi)]
     found: dict[str, str] = {}
     for j, label in enumerate(labels):
         seen: list[str] = []
@@ -344,10 +342,3 @@ def reasons(labels: Sequence[str], z: Floats) -> dict[str, str]:
             seen.append(f"the posterior is skewed towards {'high' if skewness > 0 else 'low'} values ({skewness:+.1f})")
         found[label] = ", and ".join(seen)
     return found
-
-
-def _cut(z: Floats) -> list[bool]:
-    """Whether a bound of the unit box cuts the density of each parameter: it is not negligible there."""
-    near = _NEAR * z.std(axis=0)
-    share = np.maximum(np.mean(z < near, axis=0), np.mean(z > 1 - near, axis=0))
-    return [bool(one) for one in share > _CUT * _NEAR / np.sqrt(2 * np.pi)]

@@ -67,7 +67,19 @@ class Resampled:
         began: float,
         points: Mapping[str, tuple[float, ...]],
     ) -> IntervalStudy:
-        """The study with these ends in the unit box."""
+        """The study with these ends.
+
+        Parameters
+        ----------
+        by, notes, facts
+            As of `IntervalStudy`; the facts without the number of groups.
+        ends
+            Number of the parameter -> ends in the unit box.
+        began
+            When the study began, as of `time.perf_counter` [s].
+        points
+            Label -> values [SI] without each group, or of each draw.
+        """
         held, chances = self.held, self.without.chances(self.held.found)
         intervals: dict[str, CheckedInterval] = {}
         for j, (label, e) in enumerate(held.estimates.items()):
@@ -76,17 +88,15 @@ class Resampled:
                 low, high = (self.model(j, end) for end in ends[j])
                 found = (min(low, e.value), max(high, e.value))
             chance = float(chances[j]) if j in ends else None
-            reason = self._reason(j)
+            if self.without.ratios(self.held.found)[j] > 1.0:
+                reason = f"the {self.kind} differ by more than the noise that the quick one assumes"
+            else:
+                reason = f"the quick one includes errors that do not show between {self.kind}"
             intervals[label] = CheckedInterval(
                 e.value, e.unit, e.lower, e.upper, e.scale, e.interval, found, reason, chance
             )
         counted = {self.kind: float(len(self.parts.names)), **facts}
         return IntervalStudy(by, intervals, (*self._notes(), *notes), counted, time.perf_counter() - began, points)
-
-    def _reason(self, j: int) -> str:
-        if self.without.ratios(self.held.found)[j] > 1.0:
-            return f"the {self.kind} differ by more than the noise that the quick one assumes"
-        return f"the quick one includes errors that do not show between {self.kind}"
 
     def _notes(self) -> tuple[str, ...]:
         own = [label for label, is_own in zip(self.labels, self.parts.own, strict=True) if is_own]
@@ -108,7 +118,14 @@ def default_groups(problem: Problem) -> str:
 
 
 def resampled(problem: Problem, theta: Mapping[str, float], over: str = "") -> Resampled:
-    """The groups of measurements at the calibrated values theta [SI by label].
+    """The groups of measurements at the minimum of the loss.
+
+    Parameters
+    ----------
+    problem, theta
+        The calibrated problem, and its minimum [SI by label].
+    over
+        The kind of group, see `groups.KINDS`; by default as `default_groups`.
 
     Raises
     ------
@@ -132,9 +149,15 @@ def resampled(problem: Problem, theta: Mapping[str, float], over: str = "") -> R
 
 
 def jackknife(problem: Problem, theta: Mapping[str, float], *, over: str = "") -> IntervalStudy:
-    """95 % intervals by leaving out one group of measurements at a time, from calibrated values theta [SI by label].
+    """95 % intervals by leaving out one group of measurements at a time. From the jacobians: the twin is simulated
+    once.
 
-    From the jacobians: the twin is simulated once. over: the kind of group, see `groups.KINDS`.
+    Parameters
+    ----------
+    problem, theta
+        The calibrated problem, and its minimum [SI by label].
+    over
+        The kind of group, see `groups.KINDS`; by default as `default_groups`.
 
     Raises
     ------

@@ -87,7 +87,16 @@ def fitted_surrogate(z: Floats, values: Floats, jacobians: Floats, covariance: F
     rows = np.concatenate([values[:, None, :], np.moveaxis(slopes, 2, 1)], axis=1)  # (n, 1 + size, m)
     best: Surrogate | None = None
     for degree in range(1, HIGHEST + 1):
-        terms = np.concatenate([_terms(u, degree)[:, None, :], _slopes(u, degree)], axis=1)
+        powers: Floats = np.asarray(legendre.legvander(u, degree), dtype=np.float64)
+        rates = np.stack(
+            [legendre.legval(u, legendre.legder(np.eye(degree + 1)[k])) for k in range(degree + 1)], axis=-1
+        )
+        derivatives: list[Floats] = []  # of the terms by each coordinate
+        for j in range(size):
+            mixed = powers.copy()
+            mixed[:, j] = rates[:, j]
+            derivatives.append(_products(mixed, range(size), _exponents(size, degree)))
+        terms = np.concatenate([_terms(u, degree)[:, None, :], np.stack(derivatives, axis=1)], axis=1)
         if degree > 1 and n * (1 + size) < _ROWS * terms.shape[2]:
             break
         flat = terms.reshape(n * (1 + size), -1)
@@ -129,19 +138,6 @@ def _terms(u: Floats, degree: int) -> Floats:
     """Products of Legendre polynomials at points (n, size), shape (n, terms)."""
     powers: Floats = np.asarray(legendre.legvander(u, degree), dtype=np.float64)  # (n, size, degree + 1)
     return _products(powers, range(u.shape[1]), _exponents(u.shape[1], degree))
-
-
-def _slopes(u: Floats, degree: int) -> Floats:
-    """Derivatives of the terms by u, shape (n, size, terms)."""
-    size = u.shape[1]
-    powers: Floats = np.asarray(legendre.legvander(u, degree), dtype=np.float64)
-    rates = np.stack([legendre.legval(u, legendre.legder(np.eye(degree + 1)[k])) for k in range(degree + 1)], axis=-1)
-    found: list[Floats] = []
-    for j in range(size):
-        mixed = powers.copy()
-        mixed[:, j] = rates[:, j]
-        found.append(_products(mixed, range(size), _exponents(size, degree)))
-    return np.stack(found, axis=1)
 
 
 def _products(powers: Floats, places: Sequence[int], exponents: tuple[tuple[int, ...], ...]) -> Floats:

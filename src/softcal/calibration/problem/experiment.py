@@ -97,7 +97,16 @@ class Experiment(Checked):
             for channel in (*self.drives, *self.compared)
             if channel not in self.dataset.channels
         ]
-        faults += [*self._drive_faults(), *self._compare_faults()]
+        faults += drive_faults([(channel, self.twin_channel(channel)) for channel in self.drives], self.name)
+        faults += [
+            Fault("a channel that drives the twin has no value", self.name, f"{channel}, {_rows(~measured)}")
+            for channel in self.drives
+            if channel in self.dataset.channels and not np.all(measured := np.isfinite(self.dataset.values(channel)))
+        ]
+        if self.rig.backlash is not None and not any(self.twin_channel(one).kind == SHORTENING for one in self.drives):
+            got = ", ".join(self.drives) or "no cable that is driven"
+            faults.append(Fault("backlash is lost travel, and no shortening drives this test", self.name, got))
+        faults += self._compare_faults()
         if faults:
             raise DatasetError(faults)
 
@@ -198,17 +207,6 @@ class Experiment(Checked):
         short = [c for c in of_cable if self.cable or not channels[c].kind.drives]
         short.sort(key=lambda c: channels[c].kind.compared)
         return (*short, *(c for c, name in channels.items() if name.carrier))
-
-    def _drive_faults(self) -> list[Fault]:
-        faults = [
-            Fault("a channel that drives the twin has no value", self.name, f"{channel}, {_rows(~known)}")
-            for channel in self.drives
-            if channel in self.dataset.channels and not np.all(known := np.isfinite(self.dataset.values(channel)))
-        ]
-        if self.rig.backlash is not None and not any(self.twin_channel(one).kind == SHORTENING for one in self.drives):
-            got = ", ".join(self.drives) or "no cable that is driven"
-            faults.append(Fault("backlash is lost travel, and no shortening drives this test", self.name, got))
-        return [*drive_faults([(channel, self.twin_channel(channel)) for channel in self.drives], self.name), *faults]
 
     def _compare_faults(self) -> list[Fault]:
         faults: list[Fault] = []

@@ -65,7 +65,14 @@ def _feed(digest: _Digest, data: object) -> None:
 
 def identity_faults(what: str, where: str, held: Mapping[str, str], given: Mapping[str, str]) -> list[Fault]:
     """A fault for each part of the problem that differs; of another engine one, since its settings then differ all
-    together. what: that which is stored, as in "the run".
+    together.
+
+    Parameters
+    ----------
+    what, where
+        That which is stored, as in "the run", and its place.
+    held, given
+        Part -> hash, as stored and at present.
     """
     other, engines = f"{what} calibrates something else", (held.get("engine", SOFTCAL), given.get("engine", SOFTCAL))
     if engines[0] == engines[1]:
@@ -87,7 +94,17 @@ def identity_faults(what: str, where: str, held: Mapping[str, str], given: Mappi
 def differences(
     what: str, where: str, held: Mapping[str, Any], given: Mapping[str, Any], *, ignored: Collection[str] = ()
 ) -> list[Fault]:
-    """A fault for each name whose values differ."""
+    """A fault for each name whose values differ.
+
+    Parameters
+    ----------
+    what, where
+        The fault, and where it is.
+    held, given
+        Name -> value, as stored and at present.
+    ignored
+        Names that may differ.
+    """
     return [
         Fault(f"{what}: {name}", where, got=_short(given.get(name)), allowed=_short(held.get(name)))
         for name in dict.fromkeys([*held, *given])

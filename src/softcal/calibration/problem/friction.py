@@ -17,7 +17,15 @@ from softcal.twin.robot import Robot
 
 
 def friction_faults(robot: Robot, experiment: Experiment, free: Collection[str]) -> list[Fault]:
-    """What in an experiment cannot be compared under the friction of its pulleys and cables. free: its parameters."""
+    """What in an experiment cannot be compared under the friction of its pulleys and cables.
+
+    Parameters
+    ----------
+    robot, experiment
+        The robot, and one of its experiments.
+    free
+        The parameters that are free or uncertain in it.
+    """
     return [
         *pulley_faults(experiment),
         *_cable_faults(robot, experiment, free),

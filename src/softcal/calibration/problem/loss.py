@@ -172,6 +172,19 @@ class Loss(ABC):
         """What keeps these experiments from being judged by this loss."""
 
 
+class SumOfSquares(Loss):
+    """A loss sum w r^2 over all blocks, w being `square_weights`."""
+
+    def block_value(self, block: Block, residual: Floats) -> float:
+        return float(residual**2 @ self.square_weights(block, residual))
+
+    def share(self, blocks: Sequence[Block]) -> float:
+        return 1.0
+
+    def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
+        return []
+
+
 def _faults(loss: type[Loss], known: Mapping[str, type[Loss]]) -> list[Fault]:
     """What a class that is to be registered lacks, and options of its own that are others' too."""
     if not (isinstance(loss, type) and issubclass(loss, Loss)):

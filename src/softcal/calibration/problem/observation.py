@@ -58,7 +58,15 @@ def commands(experiment: Experiment, rig: Mapping[str, float]) -> dict[str, Comm
 
 
 def protocol_told(robot: Robot, experiment: Experiment, rig: Mapping[str, float]) -> Protocol:
-    """The commands to the twin's cables, with the times of the samples where its materials need them."""
+    """The commands to the twin's cables, with the times of the samples where its materials need them.
+
+    Parameters
+    ----------
+    robot, experiment
+        The robot, and one of its experiments.
+    rig
+        The rig's parameters in that experiment [SI by name].
+    """
     return Protocol(commands(experiment, rig), experiment.times if robot.needs_time else None)
 
 
@@ -96,10 +104,19 @@ def slack_faults(experiment: Experiment) -> list[Fault]:
 def observe(
     experiment: Experiment, rig: Mapping[str, float], response: Response, samples: Samples, names: Iterable[str] = ()
 ) -> Observation:
-    """Read the twin's response through the rig, with exact derivatives by `names` (robot and rig parameters).
+    """Read the twin's response through the rig, with exact derivatives.
 
-    `samples` are the experiment's own in a response that may hold those of others too. With several driven cables, the
-    response must hold derivatives by each command (`cable1.tension`) that a rig parameter among `names` changes.
+    Parameters
+    ----------
+    experiment, rig
+        The experiment, and the rig's parameters in it [SI by name].
+    response
+        The twin's. With several driven cables it must have derivatives by each command (`cable1.tension`) that a rig
+        parameter among `names` changes.
+    samples
+        The experiment's own in a response that may have those of others too.
+    names
+        Parameters of the robot and the rig by which derivatives are wanted.
 
     Raises
     ------

@@ -57,6 +57,15 @@ def option_faults(member: HasOptions, of: str, where: str, known: Mapping[str, H
     """The options of a new member that are something else already: of the calibration, or of another member.
 
     of: its family, of which `known` has the members so far.
+
+    Parameters
+    ----------
+    member, of
+        The new member, and its family.
+    where
+        The member, in a message.
+    known
+        Name -> member of the family so far.
     """
     if not member.options:
         return []

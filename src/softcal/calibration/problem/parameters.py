@@ -101,7 +101,14 @@ class SearchSpace:
 
     def to_search(self, theta: Mapping[str, float]) -> Floats:
         """The point of the unit box for theta [SI]."""
-        return np.array([_to_search(p, theta[p.label]) for p in self.parameters])
+        return np.array(
+            [
+                math.log(theta[p.label] / p.lower) / math.log(p.upper / p.lower)
+                if p.scale == "log"
+                else (theta[p.label] - p.lower) / (p.upper - p.lower)
+                for p in self.parameters
+            ]
+        )
 
     def jacobian(self, z: Sequence[float] | Floats) -> Floats:
         """d theta / d z, the diagonal, shape (size,)."""
@@ -154,10 +161,19 @@ def search_space(
 ) -> SearchSpace:
     """Expand patterns of names and per-experiment nuisances, and check every parameter against those that exist.
 
-    A start that is not given is the present value where that lies within the bounds: of tied parameters the mean, and
-    of a nuisance the experiment's own (`own`: values by experiment and name). A parameter for each experiment is made
-    only for those of `own` that have it. set_ups: experiment -> the set-up it was done in; one that has none, or "",
-    is a set-up by itself.
+    A start that is not stated is the present value where that lies within the bounds: of tied parameters the mean, and
+    of a nuisance the experiment's own.
+
+    Parameters
+    ----------
+    parameters, experiments
+        Free parameters as a user states them, and the names of the experiments.
+    known
+        Name -> what is known of a parameter of the robot or the rig.
+    own
+        Experiment -> name -> value [SI]; a parameter for each experiment is made for those that have it.
+    set_ups
+        Experiment -> the set-up it was done in; one that has none, or "", is a set-up by itself.
 
     Raises
     ------
@@ -173,12 +189,19 @@ def search_space(
         if wrong:
             continue
         infos = [known[target] for target in parameter.targets]
-        faults += [fault for info in infos for fault in _limit_faults(parameter, info)]
+        for info in infos:
+            if parameter.unit != info.unit:
+                of = f" ({info.name})" if info.name != parameter.name else ""
+                faults.append(Fault("the unit is not the parameter's" + of, parameter.label, parameter.unit, info.unit))
+            for what, bound in (("lower bound", parameter.lower), ("upper bound", parameter.upper)):
+                if (fault := info.quantity.fault(bound, parameter.label)) is not None:
+                    faults.append(replace(fault, what=f"the {what} is outside what the parameter may be"))
         floor, ceiling = max(info.floor for info in infos), min(info.ceiling for info in infos)
         present = sum(info.value for info in infos) / len(infos)
         for one in expanded(replace(parameter, floor=floor, ceiling=ceiling), experiments, own, set_ups):
             members = one.members or (one.experiment,)
-            found.append(_started(one, (own or {}).get(members[0], {}).get(one.targets[0], present)))
+            start = (own or {}).get(members[0], {}).get(one.targets[0], present)
+            found.append(replace(one, start=start) if one.start is None and one.lower <= start <= one.upper else one)
     faults += doubled(found, TWICE)
     if faults:
         raise ParameterError(faults)
@@ -187,6 +210,13 @@ def search_space(
 
 def split(space: SearchSpace, label: str, known: Mapping[str, ParameterInfo]) -> SearchSpace:
     """The space in which each of the parameters that are tied in `label` is free by itself.
+
+    Parameters
+    ----------
+    space, label
+        The search space, and the label of the tied parameters.
+    known
+        Name -> what is known of a parameter of the robot or the rig.
 
     Raises
     ------
@@ -204,12 +234,6 @@ def split(space: SearchSpace, label: str, known: Mapping[str, ParameterInfo]) ->
             continue
         parts += [replace(p, name=t, of=(), floor=known[t].floor, ceiling=known[t].ceiling) for t in p.targets]
     return SearchSpace(tuple(parts))
-
-
-def _started(parameter: FreeParameter, present: float) -> FreeParameter:
-    if parameter.start is None and parameter.lower <= present <= parameter.upper:
-        return replace(parameter, start=present)
-    return parameter
 
 
 def _faults(parameter: FreeParameter) -> list[Fault]:
@@ -233,17 +257,6 @@ def _faults(parameter: FreeParameter) -> list[Fault]:
     return faults
 
 
-def _limit_faults(parameter: FreeParameter, info: ParameterInfo) -> list[Fault]:
-    faults: list[Fault] = []
-    if parameter.unit != info.unit:
-        of = f" ({info.name})" if info.name != parameter.name else ""
-        faults.append(Fault("the unit is not the parameter's" + of, parameter.label, parameter.unit, info.unit))
-    for what, bound in (("lower bound", parameter.lower), ("upper bound", parameter.upper)):
-        if (fault := info.quantity.fault(bound, parameter.label)) is not None:
-            faults.append(replace(fault, what=f"the {what} is outside what the parameter may be"))
-    return faults
-
-
 def _to_model(parameter: FreeParameter, z: float) -> float:
     # The bounds themselves are hit exactly: exp(log(x)) may step over them by one unit in the last place, and a step to
     # a bound may end short of it by as much.
@@ -254,9 +267,3 @@ def _to_model(parameter: FreeParameter, z: float) -> float:
     if parameter.scale == "log":
         return parameter.lower * math.exp(z * math.log(parameter.upper / parameter.lower))
     return parameter.lower + z * (parameter.upper - parameter.lower)
-
-
-def _to_search(parameter: FreeParameter, value: float) -> float:
-    if parameter.scale == "log":
-        return math.log(value / parameter.lower) / math.log(parameter.upper / parameter.lower)
-    return (value - parameter.lower) / (parameter.upper - parameter.lower)

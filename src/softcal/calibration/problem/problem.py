@@ -203,23 +203,26 @@ class Problem:
 
         With the jacobian, as in a search, it shares the load path of one cable with others, and its curve is
         interpolated the less closely the further it is from the measurements.
+
+        Parameters
+        ----------
+        theta, group
+            Parameters [SI by label], and the trajectory.
+        jacobian
+            Whether derivatives are wanted.
         """
         driven = group.protocol().completed(self.robot).driven
         if not jacobian or self.simulate is not None or len(driven) != 1 or self.robot.remembers:
             return self._contribution(theta, group, jacobian=jacobian)
         rough = self._contribution(theta, group, jacobian=True, shared=True, curve_tolerance=ROUGH)
-        misfit = self._misfit(rough)
+        blocks = self._blocks(rough.observations)
+        misfit = min(
+            (rms(b.residual) / max(float(np.abs(b.residual + b.measured).max()), 1e-300) for b in blocks), default=0.0
+        )
         if rough.failure or SHARE * misfit >= ROUGH:
             return rough
         tolerance = {"curve_tolerance": SHARE * misfit} if misfit >= FAR else {}
         return self._contribution(theta, group, jacobian=True, shared=True, **tolerance)
-
-    def _misfit(self, one: Contribution) -> float:
-        """The residuals' root mean square over the largest predicted value, of the channel where that is least."""
-        blocks = self._blocks(one.observations)
-        return min(
-            (rms(b.residual) / max(float(np.abs(b.residual + b.measured).max()), 1e-300) for b in blocks), default=0.0
-        )
 
     def _contribution(
         self, theta: Mapping[str, float], group: Trajectory, *, jacobian: bool, **options: Any
@@ -238,7 +241,15 @@ class Problem:
         return Contribution(observations, failure, response.n_factorisations)
 
     def joined(self, theta: Mapping[str, float], parts: Sequence[Contribution], seconds: float) -> Evaluation:
-        """The evaluation at theta of what its trajectories contribute, all of them, which took so long [s]."""
+        """The evaluation of what all trajectories contribute.
+
+        Parameters
+        ----------
+        theta, parts
+            Parameters [SI by label], and the contributions at these.
+        seconds
+            How long they took [s].
+        """
         found = {name: seen for part in parts for name, seen in part.observations.items()}
         # In the order of the experiments, whatever they share.
         observations = {e.name: found[e.name] for e in self.experiments if e.name in found}
@@ -285,7 +296,15 @@ class Problem:
         n_factorisations: int,
         seconds: float,
     ) -> Evaluation:
-        """The evaluation of observations made at theta."""
+        """The evaluation of observations.
+
+        Parameters
+        ----------
+        theta, observations
+            Parameters [SI by label], and experiment -> observation at these.
+        n_solves, n_factorisations, seconds
+            Trajectories, factorisations and time [s] that they took.
+        """
         blocks = (*self._blocks(observations), *self.priors(theta))
         with_jacobian = all(block.jacobian is not None for block in blocks)
         return Evaluation(
@@ -421,7 +440,18 @@ def make_problem(
     simulate: Simulate | None = None,
     uncertain: Sequence[UncertainParameter] = (),
 ) -> Problem:
-    """A problem from free and uncertain parameters as a user gives them; the loss is the papers' unless given.
+    """A problem from free and uncertain parameters as a user states them.
+
+    Parameters
+    ----------
+    robot, experiments
+        The robot, and its experiments.
+    parameters, uncertain
+        What is free, and what is uncertain.
+    loss
+        By default the papers'.
+    simulate
+        What simulates the twin; by default softcal's own.
 
     Raises
     ------

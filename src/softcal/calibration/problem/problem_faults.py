@@ -25,13 +25,27 @@ def problem_faults(
     loss: Loss,
     uncertain: Sequence[UncertainParameter] = (),
 ) -> list[Fault]:
-    """Every fault of a problem's parts, and of how they go together."""
+    """Every fault of a problem's parts, and of how they go together.
+
+    Parameters
+    ----------
+    robot, experiments
+        The robot, and its experiments.
+    space, loss
+        The search space, and the loss.
+    uncertain
+        The uncertain parameters.
+    """
     known = {**robot_parameters(robot), **rig_parameters(experiments)}
+    varied = {
+        e.name: space.free_in(e.name) | {t for p in uncertain if p.serves(e.name) for t in p.targets}
+        for e in experiments
+    }
     return [
         *_part_faults(robot, experiments),
         *_space_faults(experiments, space, loss, known),
         *_setting_faults(robot, experiments, space, known),
-        *(fault for e in experiments for fault in friction_faults(robot, e, _varied_in(e.name, space, uncertain))),
+        *(fault for e in experiments for fault in friction_faults(robot, e, varied[e.name])),
         *_uncertain_faults(uncertain, experiments, space, known),
     ]
 
@@ -86,11 +100,6 @@ def _space_faults(
     except ParameterError as error:
         faults += error.faults
     return faults
-
-
-def _varied_in(experiment: str, space: SearchSpace, uncertain: Sequence[UncertainParameter]) -> set[str]:
-    """The parameters of the robot and the rig that are free or uncertain in an experiment."""
-    return space.free_in(experiment) | {t for p in uncertain if p.serves(experiment) for t in p.targets}
 
 
 def _uncertain_faults(

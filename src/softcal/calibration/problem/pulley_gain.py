@@ -54,7 +54,15 @@ class PulleyGain:
 
 
 def gain_of(experiment: Experiment, rig: Mapping[str, float], cable: str) -> PulleyGain:
-    """The gain of a cable's tension in the dataset over the twin's."""
+    """The gain of a cable's tension in the dataset over the twin's.
+
+    Parameters
+    ----------
+    experiment, rig
+        The experiment, and the rig's parameters in it [SI by name].
+    cable
+        Name of the cable.
+    """
     pulleys = experiment.rig.pulleys
     if pulleys is None:
         return PulleyGain(1.0, {})

@@ -84,8 +84,14 @@ def expanded(
 ) -> list[P]:
     """The parameter, or that of every experiment or set-up that has one of its own.
 
-    own: values by experiment and name; one for each experiment is made only for those that have it. set_ups: experiment
-    -> the set-up it was done in; one that has none, or "", is a set-up by itself.
+    Parameters
+    ----------
+    parameter, experiments
+        The parameter, and the names of the experiments.
+    own
+        Experiment -> name -> value [SI]; a parameter for each experiment is made for those that have it.
+    set_ups
+        Experiment -> the set-up it was done in; one that has none, or "", is a set-up by itself.
     """
     if not (parameter.per_experiment or parameter.per_set_up) or parameter.experiment:
         return [parameter]

@@ -9,7 +9,6 @@ import numpy as np
 
 from softcal.calibration.problem.experiment import Experiment
 from softcal.calibration.problem.observation import Samples, control_parameters
-from softcal.checks import Floats
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 
@@ -42,7 +41,13 @@ class Trajectory:
                 cable: Command(
                     command.control,
                     np.concatenate([told[cable].values for _, told in self.members]),
-                    {p: np.concatenate([_rate(told[cable], p) for _, told in self.members]) for p in by[cable]},
+                    # A parameter may have no effect on some of them, as the backlash of another test.
+                    {
+                        p: np.concatenate(
+                            [told[cable].by.get(p, np.zeros_like(told[cable].values)) for _, told in self.members]
+                        )
+                        for p in by[cable]
+                    },
                 )
                 for cable, command in first.items()
             },
@@ -98,8 +103,3 @@ def shared_out(members: Sequence[Member]) -> list[list[Member]]:
             out.append([])
         out[-1].append(member)
     return out
-
-
-def _rate(command: Command, parameter: str) -> Floats:
-    """d command / d parameter (n,): zero where the parameter has no effect on it, as the backlash of another test."""
-    return command.by.get(parameter, np.zeros_like(command.values))

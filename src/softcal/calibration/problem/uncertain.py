@@ -26,7 +26,15 @@ RESERVED = ("noise", "drift", "misfit", "prior", "experiments", "set-ups", "mark
 
 
 def sd_fault(sd: float, unit: str, where: str = "") -> Fault | None:
-    """The fault of a standard deviation [unit], or None."""
+    """The fault of a standard deviation [unit], or None.
+
+    Parameters
+    ----------
+    sd, unit
+        The standard deviation [unit].
+    where
+        The parameter, in the message.
+    """
     if 0.0 < sd < math.inf:
         return None
     got = f"{sd:.6g}" if unit == "1" else f"{sd:.6g} {unit}"
@@ -74,7 +82,16 @@ def uncertain_parameters(
 ) -> tuple[UncertainParameter, ...]:
     """One for each value that errs by itself: names with a wildcard written out, nuisances for each experiment.
 
-    own: values of the rig's parameters by experiment and name. set_ups: experiment -> the set-up it was done in.
+    Parameters
+    ----------
+    parameters, experiments
+        Uncertain parameters as a user states them, and the names of the experiments.
+    known
+        Name -> what is known of a parameter of the robot or the rig.
+    own
+        Experiment -> name -> value [SI] of the rig's parameters.
+    set_ups
+        Experiment -> the set-up it was done in.
 
     Raises
     ------
@@ -84,10 +101,22 @@ def uncertain_parameters(
     faults: list[Fault] = []
     found: list[UncertainParameter] = []
     for given in parameters:
-        for written in _written_out(given, known):
+        is_pattern = not given.of and any(mark in given.name for mark in "*?[")
+        matches = [name for name in known if is_pattern and fnmatchcase(name, given.name)]
+        for written in [replace(given, name=name, written=given.name) for name in matches] or [given]:
             parameter, unknown = resolved(written, known)
-            faults += unknown or _faults(parameter, known)
-            found += [] if unknown else expanded(parameter, experiments, own, set_ups)
+            faults += unknown
+            if unknown:
+                continue
+            label = parameter.label
+            faults += [
+                Fault("the unit is not the parameter's", label, parameter.unit, known[target].unit)
+                for target in parameter.targets
+                if known[target].unit != parameter.unit
+            ]
+            if parameter.source in RESERVED:
+                faults.append(Fault("the name is that of a source of error", label, attempt="another name"))
+            found += expanded(parameter, experiments, own, set_ups)
     faults += doubled(found, TWICE)
     if faults:
         raise ParameterError(faults)
@@ -99,7 +128,12 @@ def free_and_uncertain(
 ) -> list[Fault]:
     """The faults of uncertain parameters that are free in an experiment too, or a parameter of none of them.
 
-    free: experiment -> the parameters of the robot and the rig that are free in it.
+    Parameters
+    ----------
+    uncertain, experiments
+        The uncertain parameters, and the names of the experiments.
+    free
+        Experiment -> the parameters of the robot and the rig that are free in it.
     """
     faults: list[Fault] = []
     names = list(experiments)
@@ -117,24 +151,4 @@ def free_and_uncertain(
             )
             for target in twice
         ]
-    return faults
-
-
-def _written_out(given: UncertainParameter, known: Iterable[str]) -> list[UncertainParameter]:
-    """One for each parameter that matches a name with wildcards; the given one without them."""
-    if given.of or not any(mark in given.name for mark in "*?["):
-        return [given]
-    matches = [name for name in known if fnmatchcase(name, given.name)]
-    return [replace(given, name=name, written=given.name) for name in matches] or [given]
-
-
-def _faults(parameter: UncertainParameter, known: Mapping[str, ParameterInfo]) -> list[Fault]:
-    label = parameter.label
-    faults = [
-        Fault("the unit is not the parameter's", label, parameter.unit, known[target].unit)
-        for target in parameter.targets
-        if known[target].unit != parameter.unit
-    ]
-    if parameter.source in RESERVED:
-        faults.append(Fault("the name is that of a source of error", label, attempt="another name"))
     return faults

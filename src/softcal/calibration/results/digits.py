@@ -34,7 +34,17 @@ def half_width(estimate: Estimate) -> float | None:
 
 
 def shown(estimate: Estimate, value: float, unit: str = "") -> str:
-    """A value of the parameter [unit], such as an end of its interval, as a plain number in a display unit."""
+    """A value of the parameter [unit], such as an end of its interval, as a plain number in a display unit.
+
+    Parameters
+    ----------
+    estimate
+        The parameter's.
+    value
+        Number [SI].
+    unit
+        Display unit; by default that of the estimate.
+    """
     factor = unit_factor(unit or display_unit(estimate), estimate.unit)
     for bound in (estimate.lower, estimate.upper):
         if math.isclose(value, bound, rel_tol=1e-9):
@@ -43,7 +53,14 @@ def shown(estimate: Estimate, value: float, unit: str = "") -> str:
 
 
 def difference(estimate: Estimate, value: float, unit: str = "") -> str:
-    """The same of an error or a difference, which bounds do not concern."""
+    """An error of the parameter, or a difference of its values, as a plain number in a display unit; bounds do not
+    concern it.
+
+    Parameters
+    ----------
+    estimate, value, unit
+        As of `shown`.
+    """
     factor, half = unit_factor(unit or display_unit(estimate), estimate.unit), half_width(estimate)
     return rounded(value / factor, half and half / factor, least=int(estimate.scale == "log"))
 
@@ -81,6 +98,11 @@ def interval_text(estimate: Estimate) -> str:
     return with_unit(estimate, ends_text(estimate))
 
 
+def format_interval(ends: tuple[float, float], unit: str) -> str:
+    """Ends [unit], to four digits or as many as tell them apart: "1.94 to 2.02 MPa", "950 kPa to 1.02 MPa"."""
+    return format_range(*ends, unit, digits=digits_that_tell(*ends))
+
+
 def with_unit(estimate: Estimate, text: str) -> str:
     """A number or two in the estimate's display unit, with that unit."""
     unit = display_unit(estimate)
@@ -92,6 +114,6 @@ def estimate_cells(estimate: Estimate) -> list[str]:
     ends = estimate.interval
     return [
         format_quantity(estimate.value, estimate.unit) + (" (at a bound)" if estimate.at_bound else ""),
-        "–" if ends is None else format_range(*ends, estimate.unit, digits=digits_that_tell(*ends)),
+        "–" if ends is None else format_interval(ends, estimate.unit),
         format_range(estimate.lower, estimate.upper, estimate.unit),
     ]

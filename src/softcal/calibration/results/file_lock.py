@@ -16,7 +16,14 @@ _FAR = 2**40  # the byte that is locked on Windows, where others cannot read wha
 def hold(path: Path, *, wait: bool = False, opener: Callable[[str, int], int] | None = None) -> BinaryIO:
     """Open a file to append to it, made if it is not there, and hold it until it is closed; others can read it.
 
-    wait: until another process has released it. opener: as that of `open`.
+    Parameters
+    ----------
+    path
+        The file.
+    wait
+        Until another process has released it.
+    opener
+        As that of `open`.
 
     Raises
     ------
@@ -37,7 +44,12 @@ def hold(path: Path, *, wait: bool = False, opener: Callable[[str, int], int] | 
 def hold_in(path: Path, what: str, other: str) -> BinaryIO:
     """As `hold`, of a file that stands for its folder.
 
-    what: that is kept in the folder. other: what another process does there.
+    Parameters
+    ----------
+    path
+        The file.
+    what, other
+        What is kept in the folder, and what another process does there.
 
     Raises
     ------

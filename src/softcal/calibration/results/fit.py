@@ -23,14 +23,26 @@ def experiment_fit(
     bands: Mapping[str, Floats] | None = None,
     repeats: Mapping[str, Floats] | None = None,
 ) -> ExperimentFit:
-    """The errors of the predicted measurements `seen`; bands and repeats: channel -> half-width [SI] at its measured
-    samples.
+    """The errors of the predicted measurements of an experiment.
+
+    Parameters
+    ----------
+    experiment, seen
+        The experiment, and what the twin predicts of it.
+    bands, repeats
+        Channel -> half-width (n,) [SI] at its measured samples.
     """
     channels = experiment.dataset.channels
     errors = {
         channel: (seen.predicted[channel] - channels[channel].values)[experiment.seen(channel)]
         for channel in experiment.compared
     }
+    distances: dict[str, Distance] = {}
+    for point in experiment.points:
+        parts = experiment.parts_of(point)
+        if len(parts) == 3:
+            away = np.sqrt(sum(errors[part] ** 2 for part in parts))
+            distances[point] = Distance(float(away.mean()), float(away.max()), rms(away), len(away))
     return ExperimentFit(
         rmse={channel: rms(error) for channel, error in errors.items()},
         rmse_detrended={channel: rms_detrended(error) for channel, error in errors.items()},
@@ -38,9 +50,9 @@ def experiment_fit(
         simulated=dict(seen.predicted),
         units={**seen.units, **{name: channel.unit for name, channel in channels.items()}},
         response=dict(seen.response),
-        distances=_distances(experiment, errors),
+        distances=distances,
         length=experiment.rig.length,
-        missing=_missing(experiment),
+        missing={name: len(rows) for name, rows in missing_rows(experiment).items()},
         bands=_at_all(experiment, bands or {}),
         repeats=_at_all(experiment, repeats or {}),
         cycles=_cycles(experiment.dataset, seen.predicted),
@@ -65,21 +77,6 @@ def _at_all(experiment: Experiment, widths: Mapping[str, Floats]) -> dict[str, F
         seen = experiment.seen(channel)
         found[channel] = np.full(len(seen), np.nan)
         found[channel][seen] = values
-    return found
-
-
-def _missing(experiment: Experiment) -> dict[str, int]:
-    return {name: len(rows) for name, rows in missing_rows(experiment).items()}
-
-
-def _distances(experiment: Experiment, errors: dict[str, Floats]) -> dict[str, Distance]:
-    """The distances of every marker and plate with all three coordinates compared."""
-    found: dict[str, Distance] = {}
-    for point in experiment.points:
-        parts = experiment.parts_of(point)
-        if len(parts) == 3:
-            away = np.sqrt(sum(errors[part] ** 2 for part in parts))
-            found[point] = Distance(float(away.mean()), float(away.max()), rms(away), len(away))
     return found
 
 

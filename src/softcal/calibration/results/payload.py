@@ -43,8 +43,14 @@ def encode(observations: Mapping[str, Observation]) -> bytes:
 
 
 def decode(payload: bytes, path: Path, what: str) -> dict[str, Observation]:
-    """The observations that were passed to `encode`; path and what: where they were stored, and to what they belong
-    (for messages).
+    """The observations that were passed to `encode`.
+
+    Parameters
+    ----------
+    payload
+        The bytes.
+    path, what
+        Where they were stored, and to what they belong, for messages.
 
     Raises
     ------

@@ -29,7 +29,13 @@ def write_result(result: SearchResult, folder: Path) -> None:
         Where a file cannot be written.
     """
     for name, fit in fits_of(result).items():
-        write_text(folder / response_file(name), _response_csv(fit))
+        columns: dict[str, Floats] = {f"{c} [{fit.units[c]}]": values for c, values in fit.response.items()}
+        families = {"measured": fit.measured, "simulated": fit.simulated, "band": fit.bands, "repeat": fit.repeats}
+        for family, channels in families.items():
+            columns |= {f"{family}.{c} [{fit.units[c]}]": values for c, values in channels.items()}
+        # A value that was not measured is an empty cell.
+        cells = ([float(value) if np.isfinite(value) else "" for value in values] for values in columns.values())
+        write_text(folder / response_file(name), csv_text(list(columns), zip(*cells, strict=True)))
     write_text(folder / TRIALS, _trials_csv(result))
     write_text(folder / RESULT, json.dumps(result_json(result), indent=2, allow_nan=False) + "\n")
 
@@ -79,21 +85,16 @@ def _errors(name: str, fit: dict[str, Any]) -> dict[str, Any]:
     return {**errors, **fit, "file": response_file(name)}
 
 
-def _response_csv(fit: ExperimentFit) -> str:
-    columns: dict[str, Floats] = {f"{name} [{fit.units[name]}]": values for name, values in fit.response.items()}
-    families = {"measured": fit.measured, "simulated": fit.simulated, "band": fit.bands, "repeat": fit.repeats}
-    for family, channels in families.items():
-        columns |= {f"{family}.{name} [{fit.units[name]}]": values for name, values in channels.items()}
-    # A value that was not measured is an empty cell.
-    cells = ([float(value) if np.isfinite(value) else "" for value in values] for values in columns.values())
-    return csv_text(list(columns), zip(*cells, strict=True))
-
-
 def _trials_csv(result: SearchResult) -> str:
     parameters = [f"{name} [{p.unit}]" for name, p in result.parameters.items()]
     experiments = [f"loss of {name}" for name in result.experiments]
-    told = {(name, of): unit for name, fit in result.experiments.items() for of, unit in _told(fit).items()}
-    errors = [f"error of {name}: {of} [{unit}]" for (name, of), unit in told.items()]
+    # The reported errors of an experiment: of markers and plates, and of all other channels.
+    errors = {
+        (name, of): fit.units[of] if of in fit.alone else "m"
+        for name, fit in result.experiments.items()
+        for of in dict.fromkeys((*fit.distances, *fit.alone))
+    }
+    heads = [f"error of {name}: {of} [{unit}]" for (name, of), unit in errors.items()]
     rows = [
         [
             t.number,
@@ -104,14 +105,8 @@ def _trials_csv(result: SearchResult) -> str:
             t.reason,
             *(t.theta[name] for name in result.parameters),
             *(t.experiment_losses.get(name, "") for name in result.experiments),
-            *(t.errors.get(name, {}).get(of, "") for name, of in told),
+            *(t.errors.get(name, {}).get(of, "") for name, of in errors),
         ]
         for t in result.trials
     ]
-    return csv_text([*TRIAL_COLUMNS, *parameters, *experiments, *errors], rows)
-
-
-def _told(fit: ExperimentFit) -> dict[str, str]:
-    """The unit of every reported error of an experiment: of markers and plates, and of all other channels."""
-    others = {c: fit.units[c] for c in fit.alone}
-    return {**dict.fromkeys(fit.distances, "m"), **others}
+    return csv_text([*TRIAL_COLUMNS, *parameters, *experiments, *heads], rows)

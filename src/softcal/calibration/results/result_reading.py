@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_json
 
 from softcal.calibration.problem.loss import rms
-from softcal.calibration.results.result import CalibrationResult, ExperimentFit, SearchResult, SweepResult, Trial
+from softcal.calibration.results.result import CalibrationResult, ExperimentFit, SweepResult, Trial
 from softcal.calibration.results.result_files import FORMAT, TRIAL_COLUMNS, TRIALS, response_file
 from softcal.calibration.results.store import RESULT
 from softcal.calibration.results.stored import (
@@ -64,8 +64,20 @@ def load_result(folder: Path) -> CalibrationResult | SweepResult:
         trials=_trials(folder / TRIALS),
     )
     if isinstance(result, SweepResult):
-        _check_cells(path, result)
-    _check(path, result)
+        cells = list(itertools.product(*result.axes.values()))
+        for trial in result.trials:
+            cell = dict(zip(result.axes, cells[trial.number], strict=True)) if trial.number < len(cells) else None
+            if cell != dict(trial.theta):
+                raise contradiction(path, _WHAT, f"trial {trial.number} in {TRIALS} is no cell of its grid")
+    if not result.parameters or not result.experiments:
+        raise contradiction(path, _WHAT, "it has no parameters or no experiments")
+    values = {name: one.value for name, one in result.parameters.items()}
+    if not any(trial.loss == result.loss and dict(trial.theta) == values for trial in result.trials):
+        raise contradiction(path, _WHAT, f"no trial in {TRIALS} has its values and its loss")
+    if len({trial.number for trial in result.trials}) < len(result.trials):
+        raise contradiction(path, _WHAT, f"{TRIALS} has a trial twice")
+    if sum(trial.state == "FAILED" for trial in result.trials) != result.n_failed_trials:
+        raise contradiction(path, _WHAT, f"{TRIALS} has another number of failed trials")
     header, _ = read_rows(folder / TRIALS, _WHAT)
     if others := {f"{name} [{one.unit}]" for name, one in result.parameters.items()} - {*header}:
         raise contradiction(path, _WHAT, f"{TRIALS} has no {min(others)}")
@@ -76,7 +88,10 @@ def _record(document: dict[str, Any]) -> type[CalibrationResult | SweepResult]:
     """The kind of result of a document, in which the changes of `result_json` to its record are undone."""
     document.setdefault("format", FORMAT)  # earlier files have none
     for part in ("experiments", "held_out"):
-        for entry in _mappings(document.get(part)):
+        entries = document.get(part)
+        for entry in entries.values() if isinstance(entries, dict) else ():
+            if not isinstance(entry, dict):
+                continue  # which its schema refuses
             for kind in ("rmse", "rmse_detrended"):
                 errors = {key: value for key, value in entry.items() if key.endswith(f"_{kind}") and value is not None}
                 entry[kind] = {key.removesuffix(f"_{kind}"): value for key, value in errors.items()}
@@ -91,32 +106,6 @@ def _record(document: dict[str, Any]) -> type[CalibrationResult | SweepResult]:
     document["extra"] = {key: value for key, value in extra.items() if value is not None}
     document["axes"] = document["extra"].pop("axes", None)
     return CalibrationResult if document["axes"] is None else SweepResult
-
-
-def _mappings(value: object) -> list[dict[str, Any]]:
-    """The mappings in a mapping; none where it is another thing, which its schema refuses."""
-    return [entry for entry in value.values() if isinstance(entry, dict)] if isinstance(value, dict) else []
-
-
-def _check_cells(path: Path, result: SweepResult) -> None:
-    """Whether every trial of a sweep is the cell of its number."""
-    cells = list(itertools.product(*result.axes.values()))
-    for trial in result.trials:
-        if trial.number >= len(cells) or dict(zip(result.axes, cells[trial.number], strict=True)) != dict(trial.theta):
-            raise contradiction(path, _WHAT, f"trial {trial.number} in {TRIALS} is no cell of its grid")
-
-
-def _check(path: Path, result: SearchResult) -> None:
-    """Check that the estimates of a result are those of its best trial."""
-    if not result.parameters or not result.experiments:
-        raise contradiction(path, _WHAT, "it has no parameters or no experiments")
-    values = {name: one.value for name, one in result.parameters.items()}
-    if not any(trial.loss == result.loss and dict(trial.theta) == values for trial in result.trials):
-        raise contradiction(path, _WHAT, f"no trial in {TRIALS} has its values and its loss")
-    if len({trial.number for trial in result.trials}) < len(result.trials):
-        raise contradiction(path, _WHAT, f"{TRIALS} has a trial twice")
-    if sum(trial.state == "FAILED" for trial in result.trials) != result.n_failed_trials:
-        raise contradiction(path, _WHAT, f"{TRIALS} has another number of failed trials")
 
 
 def _fit(folder: Path, name: str, errors: ExperimentFit) -> ExperimentFit:
@@ -215,22 +204,14 @@ def _trials(path: Path) -> tuple[Trial, ...]:
                     errors.setdefault(experiment, {})[of] = _number(path, text, i)
             else:
                 theta[title.rpartition(" [")[0]] = _number(path, text, i)
-        trials.append(_trial(path, row[:fixed], theta, losses, errors))
+        names = ("number", "state", "loss", "seconds", "n_factorisations", "reason")
+        cells = {name: text for name, text in zip(names, row[:fixed], strict=True) if text or name == "reason"}
+        try:
+            t = _ROW.validate_strings(cells)
+        except ValidationError as error:
+            raise damaged(path, _WHAT, error) from error
+        if (t.state == "COMPLETE") != (t.loss is not None):
+            why = f"trial {t.number} is {t.state}, and its loss is '{cells.get('loss', '')}'"
+            raise contradiction(path, _WHAT, why)
+        trials.append(Trial(t.number, theta, t.state, t.loss, t.reason, t.seconds, t.n_factorisations, losses, errors))
     return tuple(trials)
-
-
-def _trial(
-    path: Path,
-    cells: list[str],
-    theta: dict[str, float],
-    losses: dict[str, float],
-    errors: dict[str, dict[str, float]],
-) -> Trial:
-    told = dict(zip(("number", "state", "loss", "seconds", "n_factorisations", "reason"), cells, strict=True))
-    try:
-        row = _ROW.validate_strings({key: text for key, text in told.items() if text or key == "reason"})
-    except ValidationError as error:
-        raise damaged(path, _WHAT, error) from error
-    if (row.state == "COMPLETE") != (row.loss is not None):
-        raise contradiction(path, _WHAT, f"trial {row.number} is {row.state}, and its loss is '{told['loss']}'")
-    return Trial(row.number, theta, row.state, row.loss, row.reason, row.seconds, row.n_factorisations, losses, errors)

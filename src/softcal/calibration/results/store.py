@@ -15,7 +15,7 @@ import json
 import os
 from collections.abc import Generator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO
+from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field
 
@@ -68,7 +68,7 @@ class RunStore:
         require_inside(folder, (ARRAYS,))
         with storing(self._path):
             # Two processes in one folder would each undo the other's search.
-            self._file = _alone(folder)
+            self._file = hold_in(folder / JOURNAL, "run", "calibration")
             try:
                 mend(self._path)
                 self._journal = TrialJournal(self._path)
@@ -88,7 +88,18 @@ class RunStore:
         versions: Mapping[str, str],
         files: Mapping[str, str] | None = None,
     ) -> RunStore:
-        """A new run. identity: hash by the name of what is hashed; files: texts to keep with the run, by file name.
+        """A new run.
+
+        Parameters
+        ----------
+        folder, space
+            The run's folder, and the search space.
+        identity
+            Hash by the name of what is hashed.
+        settings, versions
+            Settings of the search, and versions of packages, by name.
+        files
+            Texts to keep with the run, by file name.
 
         Raises
         ------
@@ -122,7 +133,16 @@ class RunStore:
         settings: Mapping[str, Any],
         grows: bool = True,
     ) -> RunStore:
-        """The run in a folder, resumed with the settings it began with; `grows`: except the number of trials.
+        """The run in a folder, resumed with the settings it began with.
+
+        Parameters
+        ----------
+        folder, space
+            The run's folder, and the search space.
+        identity, settings
+            As of `create`; they must be those of the run.
+        grows
+            Whether the number of trials may be another.
 
         Raises
         ------
@@ -173,6 +193,15 @@ class RunStore:
     def append(self, trial: Trial, *, n_solves: int, elapsed: float, arrays: bytes | None = None) -> None:
         """Store a trial, its arrays first; it is on disk when this returns.
 
+        Parameters
+        ----------
+        trial
+            The trial.
+        n_solves, elapsed
+            Trajectories solved for it, and time [s] since the search began.
+        arrays
+            What it predicts, as of `encode`.
+
         Raises
         ------
         StorageError
@@ -210,11 +239,6 @@ class RunStore:
             Where the file cannot be read, or is damaged.
         """
         return self._journal.read()
-
-
-def _alone(folder: Path) -> BinaryIO:
-    """The file of the trials, held by this process alone."""
-    return hold_in(folder / JOURNAL, "run", "calibration")
 
 
 def write_text(path: Path, text: str) -> None:

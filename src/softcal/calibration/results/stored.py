@@ -66,7 +66,15 @@ def as_json(record: Schema) -> dict[str, Any]:
 
 
 def read_record(kind: type[R], path: Path, what: str, form: int | None = None) -> R:
-    """The record in a file; arguments and errors as of `as_record`."""
+    """The record in a file; arguments and errors as of `as_record`.
+
+    Parameters
+    ----------
+    kind, what, form
+        As of `as_record`.
+    path
+        The file.
+    """
     return as_record(kind, read_bytes(path, what), path, what, form)
 
 
@@ -133,16 +141,34 @@ def read_bytes(path: Path, what: str, most: int = _LARGEST) -> bytes:
 
 
 def damaged(path: Path, what: str, error: ValidationError) -> StorageError:
-    """What a schema finds wrong in a stored file, as faults."""
+    """What a schema finds wrong in a stored file, as faults.
+
+    Parameters
+    ----------
+    path, what
+        The file, and its name as in "the result".
+    error
+        What the schema finds.
+    """
     faults: list[Fault] = []
     for one in error.errors(include_url=False, include_context=False)[:_N_NAMED]:
         got = "" if one["type"] in ("json_invalid", "missing") else shown(one["input"])
-        faults.append(Fault(f"{what} cannot be read: {_place(one['loc'])}{_sentence(one['msg'])}", str(path), got))
+        place = ".".join(str(key)[:60] for key in one["loc"]) + ": " * bool(one["loc"])
+        message = one["msg"][:1].lower() + one["msg"][1:]
+        faults.append(Fault(f"{what} cannot be read: {place}{message}", str(path), got))
     return StorageError(faults)
 
 
 def contradiction(path: Path, what: str, why: str) -> StorageError:
-    """The error of a stored file whose parts contradict each other."""
+    """The error of a stored file whose parts contradict each other.
+
+    Parameters
+    ----------
+    path, what
+        The file, and its name as in "the result".
+    why
+        The contradiction, the end of a sentence.
+    """
     return StorageError(Fault(f"{what} cannot be read: {why}", str(path)))
 
 
@@ -170,11 +196,3 @@ def read_rows(path: Path, what: str) -> tuple[list[str], list[list[str]]]:
         if len(row) != len(header):
             raise contradiction(path, what, f"row {number} has {len(row)} cells, and the header {len(header)}")
     return header, rows
-
-
-def _place(location: tuple[str | int, ...]) -> str:
-    return ".".join(str(key)[:60] for key in location) + ": " if location else ""
-
-
-def _sentence(message: str) -> str:
-    return message[:1].lower() + message[1:]

@@ -20,13 +20,11 @@ from pydantic import ValidationError, model_validator
 from softcal.calibration.problem.parameters import SearchSpace
 from softcal.calibration.results.result import Trial
 from softcal.calibration.results.stored import Amount, Count, Record, contradiction, damaged
-from softcal.calibration.statistics.fanova import distributions
 from softcal.errors import Fault, StorageError
 from softcal.regular_file import own_file
 
 if TYPE_CHECKING:
     import optuna
-    from optuna.storages.journal import JournalFileOpenLock
 
 JOURNAL, ARRAYS = "optuna.journal", "arrays"
 STUDY = "softcal"
@@ -101,9 +99,16 @@ class TrialJournal:
         with self._reading():
             open(path, "rb", opener=own_file).close()
             from optuna.storages import JournalStorage
-            from optuna.storages.journal import JournalFileBackend
+            from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 
-            self._storage = JournalStorage(JournalFileBackend(str(path), lock_obj=_no_lock(path)))
+            class NoLock(JournalFileOpenLock):
+                def acquire(self) -> bool:
+                    return True
+
+                def release(self) -> None:
+                    pass
+
+            self._storage = JournalStorage(JournalFileBackend(str(path), lock_obj=NoLock(str(path))))
 
     def begin(self) -> None:
         """Make the study where the file is new.
@@ -306,7 +311,14 @@ def attributes(stored: StoredTrial) -> dict[str, Any]:
 
 
 def as_stored(frozen: optuna.trial.FrozenTrial, held: Mapping[str, Any], folder: Path) -> StoredTrial:
-    """A trial of Optuna's. held: its number and softcal's attributes of it; folder: the run's.
+    """A trial of Optuna's as one of softcal's.
+
+    Parameters
+    ----------
+    frozen, held
+        The trial, and its number with softcal's attributes of it.
+    folder
+        The run's.
 
     Raises
     ------
@@ -335,18 +347,11 @@ def _as_stored(
     return StoredTrial(trial, row.n_solves, row.elapsed, arrays_file(folder, row.number) if row.arrays else None)
 
 
-def _no_lock(path: Path) -> JournalFileOpenLock:
-    """A lock that is always free: the one process that writes holds the file itself (see `file_lock`).
+def distributions(space: SearchSpace) -> dict[str, optuna.distributions.BaseDistribution]:
+    """The search space as Optuna sees it."""
+    import optuna
 
-    Optuna's is a file, which a process that is killed leaves behind, and which the next one waits for.
-    """
-    from optuna.storages.journal import JournalFileOpenLock
-
-    class NoLock(JournalFileOpenLock):
-        def acquire(self) -> bool:
-            return True
-
-        def release(self) -> None:
-            pass
-
-    return NoLock(str(path))
+    return {
+        p.label: optuna.distributions.FloatDistribution(p.lower, p.upper, log=p.scale == "log")
+        for p in space.parameters
+    }

@@ -138,7 +138,12 @@ class Descent:
             self._radius = 0.35 * length
         elif gain > 0.75 * promised and length > 0.99 * self._radius and self._since_failure > _WARY:
             self._radius = min(1.0, 3.0 * self._radius)
-        if is_poor and self._merit is self.loss and self._is_short(tried):
+        if (
+            is_poor
+            and self._merit is self.loss
+            and self._has_errors()
+            and share_of_errors(self.space, self.loss, self._here(), tried.z - self.z) <= NEAR
+        ):
             short = f"a step of less than {NEAR:.1g} standard errors no longer lowers the loss as its slope promises"
             if gain > 0.0:
                 self.z, self.best = tried.z, evaluation
@@ -147,10 +152,6 @@ class Descent:
             self._move(tried, evaluation)
         else:
             self._propose()
-
-    def _is_short(self, tried: Point) -> bool:
-        """Whether a step from here is short beside the standard errors of every parameter."""
-        return self._has_errors() and share_of_errors(self.space, self.loss, self._here(), tried.z - self.z) <= NEAR
 
     def _move(self, to: Point, evaluation: Evaluation) -> None:
         self.z, self.best = to.z, evaluation
@@ -269,6 +270,13 @@ def trusted_model(space: SearchSpace, loss: Loss, here: Point, others: Sequence[
     The models scale forces with moduli, with Poisson's ratio as itself or as its reciprocal distance to the ceiling.
     Gauss-Newton's takes their place where it predicts clearly better, as in a valley of factors (modulus times
     friction), which is straight in their logarithms; and where they do not reproduce the twin at its own point.
+
+    Parameters
+    ----------
+    space, loss
+        The search space, and the loss.
+    here, others
+        The simulated points, with jacobians.
     """
     scaled = [LocalModel(space, loss, here, reciprocal=reciprocal) for reciprocal in (True, False)]
     plain = LocalModel(space, loss, here, plain=True)

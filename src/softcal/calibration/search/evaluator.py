@@ -78,7 +78,14 @@ class Evaluator:
         found = self._shared if len(proposals) < self._executor.count else self._whole
         for proposal, evaluation in zip(proposals, found([dict(p.theta) for p in proposals]), strict=True):
             if isinstance(evaluation, LostCall):
-                yield proposal, self._failed(proposal, evaluation)
+                self._lost += 1
+                if self._lost >= _HOPELESS and not self._succeeded:
+                    raise CalibrationError(
+                        f"The first {self._lost} evaluations ended their workers, trial {proposal.number} the last of "
+                        f"them. {evaluation.why} The trials so far are kept. Try: fewer workers than "
+                        f"{self._executor.count}, and resume."
+                    )
+                yield proposal, self._problem.failed(proposal.theta, evaluation.why)
             else:
                 self._succeeded = True
                 yield proposal, evaluation
@@ -97,20 +104,20 @@ class Evaluator:
             told = [part for part in done if isinstance(part, Contribution)]
             yield lost[0] if lost else self._problem.joined(theta, told, time.perf_counter() - began)
 
-    def _failed(self, proposal: Proposal, lost: LostCall) -> Evaluation:
-        self._lost += 1
-        if self._lost >= _HOPELESS and not self._succeeded:
-            raise CalibrationError(
-                f"The first {self._lost} evaluations ended their workers, trial {proposal.number} the last of them. "
-                f"{lost.why} The trials so far are kept. Try: fewer workers than {self._executor.count}, and resume."
-            )
-        return self._problem.failed(proposal.theta, lost.why)
-
 
 def evaluated(
     problem: Problem, theta: Mapping[str, float], *, workers: int | Executor = 1, jacobian: bool = False
 ) -> Evaluation:
-    """One evaluation at theta [SI by label], its trajectories shared by the workers.
+    """One evaluation, its trajectories shared by the workers.
+
+    Parameters
+    ----------
+    problem, theta
+        The problem, and its parameters [SI by label].
+    workers
+        An executor, or a number of processes.
+    jacobian
+        Whether derivatives are wanted.
 
     Raises
     ------

@@ -60,9 +60,16 @@ def fitted_part(problem: Problem, hold_out: Sequence[str]) -> Problem:
 def predicted(
     problem: Problem, theta: Mapping[str, float], hold_out: Sequence[str], fitted: Evaluation
 ) -> tuple[dict[str, HeldOut], tuple[Remark, ...]]:
-    """The twin's prediction at theta of each experiment of `hold_out`, and remarks on those that failed.
+    """The twin's prediction of each experiment that was held out, and remarks on those that failed.
 
-    fitted: the evaluation of the others, from whose residuals the predictions have their bands.
+    Parameters
+    ----------
+    problem, theta
+        The problem with all experiments, and the calibrated parameters [SI by label].
+    hold_out
+        Names of the experiments to predict.
+    fitted
+        The evaluation of the others, from whose residuals the predictions have their bands.
     """
     bands = _Bands.of(fitted_part(problem, hold_out), fitted)
     found: dict[str, HeldOut] = {}
@@ -102,23 +109,18 @@ def _predict(
     shared = [p for p in alone.space.parameters if p.label in theta]
     held = {target: theta[p.label] for p in shared for target in p.targets}
     placed = replace(experiment, settings={**experiment.settings, **held})
-    evaluation, unsettled = _nuisances(replace(alone, experiments=(placed,), space=SearchSpace(tuple(own))))
+    part = replace(alone, experiments=(placed,), space=SearchSpace(tuple(own)))
+    descent = Descent(part.space, part.loss, np.clip(part.space.to_search(part.space.start), 0.0, 1.0), _BUDGET)
+    evaluation: Evaluation | None = None
+    while descent.next is not None:
+        evaluation = part.evaluate(part.space.to_model(descent.next), jacobian=True)
+        descent.tell(evaluation)
+    evaluation = descent.best if descent.best is not None else evaluation
+    unsettled = "" if descent.converged else descent.status
     if with_slopes and evaluation is not None and evaluation.loss is not None:
         everything = {**evaluation.theta, **{p.label: theta[p.label] for p in shared}}
         evaluation = alone.evaluate(everything, jacobian=True)
     return evaluation, own, unsettled
-
-
-def _nuisances(problem: Problem) -> tuple[Evaluation | None, str]:
-    """The best evaluation over the nuisances of one experiment, and how the fit ended where it did not converge."""
-    space = problem.space
-    descent = Descent(space, problem.loss, np.clip(space.to_search(space.start), 0.0, 1.0), _BUDGET)
-    last: Evaluation | None = None
-    while descent.next is not None:
-        last = problem.evaluate(space.to_model(descent.next), jacobian=True)
-        descent.tell(last)
-    evaluation = descent.best if descent.best is not None else last
-    return evaluation, "" if descent.converged else descent.status
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,8 @@ class _Bands:
         z = np.clip(space.to_search(fitted.theta), 0.0, 1.0)
         slopes = space.jacobian(z)
         serves = space.serving(e.name for e in part.experiments)
-        found = estimator(part.loss, z, slopes, blocks, serves, part.uncertain if _systematic(blocks) else ())
+        uncertain = part.uncertain if any(block.systematic is not None for block in blocks) else ()
+        found = estimator(part.loss, z, slopes, blocks, serves, uncertain)
         return None if found.spent else cls(space, part.loss, slopes, found, blocks)
 
     def of_prediction(self, alone: Problem, seen: Evaluation) -> dict[str, Floats]:
@@ -180,7 +183,3 @@ class _Bands:
         groups = (self.loss.noise_group(one) for one in self.fitted if one.channel == block.channel)
         alike = [known[group] for group in groups if group in known]
         return known.get(self.loss.noise_group(block), max(alike, key=lambda one: one.size, default=None))
-
-
-def _systematic(blocks: Sequence[Block]) -> bool:
-    return any(block.systematic is not None for block in blocks)

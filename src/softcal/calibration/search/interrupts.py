@@ -41,7 +41,13 @@ def stop_signals_raised() -> Generator[None]:
     terminals = [number for number in range(3) if os.isatty(number)]
 
     def answer(number: int, frame: FrameType | None) -> NoReturn:
-        _leave_closed_terminals(terminals)
+        # Output to a terminal that has been closed is discarded: writing there would be an error.
+        gone = [terminal for terminal in terminals if not os.isatty(terminal)]
+        if gone:
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            for terminal in gone:
+                os.dup2(nowhere, terminal)
+            os.close(nowhere)
         raise StopSignal(number)
 
     by_default = [number for number in STOP_SIGNALS if signal.getsignal(number) is signal.SIG_DFL]
@@ -124,13 +130,3 @@ def _answered(answers: Mapping[int, _Handler]) -> Generator[None]:
         for number, answer in answers.items():
             signal.signal(number, answer)
         yield
-
-
-def _leave_closed_terminals(numbers: list[int]) -> None:
-    """Discard output to a terminal that has been closed: writing there would be an error."""
-    gone = [number for number in numbers if not os.isatty(number)]
-    if gone:
-        nowhere = os.open(os.devnull, os.O_RDWR)
-        for number in gone:
-            os.dup2(nowhere, number)
-        os.close(nowhere)

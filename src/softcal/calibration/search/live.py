@@ -21,7 +21,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from softcal.calibration.results.store import write_text
 from softcal.errors import StorageError
@@ -37,9 +37,14 @@ _EVERY = 1.0  # [s]
 
 @contextmanager
 def told_live(folder: Path | None, executor: Executor, observer: Observer | None = None) -> Generator[Observer]:
-    """An observer that passes progress on to another, and what it was told last into a folder about once a second.
+    """An observer that passes progress on to another, and writes its last into a folder about once a second.
 
-    folder: None writes nowhere.
+    Parameters
+    ----------
+    folder
+        None writes nowhere.
+    executor, observer
+        Whose workers are listed, and who is told.
     """
     last: Progress | None = None
 
@@ -57,7 +62,24 @@ def told_live(folder: Path | None, executor: Executor, observer: Observer | None
     def write(ended: bool) -> None:
         # A full disk is told by what the search itself stores, a lost cluster by its calls.
         with contextlib.suppress(StorageError, RuntimeError, OSError):
-            write_text(folder / LIVE, json.dumps(_record(last, executor, began, ended)))
+            counts = {name: getattr(last, name, 0) for name in ("done", "total", "failed")}
+            write_text(
+                folder / LIVE,
+                json.dumps(
+                    {
+                        "format": _FORMAT,
+                        "pid": os.getpid(),
+                        "host": socket.gethostname(),
+                        "began": began,
+                        "updated": _now(),
+                        "ended": ended,
+                        **counts,
+                        "stage": "" if last is None else last.stage,
+                        "executor": executor.told,
+                        "workers": [asdict(one) for one in executor.workers],
+                    }
+                ),
+            )
 
     def go_on() -> None:
         while not over.wait(_EVERY):
@@ -72,22 +94,6 @@ def told_live(folder: Path | None, executor: Executor, observer: Observer | None
         over.set()
         thread.join()
         write(ended=True)
-
-
-def _record(progress: Progress | None, executor: Executor, began: str, ended: bool) -> dict[str, Any]:
-    counts = {name: getattr(progress, name, 0) for name in ("done", "total", "failed")}
-    return {
-        "format": _FORMAT,
-        "pid": os.getpid(),
-        "host": socket.gethostname(),
-        "began": began,
-        "updated": _now(),
-        "ended": ended,
-        **counts,
-        "stage": "" if progress is None else progress.stage,
-        "executor": executor.told,
-        "workers": [asdict(one) for one in executor.workers],
-    }
 
 
 def _now() -> str:

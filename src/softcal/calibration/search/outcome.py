@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
@@ -12,14 +13,15 @@ import numpy as np
 
 from softcal.calibration.problem.experiment import PULLEY_FRICTION, Experiment
 from softcal.calibration.problem.loss import Block
+from softcal.calibration.problem.parameters import SearchSpace
 from softcal.calibration.problem.problem import Evaluation, Problem
 from softcal.calibration.problem.uncertain import UncertainParameter
 from softcal.calibration.results.fit import experiment_fit, missing_rows
 from softcal.calibration.results.result import SearchResult, Trial
+from softcal.calibration.results.trial_journal import distributions
 from softcal.calibration.search.optimiser import OPTIMISERS
 from softcal.calibration.statistics.estimate import Estimate, Remark
-from softcal.calibration.statistics.fanova import fanova_importance
-from softcal.calibration.statistics.loss_profile import loss_profiles
+from softcal.calibration.statistics.local_model import loss_profiles
 from softcal.calibration.statistics.misfit import misfits
 from softcal.calibration.statistics.residuals import ResidualRecord, outliers, residual_record, step_of_readings
 from softcal.calibration.statistics.sensitivity import Statistics, local_statistics
@@ -91,9 +93,18 @@ def conclude(
     uncertain: tuple[UncertainParameter, ...] | None = None,
     **own: Any,
 ) -> R:
-    """The result whose best evaluation is `best`; make: its class, own: what that class has of its own.
+    """The result of a search.
 
-    uncertain: the parameters of its blocks' `systematic`; the problem's where None.
+    Parameters
+    ----------
+    make, own
+        The class of the result, and what that class has of its own.
+    problem, best, trials
+        The problem, its best evaluation, and all trials.
+    account
+        How the search went.
+    uncertain
+        The parameters of the blocks' `systematic`; the problem's where None.
     """
     if best.loss is None:
         raise ValueError("the best evaluation has no loss")
@@ -267,3 +278,33 @@ def saturated_note(result: SearchResult) -> Remark:
 def _states(labels: list[str]) -> str:
     shown = ", ".join(labels[:6]) + (", …" if len(labels) > 6 else "")
     return f"state {shown}" if len(labels) == 1 else f"{len(labels)} states ({shown})"
+
+
+def fanova_importance(space: SearchSpace, trials: list[tuple[dict[str, float], float]], seed: int) -> dict[str, float]:
+    """fANOVA importances by label; empty with fewer than two trials, or when all losses are equal.
+
+    Parameters
+    ----------
+    space
+        The search space.
+    trials
+        Completed ones: theta [SI by label], loss.
+    seed
+        Of fANOVA's random numbers.
+    """
+    import optuna
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    if len(trials) < 2 or len({loss for _, loss in trials}) < 2:
+        return {}
+    study = optuna.create_study(direction="minimize")
+    known = distributions(space)
+    study.add_trials(
+        [optuna.trial.create_trial(params=theta, distributions=known, value=loss) for theta, loss in trials]
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        found = optuna.importance.get_param_importances(
+            study, evaluator=optuna.importance.FanovaImportanceEvaluator(seed=seed)
+        )
+    return {label: float(found[label]) for label in space.labels}

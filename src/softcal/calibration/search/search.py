@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -10,18 +11,19 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from softcal.calibration.problem.problem import Evaluation, Problem
-from softcal.calibration.results.payload import encode
+from softcal.calibration.results.payload import decode, encode
 from softcal.calibration.results.result import Trial
 from softcal.calibration.results.store import RunStore
-from softcal.calibration.results.stored import contradiction
-from softcal.calibration.results.trial_journal import JOURNAL
+from softcal.calibration.results.stored import contradiction, read_bytes
+from softcal.calibration.results.trial_journal import JOURNAL, StoredTrial
 from softcal.calibration.search.evaluator import Evaluator
 from softcal.calibration.search.interrupts import interrupts_held, stoppable
 from softcal.calibration.search.live import told_live
 from softcal.calibration.search.optimiser import Optimiser, Proposal
 from softcal.calibration.search.outcome import Account, installed_versions
-from softcal.calibration.search.recall import recalled
 from softcal.errors import CalibrationError, Fault, StorageError
 from softcal.executors.chosen import executor_of
 from softcal.executors.executor import Executor
@@ -126,6 +128,17 @@ def searched(
 ) -> Generator[Found]:
     """Run a search; its folder and workers are released at the end of the context, when the result is made and written.
 
+    Parameters
+    ----------
+    search
+        What is searched, and how.
+    workers
+        An executor, or a number of processes.
+    store, resume, files
+        Folder of the run, whether it is resumed, and texts to keep with it by file name.
+    progress
+        Called after every trial.
+
     Raises
     ------
     ParameterError
@@ -156,11 +169,17 @@ def searched(
             announce("derivatives at the best trial")
             with contextlib.suppress(KeyboardInterrupt):
                 tally.derive()
+        status = optimiser.status
+        if stopped:
+            status = (
+                f"Stopped by {stopped} after {len(tally.trials)} of at most {optimiser.total} trials; "
+                f"this is the best so far.{' Resume the run to go on.' * (run is not None)}"
+            )
         account = Account(
             optimiser.name,
             settings["seed"],
             settings,
-            _stopped_status(tally, optimiser, stopped) if stopped else optimiser.status,
+            status,
             tally.n_solves,
             tally.elapsed(),
             search.identity,
@@ -309,6 +328,13 @@ def _progress(tally: _Tally, optimiser: Optimiser, stage: str = "") -> Progress:
 def open_run(search: Search, folder: Path | None, resume: bool, files: Mapping[str, str] | None) -> RunStore | None:
     """The folder of a search, new or resumed; None where nothing is to be stored.
 
+    Parameters
+    ----------
+    search
+        What is searched, and how.
+    folder, resume, files
+        Folder of the run, whether it is resumed, and texts to keep with it by file name.
+
     Raises
     ------
     StorageError
@@ -336,9 +362,64 @@ def no_result(trials: Sequence[Trial], stopped: str) -> str:
     )
 
 
-def _stopped_status(tally: _Tally, optimiser: Optimiser, stopped: str) -> str:
-    kept = " Resume the run to go on." if tally.run is not None else ""
-    return (
-        f"Stopped by {stopped} after {len(tally.trials)} of at most {optimiser.total} trials; "
-        f"this is the best so far.{kept}"
-    )
+_SAME = 1e-9  # relative; of a loss that is computed again from the same numbers
+
+
+def recalled(problem: Problem, proposal: Proposal, stored: StoredTrial, journal: Path) -> Evaluation:
+    """The evaluation of a proposal, from the trial that is kept under its number in the journal of a run.
+
+    Parameters
+    ----------
+    problem, proposal
+        The problem, and what is to be evaluated.
+    stored, journal
+        The trial, and the journal that it is from.
+
+    Raises
+    ------
+    StorageError
+        Where the trial is another one, or its arrays are damaged or give another loss.
+    """
+    trial = stored.trial
+    if dict(trial.theta) != dict(proposal.theta):
+        raise StorageError(
+            Fault(
+                f"trial {proposal.number} on disk is not the one that this search would ask for",
+                where=str(journal),
+                got=str(dict(trial.theta)),
+                allowed=str(dict(proposal.theta)),
+                attempt="the versions that run.json names, or a new folder",
+            )
+        )
+    if (path := stored.arrays) is None:
+        return Evaluation(
+            trial.theta,
+            trial.loss,
+            trial.reason,
+            (),
+            {},
+            trial.experiment_losses,
+            None,
+            stored.n_solves,
+            trial.n_factorisations,
+            trial.seconds,
+            trial.errors,
+        )
+    what = f"trial {trial.number} of the run"
+    observations = decode(read_bytes(path, what), path, what)
+    try:
+        for experiment in problem.experiments:
+            seen = observations[experiment.name]
+            columns = [values for channel in seen.derivatives.values() for values in channel.values()]
+            for values in (*seen.predicted.values(), *columns):
+                if values.shape != (experiment.dataset.n_samples,):
+                    raise ValueError(f"{values.shape} values for {experiment.dataset.n_samples} samples")
+            for values in (*seen.predicted.values(), *columns, *seen.response.values()):
+                if not np.isfinite(values).all():
+                    raise ValueError("values that are not finite")
+        again = problem.judge(trial.theta, observations, stored.n_solves, trial.n_factorisations, trial.seconds)
+    except (KeyError, ValueError) as error:
+        raise contradiction(path, what, f"its arrays are not those of this problem ({error})") from error
+    if trial.loss is None or again.loss is None or not math.isclose(again.loss, trial.loss, rel_tol=_SAME):
+        raise contradiction(path, what, f"its arrays give the loss {again.loss}, and not {trial.loss}")
+    return again

@@ -65,7 +65,12 @@ class SearchSettings(Checked):
     def complete(self, *, trials: int, batch: int, options: Sequence[Option], known: Collection[str]) -> SearchSettings:
         """These settings with the optimiser's defaults filled in, and without the options of others.
 
-        options: the optimiser's; known: the names of those of all optimisers.
+        Parameters
+        ----------
+        trials, batch
+            The optimiser's defaults.
+        options, known
+            The optimiser's options, and the names of those of all optimisers.
 
         Raises
         ------

@@ -67,7 +67,12 @@ class Sharing:
 def require_shareable(search: Search, sharing: Sharing, folder: Path | None = None) -> None:
     """Raise unless a search can be shared; leaves nothing of it in the storage.
 
-    folder: of a run that is resumed.
+    Parameters
+    ----------
+    search, sharing
+        What is searched, and the study that it is to share.
+    folder
+        Of a run that is resumed.
 
     Raises
     ------
@@ -97,6 +102,13 @@ def searched_together(
 ) -> Generator[Found]:
     """Take part in a search by TPE until all its trials are done, those of other processes too.
 
+    Parameters
+    ----------
+    search, sharing
+        What is searched, and the study that is shared.
+    workers, store, resume, files, progress
+        As of `searched`.
+
     Raises
     ------
     ParameterError
@@ -114,7 +126,15 @@ def searched_together(
             run = open_run(shared, store, resume, files)
             if run is not None:
                 stack.enter_context(run)
-        study = stack.enter_context(_study(search, sharing))
+        study = stack.enter_context(
+            SharedStudy(
+                storage_url(sharing.storage),
+                _about(search, sharing),
+                search.problem.space,
+                seed=search.settings["seed"],
+                sampler=partial(tpe_sampler, startup_trials=int(search.settings["startup_trials"])),
+            )
+        )
         tally = _SharedTally(search.problem, study, run, int(search.settings["trials"]), began)
         evaluator = stack.enter_context(Evaluator(search.problem, workers=executor, jacobian=False))
         tell = stack.enter_context(told_live(None if run is None else run.folder, executor, progress))
@@ -126,11 +146,15 @@ def searched_together(
         announce = announcing(tell, tally.progress)
         announce("derivatives at the best trial")
         best, other = _evaluated(search.problem, trials[number])
+        n, mine = len(tally.told), f"{tally.mine} of them by this process"
+        status = f"All {n} trials were run, {mine}."
+        if stopped:
+            status = f"Stopped by {stopped} after {n} of {tally.total} trials, {mine}; this is the best so far."
         account = Account(
             TpeOptimiser.name,
             search.settings["seed"],
             search.settings,
-            " ".join(filter(None, (_status(tally, stopped), other))),
+            " ".join(filter(None, (status, other))),
             sum(told.n_solves for told in tally.told.values()) + 2 * best.n_solves,
             tally.elapsed(),
             search.identity,
@@ -173,16 +197,13 @@ class _SharedTally:
         n_before = len(self.told)
         told = self.study.outcomes()
         if self._run is not None:
-            self._keep(self._run, told)
+            _require_of(told, self._kept, self._run.folder)
+            for number, one in told.items():
+                if number not in self._kept:
+                    self._run.append(one.trial, n_solves=one.n_solves, elapsed=self.elapsed())
+                self._kept[number] = one
         self.told = told
         return len(told) > n_before
-
-    def _keep(self, run: RunStore, told: Mapping[int, StoredTrial]) -> None:
-        _require_of(told, self._kept, run.folder)
-        for number, one in told.items():
-            if number not in self._kept:
-                run.append(one.trial, n_solves=one.n_solves, elapsed=self.elapsed())
-            self._kept[number] = one
 
     def progress(self, stage: str = "") -> Progress:
         best = None if self.best is None else self.told[self.best].trial
@@ -221,16 +242,6 @@ def _answer(stop: Stop, waits: Callable[[], None], ask: Callable[[], _T]) -> _T:
         time.sleep(_PAUSE)
 
 
-def _study(search: Search, sharing: Sharing) -> SharedStudy:
-    return SharedStudy(
-        storage_url(sharing.storage),
-        _about(search, sharing),
-        search.problem.space,
-        seed=search.settings["seed"],
-        sampler=partial(tpe_sampler, startup_trials=int(search.settings["startup_trials"])),
-    )
-
-
 def _about(search: Search, sharing: Sharing) -> StudyIdentity:
     settings = {name: value for name, value in search.settings.items() if name != "batch"}
     return StudyIdentity(sharing.study, search.identity, settings)
@@ -261,13 +272,6 @@ def _course(tally: _SharedTally, evaluator: Evaluator, executor: Executor, tell:
             tally.look()
         return str(asked) or "the user"
     return ""
-
-
-def _status(tally: _SharedTally, stopped: str) -> str:
-    n, mine = len(tally.told), f"{tally.mine} of them by this process"
-    if not stopped:
-        return f"All {n} trials were run, {mine}."
-    return f"Stopped by {stopped} after {n} of {tally.total} trials, {mine}; this is the best so far."
 
 
 def _evaluated(problem: Problem, trial: Trial) -> tuple[Evaluation, str]:

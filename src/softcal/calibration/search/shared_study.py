@@ -80,6 +80,13 @@ def joinable_trials(place: StorageUrl, about: StudyIdentity, space: SearchSpace)
     """Every trial with its outcome so far of a study that a storage has already; None where it can be made. Nothing of
     it is made or changed.
 
+    Parameters
+    ----------
+    place, about
+        The storage, and what the study must be of.
+    space
+        The search space.
+
     Raises
     ------
     StorageError
@@ -161,7 +168,11 @@ class SharedStudy:
         """
         try:
             with self._answering():
-                return self._read(self._storage.read())
+                trials = self._storage.read()
+                for frozen in trials:
+                    if frozen.number not in self._outcomes and _is_outcome(frozen):
+                        self._outcomes[frozen.number] = _outcome(frozen, self._place, self._about, self._space)
+                return dict(sorted(self._outcomes.items()))
         except UnansweredError:
             self._seen.clear()  # no sign of life could be seen meanwhile
             raise
@@ -183,7 +194,7 @@ class SharedStudy:
                 while len(asked) < count and self._wanted(total):
                     trial = self._study.ask()
                     self._mine.add(trial.number)
-                    if trial.number >= total and not self._first(trial.number, total):
+                    if trial.number >= total and total <= sum(n < trial.number for n in _counted(self._storage.read())):
                         self._end(trial.number, "PRUNED")  # another process was faster
                         self._mine.remove(trial.number)
                         continue
@@ -202,10 +213,6 @@ class SharedStudy:
         trials = self._storage.trials
         waiting = any(t.state.name == "WAITING" and t.number not in self._mine for t in trials)
         return waiting or len(_counted(trials) | self._mine) < total
-
-    def _first(self, number: int, total: int) -> bool:
-        """Whether fewer than `total` trials with lower numbers count, now that this one has begun."""
-        return sum(one < number for one in _counted(self._storage.read())) < total
 
     def tell(self, stored: StoredTrial) -> bool:
         """Record the outcome of a trial that was asked for; False where others have given it up meanwhile.
@@ -264,12 +271,6 @@ class SharedStudy:
         _require_same(self._place, self._about, attribute(study.user_attrs, OUTCOME))
         return study
 
-    def _read(self, trials: Collection[optuna.trial.FrozenTrial]) -> Mapping[int, StoredTrial]:
-        for frozen in trials:
-            if frozen.number not in self._outcomes and _is_outcome(frozen):
-                self._outcomes[frozen.number] = _outcome(frozen, self._place, self._about, self._space)
-        return dict(sorted(self._outcomes.items()))
-
     def _give_up_stale(self) -> None:
         """Give up every trial of another process that has shown no sign of life for a minute."""
         now = time.monotonic()
@@ -326,7 +327,12 @@ def _outcome(
     """
     held = attribute(frozen.user_attrs, OUTCOME)
     why = "" if isinstance(held, dict) else "it has no outcome of softcal's"
-    if not why and not _is_in(space, frozen.params):
+    bounds = {p.label: (p.lower, p.upper) for p in space.parameters}
+    numbers = {name: value for name, value in frozen.params.items() if isinstance(value, int | float)}  # others: below
+    if not why and not (
+        frozen.params.keys() == bounds.keys()
+        and all(bounds[name][0] <= value <= bounds[name][1] for name, value in numbers.items())
+    ):
         why = "its parameters are not those of the search, or out of their bounds"
     losses = [value for value in frozen.values or () if isinstance(value, int | float)]
     if not why and any(abs(loss) > _LARGEST for loss in losses):
@@ -338,15 +344,6 @@ def _outcome(
             why = f"{error.error_count()} faults"
     what = f"trial {frozen.number} of the study {about.name} cannot be read: {why}"
     raise StorageError(Fault(what, place.shown, attempt="another storage"))
-
-
-def _is_in(space: SearchSpace, theta: Mapping[str, Any]) -> bool:
-    """Whether these are values of the parameters of a search; others than numbers are refused later."""
-    bounds = {p.label: (p.lower, p.upper) for p in space.parameters}
-    numbers = {name: value for name, value in theta.items() if isinstance(value, int | float)}
-    return theta.keys() == bounds.keys() and all(
-        bounds[name][0] <= value <= bounds[name][1] for name, value in numbers.items()
-    )
 
 
 def _require_same(place: StorageUrl, wanted: StudyIdentity, held: Any) -> None:
@@ -386,7 +383,15 @@ def _is_outcome(trial: optuna.trial.FrozenTrial) -> bool:
 
 
 def set_attribute(set_one: Callable[[str, Any], None], key: str, value: Any) -> None:
-    """Set an attribute of a study or a trial. set_one: Optuna's `set_user_attr` of it."""
+    """Set an attribute of a study or a trial, a long one in pieces.
+
+    Parameters
+    ----------
+    set_one
+        Optuna's `set_user_attr` of it.
+    key, value
+        The attribute.
+    """
     text = json.dumps(value)
     if len(text) <= _LONGEST:
         set_one(key, value)

@@ -110,7 +110,11 @@ class StorageUrl:
         try:
             yield storage
         finally:
-            _close(storage)
+            from optuna.storages import RDBStorage
+
+            if isinstance(storage, RDBStorage):
+                storage.remove_session()
+                storage.engine.dispose()
 
     def _open(self) -> optuna.storages.BaseStorage:
         if self.file is not None:
@@ -122,7 +126,10 @@ class StorageUrl:
 
         def connect() -> None:
             try:
-                _reach(self.url)
+                import sqlalchemy
+
+                engine = sqlalchemy.create_engine(self.url, poolclass=sqlalchemy.NullPool)
+                engine.connect().close()
                 answered.set()
                 opened.append(_database(self.url))
             except MemoryError:
@@ -212,7 +219,8 @@ def storage_url(text: str) -> StorageUrl:
     if not known or (driver and driver not in known) or not rest.startswith("//"):
         shown = f"{scheme}:…" if re.fullmatch(r"[a-z0-9+]{1,40}", scheme) else "another text"
         raise StorageError(Fault(what, where, shown, _ALLOWED))
-    shown = _shown(scheme, rest)
+    read = _CERTAIN.fullmatch(rest)
+    shown = f"{scheme}://{'…' if read is None else '***@' * bool(read['user']) + read['place']}"
     installed = [name for name, (module, _) in known.items() if importlib.util.find_spec(module) is not None]
     if (driver and driver not in installed) or not installed:
         package = known[driver or _WITHOUT[database]][1]
@@ -234,20 +242,6 @@ def storage_url(text: str) -> StorageUrl:
     except (ValueError, sqlalchemy.exc.ArgumentError):
         attempt = "%-codes for special characters in the password, such as %40 for @"
         raise StorageError(Fault("the URL of the database cannot be read", where, shown, _ALLOWED, attempt)) from None
-
-
-def _shown(scheme: str, rest: str) -> str:
-    """A URL without user, password and options; only its scheme where it is not certain what is what."""
-    read = _CERTAIN.fullmatch(rest)
-    return f"{scheme}://{'…' if read is None else '***@' * bool(read['user']) + read['place']}"
-
-
-def _reach(url: str) -> None:
-    """Connect to a server, and leave it."""
-    import sqlalchemy
-
-    engine = sqlalchemy.create_engine(url, poolclass=sqlalchemy.NullPool)
-    engine.connect().close()
 
 
 def _database(url: str) -> optuna.storages.BaseStorage:
@@ -274,14 +268,6 @@ def _refused(error: BaseException) -> bool:
 
     told = (error, error.__cause__)  # Optuna's own error, or SQLAlchemy's
     return any(isinstance(one, sqlalchemy.exc.DBAPIError) and one.statement is not None for one in told)
-
-
-def _close(storage: optuna.storages.BaseStorage) -> None:
-    from optuna.storages import RDBStorage
-
-    if isinstance(storage, RDBStorage):
-        storage.remove_session()
-        storage.engine.dispose()
 
 
 def _raised_here(error: BaseException) -> bool:

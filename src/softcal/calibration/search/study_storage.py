@@ -49,7 +49,15 @@ class StudyStorage:
     def get_all_trials(
         self, study_id: int, deepcopy: bool = True, states: Container[optuna.trial.TrialState] | None = None
     ) -> list[optuna.trial.FrozenTrial]:
-        """For Optuna: the trials as they were read last."""
+        """For Optuna: the trials as they were read last.
+
+        Parameters
+        ----------
+        study_id, deepcopy
+            Optuna's, without effect.
+        states
+            Those of the trials that are wanted; None for all.
+        """
         if study_id != self._study:
             return self._storage.get_all_trials(study_id, deepcopy, states)
         return [trial for trial in self.trials if states is None or trial.state in states]
@@ -61,6 +69,13 @@ class StudyStorage:
     def say(self, number: int, key: str, value: Any) -> None:
         """Set an attribute of a trial.
 
+        Parameters
+        ----------
+        number
+            The trial's.
+        key, value
+            The attribute.
+
         Raises
         ------
         UpdateFinishedTrialError
@@ -70,6 +85,13 @@ class StudyStorage:
 
     def end(self, number: int, state: str, values: Sequence[float] | None = None) -> None:
         """End a trial.
+
+        Parameters
+        ----------
+        number, state
+            The trial's number, and the name of its last state.
+        values
+            Its loss, where it has one.
 
         Raises
         ------

@@ -13,7 +13,7 @@ the experiments differ, the test is one more of them, with the same spread betwe
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -166,8 +166,16 @@ def with_added_test(
     added: AddedTest,
     uncertain: Sequence[UncertainParameter] = (),
 ) -> ExpectedEstimates:
-    """What is expected after a test is added to the calibration in which `found` was estimated from the other
-    arguments; they are as for `estimator`.
+    """What is expected after a test is added to a calibration.
+
+    Parameters
+    ----------
+    loss, blocks, slopes, serves, uncertain
+        As of `estimator`.
+    found
+        The estimator that these made.
+    added
+        The test.
     """
     size, q, k, m = len(slopes), added.priors.shape[1], len(uncertain), len(added.uncertain)
     # The first column of each test's own parameters, and the columns of its own errors.
@@ -176,7 +184,13 @@ def with_added_test(
     errs = (*uncertain, *(added.uncertain * added.repeats))
     seen = [weighed(loss, _padded(block, slopes, wide, len(errs))) for block in blocks]
     noises = {channel.name: _noise(loss, blocks, found, channel) for channel in added.channels}
-    precision = _precision(loss, seen, found)
+    # The loss's weight times the noise's variance, the mean over the calibration's samples.
+    products: list[Floats] = []
+    for one in seen:
+        if one.block.experiment:
+            noise = (1.0 if one.stated is None else one.stated) * found.noise[loss.noise_group(one.block)].size
+            products.append(one.weights * np.broadcast_to(noise, len(one.weights)) ** 2)
+    precision = float(np.concatenate(products).mean())
     for name, (start, own_errs) in places.items():
         for channel in added.channels:
             jacobian = np.zeros((len(channel.answer), wide))
@@ -193,10 +207,20 @@ def with_added_test(
             seen.append(Weighed(Block("", "prior", np.zeros(1), np.zeros(1), 1.0, jacobian), np.ones(1), np.ones(1)))
     parts, inverse, unseen = linearised(loss, seen, np.ones(wide), len(errs), found.missed)
     parts, serves = parts_by_set_up(parts, found.set_ups), serves_by_set_up(serves, found.set_ups)
-    sources = _base_sources(parts, found, places)
+    # The calibration's sources, with the priors of the added parameters, in the parts of all parameters.
+    sources: list[Source] = []
+    for source in (one for one in found.sources if one.kind != DRIFT):
+        own = [p for p in parts if p.group == source.name and p.experiment not in places and p.group != PRIOR]
+        sources.append(replace(source, records=tuple(_record(part, source.process) for part in own)))
+    priors = tuple(_record(part, None) for part in parts if part.group == PRIOR)
+    sources = [one for one in sources if one.name != PRIOR]
+    if priors:
+        sources.append(Source("prior", PRIOR, priors, 1.0, np.inf))
     new = [part for part in parts if part.experiment in places]
+    total = sum(len(one.answer) for one in added.channels)
     for part, channel in zip(new, list(added.channels) * added.repeats, strict=True):
-        _add_source(sources, part, noises[channel.name], _spent(added, channel))
+        dof = len(channel.answer) * max(1.0 - added.priors.shape[1] / total, 1.0 / total)
+        _add_source(sources, part, noises[channel.name], dof)
     labelled = {i: (p.source, p.label) for i, p in enumerate(errs)}
     averaged = [_with_steps(one, i, found, parts, sources, places, serves, added) for i, one in _differing(found)]
     linear = Linear(parts, inverse, [one for one in averaged if one.has_interval])
@@ -245,17 +269,6 @@ def _noise(loss: Loss, blocks: Sequence[Block], found: Estimator, channel: Added
     return _Noise(unit, states, source.dof, white, correlated, process.length / values, process.scatter)
 
 
-def _precision(loss: Loss, seen: Sequence[Weighed], found: Estimator) -> float:
-    """Mean over the calibration's samples of the loss's weight times the noise's variance."""
-    measured = [one for one in seen if one.block.experiment]
-    products: list[Floats] = []
-    for one in measured:
-        unit = 1.0 if one.stated is None else one.stated
-        size = found.noise[loss.noise_group(one.block)].size
-        products.append(one.weights * np.broadcast_to(unit * size, len(one.weights)) ** 2)
-    return float(np.concatenate(products).mean())
-
-
 def _expected(
     loss: Loss, test: str, channel: AddedChannel, noise: _Noise, jacobian: Floats, moved: Floats, precision: float
 ) -> Weighed:
@@ -270,17 +283,6 @@ def _expected(
     if channel.counted:
         return Weighed(block, loss.square_weights(block, residual), None)
     return Weighed(block, np.full(n, precision / noise.variance), None)
-
-
-def _base_sources(parts: Sequence[ScaledBlock], found: Estimator, added: Collection[str]) -> list[Source]:
-    """The calibration's sources of error, with the priors of the added parameters, in the parts of all parameters."""
-    sources: list[Source] = []
-    for source in (one for one in found.sources if one.kind != DRIFT):
-        own = [p for p in parts if p.group == source.name and p.experiment not in added and p.group != PRIOR]
-        sources.append(replace(source, records=tuple(_record(part, source.process) for part in own)))
-    priors = tuple(_record(part, None) for part in parts if part.group == PRIOR)
-    sources = [one for one in sources if one.name != PRIOR]
-    return [*sources, *([Source("prior", PRIOR, priors, 1.0, np.inf)] if priors else [])]
 
 
 def _record(part: ScaledBlock, process: Process | None) -> ErrorRecord:
@@ -306,12 +308,6 @@ def _alike(source: Source, size: float, process: Process | None) -> bool:
         return source.process is process and bool(np.isclose(source.size, size))
     ours, theirs = ([p.variance, p.share, p.length] for p in (source.process, process))
     return bool(np.allclose(ours, theirs))
-
-
-def _spent(added: AddedTest, channel: AddedChannel) -> float:
-    """Degrees of freedom that a channel adds to the estimate of its noise."""
-    total = sum(len(one.answer) for one in added.channels)
-    return len(channel.answer) * max(1.0 - added.priors.shape[1] / total, 1.0 / total)
 
 
 def _differing(found: Estimator) -> list[tuple[int, Between]]:

@@ -43,7 +43,15 @@ def half_width(loss: Loss, block: Block, slopes: Floats, covariance: Floats, fou
 
 
 def noise_of(loss: Loss, block: Block, found: Estimator) -> Floats | float:
-    """The standard deviation [SI] of the measurements of a block: of each (n,) where it is stated."""
+    """The standard deviation [SI] of the measurements of a block: of each (n,) where it is stated.
+
+    Parameters
+    ----------
+    loss, block
+        The loss, and a block of residuals.
+    found
+        The estimator of all blocks.
+    """
     stated = loss.stated_noise(block)
     return found.noise[loss.noise_group(block)].size * (1.0 if stated is None else stated)
 
@@ -52,7 +60,14 @@ def bands(loss: Loss, slopes: Floats, blocks: Sequence[Block], found: Estimator)
     """Experiment -> compared channel -> half the width (n,) [SI] of the band of a further experiment at its measured
     samples.
 
-    slopes: d theta / d z (size,).
+    Parameters
+    ----------
+    loss, blocks
+        The loss, and its blocks with jacobians.
+    slopes
+        d theta / d z (size,).
+    found
+        The estimator of these blocks.
     """
     return _by_channel(blocks, lambda block, J: half_width(loss, block, J * slopes, found.within_bounds, found))
 
@@ -61,24 +76,20 @@ def repeat_bands(loss: Loss, slopes: Floats, blocks: Sequence[Block], found: Est
     """Experiment -> compared channel -> half the width (n,) [SI] of the band of a further sample of the same experiment
     at its measured samples.
 
-    slopes: d theta / d z (size,).
+    Parameters
+    ----------
+    loss, slopes, blocks, found
+        As of `bands`.
     """
+    from scipy.ndimage import uniform_filter1d
 
     def width(block: Block, jacobian: Floats) -> Floats:
-        J = jacobian * slopes
-        off = np.maximum(noise_of(loss, block, found) ** 2, _around(block.residual**2))
+        J, n = jacobian * slopes, len(block.residual)
+        around = uniform_filter1d(block.residual**2, size=min(n, max(_AROUND, n // _PART)), mode="nearest")
+        off = np.maximum(noise_of(loss, block, found) ** 2, np.asarray(around, dtype=np.float64))
         return float(student(np.array([np.inf]))[0]) * np.sqrt(np.einsum("ni,ij,nj->n", J, found.by_noise, J) + off)
 
     return _by_channel(blocks, width)
-
-
-def _around(squares: Floats) -> Floats:
-    """The mean (n,) of squares around each sample."""
-    from scipy.ndimage import uniform_filter1d
-
-    n = len(squares)
-    size = min(n, max(_AROUND, n // _PART))
-    return np.asarray(uniform_filter1d(squares, size=size, mode="nearest"), dtype=np.float64)
 
 
 def _by_channel(blocks: Sequence[Block], width: Callable[[Block, Floats], Floats]) -> dict[str, dict[str, Floats]]:

@@ -147,7 +147,11 @@ def between_experiments(
     left = [int(j) for j in np.flatnonzero(np.sum(list(serves.values()), axis=0) > 1)]
     own = np.sum(list(serves.values()), axis=0) == 1
     held = members or {name: (name,) for name in serves}
-    errs = _own_errors(uncertain, held)
+    errs: dict[str, dict[int, tuple[str, str]]] = {}
+    for k, p in enumerate(uncertain):
+        serving = [own for own, experiments in held.items() if p.serves(*experiments)]
+        if len(serving) == 1:
+            errs.setdefault(serving[0], {})[k] = p.source, p.label
     of = _parts_of(parts, serves, own)
     every = [
         one
@@ -208,7 +212,15 @@ def _widened(sums: Sums, places: Ints, columns: Ints) -> Sums:
 
 
 def parts_alone(name: str, parts: Sequence[ScaledBlock], own: np.ndarray) -> list[ScaledBlock]:
-    """The parts of an experiment, with the priors of its own parameters."""
+    """The parts of an experiment, with the priors of its own parameters.
+
+    Parameters
+    ----------
+    name, parts
+        The experiment, and the parts of all.
+    own
+        Whether each parameter (size,) is of that experiment alone.
+    """
     return [p for p in parts if p.experiment == name or (p.group == PRIOR and np.all(own[np.any(p.answer, axis=0)]))]
 
 
@@ -224,18 +236,6 @@ def _parts_of(
         if np.all(own[columns]) and len(owner := set(owners[columns])) == 1:
             found.setdefault(names[owner.pop()], []).append(prior)
     return {name: found.get(name, []) for name in names}
-
-
-def _own_errors(
-    uncertain: Sequence[UncertainParameter], members: Mapping[str, Sequence[str]]
-) -> dict[str, dict[int, tuple[str, str]]]:
-    """Experiment, or set-up -> the uncertain parameters that are of it alone."""
-    found: dict[str, dict[int, tuple[str, str]]] = {}
-    for k, p in enumerate(uncertain):
-        serving = [own for own, experiments in members.items() if p.serves(*experiments)]
-        if len(serving) == 1:
-            found.setdefault(serving[0], {})[k] = p.source, p.label
-    return found
 
 
 def _columns(on: np.ndarray) -> tuple[int, ...]:
@@ -272,13 +272,26 @@ def _compared(every: Sequence[Alone], own: np.ndarray, j: int, apart: Apart) -> 
 
 
 def own_step(alone: Alone, own: np.ndarray, j: int, apart: Apart | None = None) -> OwnStep | None:
-    """An experiment's own step in parameter j; None where it does not determine it."""
+    """An experiment's own step in parameter j; None where it does not determine it.
+
+    Parameters
+    ----------
+    alone, j
+        The experiment, and the number of the parameter.
+    own
+        Whether each parameter (size,) is of one experiment alone.
+    apart
+        What was computed of experiments before.
+    """
     return (apart or Apart()).own_step(alone, j, _columns(alone.serves & own))
 
 
 def _own_step(alone: Alone, j: int, own: tuple[int, ...]) -> OwnStep | None:
     size = len(alone.serves)
-    inverse = _inverse([part.sums for part in alone.parts], np.array([j, *(k for k in own if k != j)]), size)
+    sums = [part.sums for part in alone.parts]
+    columns = np.array([j, *(k for k in own if k != j)])
+    scaled, _ = _normal_equations(sums, columns, size)
+    inverse = None if np.linalg.eigvalsh(scaled)[0] < _NULL else _least_inverse(sums, columns, size)
     if inverse is None:
         return None
     response = inverse[:, j]
@@ -291,12 +304,6 @@ def _own_step(alone: Alone, j: int, own: tuple[int, ...]) -> OwnStep | None:
     return (
         OwnStep(value, variance, 2 * variance**2 / scatter if scatter > 0 else np.inf, response) if variance else None
     )
-
-
-def _inverse(sums: Sequence[Sums], columns: Ints, size: int) -> Floats | None:
-    """The inverse (size, size) of the normal equations in some columns, zero in the others; None where it has none."""
-    scaled, _ = _normal_equations(sums, columns, size)
-    return None if np.linalg.eigvalsh(scaled)[0] < _NULL else _least_inverse(sums, columns, size)
 
 
 def _least_inverse(sums: Sequence[Sums], columns: Ints, size: int) -> Floats:
@@ -345,6 +352,14 @@ def serves_by_set_up(serves: Mapping[str, np.ndarray], set_ups: Mapping[str, str
 
 
 def of_other_set_ups(experiment: str, names: Iterable[str], set_ups: Mapping[str, str]) -> Sequence[str]:
-    """The experiments that are not of an experiment's set-up."""
+    """The experiments that are not of an experiment's set-up.
+
+    Parameters
+    ----------
+    experiment, names
+        The experiment, and those among which the others are.
+    set_ups
+        Experiment -> its set-up.
+    """
     own = set_ups.get(experiment, experiment)
     return [name for name in names if set_ups.get(name, name) != own]

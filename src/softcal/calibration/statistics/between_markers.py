@@ -40,7 +40,12 @@ def with_markers(
 ) -> Estimator:
     """The estimator with the scatter among the markers, where six or more differ in any parameter; else as it is.
 
-    found: the estimator that the other arguments made.
+    Parameters
+    ----------
+    loss, z, slopes, blocks, uncertain
+        As of `estimator`.
+    found
+        The estimator that these made.
     """
     if found.spent or n_markers(blocks) < MANY:
         return found

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from softcal.calibration.problem.loss import Block, Loss, rms, total
+from softcal.calibration.problem.loss import Loss, rms, total
 from softcal.calibration.problem.parameters import SearchSpace
 from softcal.calibration.statistics.estimator import estimator
 from softcal.calibration.statistics.local_model import LocalModel, Point, jacobian_of
@@ -29,12 +29,20 @@ def distance_to_minimum(space: SearchSpace, loss: Loss, here: Point, trusted: Lo
     The latter is sqrt((n - k) (S - S_min) / S), with the sum of squares S of n residuals and k parameters, and its
     minimum S_min by `trusted`, the search's own model there: towards a distant bound the loss may decrease by much, of
     which a linearisation at a large misfit shows little.
+
+    Parameters
+    ----------
+    space, loss
+        The search space, and the loss.
+    here, trusted
+        The simulated point, and the search's own model there.
     """
     plain = LocalModel(space, loss, here, plain=True)
     step = plain.minimise(np.zeros(space.size), np.ones(space.size)) - here.z
     lowest = trusted.loss(trusted.minimise(np.zeros(space.size), np.ones(space.size)))
     before, after = loss.squares(trusted.loss(here.z)), loss.squares(lowest)
-    left = before + loss.squares(total(loss, [_rounding(block) for block in here.blocks]))
+    rounding = [replace(b, residual=np.full(len(b.residual), _TWIN_ROUNDING * rms(b.measured))) for b in here.blocks]
+    left = before + loss.squares(total(loss, rounding))
     n = sum(len(block.residual) for block in here.blocks)
     gain = math.sqrt(max(before - after, 0.0) * max(n - space.size, 1) / left) if left > 0.0 else 0.0
     return max(in_standard_errors(space, loss, here, step), _GAIN * gain)
@@ -43,15 +51,17 @@ def distance_to_minimum(space: SearchSpace, loss: Loss, here: Point, trusted: Lo
 def share_of_errors(space: SearchSpace, loss: Loss, here: Point, step: Floats) -> float:
     """The largest share that a step in the unit box is of the standard error of a parameter, with the noise correlated
     along the records as in the intervals. Parameters that no residual feels do not count.
+
+    Parameters
+    ----------
+    space, loss
+        The search space, and the loss.
+    here, step
+        The simulated point, and the step (size,) in the unit box.
     """
     spread = np.linalg.norm(estimator(loss, here.z, space.jacobian(here.z), here.blocks).root, axis=0)
     felt = spread > 0.0
     return float((np.abs(step[felt]) / spread[felt]).max(initial=0.0))
-
-
-def _rounding(block: Block) -> Block:
-    """The block with residuals of the size of the twin's rounding error."""
-    return replace(block, residual=np.full(len(block.residual), _TWIN_ROUNDING * rms(block.measured)))
 
 
 def in_standard_errors(space: SearchSpace, loss: Loss, here: Point, step: Floats) -> float:
@@ -62,6 +72,13 @@ def in_standard_errors(space: SearchSpace, loss: Loss, here: Point, step: Floats
     g of half the loss. The noise of each group of channels is estimated from its own residuals: a channel with a large
     misfit does not hide how well another determines a parameter. No noise is below the twin's rounding error. A prior
     counts by its stated standard deviation, as in the estimator, whatever is left of it: one residual estimates none.
+
+    Parameters
+    ----------
+    space, loss
+        The search space, and the loss.
+    here, step
+        The simulated point, and the step (size,) in the unit box.
     """
     theta = step * space.jacobian(here.z)
     by_priors = 0.0

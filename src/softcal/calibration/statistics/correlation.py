@@ -130,7 +130,15 @@ class Process:
 
 
 def record(residual: Floats, answer: Floats, pull: Floats, experiment: str = "") -> ErrorRecord:
-    """The record of a channel, averaged where it is long."""
+    """The record of a channel, averaged where it is long.
+
+    Parameters
+    ----------
+    residual, answer, pull
+        As of `ErrorRecord`, one row for each sample.
+    experiment
+        Name of the channel's experiment.
+    """
     n = len(residual)
     if n <= BINS:
         return ErrorRecord(residual, answer, pull, experiment)

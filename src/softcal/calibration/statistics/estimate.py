@@ -109,10 +109,13 @@ class Estimate:
         bounds, and uncertain parameters of its own; without differences between experiments and what is uncertain in
         all of them alike.
         """
+        return self.error_by("noise", DRIFT, "prior", BOUNDS)
+
+    def error_by(self, *sources: str) -> float | None:
+        """Standard error [unit] by these sources, and by uncertain parameters of each experiment; None without one."""
         if self.standard_error is None:
             return None
-        own = ("noise", DRIFT, "prior", BOUNDS)
-        other = sum(one for source, one in self.shares.items() if source not in own and not source.endswith(EACH))
+        other = sum(part for name, part in self.shares.items() if name not in sources and not name.endswith(EACH))
         return self.standard_error * math.sqrt(max(1.0 - other, 0.0))
 
     @property

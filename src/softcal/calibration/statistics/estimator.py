@@ -150,10 +150,18 @@ def estimator(
     serves: Mapping[str, np.ndarray] | None = None,
     uncertain: Sequence[UncertainParameter] = (),
 ) -> Estimator:
-    """Linearise the minimum near z, where d theta / d z is `slopes`; the blocks must have jacobians.
+    """Linearise the minimum near a point.
 
-    serves: experiment -> whether each parameter (size,) has an effect on it; None where experiments are not compared.
-    uncertain: those of the blocks' `systematic`.
+    Parameters
+    ----------
+    loss, blocks
+        The loss, and its blocks with jacobians.
+    z, slopes
+        The point (size,) in the unit box, and d theta / d z (size,).
+    serves
+        Experiment -> whether each parameter (size,) has an effect on it; None where experiments are not compared.
+    uncertain
+        The parameters of the blocks' `systematic`.
     """
     return Estimators(loss, z, slopes, blocks, uncertain).of(range(len(blocks)), serves).estimator
 
@@ -269,7 +277,12 @@ def unseen_parameters(unseen: Floats) -> np.ndarray:
 
 def spent_groups(loss: Loss, slopes: Floats, blocks: Sequence[Block]) -> tuple[str, ...]:
     """The groups of channels whose noise cannot be estimated near a minimum, since the parameters fit them exactly
-    whatever it is; the blocks must have jacobians.
+    whatever it is.
+
+    Parameters
+    ----------
+    loss, slopes, blocks
+        As of `estimator`.
     """
     seen = [weighed(loss, one) for one in blocks]
     parts, inverse, _ = linearised(loss, seen, slopes)
@@ -280,8 +293,18 @@ def linearised(
     loss: Loss, seen: Sequence[Weighed], slopes: Floats, n_uncertain: int = 0, changes: Sequence[Floats | None] = ()
 ) -> tuple[list[ScaledBlock], Floats, Floats]:
     """The parts of blocks with jacobians, the inverse of half the loss's Hessian in the unit box where it has one, and
-    its unidentifiable directions as rows. n_uncertain: the number of uncertain parameters of the blocks. changes:
-    those of the first blocks by what the model misses, as of `missed`.
+    its unidentifiable directions as rows.
+
+    Parameters
+    ----------
+    loss, seen
+        The loss, and its weighed blocks.
+    slopes
+        d theta / d z (size,).
+    n_uncertain
+        The number of uncertain parameters of the blocks.
+    changes
+        Those of the first blocks by what the model misses, as of `missed`.
     """
     every = itertools.chain(changes, itertools.repeat(None))
     blocks = [_linear(loss, one, slopes, n_uncertain, change) for one, change in zip(seen, every, strict=False)]
@@ -356,9 +379,16 @@ class Linear:
     averaged: Sequence[Between]
 
     def budget(self, sources: Sequence[Source], differing: Sequence[Between], drifts: Sequence[Source] = ()) -> Budget:
-        """The budget of errors; sources: of the measurements' errors, differing: how experiments differ.
+        """The budget of errors.
 
-        drifts: without a statement on them, as large as they are or smaller.
+        Parameters
+        ----------
+        sources
+            Of the measurements' errors.
+        differing
+            How experiments differ.
+        drifts
+            Without a statement on them, as large as they are or smaller.
         """
         known = self.of([*sources, *(self.differences(one) for one in differing)])
         drifting = self.of(drifts)
@@ -427,8 +457,17 @@ class Linear:
 
 
 def curving(loss: Loss, block: Block, weights: Floats, changes: Floats) -> Floats:
-    """Changes of a block's residual (n, k) [SI] without the direction in which the loss is straight: a change in that
-    leaves the pull of the block as it is.
+    """Changes of a block's residual without the direction in which the loss is straight: a change in that leaves the
+    pull of the block as it is.
+
+    Parameters
+    ----------
+    loss, block
+        The loss, and a block.
+    weights
+        The loss's, of the samples (n,).
+    changes
+        Of the residual (n, k) [SI].
     """
     along = loss.straight_along(block, block.residual)
     if along is None:

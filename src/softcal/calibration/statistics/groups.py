@@ -35,6 +35,13 @@ Labels = Sequence[str]
 def groups_of(problem: Problem, blocks: Sequence[Block], kind: str) -> list[np.ndarray]:
     """The group of each sample (n,) of each block, `NONE` for a sample that is in none, as those of the priors.
 
+    Parameters
+    ----------
+    problem, blocks
+        The problem, and the blocks of its residuals.
+    kind
+        A key of `KINDS`.
+
     Raises
     ------
     InputError
@@ -66,10 +73,6 @@ def groups_of(problem: Problem, blocks: Sequence[Block], kind: str) -> list[np.n
     return found
 
 
-def _experiments(experiment: Experiment, block: Block, own: Sequence[Block]) -> Labels:
-    return [experiment.name] * experiment.dataset.n_samples
-
-
 def _cables(experiment: Experiment, block: Block, own: Sequence[Block]) -> Labels:
     pulled = [experiment.twin_channel(channel).carrier for channel in experiment.drives]
     return [" and ".join(pulled) or NONE] * experiment.dataset.n_samples
@@ -82,10 +85,6 @@ def _weights(experiment: Experiment, block: Block, own: Sequence[Block]) -> Labe
         return [NONE] * n
     pulled = [experiment.dataset.values(channel) for channel in drives]
     return [" and ".join(format_quantity(float(one[i]), "N", digits=3) for one in pulled) for i in range(n)]
-
-
-def _markers(experiment: Experiment, block: Block, own: Sequence[Block]) -> Labels:
-    return [block.point or NONE] * experiment.dataset.n_samples
 
 
 def _cycles(experiment: Experiment, block: Block, own: Sequence[Block]) -> Labels:
@@ -108,10 +107,10 @@ def _records(experiment: Experiment, block: Block, own: Sequence[Block]) -> Labe
 
 
 KINDS: Mapping[str, Callable[[Experiment, Block, Sequence[Block]], Labels]] = {
-    "experiments": _experiments,
+    "experiments": lambda experiment, block, own: [experiment.name] * experiment.dataset.n_samples,
     "cables": _cables,
     "weights": _weights,
-    "markers": _markers,
+    "markers": lambda experiment, block, own: [block.point or NONE] * experiment.dataset.n_samples,
     "cycles": _cycles,
     "records": _records,
 }

@@ -7,7 +7,7 @@ residuals, as of an uncertain parameter (`problem/uncertain.py`). A parameter at
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -18,9 +18,16 @@ from softcal.checks import Floats
 
 def instrument_errors(loss: Loss, slopes: Floats, blocks: Sequence[Block], half: Floats) -> list[dict[str, float]]:
     """Of each parameter: name of an instrument's error, on which nothing is stated -> its size [SI] that moves the
-    estimate by `half` (size,) in the unit box. Of each instrument the one that is smallest over what it reads.
+    estimate by half its interval. Of each instrument the one that is smallest over what it reads.
 
-    slopes: d theta / d z, zero of parameters that stay where they are; the blocks must have jacobians.
+    Parameters
+    ----------
+    loss, blocks
+        The loss, and its blocks with jacobians.
+    slopes
+        d theta / d z (size,), zero of parameters that stay where they are.
+    half
+        Half the intervals (size,) in the unit box.
     """
     seen = [weighed(loss, one) for one in blocks]
     parts, inverse, _ = linearised(loss, seen, slopes)
@@ -35,7 +42,17 @@ def instrument_errors(loss: Loss, slopes: Floats, blocks: Sequence[Block], half:
             reads[name] = max(reads.get(name, 0.0), scale)
             instruments[name] = one.block.instrument
     moved = {name: np.abs(pull @ inverse) for name, pull in pulls.items()}
-    return [_smallest(j, float(half[j]), moved, reads, instruments) for j in range(len(slopes))]
+    smallest: list[dict[str, float]] = []
+    for j in range(len(slopes)):
+        found: dict[str, tuple[float, str, float]] = {}
+        for name, shift in moved.items():
+            if shift[j] * reads[name] <= half[j]:
+                continue  # not even an error as large as what is read
+            size = float(half[j]) / float(shift[j])
+            best = (size / reads[name], name, size)
+            found[instruments[name]] = min(found.get(instruments[name], best), best)
+        smallest.append({name: size for _, name, size in sorted(found.values())})
+    return smallest
 
 
 def _errors(block: Block) -> Iterable[tuple[str, Floats, float]]:
@@ -48,16 +65,3 @@ def _errors(block: Block) -> Iterable[tuple[str, Floats, float]]:
         yield gain, block.residual + block.measured, 1.0
     if drift and block.drift is not None:
         yield drift, block.drift, largest
-
-
-def _smallest(
-    j: int, half: float, moved: Mapping[str, Floats], reads: Mapping[str, float], instruments: Mapping[str, str]
-) -> dict[str, float]:
-    found: dict[str, tuple[float, str, float]] = {}
-    for name, shift in moved.items():
-        if shift[j] * reads[name] <= half:
-            continue  # not even an error as large as what is read
-        size = half / float(shift[j])
-        best = (size / reads[name], name, size)
-        found[instruments[name]] = min(found.get(instruments[name], best), best)
-    return {name: size for _, name, size in sorted(found.values())}

@@ -57,7 +57,12 @@ def left_out(
     """Each experiment as the others predict it; empty where there are fewer than three, without those that the others
     do not determine.
 
-    found: the estimator of all blocks; the other arguments are those that it was made with.
+    Parameters
+    ----------
+    loss, z, slopes, blocks, serves
+        As of `estimator`.
+    found
+        The estimator that these made.
     """
     if len(serves) < FEWEST or found.spent:
         return {}

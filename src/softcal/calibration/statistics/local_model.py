@@ -23,7 +23,7 @@ search's own variables.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,13 +130,31 @@ class LocalModel:
         Each pass solves the bounded linear least squares that touch the loss from above. For the likelihood that is
         Gauss-Newton; for a sum of RMSEs it is iterative reweighting, which ends at the minimiser of the sum itself and
         not of a sum of squares. No pass needs a simulation.
+
+        Parameters
+        ----------
+        lower, upper
+            The box, within the unit box, (size,) each.
+        begin
+            Where the search begins (size,), moved into the box; by default z.
+        max_iterations
+            Largest number of passes.
         """
         from scipy.optimize import lsq_linear
 
         x = np.clip(self._here.z if begin is None else begin, lower, upper)
         value = self.loss(x)
         for _ in range(max_iterations):
-            matrix, right = self._squares(x)
+            rows: list[Floats] = []
+            found, turn = self._residuals(x)
+            for block, one, (residual, jacobian) in zip(self._here.blocks, self._derived, found, strict=True):
+                root = np.sqrt(self._loss.square_weights(block, residual))
+                own = triangle(root[:, None] * np.column_stack([jacobian(), -residual]))
+                whole = np.column_stack([np.outer(own[:, -2], turn), own[:, -1]])
+                whole[:, one.columns] += own[:, :-2]
+                rows.append(whole)
+            every = triangle(np.concatenate(rows))[: self._space.size]
+            matrix, right = every[:, :-1], every[:, -1]
             ends = np.minimum(lower - x, -1e-300), np.maximum(upper - x, 1e-300)
             step = lsq_linear(matrix, right, ends, method="bvls", tol=1e-14).x
             factor, candidate, lowered = 1.0, x, value
@@ -187,21 +205,6 @@ class LocalModel:
         square, turn = near * (2 * t - near), 2 * near * self._along
         blocks = zip(self._derived, self._bends, strict=True)
         return [one.at(moved[one.columns], slopes[one.columns], bend, square) for one, bend in blocks], turn * slopes
-
-    def _squares(self, x: Floats) -> tuple[Floats, Floats]:
-        """The touching least squares at x, compressed by QR to as many rows as there are parameters; each block first,
-        in the columns of its own.
-        """
-        rows: list[Floats] = []
-        found, turn = self._residuals(x)
-        for block, one, (residual, jacobian) in zip(self._here.blocks, self._derived, found, strict=True):
-            root = np.sqrt(self._loss.square_weights(block, residual))
-            own = triangle(root[:, None] * np.column_stack([jacobian(), -residual]))
-            whole = np.column_stack([np.outer(own[:, -2], turn), own[:, -1]])
-            whole[:, one.columns] += own[:, :-2]
-            rows.append(whole)
-        every = triangle(np.concatenate(rows))[: self._space.size]
-        return every[:, :-1], every[:, -1]
 
 
 @dataclass(frozen=True)
@@ -263,3 +266,56 @@ def jacobian_of(block: Block) -> Floats:
     if block.jacobian is None:
         raise ValueError(f"the block '{block.channel}' has no jacobian")
     return block.jacobian
+
+
+Curve = tuple[tuple[float, float], ...]
+"""Pairs of a parameter's value [unit] and the least loss there, from the lowest value to the highest."""
+
+_MOST = 6  # parameters
+_POINTS = 8  # on each side of the best value
+_BEYOND = 0.5  # of the interval's length, on both sides
+_PASSES = 6  # of the minimum over the others, from that of the point before
+
+
+def loss_profiles(
+    space: SearchSpace,
+    loss: Loss,
+    theta: Mapping[str, float],
+    blocks: Sequence[Block],
+    intervals: Mapping[str, tuple[float, float] | None],
+) -> dict[str, Curve]:
+    """Label -> curve, over the interval and beyond it, of the parameters that all experiments share; of the first ones
+    without such.
+
+    Nothing is simulated: the residuals follow `LocalModel`, and every parameter stays within its bounds.
+
+    Parameters
+    ----------
+    space, loss
+        The search space, and the loss.
+    theta, blocks
+        The best parameters [SI by label], and the blocks there with jacobians.
+    intervals
+        Label -> ends [SI]; None where there is no interval.
+    """
+    z = np.clip(space.to_search(theta), 0.0, 1.0)
+    model = LocalModel(space, loss, Point(z, blocks))
+    if not model.reproduces():
+        model = LocalModel(space, loss, Point(z, blocks), plain=True)
+    known = [j for j, p in enumerate(space.parameters) if intervals.get(p.label) is not None]
+    shared = [j for j in known if not space.parameters[j].experiment] or known
+    found: dict[str, Curve] = {}
+    for j in shared[:_MOST]:
+        label = space.labels[j]
+        low, high = (float(space.to_search({**theta, label: end})[j]) for end in intervals[label] or ())
+        more = _BEYOND * (high - low)
+        curve = {theta[label]: model.loss(z)}
+        for end in (max(low - more, 0.0), min(high + more, 1.0)):
+            x = z
+            for value in np.linspace(z[j], end, _POINTS + 1)[1:]:
+                lower, upper = np.zeros(space.size), np.ones(space.size)
+                lower[j] = upper[j] = value
+                x = model.minimise(lower, upper, begin=x, max_iterations=_PASSES)
+                curve[space.to_model(x)[label]] = model.loss(x)
+        found[label] = tuple(sorted(curve.items()))
+    return found

@@ -49,9 +49,15 @@ class WithMeshError:
 
 
 def with_mesh_error(problem: Problem, best: Evaluation, *, max_unknowns: int = UNKNOWNS) -> WithMeshError:
-    """The best evaluation of a problem with the change of its residuals on a finer mesh.
+    """The best evaluation of a problem with the change of its residuals on a finer mesh. Ctrl-C ends the computation
+    alone.
 
-    max_unknowns: limit of the finer mesh; beyond it the error is not computed. Ctrl-C ends the computation alone.
+    Parameters
+    ----------
+    problem, best
+        The problem, and its best evaluation.
+    max_unknowns
+        Limit of the finer mesh; beyond it the error is not computed.
     """
     try:
         finer = on_finer_mesh(problem, best.theta, max_unknowns=max_unknowns)
@@ -65,7 +71,15 @@ def with_mesh_error(problem: Problem, best: Evaluation, *, max_unknowns: int = U
 
 
 def on_finer_mesh(problem: Problem, theta: Mapping[str, float], *, max_unknowns: int = UNKNOWNS) -> Evaluation | str:
-    """The evaluation of a problem at theta on a finer mesh, or a sentence why there is none."""
+    """The evaluation of a problem at theta on a finer mesh, or a sentence why there is none.
+
+    Parameters
+    ----------
+    problem, theta
+        The problem, and its parameters [SI by label].
+    max_unknowns
+        Limit of the finer mesh.
+    """
     if problem.simulate is not None:
         return unknown("the twin is another engine's")
     robot = problem.robot

@@ -69,18 +69,17 @@ class MixedEffects:
 
 
 def mixed_effects(values: Floats, variances: Floats, design: Floats | None = None) -> MixedEffects:
-    """The model of estimates `values` (k,) with `variances` (k,); design (k, p), ones by default, k > p."""
+    """The model of some estimates.
+
+    Parameters
+    ----------
+    values, variances
+        The estimates (k,), and the variances (k,) of their errors.
+    design
+        Shape (k, p), ones by default, k > p.
+    """
     X = np.ones((len(values), 1)) if design is None else design
     k, p = X.shape
-    tau2 = _spread2(values, variances, X)
-    beta, inverse, squares = _fitted(tau2, values, variances, X)
-    # Never shorter than by the errors alone.
-    covariance = max(1.0, squares / (k - p)) * inverse
-    return MixedEffects(beta, covariance, k - p, float(np.sqrt(tau2)), _profile(values, variances, X))
-
-
-def _spread2(values: Floats, variances: Floats, X: Floats) -> float:
-    """tau^2 by REML, searched by its logarithm between the noise alone and the spread of the values alone."""
     from scipy.optimize import minimize_scalar
 
     largest = max(float(np.var(values)), float(variances.max())) * 10
@@ -89,7 +88,11 @@ def _spread2(values: Floats, variances: Floats, X: Floats) -> float:
         bounds=np.log([1e-6 * variances.min(), largest]),
         method="bounded",
     )
-    return float(np.exp(found.x)) if found.fun < _restricted(0.0, values, variances, X) else 0.0
+    tau2 = float(np.exp(found.x)) if found.fun < _restricted(0.0, values, variances, X) else 0.0
+    beta, inverse, squares = _fitted(tau2, values, variances, X)
+    # Never shorter than by the errors alone.
+    covariance = max(1.0, squares / (k - p)) * inverse
+    return MixedEffects(beta, covariance, k - p, float(np.sqrt(tau2)), _profile(values, variances, X))
 
 
 def _restricted(tau2: float, values: Floats, variances: Floats, X: Floats) -> float:

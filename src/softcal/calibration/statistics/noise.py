@@ -289,6 +289,15 @@ def white_noise(
     """The noise of every group, and the groups whose noise cannot be estimated.
 
     sums: of the parts in the columns of `inverse`, where these are other columns than the parts'.
+
+    Parameters
+    ----------
+    parts
+        Those of all blocks.
+    inverse
+        Of half the loss's Hessian (size, size).
+    sums
+        Of the parts in the columns of `inverse`, where these are other columns than the parts'.
     """
     of: dict[str, list[Sums]] = {}
     for part, one in zip(parts, [part.sums for part in parts] if sums is None else sums, strict=True):

@@ -102,8 +102,14 @@ class Spread:
 
 
 def random_effects(values: Floats, variances: Floats, dof: Floats) -> RandomEffects:
-    """Mean and spread of the estimates `values` (k,) with `variances` (k,), k > 1; dof (k,): those of each variance,
-    infinite where it is known.
+    """Mean and spread of some estimates.
+
+    Parameters
+    ----------
+    values, variances
+        The estimates (k,), k > 1, and the variances (k,) of their errors.
+    dof
+        Degrees of freedom (k,) of each variance, infinite where it is known.
     """
     q, chance = welch_test(values, variances, dof)
     found = mixed_effects(values, variances)
@@ -111,7 +117,13 @@ def random_effects(values: Floats, variances: Floats, dof: Floats) -> RandomEffe
 
 
 def welch_test(values: Floats, variances: Floats, dof: Floats) -> tuple[float, float]:
-    """Cochran's Q of estimates (k,) with variances (k,) of `dof` (k,), and the chance of it where none differ."""
+    """Cochran's Q of some estimates, and the chance of it where none differ.
+
+    Parameters
+    ----------
+    values, variances, dof
+        As of `random_effects`.
+    """
     from scipy.special import chdtrc, fdtrc
 
     k = len(values)

@@ -169,10 +169,16 @@ def reweighted(
     found: Estimator,
     uncertain: Sequence[UncertainParameter] = (),
 ) -> Reweighted:
-    """The groups of blocks with jacobians at z in the unit box, where d theta / d z is `slopes`.
+    """The groups of a calibration's measurements.
 
-    groups: of each block's samples (n,), `NONE` in the place of none. found: the estimator of these blocks. uncertain:
-    the parameters of the blocks' `systematic`.
+    Parameters
+    ----------
+    loss, z, slopes, blocks, uncertain
+        As of `estimator`.
+    groups
+        Of each block's samples (n,), `NONE` in the place of none.
+    found
+        The estimator of these blocks.
     """
     seen = [weighed(loss, one) for one in blocks]
     parts, inverse, _ = linearised(loss, seen, slopes, len(uncertain))

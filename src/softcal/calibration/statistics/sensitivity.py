@@ -124,8 +124,15 @@ class Statistics:
 def local_estimator(
     space: SearchSpace, loss: Loss, z: Floats, blocks: Sequence[Block], uncertain: Sequence[UncertainParameter] = ()
 ) -> Estimator:
-    """The minimum near z (size,) in the unit box as an estimator, with its experiments and its markers compared; see
-    `estimator` and `with_markers`.
+    """The minimum near a point as an estimator, with its experiments and its markers compared; see `estimator` and
+    `with_markers`.
+
+    Parameters
+    ----------
+    space
+        The search space.
+    loss, z, blocks, uncertain
+        As of `estimator`.
     """
     serves = space.serving(dict.fromkeys(block.experiment for block in blocks if block.experiment))
     slopes = space.jacobian(z)
@@ -141,19 +148,33 @@ def local_statistics(
     uncertain: Sequence[UncertainParameter] = (),
     found: Estimator | None = None,
 ) -> Statistics:
-    """Standard errors, intervals and importances at theta [SI by label]; the blocks must have jacobians.
-
-    uncertain: the parameters of the blocks' `systematic`. found: the estimator there, where it is known already.
+    """Standard errors, intervals and importances.
 
     A parameter at a bound has an interval, but no standard error; with as many parameters as measurements, none has
     either. The importance of a parameter is its share of the squared change of all channels, over each channel's
     misfit, per range of the parameter: a local measure, unlike fANOVA.
+
+    Parameters
+    ----------
+    space, theta
+        The search space, and the minimum [SI by label].
+    loss, blocks, uncertain
+        As of `estimator`.
+    found
+        The estimator there, where it is known already.
     """
     z = np.clip(space.to_search(theta), 0.0, 1.0)
     slopes = space.jacobian(z)
     serves = space.serving(dict.fromkeys(block.experiment for block in blocks if block.experiment))
     found = local_estimator(space, loss, z, blocks, uncertain) if found is None else found
-    importance = _importance(space, loss, blocks, slopes)
+    felt = np.zeros(space.size)
+    for block in blocks:
+        if block.jacobian is not None:
+            missed = loss.stated_noise(block)
+            if missed is None:
+                missed = np.full(len(block.residual), max(rms(block.residual), 1e-12 * rms(block.measured) + 1e-300))
+            felt += np.sum((block.jacobian * slopes / missed[:, None]) ** 2, axis=0)
+    importance = dict(zip(space.labels, (felt / felt.sum()).tolist(), strict=True)) if felt.sum() > 0 else {}
     errors: dict[str, float | None] = dict.fromkeys(space.labels)
     intervals: dict[str, tuple[float, float] | None] = dict.fromkeys(space.labels)
     mixed = unseen_parameters(found.unseen)
@@ -256,29 +277,24 @@ def _together(space: SearchSpace, errors: Mapping[str, float], found: Estimator,
     )
 
 
-def _importance(space: SearchSpace, loss: Loss, blocks: Sequence[Block], slopes: Floats) -> dict[str, float]:
-    felt = np.zeros(space.size)
-    for block in blocks:
-        if block.jacobian is not None:
-            missed = loss.stated_noise(block)
-            if missed is None:
-                missed = np.full(len(block.residual), max(rms(block.residual), 1e-12 * rms(block.measured) + 1e-300))
-            felt += np.sum((block.jacobian * slopes / missed[:, None]) ** 2, axis=0)
-    return dict(zip(space.labels, (felt / felt.sum()).tolist(), strict=True)) if felt.sum() > 0 else {}
-
-
 def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated: bool) -> Sequence[Remark]:
     notes: list[Remark] = []
     has_errors = not (found.spent or mixed.all() or saturated)
     if mixed.any():
-        notes.append(Remark(_blind_note([p for p, is_mixed in zip(space.labels, mixed, strict=True) if is_mixed])))
+        *others, last = (label for label, is_mixed in zip(space.labels, mixed, strict=True) if is_mixed)
+        text = f"The data do not depend on {last}: its value is arbitrary and no standard error is given."
+        if others:
+            text = f"The data cannot separate {', '.join(others)} and {last}: only a combination of them is determined."
+            text += " Fix one of them, or state a prior of one."
+        notes.append(Remark(text))
     differing = next((one.kind for one in found.between if one.effects.differs), None)
     for group, noise in found.noise.items():
         if noise.stated and noise.size > _TOO_LARGE:
             text = _excess_note(group, noise.size, differing, widened=has_errors, priors=PRIOR in found.noise)
             notes.append(Remark(text, "warning"))
     if found.spent and not saturated:
-        notes.append(Remark(_spent_note(found.spent)))
+        text = f"There are at least as many parameters as measurements of {' and of '.join(found.spent)}"
+        notes.append(Remark(f"{text}: neither the noise nor standard errors can be estimated."))
     return notes
 
 
@@ -295,24 +311,17 @@ def _excess_note(channel: str, factor: float, differing: str | None, *, widened:
     return f"{text} The standard errors are increased accordingly{', except for the share of the priors' * priors}."
 
 
-def _spent_note(groups: Sequence[str]) -> str:
-    return (
-        f"There are at least as many parameters as measurements of {' and of '.join(groups)}: neither the noise nor "
-        "standard errors can be estimated."
-    )
-
-
-def _blind_note(mixed: Sequence[str]) -> str:
-    if len(mixed) == 1:
-        return f"The data do not depend on {mixed[0]}: its value is arbitrary and no standard error is given."
-    named = f"{', '.join(mixed[:-1])} and {mixed[-1]}"
-    text = f"The data cannot separate {named}: only a combination of them is determined."
-    return f"{text} Fix one of them, or state a prior of one."
-
-
 def spread(space: SearchSpace, z: Floats, between: Between, found: Estimator, known: np.ndarray) -> Spread:
-    """The comparison of experiments, in SI; z: the joint minimum (size,) in the unit box, known: the parameters that
-    have an interval.
+    """The comparison of experiments, in SI.
+
+    Parameters
+    ----------
+    space, z
+        The search space, and the joint minimum (size,) in the unit box.
+    between, found
+        The comparison in the unit box, and the estimator that it is of.
+    known
+        Numbers of the parameters that have an interval.
     """
     j, label = between.column, space.labels[between.column]
     effects = between.effects

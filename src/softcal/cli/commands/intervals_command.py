@@ -87,7 +87,6 @@ def intervals(  # noqa: PLR0913 (one argument for each option)
 def _print_study(study: IntervalStudy) -> None:
     from rich.table import Table
 
-    from softcal.calibration.interval_studies.checked_interval import interval_text
     from softcal.units import format_quantity, plain
 
     table = Table("parameter", "value", "quick", study.by, "difference")
@@ -99,8 +98,8 @@ def _print_study(study: IntervalStudy) -> None:
         table.add_row(
             label,
             format_quantity(interval.value, interval.unit),
-            interval_text(interval, interval.quick),
-            interval_text(interval, interval.found) + (f" ({bounds})" if bounds else ""),
+            interval.text(interval.quick),
+            interval.text(interval.found) + (f" ({bounds})" if bounds else ""),
             "" if share is None else f"{plain(100 * share, 2)} %",
         )
     print_table(table)

@@ -68,14 +68,14 @@ def _table(tests: NextTests) -> Table:
     """A line per candidate that can be simulated, the present state first."""
     from rich.table import Table
 
-    from softcal.analysis.next_test_verdict import interval_text
+    from softcal.calibration.results.digits import format_interval
 
     table = Table("candidate", f"{tests.parameter}, 95 %", "length", "all parameters")
-    table.add_row("(at present)", interval_text(tests.interval, tests.unit) if tests.interval else "none", "1", "1")
+    table.add_row("(at present)", format_interval(tests.interval, tests.unit) if tests.interval else "none", "1", "1")
     table.add_section()
     for outlook in tests.outlooks:
         if not outlook.failure:
-            interval = interval_text(outlook.interval, tests.unit) if outlook.interval else "none"
+            interval = format_interval(outlook.interval, tests.unit) if outlook.interval else "none"
             table.add_row(outlook.candidate.name, interval, _share(outlook.share), _share(outlook.joint))
     return table
 

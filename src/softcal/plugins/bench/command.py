@@ -127,14 +127,9 @@ def _print_score(found: Score) -> None:
     if cost:
         echo(f"Cost: {', '.join(cost)}.")
     for row in case.published:
-        echo(f"Beside it: {row.method}: {_published(row.predict) or row.note} ({row.source})")
-
-
-def _published(pair: tuple[float | None, float | None]) -> str:
-    whole, tip = pair
-    told = [] if whole is None else [f"all points {1e3 * whole:.3g} mm"]
-    told += [] if tip is None else [f"tip {1e3 * tip:.3g} mm"]
-    return ", ".join(told)
+        errors = zip(("all points", "tip"), row.predict, strict=True)
+        texts = ", ".join(f"{of} {1e3 * error:.3g} mm" for of, error in errors if error is not None)
+        echo(f"Beside it: {row.method}: {texts or row.note} ({row.source})")
 
 
 def _table(found: Score, case: BenchmarkCase) -> Table:

@@ -104,7 +104,7 @@ def _section(case: BenchmarkCase, scores: Sequence[Score], pictures: Sequence[st
     rows = [_row(case, score) for score in scores] + [_published(case, one) for one in case.published]
     lines += ["", HEAD + "\n".join(rows), ""]
     for score in scores:
-        if found := _found(score):
+        if found := "; ".join(f"{name} {value}" for name, value in (score.parameters or {}).items() if "[" not in name):
             lines += [f"{markdown(score.method)} found: {markdown(found)}.", ""]
     if case.remarks:
         lines += [case.remarks, ""]
@@ -138,11 +138,6 @@ def _row(case: BenchmarkCase, score: Score) -> str:
         note or "–",
     ]
     return _line(cells)
-
-
-def _found(score: Score) -> str:
-    """What was identified, but for what belongs to one experiment."""
-    return "; ".join(f"{name} {value}" for name, value in (score.parameters or {}).items() if "[" not in name)
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -77,9 +77,15 @@ class ProjectCase(BenchmarkCase):
     def record(self, data: Path | None = None) -> CaseRecord:
         project = self._project(data)
         held = self._held(project)
-        parts: list[tuple[Split, CaseRecord]] = [
-            (PREDICT if name in held else FIT, _measured(project.experiments[name])) for name in project.experiments
-        ]
+        parts: list[tuple[Split, CaseRecord]] = []
+        for name, experiment in project.experiments.items():
+            channels = {c: np.array(experiment.dataset.values(c)) for c in experiment.compared}
+            for channel, values in channels.items():
+                values[~experiment.seen(channel)] = np.nan
+            units = {c: experiment.dataset.channels[c].unit for c in experiment.compared}
+            samples = _names(experiment)
+            record = CaseRecord(samples, np.zeros(len(samples), dtype=bool), channels, units)
+            parts.append((PREDICT if name in held else FIT, record))
         return joined([*(part for part in parts if part[0] == FIT), *(part for part in parts if part[0] == PREDICT)])
 
     def run(
@@ -110,13 +116,18 @@ class ProjectCase(BenchmarkCase):
         fits = {**found.experiments, **{name: one.fit for name, one in found.held_out.items()}}
         tables = [
             _simulated(project.experiments[name], fits[name], with_bands=name in held)
-            for name in self._order(project, held)
+            for name in [*(e for e in project.experiments if e not in held), *held]
         ]
         samples = tuple(sample for names, _, _ in tables for sample in names)
         names = dict.fromkeys(name for _, table, _ in tables for name in table)
         channels = {name: stacked([table for _, table, _ in tables], name) for name in names}
         bands = {name: stacked([widths for _, _, widths in tables], name) for name in names}
-        told = {name: _told(found, name) for name in found.parameters}
+        values: dict[str, str] = {}
+        for name, one in found.parameters.items():
+            values[name] = format_quantity(one.value, one.unit)
+            if one.interval is not None:
+                low, high = (format_quantity(end, one.unit, digits=3) for end in one.interval)
+                values[name] += f" (95 %: {low} to {high})"
         return Predictions(
             samples,
             channels,
@@ -124,7 +135,7 @@ class ProjectCase(BenchmarkCase):
             "softcal",
             len(found.trials),
             perf_counter() - began,
-            told,
+            values,
         )
 
     def robot(self) -> Robot:
@@ -132,9 +143,6 @@ class ProjectCase(BenchmarkCase):
 
     def _held(self, project: Project) -> tuple[str, ...]:
         return tuple(experiments_named(self.held_out or project.calibration.hold_out, project.experiments))
-
-    def _order(self, project: Project, held: tuple[str, ...]) -> list[str]:
-        return [*(name for name in project.experiments if name not in held), *held]
 
     def _project(self, data: Path | None) -> Project:
         """The project, with further samples in the place of those that it predicts."""
@@ -166,19 +174,6 @@ def _names(experiment: Experiment) -> tuple[str, ...]:
     return tuple(labels) if labels else tuple(f"{experiment.name}:{i + 1}" for i in range(n))
 
 
-def _measured(experiment: Experiment) -> CaseRecord:
-    channels = {name: _there(experiment, name) for name in experiment.compared}
-    units = {name: experiment.dataset.channels[name].unit for name in experiment.compared}
-    names = _names(experiment)
-    return CaseRecord(names, np.zeros(len(names), dtype=bool), channels, units)
-
-
-def _there(experiment: Experiment, channel: str) -> Floats:
-    values = np.array(experiment.dataset.values(channel))
-    values[~experiment.seen(channel)] = np.nan
-    return values
-
-
 def _simulated(
     experiment: Experiment, fit: ExperimentFit, *, with_bands: bool
 ) -> tuple[tuple[str, ...], Mapping[str, Floats], Mapping[str, Floats]]:
@@ -190,13 +185,3 @@ def _simulated(
     channels = {name: np.asarray(fit.simulated[name]) for name in experiment.compared}
     bands = fit.bands if with_bands else {}
     return names, channels, {name: np.asarray(bands.get(name, none)) for name in experiment.compared}
-
-
-def _told(found: CalibrationResult, name: str) -> str:
-    """A parameter's value and interval in words."""
-    one = found.parameters[name]
-    text = format_quantity(one.value, one.unit)
-    if one.interval is None:
-        return text
-    low, high = (format_quantity(value, one.unit, digits=3) for value in one.interval)
-    return f"{text} (95 %: {low} to {high})"

@@ -49,7 +49,12 @@ def run_case(
     case = CASES.named(name)
     record = case.record(data)
     if resume:
-        _require_unfinished(out)
+        if (out / SCORE).exists():
+            raise StorageError(
+                Fault("the case was run to its end", str(out), f"{SCORE} in it", attempt="another --out")
+            )
+        if not (out / FIT).is_dir():
+            raise StorageError(Fault("there is no fit to resume", str(out), attempt="without --resume"))
     else:
         require_free_folder(out)
     found = case.run(data, workers=workers, store=out / FIT, resume=resume, progress=progress)
@@ -58,20 +63,6 @@ def run_case(
     for file, text in _texts(record, found, result).items():
         write_text(out / file, text)
     return Ran(result, out)
-
-
-def _require_unfinished(out: Path) -> None:
-    """Raise where a folder holds no run of a case that was stopped.
-
-    Raises
-    ------
-    StorageError
-        As said.
-    """
-    if (out / SCORE).exists():
-        raise StorageError(Fault("the case was run to its end", str(out), f"{SCORE} in it", attempt="another --out"))
-    if not (out / FIT).is_dir():
-        raise StorageError(Fault("there is no fit to resume", str(out), attempt="without --resume"))
 
 
 def score_file(
@@ -89,21 +80,17 @@ def score_file(
     found = read_predictions(predictions, record, method, aligned=case.aligned)
     if out is None:
         return _scored(case, record, found, data)
-    return _written(case, record, found, out, data)
+    result = _scored(case, record, found, data)
+    with new_folder(out) as folder:
+        for file, text in _texts(record, found, result).items():
+            (folder / file).write_text(text, encoding="utf-8")
+    return result
 
 
 def _scored(case: BenchmarkCase, record: CaseRecord, found: Predictions, data: Path | None) -> Score:
     # A name may be of bytes that are no text, which JSON cannot have.
     name = "" if data is None else data.name.encode("utf-8", "replace").decode()
     return score(case.name, record, found, aligned=case.aligned, data=name)
-
-
-def _written(case: BenchmarkCase, record: CaseRecord, found: Predictions, out: Path, data: Path | None) -> Score:
-    result = _scored(case, record, found, data)
-    with new_folder(out) as folder:
-        for file, text in _texts(record, found, result).items():
-            (folder / file).write_text(text, encoding="utf-8")
-    return result
 
 
 def _texts(record: CaseRecord, found: Predictions, result: Score) -> dict[str, str]:

@@ -111,12 +111,21 @@ def _split_score(record: CaseRecord, predictions: Predictions, chosen: np.ndarra
     errors = {name: np.abs(predictions.channels[name][rows] - record.channels[name][chosen]) for name in record.others}
     told = {name: error[np.isfinite(error)] for name, error in errors.items() if np.isfinite(error).any()}
     everything = np.concatenate([np.zeros(0), *distances.values()])
+    inside: list[np.ndarray] = []
+    for name, measured in record.channels.items():
+        off = predictions.channels[name][rows] - measured[chosen]
+        if name not in record.others:
+            off = off - shift["xyz".index(name[-1])]
+        band = predictions.bands[name][rows] if name in predictions.bands else np.full(len(rows), np.nan)
+        inside.append(np.where(np.isfinite(band), np.abs(off) <= band, False)[np.isfinite(off)])
+    banded = any(np.isfinite(band[rows]).any() for band in predictions.bands.values())
+    whole = np.concatenate(inside) if banded else np.zeros(0)
     return SplitScore(
         int(chosen.sum()),
         {point: _error(distance) for point, distance in distances.items()},
         _error(everything) if len(everything) else None,
         {name: _error(error) for name, error in told.items()},
-        _coverage(record, predictions, chosen, rows, shift),
+        float(whole.mean()) if len(whole) else None,
     )
 
 
@@ -133,21 +142,6 @@ def distances_of(
         everything = np.concatenate(list(offsets.values()))
         shift = everything[np.isfinite(everything).all(axis=1)].mean(axis=0)
     return {point: np.linalg.norm(offset - shift, axis=1) for point, offset in offsets.items()}, shift
-
-
-def _coverage(
-    record: CaseRecord, predictions: Predictions, chosen: np.ndarray, rows: np.ndarray, shift: Floats
-) -> float | None:
-    inside: list[np.ndarray] = []
-    for name, measured in record.channels.items():
-        off = predictions.channels[name][rows] - measured[chosen]
-        if name not in record.others:
-            off = off - shift["xyz".index(name[-1])]
-        band = predictions.bands[name][rows] if name in predictions.bands else np.full(len(rows), np.nan)
-        inside.append(np.where(np.isfinite(band), np.abs(off) <= band, False)[np.isfinite(off)])
-    banded = any(np.isfinite(band[rows]).any() for band in predictions.bands.values())
-    whole = np.concatenate(inside) if banded else np.zeros(0)
-    return float(whole.mean()) if len(whole) else None
 
 
 def _error(values: Floats) -> Error:

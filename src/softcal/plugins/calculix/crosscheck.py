@@ -18,7 +18,7 @@ from softcal.checks import Floats
 from softcal.declare import Declared
 from softcal.errors import InputError, SimulationError
 from softcal.export.engine import ENGINES, EngineState, Running, engine_settings, state_of
-from softcal.plugins.calculix.engine_posture import EnginePosture
+from softcal.plugins.calculix.load_path import positions
 from softcal.twin.build import twin_of
 from softcal.twin.channels import channels_of
 from softcal.twin.protocol import Protocol, furthest_state
@@ -165,7 +165,7 @@ def crosscheck(
             own = engine.own(robot)
             response = simulate(own, end, snapshots=True, curve_tolerance=0.0)
             ours = state_of(response)
-            if _is_still(own, ours):
+            if all(np.abs(u).max() < STILL for u in _moved(own, ours).values()):
                 still.append(name)
                 continue
             theirs = engine.solve(own, end, response.snapshots[-1], running)
@@ -174,9 +174,15 @@ def crosscheck(
             continue
         differences = tuple(_differences(own, ours, theirs))
         left_out = engine.leaves_out(response.snapshots[-1])
-        comparisons.append(
-            EngineComparison(name, differences, tuple(_changes(robot, own)), response.instabilities, left_out)
-        )
+        changed = [
+            f"{a.name}: {what} {getattr(a, what)} becomes {getattr(b, what)}"
+            for a, b in zip(robot.bodies, own.bodies, strict=True)
+            for what in ("law", "element")
+            if getattr(a, what) != getattr(b, what)
+        ]
+        if robot.contact is not None and own.contact is None:
+            changed.append("no contact, so that parts may pass through each other")
+        comparisons.append(EngineComparison(name, differences, tuple(changed), response.instabilities, left_out))
     return Crosscheck(tuple(comparisons), absent, refused, failed, tuple(still))
 
 
@@ -185,10 +191,6 @@ def _moved(robot: Robot, outcome: EngineState) -> dict[str, Floats]:
     rest = {name: mesh.points for name, mesh in twin_of(robot).meshes.items()}
     rest |= {rod.name: rod.centreline.nodes for rod in robot.rods}
     return {name: x - rest[name] for name, x in outcome.points.items()}
-
-
-def _is_still(robot: Robot, ours: EngineState) -> bool:
-    return all(np.abs(u).max() < STILL for u in _moved(robot, ours).values())
 
 
 def _differences(robot: Robot, ours: EngineState, theirs: EngineState) -> list[Difference]:
@@ -238,12 +240,39 @@ def _angle(R: Floats) -> float:
     return float(Rotation.from_matrix(R).magnitude())
 
 
-def _changes(given: Robot, own: Robot) -> list[str]:
-    bodies = [
-        f"{a.name}: {what} {getattr(a, what)} becomes {getattr(b, what)}"
-        for a, b in zip(given.bodies, own.bodies, strict=True)
-        for what in ("law", "element")
-        if getattr(a, what) != getattr(b, what)
-    ]
-    without = given.contact is not None and own.contact is None
-    return [*bodies, *["no contact, so that parts may pass through each other"] * without]
+@dataclass(frozen=True)
+class EnginePosture:
+    """An engine's state, for sensors to read.
+
+    robot: the engine's robot; own: softcal's state, with the cables' commands.
+    """
+
+    robot: Robot
+    state: EngineState
+    own: EngineState
+
+    def point(self, name: str) -> Floats:
+        """Position (3,) [m] of a marker, or of a plate's reference."""
+        twin = twin_of(self.robot)
+        if name in twin.frame:
+            return self._pose(name)[0]
+        place = twin.markers[name]
+        return place.position(positions(twin, self.state), self.rotation(place.marker.on) if place.turns else np.eye(3))
+
+    def rotation(self, plate: str) -> Floats:
+        """Rotation (3, 3) of a plate."""
+        return self._pose(plate)[1]
+
+    def shortening(self, cable: str) -> float:
+        """Shortening [m] of a cable."""
+        return self.state.shortenings.get(cable, self.own.shortenings[cable])
+
+    def tension(self, cable: str) -> float:
+        """Tension [N] of a cable."""
+        return self.state.tensions.get(cable, self.own.tensions[cable])
+
+    def _pose(self, plate: str) -> tuple[Floats, Floats]:
+        (found,) = (one for one in self.robot.plates if one.name == plate)
+        if plate not in self.state.plates and not found.fixed:
+            raise SimulationError(f"The engine gives no pose of {plate}, which a sensor reads.")
+        return self.state.plates.get(plate, (found.reference, np.eye(3)))

@@ -24,8 +24,7 @@ from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import ELEMENTS, P1, P2
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.plugins.calculix.cables import cable_lines, dead_pulls
-from softcal.plugins.calculix.format import listed, number, set_name, weighted_sum
-from softcal.plugins.calculix.laws import CARDS, ISOCHORIC, law_lines
+from softcal.plugins.calculix.format import CARDS, ISOCHORIC, law_lines, listed, number, set_name, weighted_sum
 from softcal.plugins.calculix.load_path import load_path
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.parameters import parameter_values

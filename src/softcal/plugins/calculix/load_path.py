@@ -61,8 +61,17 @@ def load_path(robot: Robot, end: Snapshot) -> LoadPath:
     by = list(Protocol(commands).drives)
     response = simulate(robot, Protocol(commands), sensitivities=by, snapshots=True, curve_tolerance=0.0)
     pulls = [{name: float(command.values[i]) for name, command in commands.items()} for i in range(n)]
-    found = [shape for pull in pulls for shape in response.snapshots if _is_at(shape, pull)]
-    if not response.succeeded or len(found) != n or not _are_same(twin, found[-1], end):
+    scales = [max(abs(value) for value in pull.values()) for pull in pulls]
+    found = [
+        shape
+        for pull, scale in zip(pulls, scales, strict=True)
+        for shape in response.snapshots
+        if all(abs(shape.controls[name] - value) <= 1e-9 * scale for name, value in pull.items())
+    ]
+    if not response.succeeded or len(found) != n:
+        return LoadPath((end,), taut, None)
+    x, y = positions(twin, found[-1]), positions(twin, end)
+    if not float(np.abs(x - y).max()) <= SAME * float(np.abs(y - twin.system.layout.X).max()):
         return LoadPath((end,), taut, None)
     rows = [response.sensitivities[str(ChannelName(TENSION, name))] for name in taut]
     stiffness = np.array([[float(row[name][-1]) for name in by] for row in rows])
@@ -89,28 +98,14 @@ def shortenings(twin: Twin, x: Floats) -> dict[str, float]:
     return dict(zip(cables.names, cables.shape_coordinates(x).tolist(), strict=True))
 
 
-def _is_at(shape: Snapshot, pull: dict[str, float]) -> bool:
-    scale = max(abs(value) for value in pull.values())
-    return all(abs(shape.controls[name] - value) <= 1e-9 * scale for name, value in pull.items())
-
-
-def _are_same(twin: Twin, one: Snapshot, other: Snapshot) -> bool:
-    x, y = positions(twin, one), positions(twin, other)
-    return float(np.abs(x - y).max()) <= SAME * float(np.abs(y - twin.system.layout.X).max())
-
-
 def _largest_turn(twin: Twin, before: Snapshot, after: Snapshot) -> float:
     """The largest rotation angle of an element [rad], at most pi."""
     largest = 0.0
     for name, mesh in twin.meshes.items():
-        corners = mesh.tets[:, :4]
-        was, now = (_edges(shape.points[name], corners) for shape in (before, after))
+        first, others = mesh.tets[:, :1], mesh.tets[:, 1:4]
+        edges = (shape.points[name][others] - shape.points[name][first] for shape in (before, after))
+        was, now = (np.swapaxes(vectors, 1, 2) for vectors in edges)  # as columns (n_tets, 3, 3)
         U, _, Vt = np.linalg.svd(now @ np.linalg.inv(was))
         trace = np.trace(U @ Vt, axis1=1, axis2=2)
         largest = max(largest, float(np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0)).max()))
     return largest
-
-
-def _edges(points: Floats, tets: np.ndarray) -> Floats:
-    """Edges from the first corner, as columns (n_tets, 3, 3) [m]."""
-    return np.swapaxes(points[tets[:, 1:]] - points[tets[:, :1]], 1, 2)

@@ -46,8 +46,11 @@ def run_calculix(deck: Deck, folder: Path, *, timeout: float = TIMEOUT) -> Float
     if code is None:
         raise SimulationError(f"CalculiX did not end within {timeout:g} s; {reached}.")
     if len(found) < deck.n_states:
-        said = _complaint((folder / LOG).read_text(encoding="utf-8", errors="replace"))
-        how = f" ({said})" if said else f" (exit code {code})"
+        log = (folder / LOG).read_text(encoding="utf-8", errors="replace")
+        lines = [" ".join(line.split()) for line in log.splitlines()]
+        said = [line for line in lines if "*ERROR" in line] or [line for line in lines if "divergence" in line]
+        last = said[-1].lstrip("*") if said else ""
+        how = f" ({last})" if last else f" (exit code {code})"
         how = f" (it crashed: {signal.Signals(-code).name})" if code < 0 else how
         raise SimulationError(f"CalculiX did not reach the full load{how}; {reached}. Try a smaller pull.")
     return np.array(found)
@@ -68,10 +71,3 @@ def _displacements(path: Path) -> list[Floats]:
         out[rows[:, 0].astype(int) - 1] = rows[:, 1:4]
         states.append(out)
     return states
-
-
-def _complaint(log: str) -> str:
-    """The last error message in CalculiX's output."""
-    lines = [" ".join(line.split()) for line in log.splitlines()]
-    said = [line for line in lines if "*ERROR" in line] or [line for line in lines if "divergence" in line]
-    return said[-1].lstrip("*") if said else ""

@@ -1,19 +1,25 @@
-"""The connection to a Dask scheduler, and whether its workers have this softcal."""
+"""The connection to a Dask scheduler, what Dask logs of it, and whether its workers have this softcal."""
 
 from __future__ import annotations
 
 import asyncio
 import concurrent.futures
 import contextlib
+import hashlib
+import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
+from functools import cache
+from importlib import import_module
 from importlib.metadata import version
+from pathlib import Path
 from sysconfig import get_python_version
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
+import softcal
 from softcal.errors import Fault, InputError
 from softcal.extras import require_extra
-from softcal.plugins.cluster.code import code_hash
 
 if TYPE_CHECKING:
     import distributed
@@ -88,7 +94,7 @@ def require_same_code(client: distributed.Client, address: str) -> None:
     ]
     faults: dict[str, Fault] = {}
     for (what, function, args), own in zip(asked, ours, strict=True):
-        asked_now = _still_asked(client, faults)
+        asked_now = [worker for worker in client.scheduler_info(n_workers=-1)["workers"] if worker not in faults]
         told = _answers(client, function, args, asked_now)
         if not told:  # no worker yet, or one that does not answer: the code is compared with every call
             break
@@ -119,5 +125,36 @@ def _answers(
     return dict(found)
 
 
-def _still_asked(client: distributed.Client, faults: dict[str, Fault]) -> list[str]:
-    return [worker for worker in client.scheduler_info(n_workers=-1)["workers"] if worker not in faults]
+@cache
+def code_hash() -> str:
+    """The first twelve characters of the SHA-256 of all modules of this installation, in the order of their names."""
+    home = Path(softcal.__file__).parent
+    found = hashlib.sha256()
+    for path in sorted(home.rglob("*.py")):
+        found.update(path.relative_to(home).as_posix().encode())
+        found.update(path.read_bytes())
+    return found.hexdigest()[:12]
+
+
+_NAMES = ("distributed.client", "distributed.core", "distributed.comm", "distributed.scheduler")
+_lock = threading.Lock()
+_before: list[dict[str, int]] = []  # the levels that each use of a cluster found; the first is the last to go
+
+
+@contextmanager
+def dask_silenced() -> Generator[None]:
+    """Silence Dask within this block; the levels of its loggers are restored when the last such block ends."""
+    with suppress(ModuleNotFoundError):
+        import_module("distributed")  # which sets the levels itself
+    with _lock:
+        _before.append({name: logging.getLogger(name).level for name in _NAMES})
+        for name in _NAMES:
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        with _lock:
+            levels = _before.pop()
+            if not _before:
+                for name, level in levels.items():
+                    logging.getLogger(name).setLevel(level)

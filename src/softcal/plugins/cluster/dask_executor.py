@@ -26,9 +26,7 @@ from softcal.executors.executor import (
     register_executor,
 )
 from softcal.executors.shared import Parcel, UnableError, one_at_a_time, packed
-from softcal.plugins.cluster.code import code_hash
-from softcal.plugins.cluster.dask_client import Cluster, dask_client, require_same_code
-from softcal.plugins.cluster.dask_logs import dask_silenced
+from softcal.plugins.cluster.dask_client import Cluster, code_hash, dask_client, dask_silenced, require_same_code
 
 if TYPE_CHECKING:
     import distributed

@@ -116,7 +116,19 @@ def coupon(  # noqa: PLR0913 (one argument for each option)
     if stored is None:
         _fit(data, coupons, further, law or [], history or [], nu, reach, body, out)
     else:
-        _predict(further, stored, law[0] if law else None, out)
+        from softcal.plugins.coupons.comparison import require_times
+        from softcal.plugins.coupons.record import read_material
+        from softcal.plugins.coupons.tables import tests_table
+        from softcal.plugins.coupons.workflow import write_predictions
+
+        material = read_material(stored, law[0] if law else None)
+        require_times(further, material.constants.history)
+        predicted: list[PredictedCoupon] = [material.predict(one) for one in further]
+        name = material.constants.law.name
+        print_report_table(tests_table(name, [], predicted))
+        if out is not None:
+            write_predictions(predicted, name, out)
+            echo(f"Wrote {shown_path(out)}")
 
 
 def _require_consistent(
@@ -184,20 +196,4 @@ def _fit(  # noqa: PLR0913 (one argument for each option)
         echo("\n" + material_block(chosen.fit, found, body))
     if out is not None:
         write_comparison(found, body, out, predicted, files)
-        echo(f"Wrote {shown_path(out)}")
-
-
-def _predict(further: Sequence[Coupon], stored: Path, law: str | None, out: Path | None) -> None:
-    from softcal.plugins.coupons.comparison import require_times
-    from softcal.plugins.coupons.record import read_material
-    from softcal.plugins.coupons.tables import tests_table
-    from softcal.plugins.coupons.workflow import write_predictions
-
-    material = read_material(stored, law)
-    require_times(further, material.constants.history)
-    predicted: list[PredictedCoupon] = [material.predict(one) for one in further]
-    name = material.constants.law.name
-    print_report_table(tests_table(name, [], predicted))
-    if out is not None:
-        write_predictions(predicted, name, out)
         echo(f"Wrote {shown_path(out)}")

@@ -49,7 +49,8 @@ def draw_coupons(laws: Mapping[str, Sequence[PredictedCoupon]]) -> Figure:
             strain = "amount of shear" if test == "shear" else "stretch" if n_axes == 1 else "stretch 2"
             _draw(grid[0, column], own, k, scale, in_time=False)
             grid[0, column].set_xlabel(strain)
-            handles = _handles(grid[0, column])
+            artists, labels = grid[0, column].get_legend_handles_labels()
+            handles = dict(zip(labels, artists, strict=True))  # each label once
             if n_rows == 1:
                 grid[0, column].legend(list(handles.values()), list(handles))
                 continue
@@ -82,29 +83,18 @@ def _draw(axes: Axes, laws: Mapping[str, Sequence[PredictedCoupon]], k: int, sca
         for i, one in enumerate(said):
             colour = SERIES[(i if by_test else number) % len(SERIES)]
             label = f"{one.coupon.name}, {name}" if by_test else name
-            _draw_law(axes, one, k, colour, label, scale.factor, in_time=in_time, band=alone)
+            across = _across(one.coupon, in_time=in_time)
+            stress, half = one.stress[:, k] / scale.factor, one.half[:, k] / scale.factor
+            # A line for each value of the first of two stretches.
+            strain = one.coupon.strain
+            cuts = [] if in_time else np.flatnonzero(np.any(np.diff(strain[:, :-1], axis=0) != 0.0, axis=1)) + 1
+            for rows in np.split(np.arange(len(strain)), cuts):
+                axes.plot(across[rows], stress[rows], color=colour, label=label, linewidth=1.2 if in_time else None)
+                if alone and np.isfinite(half[rows]).all():
+                    ends = (stress - half)[rows], (stress + half)[rows]
+                    axes.fill_between(across[rows], *ends, color=colour, alpha=0.18, linewidth=0, label=_BAND)
     axes.set_ylabel(scale.axis("nominal stress"))
-
-
-def _draw_law(
-    axes: Axes, one: PredictedCoupon, k: int, colour: str, label: str, factor: float, *, in_time: bool, band: bool
-) -> None:
-    across, stress, half = _across(one.coupon, in_time=in_time), one.stress[:, k] / factor, one.half[:, k] / factor
-    # A line for each value of the first of two stretches.
-    strain = one.coupon.strain
-    cuts = [] if in_time else np.flatnonzero(np.any(np.diff(strain[:, :-1], axis=0) != 0.0, axis=1)) + 1
-    for rows in np.split(np.arange(len(strain)), cuts):
-        axes.plot(across[rows], stress[rows], color=colour, label=label, linewidth=1.2 if in_time else None)
-        if band and np.isfinite(half[rows]).all():
-            ends = (stress - half)[rows], (stress + half)[rows]
-            axes.fill_between(across[rows], *ends, color=colour, alpha=0.18, linewidth=0, label=_BAND)
 
 
 def _across(coupon: Coupon, *, in_time: bool) -> Floats:
     return coupon.time if in_time and coupon.time is not None else coupon.strain[:, -1]
-
-
-def _handles(axes: Axes) -> dict[str, Artist]:
-    """Label -> what it stands for in a legend, each once."""
-    handles, labels = axes.get_legend_handles_labels()
-    return dict(zip(labels, handles, strict=True))

@@ -20,8 +20,7 @@ from softcal.materials.histories import history_of
 from softcal.materials.inelastic import History
 from softcal.materials.law import Law
 from softcal.materials.parameter import Parameter
-from softcal.plugins.coupons.kind import principal_states
-from softcal.plugins.coupons.response import LawResponse
+from softcal.plugins.coupons.kind import LawResponse, principal_states
 from softcal.quantities import QUANTITIES
 
 POISSONS_RATIO = 0.499

@@ -18,7 +18,7 @@ from softcal.materials.law import compile_law
 from softcal.materials.stress_at import NO_TANGENT, Deformation
 from softcal.plugins.coupons.coupon import Coupon
 from softcal.plugins.coupons.free_constants import FreeConstants
-from softcal.plugins.coupons.response import LawResponse
+from softcal.plugins.coupons.kind import LawResponse
 
 
 class CouponResponse(Protocol):

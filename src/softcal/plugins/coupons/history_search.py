@@ -13,7 +13,6 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import CalibrationError
-from softcal.materials.parameter import Parameter
 from softcal.plugins.coupons.problem import CouponProblem, apparent_modulus
 from softcal.plugins.coupons.search import FURTHER_STARTS, fitted_values, least_squares
 from softcal.plugins.coupons.search import STARTS as STARTS_OF_LAW
@@ -48,7 +47,9 @@ def fitted_with_history(problem: CouponProblem, start: Floats | None = None, sta
     CalibrationError
         Where the material has no stress at any start.
     """
-    searched, coarse = _Searched(problem), _Searched(_coarser(problem))
+    searched = _Searched(problem)
+    # Fewer rows, where a way has many: the time of a search is that of its rows.
+    coarse = _Searched(CouponProblem(problem.constants, [one.coarser(_ROWS) for one in problem.coupons], problem.loss))
     candidates = [] if start is None else [start]
     candidates += _drawn(problem, starts - len(candidates))
     ends: list[Any] = [end for values in candidates if (end := coarse.end(values, ftol=1e-5, xtol=None, max_nfev=40))]
@@ -59,11 +60,6 @@ def fitted_with_history(problem: CouponProblem, start: Floats | None = None, sta
     if found is None:
         raise CalibrationError(f"{problem.law.name}: there is no stress at the measured strains.")
     return searched.values(found.x)
-
-
-def _coarser(problem: CouponProblem) -> CouponProblem:
-    """With fewer rows, where a way has many: the time of a search is that of its rows."""
-    return CouponProblem(problem.constants, [one.coarser(_ROWS) for one in problem.coupons], problem.loss)
 
 
 class _Searched:
@@ -103,18 +99,17 @@ def _drawn(problem: CouponProblem, n: int) -> list[Floats]:
     stress = max(problem.loss.scales.values())
     rng, found = np.random.default_rng(1), list[Floats]()
     parameters = problem.constants.history.parameters
+    # Constants of a history of the tests' size: stresses as those measured, times over their length.
+    lengths = [float(c.time[-1]) for c in problem.coupons if c.time is not None and c.time[-1] > 0.0]
+    times = [p for p in parameters if p.quantity.unit == "s"]
+    within = np.geomspace(0.01, 0.3, len(times)) * (max(lengths) if lengths else 1.0)
+    by_name = {p.name: float(t) for p, t in zip(times, within, strict=True)}
+    of_history = np.array(
+        [by_name.get(p.name, 0.3 * stress if p.quantity.unit == "Pa" else p.typical) for p in parameters]
+    )
     softer = np.where(is_stress, _SHARE, 1.0)
     for k in range(n):
         spread = np.exp(_SPREAD * rng.normal(size=len(parameters))) if k else np.ones(len(parameters))
         of_law = softer * (typical if k % 2 else elastic)
-        found.append(np.concatenate([of_law, _typical(problem, parameters, stress) * spread]))
+        found.append(np.concatenate([of_law, of_history * spread]))
     return found
-
-
-def _typical(problem: CouponProblem, parameters: tuple[Parameter, ...], stress: float) -> Floats:
-    """Constants of a history of the tests' size: stresses as those measured, times over their length."""
-    lengths = [float(c.time[-1]) for c in problem.coupons if c.time is not None and c.time[-1] > 0.0]
-    times = [p for p in parameters if p.quantity.unit == "s"]
-    spread = np.geomspace(0.01, 0.3, len(times)) * (max(lengths) if lengths else 1.0)
-    by_name = {p.name: float(t) for p, t in zip(times, spread, strict=True)}
-    return np.array([by_name.get(p.name, 0.3 * stress if p.quantity.unit == "Pa" else p.typical) for p in parameters])

@@ -1,4 +1,5 @@
-"""The kinds of coupon test, in closed form: the deformation of an incompressible coupon, and the measured stress.
+"""The kinds of coupon test, in closed form: the deformation of an incompressible coupon, and the measured stress; and
+what a law predicts of them.
 
 Of principal stretches lambda1, lambda2 and lambda3 = 1/(lambda1 lambda2) the third side is free: the pressure keeps its
 stress zero, so that the nominal stresses are
@@ -13,12 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from softcal.checks import Floats
 from softcal.materials.components import PAIRS
-from softcal.materials.stress_at import Points, points
+from softcal.materials.law import Law, compile_law
+from softcal.materials.stress_at import Deformation, Points, points
 
 _SHEAR = PAIRS.index((0, 1))
 
@@ -127,3 +130,26 @@ _KINDS = (
     ),
 )
 KINDS: Mapping[str, CouponKind] = {kind.name: kind for kind in _KINDS}
+
+
+class LawResponse:
+    """The nominal stresses of a law in the states of a test."""
+
+    def __init__(self, law: Law, states: CouponStates) -> None:
+        self._law, self._states = law, states
+
+    @cached_property
+    def _deformation(self) -> Deformation:
+        return Deformation(compile_law(self._law), self._states.points)
+
+    def stress(self, values: tuple[float, ...]) -> Floats:
+        """Nominal stresses (n, k) [Pa] at the values of all constants; not finite where the energy does not exist."""
+        with np.errstate(all="ignore"):
+            S = self._deformation.stress(values, tangent=False).S
+            return np.einsum("knc,nc->nk", self._states.by_stress, S)
+
+    def by_constants(self, values: tuple[float, ...]) -> Floats:
+        """Their derivatives (n, k, constants)."""
+        with np.errstate(all="ignore"):
+            dS = np.array(self._deformation.stress_by_parameters(values))
+            return np.einsum("knc,pnc->nkp", self._states.by_stress, dS)

@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from unicodedata import normalize
 
+from softcal.calibration.results.digits import interval_text, value_text
 from softcal.plugins.coupons.comparison import LawComparison
-from softcal.plugins.coupons.constants import shown_constants
 from softcal.plugins.coupons.fitted_material import PredictedCoupon
+from softcal.plugins.coupons.law_fit import LawFit
 from softcal.plugins.coupons.plausibility import implausible
 from softcal.plugins.coupons.sentences import conclusions, verdict, warnings, with_history
 from softcal.plugins.coupons.tables import coupons_table, laws_table, limit_texts, moduli_table, percent, tests_table
 from softcal.report.figure import Picture
 from softcal.report.format import joined
 from softcal.report.page import KeyNumber, marks, render
+from softcal.report.statement import ErrorSource, Statement, statement
 from softcal.units import plain
 
 
@@ -54,10 +57,19 @@ def render_coupon_page(
     plausibility = implausible([*found.coupons, *(p.coupon for p in predicted)])
     doubts = [*plausibility, *warnings(found, predicted)]
     fitted = one.fit.tests(found.coupons)
+    tests = [coupon.test for coupon in found.coupons]
+    counted = joined(f"{tests.count(t)} {t} test{'s' * (tests.count(t) > 1)}" for t in dict.fromkeys(tests))
+    rows = sum(len(coupon.strain) for coupon in found.coupons)
+    source = f" from {joined(files)}" if files else ""
+    n = len(found.laws)
+    laws = f"{n} laws compared" if n > 1 else "one law fitted"
+    history = f", each with {joined(found.history)}" if found.history and n > 1 else ""
+    further = f"; {len(predicted)} further test{'s' * (len(predicted) > 1)} predicted" if predicted else ""
+    stated = f"Poisson's ratio ({plain(found.poissons_ratio, 4)}) is stated, not measured."
     return render(
         Path(__file__).with_name("coupon.html.j2"),
         title=f"Recommended: {with_history(one)}" if found.recommended else "No law is recommended",
-        subject=_subject(found, files, len(predicted)),
+        subject=f"{counted}, {rows} rows{source}; {laws}{history}{further}. {stated}",
         law=with_history(one),
         recommended=found.recommended is not None,
         created=created,
@@ -70,7 +82,7 @@ def render_coupon_page(
         marks=marks(sources),
         key_numbers=key_numbers(found),
         charts=charts,
-        across=_is_wide(found),
+        across=len({(coupon.test, axis) for coupon in found.coupons for axis in coupon.kind.axes}) > 1,
         coupons=coupons_table(found.coupons, [p.coupon for p in predicted]),
         laws=laws_table(found),
         moduli=moduli_table(found),
@@ -110,20 +122,57 @@ def key_numbers(found: LawComparison) -> list[KeyNumber]:
     ]
 
 
-def _is_wide(found: LawComparison) -> bool:
-    """Whether the chart has columns for several stresses, and needs the width of the page."""
-    return len({(coupon.test, axis) for coupon in found.coupons for axis in coupon.kind.axes}) > 1
+@dataclass(frozen=True)
+class ShownConstant:
+    """A constant: what is known of it, and whether the tests determine it."""
+
+    statement: Statement
+    is_determined: bool
+
+    @property
+    def label(self) -> str:
+        """Its key in project files, with its symbol where that is another one."""
+        one = self.statement
+        return one.name if normalize("NFKC", one.label) == one.name else f"{one.name}, {one.label}"
+
+    @property
+    def value(self) -> str:
+        """Its value with its unit."""
+        return value_text(self.statement.estimate)
+
+    @property
+    def interval(self) -> str:
+        """The 95 % interval with its unit, "" where the tests do not determine the constant."""
+        return interval_text(self.statement.estimate) if self.is_determined else ""
+
+    @property
+    def remark(self) -> str:
+        """Why it is not determined, or ""."""
+        if self.is_determined:
+            return ""
+        why = "at the bound of the search" if self.statement.estimate.at_bound else "without an interval"
+        return f"not determined by the tests: {why}"
+
+    @property
+    def budget(self) -> bool:
+        """Whether the sources of its error are shown."""
+        return self.is_determined and bool(self.statement.budget)
+
+    @property
+    def budget_text(self) -> str:
+        """The sources of its error in words."""
+        return self.statement.budget_text
+
+    @property
+    def shares(self) -> Sequence[tuple[ErrorSource, float, str]]:
+        """Each source of its error, with its share [-] and the share in words."""
+        return self.statement.shares if self.budget else ()
 
 
-def _subject(found: LawComparison, files: Sequence[str], n_predicted: int) -> str:
-    """What was tested and fitted, in a sentence."""
-    tests = [coupon.test for coupon in found.coupons]
-    counted = joined(f"{tests.count(t)} {t} test{'s' * (tests.count(t) > 1)}" for t in dict.fromkeys(tests))
-    rows = sum(len(coupon.strain) for coupon in found.coupons)
-    source = f" from {joined(files)}" if files else ""
-    n = len(found.laws)
-    laws = f"{n} laws compared" if n > 1 else "one law fitted"
-    history = f", each with {joined(found.history)}" if found.history and n > 1 else ""
-    further = f"; {n_predicted} further test{'s' * (n_predicted > 1)} predicted" if n_predicted else ""
-    stated = f"Poisson's ratio ({plain(found.poissons_ratio, 4)}) is stated, not measured."
-    return f"{counted}, {rows} rows{source}; {laws}{history}{further}. {stated}"
+def shown_constants(fit: LawFit) -> list[ShownConstant]:
+    """The fitted constants of a law and its history."""
+    return [
+        ShownConstant(statement(p.name, p.label, e), e.interval is not None and not e.at_bound)
+        for p in fit.constants.fitted
+        for e in (fit.estimates[p.name],)
+    ]

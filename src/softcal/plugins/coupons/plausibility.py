@@ -11,7 +11,7 @@ import numpy as np
 from softcal.errors import DatasetError, Fault
 from softcal.materials.neo_hooke import NEO_HOOKE_ISOCHORIC
 from softcal.plugins.coupons.coupon import Coupon
-from softcal.plugins.coupons.response import LawResponse
+from softcal.plugins.coupons.kind import LawResponse
 
 _MODERATE = 2.5  # largest stretch up to which rubber-like bodies are nearly neo-Hookean
 _APART = 1.3  # stretch that a test must reach for true and nominal stresses to differ enough to be told apart

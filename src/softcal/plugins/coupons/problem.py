@@ -14,42 +14,31 @@ from functools import cached_property
 
 import numpy as np
 
-from softcal.calibration.problem.experiment import Experiment
-from softcal.calibration.problem.loss import Block, Loss, rms
+from softcal.calibration.problem.loss import Block, SumOfSquares, rms
 from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
 from softcal.checks import Floats
-from softcal.errors import Fault
 from softcal.materials.law import Law
 from softcal.materials.neo_hooke import NEO_HOOKE_ISOCHORIC
 from softcal.plugins.coupons.coupon import Coupon
 from softcal.plugins.coupons.free_constants import FreeConstants
 from softcal.plugins.coupons.history_response import response_of
-from softcal.plugins.coupons.response import LawResponse
+from softcal.plugins.coupons.kind import LawResponse
 
 _LARGE = 1e3
 
 
 @dataclass(frozen=True)
-class CouponLoss(Loss):
+class CouponLoss(SumOfSquares):
     """sum (residual / scale)^2; scales: kind of test -> root mean square of its nominal stresses [Pa]."""
 
     scales: Mapping[str, float] = field(default_factory=dict[str, float])
     name: str = "coupons"
 
-    def block_value(self, block: Block, residual: Floats) -> float:
-        return float(residual**2 @ self.square_weights(block, residual))
-
     def square_weights(self, block: Block, residual: Floats) -> Floats:
         return np.full(len(residual), self.scales[self.noise_group(block)] ** -2)
 
-    def share(self, blocks: Sequence[Block]) -> float:
-        return 1.0
-
     def noise_group(self, block: Block) -> str:
         return block.channel.split()[0]
-
-    def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
-        return []
 
 
 def coupon_loss(coupons: Sequence[Coupon]) -> CouponLoss:
@@ -65,15 +54,11 @@ def stress_scales(coupons: Sequence[Coupon]) -> dict[str, float]:
 
 def apparent_modulus(coupons: Sequence[Coupon]) -> float:
     """The shear modulus [Pa] of the neo-Hookean body that is nearest to the stresses."""
-    unit, measured = _unit_stresses(coupons), np.concatenate([coupon.stresses for coupon in coupons])
-    return float(abs(unit @ measured) / (unit @ unit))
-
-
-def _unit_stresses(coupons: Sequence[Coupon]) -> Floats:
-    """The nominal stresses of a neo-Hookean body with a shear modulus of one, where they were measured."""
     theta = {"youngs_modulus": 3.0, "poissons_ratio": 0.5}
     values = tuple(np.float64(theta[name]) for name in NEO_HOOKE_ISOCHORIC.names)
-    return np.concatenate([LawResponse(NEO_HOOKE_ISOCHORIC, c.states).stress(values)[c.measured] for c in coupons])
+    unit = np.concatenate([LawResponse(NEO_HOOKE_ISOCHORIC, c.states).stress(values)[c.measured] for c in coupons])
+    measured = np.concatenate([coupon.stresses for coupon in coupons])
+    return float(abs(unit @ measured) / (unit @ unit))
 
 
 class CouponProblem:

@@ -109,8 +109,12 @@ def read_coupons(path: str | Path, test: str, *, needs_stress: bool = True) -> l
         values = [held.numbers[str(column.place)] * column.factor for column in columns]
         strain = np.column_stack([kind.strains[c.measure](v) for c, v in zip(columns[:k], values[:k], strict=True)])
     faults += _strain_faults(kind, table, held, columns, strain)
-    names = held.labels or (path.stem,) * len(strain)
-    faults += _row_faults(table, names)
+    names = list(held.labels or (path.stem,) * len(strain))
+    faults += [
+        Fault("there are too few rows", f"{table.path}, specimen '{name}'", str(n), f"{FEWEST} or more")
+        for name in dict.fromkeys(names)
+        if (n := names.count(name)) < FEWEST
+    ]
     time = None if clock is None else held.numbers[str(clock.place)] * clock.factor
     if time is not None:
         faults += _time_faults(table, held, time, names)
@@ -210,15 +214,4 @@ def _time_faults(table: Table, held: Columns, time: Floats, names: Sequence[str]
             "times from 0 on, at which the specimen is at rest, that grow",
             "the rows in the order in which they were measured, and a column 'specimen' where there are several",
         )
-    ]
-
-
-def _row_faults(table: Table, names: Iterable[str]) -> list[Fault]:
-    """Specimens with too few rows."""
-    names = list(names)
-    counts = {name: names.count(name) for name in dict.fromkeys(names)}
-    return [
-        Fault("there are too few rows", f"{table.path}, specimen '{name}'", str(n), f"{FEWEST} or more")
-        for name, n in counts.items()
-        if n < FEWEST
     ]

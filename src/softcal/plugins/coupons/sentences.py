@@ -22,7 +22,8 @@ HOLDS = 0.8
 def verdict(found: LawComparison) -> str:
     """Which law is recommended, and why."""
     chosen = found.recommended
-    up_to = _measured(found)
+    sizes = ", ".join(f"{plain(size, 3)} {mode}" for mode, size in found.laws[0].fit.stability.measured.items())
+    up_to = f"up to strains of the size measured (stretches of {sizes})"
     if chosen is None:
         return f"No law is recommended: none is stable {up_to}, with constants that the tests determine."
     return (
@@ -52,8 +53,28 @@ def with_history(one: ComparedLaw) -> str:
 
 def warnings(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> list[str]:
     """What a reader must know before the numbers: of the shown law, and of bands that do not hold a further test."""
-    one = found.shown
-    return [*_unstable(one), *_undetermined(one), *_bands_missed(predicted)]
+    one, said = found.shown, list[str]()
+    stability, estimates = one.fit.stability, one.fit.estimates
+    if not stability.is_stable:
+        ends = [
+            f"{mode} tension from a stretch of {plain(end, 3)}" if end > 1.0 else f"{mode} tension from rest on"
+            for mode, end in stability.limits.items()
+            if end is not None and end <= stability.measured[mode]
+        ]
+        where = joined(ends) if ends else "a measured state"
+        text = f"{one.name} is unstable within strains of the size measured: in {where}."
+        said.append(f"{text} A simulation may give way there.")
+    for names, why in (
+        ([name for name, e in estimates.items() if e.at_bound], "at the bound of the search"),
+        ([name for name, e in estimates.items() if e.interval is None and not e.at_bound], "without an interval"),
+    ):
+        if names:
+            said.append(f"The tests do not determine {joined(names)} of {one.name}: {why}.")
+    missed = [p for p in predicted if p.is_measured and p.inside < HOLDS]
+    if missed:
+        shares = joined(f"{percent(p.inside, 0)} of {p.coupon.name}" for p in missed)
+        said.append(f"The 95 % band is too narrow for tests that were not fitted: it holds {shares}.")
+    return said
 
 
 def conclusions(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> list[Remark]:
@@ -64,7 +85,11 @@ def conclusions(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> l
     one = found.shown
     if one.fit.stability.is_stable:
         said.append(Remark(_stable(one), "good"))
-    nearer = [f"{other.name} ({percent(other.held_out_error, 1)}, {_why_not(other)})" for other in _nearer(found)]
+    nearer: list[str] = []
+    for other in found.laws:
+        if found.recommended is not None and other.held_out_error < found.recommended.held_out_error:
+            why = " and ".join(other.doubts) or f"{len(other.fit.values)} constants for nearly the same error"
+            nearer.append(f"{other.name} ({percent(other.held_out_error, 1)}, {why})")
     if nearer:
         text = f"Nearer on what was held out, and not recommended: {joined(nearer)}."
         said.append(Remark(text, "note"))
@@ -76,39 +101,6 @@ def conclusions(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> l
     return sorted(said, key=lambda sentence: sentence.tone != "warning")
 
 
-def _measured(found: LawComparison) -> str:
-    sizes = ", ".join(f"{plain(size, 3)} {mode}" for mode, size in found.laws[0].fit.stability.measured.items())
-    return f"up to strains of the size measured (stretches of {sizes})"
-
-
-def _unstable(one: ComparedLaw) -> list[str]:
-    stability = one.fit.stability
-    if stability.is_stable:
-        return []
-    ends = [
-        f"{mode} tension from a stretch of {plain(end, 3)}" if end > 1.0 else f"{mode} tension from rest on"
-        for mode, end in stability.limits.items()
-        if end is not None and end <= stability.measured[mode]
-    ]
-    where = joined(ends) if ends else "a measured state"
-    return [f"{one.name} is unstable within strains of the size measured: in {where}. A simulation may give way there."]
-
-
-def _undetermined(one: ComparedLaw) -> list[str]:
-    bound = [name for name, e in one.fit.estimates.items() if e.at_bound]
-    open_ = [name for name, e in one.fit.estimates.items() if e.interval is None and not e.at_bound]
-    found = [f"The tests do not determine {joined(bound)} of {one.name}: at the bound of the search."] * bool(bound)
-    return found + [f"The tests do not determine {joined(open_)} of {one.name}: without an interval."] * bool(open_)
-
-
-def _bands_missed(predicted: Sequence[PredictedCoupon]) -> list[str]:
-    missed = [p for p in predicted if p.is_measured and p.inside < HOLDS]
-    if not missed:
-        return []
-    shares = joined(f"{percent(p.inside, 0)} of {p.coupon.name}" for p in missed)
-    return [f"The 95 % band is too narrow for tests that were not fitted: it holds {shares}."]
-
-
 def _stable(one: ComparedLaw) -> str:
     stability = one.fit.stability
     ends = [f"{plain(end, 3)} in {mode}" for mode, end in stability.limits.items() if end is not None]
@@ -117,18 +109,6 @@ def _stable(one: ComparedLaw) -> str:
         return f"{one.name} is stable in {joined(stability.limits)} tension {text}."
     beyond = f"beyond strains of the size measured: from a stretch of {joined(ends)} tension"
     return f"{one.name} gives way only {beyond}."
-
-
-def _nearer(found: LawComparison) -> list[ComparedLaw]:
-    chosen = found.recommended
-    if chosen is None:
-        return []
-    return [one for one in found.laws if one.held_out_error < chosen.held_out_error]
-
-
-def _why_not(one: ComparedLaw) -> str:
-    n = len(one.fit.values)
-    return " and ".join(one.doubts) or f"{n} constants for nearly the same error"
 
 
 def _specimens(found: LawComparison, one: ComparedLaw) -> Remark:

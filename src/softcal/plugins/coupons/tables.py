@@ -11,7 +11,7 @@ from softcal.calibration.results.digits import interval_text, value_text
 from softcal.plugins.coupons.comparison import ComparedLaw, LawComparison
 from softcal.plugins.coupons.coupon import Coupon
 from softcal.plugins.coupons.fitted_material import PredictedCoupon
-from softcal.plugins.coupons.small_strain import SmallStrain
+from softcal.plugins.coupons.law_fit import SmallStrain
 from softcal.plugins.coupons.stability import Stability
 from softcal.report.tables import Cell, Column, ReportTable
 from softcal.units import digits_that_tell, format_quantity, format_range, plain

@@ -18,7 +18,7 @@ from softcal.cli.running import executor_told, page_beside
 from softcal.cli.values import LOCAL, On, WithPage, WithReport, Workers, as_typed, calibration_options, names
 
 if TYPE_CHECKING:
-    from softcal.plugins.fleet.workflow import Fleet, Observer
+    from softcal.plugins.fleet.workflow import Observer
 
 
 @register_command("judge", 6)
@@ -82,12 +82,21 @@ def fleet(  # noqa: PLR0913 (one argument for each option)
                     progress=show,
                     **changes,
                 )
-            _print(found)
+            from softcal.plugins.fleet.tables import fleet_tables
+            from softcal.plugins.fleet.verdict import fleet_sentences
+
+            for report_table in fleet_tables(found.specimens, found.statement):
+                if report_table.rows:
+                    print_report_table(report_table)
+            for sentence in fleet_sentences(found.specimens, found.statement):
+                echo(sentence.text)
             if found.stopped_by is not None:
                 raise found.stopped_by
         echo(f"Fleet: {shown_path(folder)}")
         if report:
-            _report(found)
+            from softcal.plugins.fleet.report import write_fleet_report
+
+            echo(f"Report: {shown_path(write_fleet_report(found))}")
 
 
 @contextmanager
@@ -113,20 +122,3 @@ def _bar() -> Generator[Observer]:
             bars.update(tasks[what], completed=done, description=text)
 
         yield show
-
-
-def _print(found: Fleet) -> None:
-    from softcal.plugins.fleet.tables import fleet_tables
-    from softcal.plugins.fleet.verdict import fleet_sentences
-
-    for table in fleet_tables(found.specimens, found.statement):
-        if table.rows:
-            print_report_table(table)
-    for sentence in fleet_sentences(found.specimens, found.statement):
-        echo(sentence.text)
-
-
-def _report(found: Fleet) -> None:
-    from softcal.plugins.fleet.report import write_fleet_report
-
-    echo(f"Report: {shown_path(write_fleet_report(found))}")

@@ -45,7 +45,20 @@ def draw_specimens(one: Population, specimens: Sequence[Specimen], found: FleetS
             label = f"{by} {level}" if level and level not in shown else None
             shown.add(level)
             _estimate(axes, row, e, scale, colours[level], label, is_named=is_named)
-        _axes(axes, one, held, scale, is_named=is_named)
+        values = np.array([s.parameters[one.label].value for s in held]) / scale.factor
+        is_log = one.scale == "log" and values.max() > _LOG * values.min()
+        if is_log:
+            (axes.set_xscale if is_named else axes.set_yscale)("log")
+        if is_named:
+            axes.set_xlabel(scale.axis(one.label))
+            axes.set_yticks(range(len(held)), [s.name for s in held])
+            axes.set_ylim(-0.8, len(held) - 0.2)
+            axes.grid(visible=False, axis="y")
+        else:
+            axes.set_ylabel(scale.axis(one.label))
+            axes.set_xlabel("specimens, in the order of their values")
+        if is_log:
+            plain_log_ticks(axes.xaxis if is_named else axes.yaxis, *(axes.get_xlim() if is_named else axes.get_ylim()))
         figure.legend(loc="outside upper center", ncols=3)
         return figure
 
@@ -157,20 +170,3 @@ def _estimate(
         axes.errorbar(place, row, xerr=ends, **style)
     else:
         axes.errorbar(row, place, yerr=ends, **style)
-
-
-def _axes(axes: Axes, one: Population, held: Sequence[Specimen], scale: Scale, *, is_named: bool) -> None:
-    values = np.array([s.parameters[one.label].value for s in held]) / scale.factor
-    is_log = one.scale == "log" and values.max() > _LOG * values.min()
-    if is_log:
-        (axes.set_xscale if is_named else axes.set_yscale)("log")
-    if is_named:
-        axes.set_xlabel(scale.axis(one.label))
-        axes.set_yticks(range(len(held)), [s.name for s in held])
-        axes.set_ylim(-0.8, len(held) - 0.2)
-        axes.grid(visible=False, axis="y")
-    else:
-        axes.set_ylabel(scale.axis(one.label))
-        axes.set_xlabel("specimens, in the order of their values")
-    if is_log:
-        plain_log_ticks(axes.xaxis if is_named else axes.yaxis, *(axes.get_xlim() if is_named else axes.get_ylim()))

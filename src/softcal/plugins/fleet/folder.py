@@ -146,19 +146,6 @@ def reopen_fleet(table: FleetTable, settings: Mapping[str, Any], folder: Path) -
     """
     require_inside(folder, (FLEET, SPECIMENS, *REPORT))
     record = _record(folder)
-    faults = _other_files(table, record)
-    if record.settings != json.loads(json.dumps(dict(settings))):
-        got, allowed = _typed(settings), _typed(record.settings)
-        faults.append(Fault("the fleet began with other settings", str(folder), got, allowed))
-    if not faults:
-        faults = _changed_files(table, folder)
-    if faults:
-        raise StorageError(faults)
-    require_writable(folder)
-
-
-def _other_files(table: FleetTable, record: _FleetRecord) -> list[Fault]:
-    """A fault for a table or a template that is not the fleet's."""
     faults: list[Fault] = []
     for name, digest in table.hashes.items():
         if name in record.hashes:
@@ -168,7 +155,14 @@ def _other_files(table: FleetTable, record: _FleetRecord) -> list[Fault]:
         before = [other for other, held in record.hashes.items() if held == digest]
         what = "the fleet began with this file under another name" if before else "the fleet began with other files"
         faults.append(Fault(what, name, allowed=" and ".join(f"'{one}'" for one in before or record.hashes)))
-    return faults
+    if record.settings != json.loads(json.dumps(dict(settings))):
+        got, allowed = _typed(settings), _typed(record.settings)
+        faults.append(Fault("the fleet began with other settings", str(folder), got, allowed))
+    if not faults:
+        faults = _changed_files(table, folder)
+    if faults:
+        raise StorageError(faults)
+    require_writable(folder)
 
 
 def _typed(settings: Mapping[str, Any]) -> str:
@@ -319,21 +313,16 @@ def finish_fleet(
         before = json.loads(read_bytes(folder / FLEET, "the record of the fleet")).get("statement")
         same = (folder / CSV).is_file() and read_bytes(folder / CSV, "the table of the fleet") == text.encode()
         if not same or before != json.loads(told)["statement"]:
-            _set_report_aside(folder)
+            aside = next(place for n in count(1) if not (place := folder / f"report.old-{n}").exists())
+            try:
+                aside.mkdir()
+                for name in reversed(REPORT):  # the page last: stopped in between, it is moved by the next one
+                    if (folder / name).exists():
+                        (folder / name).rename(aside / name)
+            except OSError as error:
+                raise unwritable(folder, error) from error
     write_text(folder / CSV, text)
     write_text(folder / FLEET, told)
-
-
-def _set_report_aside(folder: Path) -> None:
-    """Move a report to a free report.old-N: it is one of other specimens, or of another statement."""
-    aside = next(place for n in count(1) if not (place := folder / f"report.old-{n}").exists())
-    try:
-        aside.mkdir()
-        for name in reversed(REPORT):  # the page last: stopped in between, it is moved by the next one
-            if (folder / name).exists():
-                (folder / name).rename(aside / name)
-    except OSError as error:
-        raise unwritable(folder, error) from error
 
 
 def fleet_csv(specimens: Sequence[Specimen], factors: Sequence[str]) -> str:

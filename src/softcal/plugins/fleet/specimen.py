@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from softcal.calibration.problem.uncertain import EACH
 from softcal.calibration.statistics.between_markers import MARKERS
 from softcal.calibration.statistics.budget import BOUNDS
 from softcal.calibration.statistics.estimate import Estimate
@@ -64,7 +62,4 @@ def own_error(estimate: Estimate) -> float | None:
     """Standard error [unit] by causes that differ between specimens even if these are alike: without the error of the
     mesh, and without uncertain parameters that all share; None without a standard error.
     """
-    if estimate.standard_error is None:
-        return None
-    common = sum(part for source, part in estimate.shares.items() if source not in _OWN and not source.endswith(EACH))
-    return estimate.standard_error * math.sqrt(max(1.0 - common, 0.0))
+    return estimate.error_by(*_OWN)

@@ -17,8 +17,9 @@ the template, as those in it.
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -26,12 +27,11 @@ from typing import Any
 
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, ProjectFileError, StorageError, nearest, unknown
-from softcal.experiments.table import Table, load_table, split_header
+from softcal.experiments.table import Table, is_unit, load_table, split_header, uses_decimal_comma
 from softcal.experiments.table_format import TableFormat
 from softcal.experiments.text_file import open_text
 from softcal.limits import LIMITS
 from softcal.names import folded, name_fault
-from softcal.plugins.fleet.cell import CellReader
 from softcal.project.alike_faults import merged
 from softcal.project.document import Document, Entry, dotted, key_path
 from softcal.project.files import InputFiles, sha256
@@ -401,3 +401,40 @@ class _RowReader:
         except InputError as error:
             self.faults.extend(replace(one, where=where) for one in error.faults)
             return None
+
+
+_NUMBER = re.compile(r"([-+−]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?)(.*)", re.DOTALL)
+_SERIAL = re.compile(r"0\d")  # begins what is a name and no number, such as 007
+
+
+@dataclass(frozen=True)
+class CellReader:
+    """Reads the cells of a table; comma: true if its numbers have decimal commas."""
+
+    comma: bool
+
+    @staticmethod
+    def of(cells: Iterable[str]) -> CellReader:
+        """The reader of a table with these cells."""
+        return CellReader(uses_decimal_comma([match[1] for cell in cells if (match := _NUMBER.fullmatch(cell))]))
+
+    def written(self, cell: str, unit: str) -> object:
+        """A cell as a project file would have it: a finite number, with its unit, or text."""
+        match = _NUMBER.fullmatch(cell)
+        if match is None or (match[2].strip() and not is_unit(match[2].strip())):
+            return {"true": True, "false": False}.get(cell, cell)
+        number = match[1].replace("−", "-").replace(",", "." if self.comma else ",")
+        if unit := match[2].strip() or unit:
+            return f"{number} {unit}" if unit != "1" else number
+        try:
+            value = float(number)
+            if not math.isfinite(value):
+                return cell
+            return int(number) if re.fullmatch(r"[-+]?\d+", number) else value
+        except ValueError:
+            return cell
+
+    def factor(self, cell: str, unit: str) -> str | float:
+        """The value of a factor: a number where the cell is one, else text."""
+        written = cell if _SERIAL.match(cell) else self.written(cell, unit)
+        return float(written) if isinstance(written, (int, float)) and not isinstance(written, bool) else str(written)

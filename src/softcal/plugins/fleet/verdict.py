@@ -127,8 +127,7 @@ def value_text(value: float, interval: Interval, unit: str) -> str:
     unit
         SI unit.
     """
-    shown = readable_unit(value, unit)
-    return f"{_number(value, interval, shown, unit)}{_unit(shown)}"
+    return _text((value,), interval, unit, value)
 
 
 def ends_text(interval: Interval, unit: str, value: float) -> str:
@@ -143,23 +142,20 @@ def ends_text(interval: Interval, unit: str, value: float) -> str:
     value
         The value [unit].
     """
+    return _text(interval, interval, unit, value)
+
+
+def _text(values: Sequence[float], interval: Interval, unit: str, value: float) -> str:
     shown = readable_unit(value, unit)
-    low, high = (_number(end, interval, shown, unit) for end in interval)
-    return f"{low} to {high}{_unit(shown)}"
+    factor = unit_factor(shown, unit)
+    half = 0.5 * (interval[1] - interval[0]) / factor
+    text = " to ".join(rounded(number / factor, half, least=1) for number in values)
+    return text if shown == "1" else f"{text} {shown}"
 
 
 def chance_text(chance: float) -> str:
     """A probability: "0.03", "below 0.0001"."""
     return "below 0.0001" if chance < 1e-4 else plain(chance, 2)
-
-
-def _number(value: float, interval: Interval, shown: str, unit: str) -> str:
-    factor = unit_factor(shown, unit)
-    return rounded(value / factor, 0.5 * (interval[1] - interval[0]) / factor, least=1)
-
-
-def _unit(shown: str) -> str:
-    return "" if shown == "1" else f" {shown}"
 
 
 def _population(one: Population) -> list[Remark]:
@@ -232,7 +228,7 @@ def level_text(level: str | float, factor: str) -> str:
 
 
 def _law(one: InfillLaw) -> Remark:
-    exponent = _number(one.exponent, one.exponent_interval, "1", "1")
+    exponent = value_text(one.exponent, one.exponent_interval, "1")
     text = (
         f"{one.label} = {value_text(one.bulk, one.bulk_interval, one.unit)} · φ^{exponent}: exponent "
         f"{ends_text(one.exponent_interval, '1', one.exponent)}, value of a solid print "

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -117,21 +116,14 @@ def calibrate_camera(views: Sequence[BoardView], width: int, height: int) -> Cal
     camera = Camera(width, height, np.asarray(matrix, dtype=np.float64), np.ravel(distortion)[:5].astype(np.float64))
     spread = np.ravel(sd).astype(np.float64)
     rms_by_image = {view.image: float(one) for view, one in zip(views, np.ravel(each), strict=True)}
-    focal_sd, centre_sd, coverage = spread[:2], spread[2:4], _coverage(views, width, height)
-    warnings = _warnings(camera, rms_by_image, float(rms), focal_sd, coverage, _tilt(turns))
-    return Calibration(camera, float(rms), rms_by_image, focal_sd, centre_sd, coverage, warnings)
-
-
-def _coverage(views: Sequence[BoardView], width: int, height: int) -> float:
-    pixels = np.concatenate([view.pixels for view in views])
-    cells = np.floor((pixels + 0.5) / (width, height) * _CELLS).astype(int).clip(0, np.array(_CELLS) - 1)
-    return len({(int(x), int(y)) for x, y in cells}) / (_CELLS[0] * _CELLS[1])
-
-
-def _tilt(turns: Sequence[Any]) -> float:
-    """The largest angle [rad] between the board and the image plane."""
+    focal_sd, centre_sd = spread[:2], spread[2:4]
+    seen = np.concatenate([view.pixels for view in views])
+    cells = np.floor((seen + 0.5) / (width, height) * _CELLS).astype(int).clip(0, np.array(_CELLS) - 1)
+    coverage = len({(int(x), int(y)) for x, y in cells}) / (_CELLS[0] * _CELLS[1])
     normals = [Pose.of(np.ravel(turn)).rotation[:, 2] for turn in turns]
-    return float(np.arccos(np.clip(min(abs(normal[2]) for normal in normals), 0.0, 1.0)))
+    tilt = float(np.arccos(np.clip(min(abs(normal[2]) for normal in normals), 0.0, 1.0)))  # the largest
+    warnings = _warnings(camera, rms_by_image, float(rms), focal_sd, coverage, tilt)
+    return Calibration(camera, float(rms), rms_by_image, focal_sd, centre_sd, coverage, warnings)
 
 
 def _warnings(

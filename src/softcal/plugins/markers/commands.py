@@ -42,7 +42,18 @@ def board(
 
     require_free_file(out)
     if ids:
-        text = marker_sheet(dictionary, _numbers(ids), QUANTITIES["size"].read(size, where="--size"))
+        from softcal.checks import is_number
+        from softcal.limits import LIMITS
+
+        markers: list[int] = []
+        for part in ids.split(","):
+            first, sign, last = (piece.strip() for piece in part.partition("-"))
+            if not (is_number(first) and (is_number(last) or not sign)):
+                raise InputError(Fault("these are not markers", "--ids", f"'{ids}'", "such as 0-4 or 0,3,7"))
+            wanted = range(int(first), int(last or first) + 1)
+            LIMITS["markers"].check(len(markers) + len(wanted), where="--ids")
+            markers += wanted
+        text = marker_sheet(dictionary, markers, QUANTITIES["size"].read(size, where="--size"))
     else:
         text = board_sheet(_board(squares, square, marker, dictionary, legacy))
     write_new_file(out, text)
@@ -154,21 +165,6 @@ def _board(squares: str, square: str, marker: str, dictionary: str, legacy: bool
         raise InputError(Fault("this is not a number of squares", "--squares", f"'{squares}'", "such as 9x6"))
     sides = QUANTITIES["size"].read(square, where="--square"), QUANTITIES["size"].read(marker, where="--marker")
     return CharucoBoard(int(columns), int(rows), *sides, dictionary, legacy)
-
-
-def _numbers(text: str) -> list[int]:
-    from softcal.checks import is_number
-    from softcal.limits import LIMITS
-
-    found: list[int] = []
-    for part in text.split(","):
-        first, sign, last = (piece.strip() for piece in part.partition("-"))
-        if not (is_number(first) and (is_number(last) or not sign)):
-            raise InputError(Fault("these are not markers", "--ids", f"'{text}'", "such as 0-4 or 0,3,7"))
-        wanted = range(int(first), int(last or first) + 1)
-        LIMITS["markers"].check(len(found) + len(wanted), where="--ids")
-        found += wanted
-    return found
 
 
 @contextmanager

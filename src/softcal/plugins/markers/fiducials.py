@@ -137,12 +137,12 @@ def board_texture(board: CharucoBoard) -> Floats:
     ratio = board.marker / board.square
     # The markers' place in their square must be whole, too: half of what is left over on both sides.
     side = next(
-        (n for n in range(2 * modules, 400) if all(_is_whole(x) for x in (n * ratio / modules, n * (1 - ratio) / 2))),
+        (
+            n
+            for n in range(2 * modules, 400)
+            if all((abs(x - round(x)) < 1e-6 and x > 0.5) for x in (n * ratio / modules, n * (1 - ratio) / 2))
+        ),
         24 * modules,
     )
     image = board.opencv().generateImage((board.columns * side, board.rows * side), marginSize=0, borderBits=1)
     return np.asarray(image, dtype=np.float64) / 255.0
-
-
-def _is_whole(number: float) -> bool:
-    return abs(number - round(number)) < 1e-6 and number > 0.5

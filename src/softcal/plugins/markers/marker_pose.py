@@ -11,11 +11,10 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.geometry.pose import Pose
-from softcal.plugins.markers.bundle import BASE, Adjustment, Bundle, Sighting, adjust
+from softcal.plugins.markers.bundle import BASE, Adjustment, Bundle, PoseCandidate, Sighting, adjust, pose_candidates
 from softcal.plugins.markers.camera import Camera
 from softcal.plugins.markers.marker_scene import Glimpse, MarkerSet
 from softcal.plugins.markers.marker_start import GroupStart, start_group, view_candidates
-from softcal.plugins.markers.square_pose import PoseCandidate, pose_candidates
 
 # A pose is ambiguous if the cost of a second one is larger by less than this, in units of the corners' variance.
 _TELLING = 9.0
@@ -90,7 +89,9 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
         If no image shows the base, or the markers of an image contradict the other images.
     """
     everything = {number for one in glimpses for number in one.corners}
-    glimpses = [_wanted(markers, one) for one in glimpses]
+    if markers.names:  # other markers may move
+        numbers = {*markers.names, *markers.standing}
+        glimpses = [replace(g, corners={n: c for n, c in g.corners.items() if n in numbers}) for g in glimpses]
     candidates: dict[str, Sequence[PoseCandidate]] = {
         view: view_candidates(camera, markers, [one for one in glimpses if one.viewpoint == view])
         for view in dict.fromkeys(one.viewpoint for one in glimpses)
@@ -110,7 +111,16 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
     starts = _starts(camera, markers, used, candidates)
     problem = _problem(camera, markers, used, starts)
     best = adjust(problem.start, problem.sightings)
-    found = _seen_beside_the_base(markers, glimpses, candidates, problem, best, starts)
+    # Companions with certain poses that appear in images without the base.
+    lost = {number for one in glimpses if not candidates[one.viewpoint] for number in one.corners}
+    noise = _noise(best, problem)
+    clear = {group for group, start in starts.items() if start.margin >= _TELLING * noise**2}
+    seen = {number for group, number in problem.keys if group in clear}
+    found = {
+        number: best.bundle.bodies[problem.bodies["", number]]
+        for number in markers.companions
+        if number in lost & seen and ("", number) in problem.bodies
+    }
     if found:
         known = replace(markers, base={**markers.base, **found}, companions=())
         late = {one.group for one in glimpses if not candidates[one.viewpoint]}
@@ -122,7 +132,10 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
         starts.update(_starts(camera, known, again, candidates))
         problem = _problem(camera, markers, used, starts, found)
         best = adjust(problem.start, problem.sightings)
-    misfit = _misfit(best.bundle, problem)
+    squares: dict[str, list[float]] = {}
+    for sighting, image in zip(problem.sightings, problem.images, strict=True):
+        squares.setdefault(image, []).extend(np.sum(best.bundle.residuals(sighting) ** 2, axis=1))
+    misfit = {image: float(np.sqrt(np.mean(found))) for image, found in squares.items()}
     _check_misfit(misfit, used)
     noise = _noise(best, problem)
     problem = replace(problem, sightings=_weighed(markers, problem, best.bundle, noise))
@@ -159,39 +172,11 @@ def _starts(
     return starts
 
 
-def _seen_beside_the_base(
-    markers: MarkerSet,
-    glimpses: Sequence[Glimpse],
-    candidates: Mapping[str, Sequence[PoseCandidate]],
-    problem: _Problem,
-    best: Adjustment,
-    starts: Mapping[str, GroupStart],
-) -> dict[int, Pose]:
-    """Companions with certain poses that appear in images without the base."""
-    lost = {number for one in glimpses if not candidates[one.viewpoint] for number in one.corners}
-    noise = _noise(best, problem)
-    clear = {group for group, start in starts.items() if start.margin >= _TELLING * noise**2}
-    seen = {number for group, number in problem.keys if group in clear}
-    return {
-        number: best.bundle.bodies[problem.bodies["", number]]
-        for number in markers.companions
-        if number in lost & seen and ("", number) in problem.bodies
-    }
-
-
 def _noise(best: Adjustment, problem: _Problem) -> float:
     """Standard deviation of a corner, from the residuals [px]."""
     n_free = 6 * (len(best.bundle.views) + len(best.bundle.bodies))
     n_seen = sum(sighting.pixels.size for sighting in problem.sightings)
     return max(_SMALLEST_NOISE, float(np.sqrt(best.cost / max(n_seen - n_free, 1))))
-
-
-def _wanted(markers: MarkerSet, glimpse: Glimpse) -> Glimpse:
-    """The base and the named markers of an image (all if none is named); other markers may move."""
-    if not markers.names:
-        return glimpse
-    wanted = {*markers.names, *markers.standing}
-    return replace(glimpse, corners={number: c for number, c in glimpse.corners.items() if number in wanted})
 
 
 @dataclass(frozen=True)
@@ -266,13 +251,6 @@ def _weighed(markers: MarkerSet, problem: _Problem, bundle: Bundle, noise: float
         replace(sighting, weight=noise / np.sqrt(noise**2 + (counts[one] - 1) * _SMALLEST_NOISE**2))
         for sighting, one in zip(problem.sightings, alike, strict=True)
     )
-
-
-def _misfit(bundle: Bundle, problem: _Problem) -> dict[str, float]:
-    squares: dict[str, list[float]] = {}
-    for sighting, image in zip(problem.sightings, problem.images, strict=True):
-        squares.setdefault(image, []).extend(np.sum(bundle.residuals(sighting) ** 2, axis=1))
-    return {image: float(np.sqrt(np.mean(found))) for image, found in squares.items()}
 
 
 def _check_misfit(misfit: Mapping[str, float], used: Sequence[Glimpse]) -> None:

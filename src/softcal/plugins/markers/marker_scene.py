@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.geometry.pose import Pose
-from softcal.plugins.markers.square_pose import square_corners
+from softcal.plugins.markers.bundle import square_corners
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class MarkerSet:
         both = sorted(set(self.base) & set(self.companions))
         faults += [Fault(f"marker {number} is named twice", "--base") for number in both]
         if faults:
-            raise DatasetError([_plain(fault) for fault in faults])
+            raise DatasetError([replace(f, what=f.what.replace("marker -1", "a marker")) for f in faults])
 
     @property
     def standing(self) -> tuple[int, ...]:
@@ -88,7 +88,3 @@ class Glimpse:
     group: str
     viewpoint: str
     corners: Mapping[int, Floats]
-
-
-def _plain(fault: Fault) -> Fault:
-    return Fault(fault.what.replace("marker -1", "a marker"), fault.where, fault.got, fault.allowed, fault.attempt)

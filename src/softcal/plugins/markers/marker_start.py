@@ -13,10 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.geometry.pose import Pose
-from softcal.plugins.markers.bundle import BASE, Adjustment, Bundle, Sighting, adjust
+from softcal.plugins.markers.bundle import BASE, Adjustment, Bundle, PoseCandidate, Sighting, adjust, pose_candidates
 from softcal.plugins.markers.camera import Camera
 from softcal.plugins.markers.marker_scene import Glimpse, MarkerSet
-from softcal.plugins.markers.square_pose import PoseCandidate, pose_candidates
 
 # Excess cost [px²] above which a pose is discarded: impossible by chance for corners accurate to 0.1 px.
 _CLEARLY_WORSE = 0.3
@@ -83,15 +82,6 @@ def start_group(
     return GroupStart(poses, bodies, min(others, default=np.inf))
 
 
-def _best(camera: Camera, views: tuple[Pose, ...], options: Sequence[Pose], seen: Sequence[Sighting]) -> Adjustment:
-    """The best pose of one body from several starts; starts near a pose already found are skipped."""
-    tries: list[Adjustment] = []
-    for option in options:
-        if all(option.angle_to(other.bundle.bodies[0]) > _NEAR for other in tries):
-            tries.append(adjust(Bundle(camera, views, (option,)), seen, hold_views=True))
-    return min(tries, key=lambda one: one.cost)
-
-
 def _settled(
     camera: Camera,
     markers: MarkerSet,
@@ -117,7 +107,11 @@ def _settled(
             for candidate in candidates
         ]
         if options:
-            best = _best(camera, views, options, seen)
+            tries: list[Adjustment] = []
+            for option in options:
+                if all(option.angle_to(other.bundle.bodies[0]) > _NEAR for other in tries):
+                    tries.append(adjust(Bundle(camera, views, (option,)), seen, hold_views=True))
+            best = min(tries, key=lambda one: one.cost)
             sightings += [Sighting(s.view, len(bodies), s.points, s.pixels) for s in seen]
             bodies[number] = best.bundle.bodies[0]
     sightings += [

@@ -53,9 +53,25 @@ class MarkerTable:
         """
         rows: list[list[object]] = []
         for group in self.groups:
-            cells = [cell for name in self.names for cell in _cells(self.cells.get((group, name)))]
+            cells: list[str] = []
+            for name in self.names:
+                estimate = self.cells.get((group, name))
+                if estimate is None:
+                    cells += [""] * 12 + ["0"]
+                    continue
+                sd = np.sqrt(np.diag(estimate.covariance))
+                turns = (*estimate.pose.rotation_vector, *sd[:3])
+                cells += [f"{value:.9g}" for value in (*estimate.pose.position, *sd[3:])]
+                cells += ["" if estimate.is_ambiguous else f"{value:.9g}" for value in turns]
+                cells.append(str(estimate.n_images))
             rows.append([group, self.n_images[group], *cells, "; ".join(self.notes[group])])
-        return csv_text(["group", "images [1]", *(h for name in self.names for h in _headers(name)), "notes"], rows)
+        of_each = [
+            pattern.format(axis)
+            for pattern in ("{} [m]", "{}_sd [m]", "r{} [rad]", "r{}_sd [rad]")
+            for axis in _COORDINATES
+        ]
+        header = [f"{name}.{column}" for name in self.names for column in (*of_each, "images [1]")]
+        return csv_text(["group", "images [1]", *header, "notes"], rows)
 
 
 def marker_table(
@@ -148,25 +164,3 @@ def _notes(
         elif estimate.is_ambiguous:
             found.append(f"{markers.label(number)} is ambiguous: two orientations fit the images equally well")
     return tuple(found)
-
-
-def _headers(name: str) -> list[str]:
-    return [
-        *(f"{name}.{axis} [m]" for axis in _COORDINATES),
-        *(f"{name}.{axis}_sd [m]" for axis in _COORDINATES),
-        *(f"{name}.r{axis} [rad]" for axis in _COORDINATES),
-        *(f"{name}.r{axis}_sd [rad]" for axis in _COORDINATES),
-        f"{name}.images [1]",
-    ]
-
-
-def _cells(estimate: MarkerEstimate | None) -> list[str]:
-    if estimate is None:
-        return [""] * 12 + ["0"]
-    sd = np.sqrt(np.diag(estimate.covariance))
-    turns = [*estimate.pose.rotation_vector, *sd[:3]]
-    return [
-        *(f"{value:.9g}" for value in (*estimate.pose.position, *sd[3:])),
-        *("" if estimate.is_ambiguous else f"{value:.9g}" for value in turns),
-        str(estimate.n_images),
-    ]

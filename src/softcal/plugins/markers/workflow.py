@@ -87,7 +87,7 @@ def make_camera_file(
         faults.append(
             Fault(
                 f"the board was found in {len(views)} of {len(shots)} images",
-                got=f"not in {_shortened(skipped)}" if skipped else "",
+                got=f"not in {', '.join(skipped[:8])}{', …' * (len(skipped) > 8)}" if skipped else "",
                 allowed=f"{FEWEST_IMAGES} or more, better 16, with the board tilted in different directions",
                 attempt=f"check that the board is {board}, as it was printed (--legacy for boards made with OpenCV "
                 "before 4.6), whole, flat and sharp",
@@ -250,7 +250,3 @@ def _viewpoints(shots: Sequence[Shot], viewpoints: Viewpoints) -> list[str]:
 
 def _pixels(size: tuple[int, int]) -> str:
     return f"{size[0]} x {size[1]} px"
-
-
-def _shortened(names: Sequence[str], most: int = 8) -> str:
-    return ", ".join(names[:most]) + (", …" if len(names) > most else "")

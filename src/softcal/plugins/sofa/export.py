@@ -35,30 +35,25 @@ def write_scene(project: Project, cases: Mapping[str, Case], folder: Path) -> li
     """
     from softcal.plugins.sofa.settings import SofaSettings
     from softcal.plugins.sofa.writing import furthest, write_sofa
+    from softcal.sensing.sensors.cable import SHORTENING
     from softcal.workflows.cases import protocols_of
 
     stated = project.engines.get("sofa")
     settings = stated if isinstance(stated, SofaSettings) else SofaSettings()
     chosen = furthest(protocols_of(cases))
+    slack: dict[str, float] = {}  # travel on the bench minus the case's shortening; none for a pull given by the user
+    if cases[chosen].experiment:
+        experiment = project.experiments[cases[chosen].experiment]
+        rig = experiment.rig_values()
+        driven = [experiment.twin_channel(channel) for channel in experiment.drives]
+        slack = {name.carrier: rig[name.offset] for name in driven if name.kind == SHORTENING}
     return write_sofa(
         cases[chosen].robot,
         cases[chosen].protocol,
         folder,
         project.name,
         experiment=chosen if len(cases) > 1 else "",
-        slack=_slack(project, cases[chosen]),
+        slack=slack,
         motion=project.dynamics,
         settings=settings,
     )
-
-
-def _slack(project: Project, case: Case) -> dict[str, float]:
-    """Cable -> slack [m]: travel on the bench minus the case's shortening; empty for a pull given by the user."""
-    if not case.experiment:
-        return {}
-    from softcal.sensing.sensors.cable import SHORTENING
-
-    experiment = project.experiments[case.experiment]
-    rig = experiment.rig_values()
-    driven = [experiment.twin_channel(channel) for channel in experiment.drives]
-    return {name.carrier: rig[name.offset] for name in driven if name.kind == SHORTENING}

@@ -26,7 +26,7 @@ from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
-from softcal.twin.robot import Body, Robot
+from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 from softcal.units import format_quantity
 
@@ -87,8 +87,9 @@ def identify(robot: Robot, linear: LinearRobot, protocol: Protocol) -> Identifie
     thinned = protocol.thinned(SAMPLES)
     target = _simulated(robot, thinned)
     experiment = _experiment(robot, thinned, target)
-    moduli = [_modulus(body) for body in foreign]
-    ratios = [_ratio(body) for body in foreign]
+    E = {body.name: body.parameters["youngs_modulus"] for body in foreign}
+    moduli = [FreeParameter(f"{name}.youngs_modulus", "Pa", at / 100.0, 10.0 * at, "log") for name, at in E.items()]
+    ratios = [FreeParameter(f"{body.name}.poissons_ratio", "1", 0.0, LARGEST_RATIO) for body in foreign]
     start = {f"{body.name}.poissons_ratio": min(body.parameters["poissons_ratio"], STARTING_RATIO) for body in foreign}
     there = _fitted(replace(linear, robot=with_parameters(linear.robot, start)), experiment, moduli)
     left = _differences(there, thinned, target, experiment)
@@ -108,15 +109,6 @@ def identify(robot: Robot, linear: LinearRobot, protocol: Protocol) -> Identifie
 
 def _shown(name: str, value: float) -> str:
     return format_quantity(value, "Pa" if name.endswith(".youngs_modulus") else "1", digits=5)
-
-
-def _modulus(body: Body) -> FreeParameter:
-    E = body.parameters["youngs_modulus"]
-    return FreeParameter(f"{body.name}.youngs_modulus", "Pa", E / 100.0, 10.0 * E, "log")
-
-
-def _ratio(body: Body) -> FreeParameter:
-    return FreeParameter(f"{body.name}.poissons_ratio", "1", 0.0, LARGEST_RATIO)
 
 
 def _fitted(linear: LinearRobot, experiment: Experiment, free: Sequence[FreeParameter]) -> LinearRobot:
@@ -152,7 +144,9 @@ def _experiment(robot: Robot, protocol: Protocol, target: Response) -> Experimen
     drives = tuple(protocol.drives)
     free = [cable.name for cable in robot.cables if cable.name not in protocol.commands]
     slack = [str(ChannelName(kind, name)) for name in free for kind in CableSensor.kinds]
-    rest = _rest(robot)
+    places = {plate.name: plate.reference for plate in robot.plates}
+    places |= {marker.name: marker.place for marker in robot.markers}
+    rest = {str(part): float(x) for name, at in places.items() for part, x in zip(positions(name), at, strict=True)}
     change = {
         channel: float(np.abs(values - rest.get(channel, 0.0)).max())
         for channel, values in target.channels.items()
@@ -172,10 +166,3 @@ def _experiment(robot: Robot, protocol: Protocol, target: Response) -> Experimen
         for name in (*compared, *drives)
     }
     return Experiment(EXPERIMENT, Dataset(EXPERIMENT, channels), drive=drives, compared=compared)
-
-
-def _rest(robot: Robot) -> dict[str, float]:
-    """Undeformed positions of plates and markers [m]."""
-    places = {plate.name: plate.reference for plate in robot.plates}
-    places |= {marker.name: marker.place for marker in robot.markers}
-    return {str(part): float(x) for name, at in places.items() for part, x in zip(positions(name), at, strict=True)}

@@ -56,7 +56,12 @@ def find_sofa(environment: Mapping[str, str] | None = None) -> Sofa:
             )
         )
     root = Path(written).expanduser().absolute()
-    packages = _packages(root)
+    found = [
+        root / "plugins" / "SofaPython3" / "lib" / "python3" / "site-packages",
+        *root.glob("lib/python3*/site-packages"),
+    ]
+    found += sorted(root.glob("plugins/*/lib/python3/site-packages"))
+    packages = [folder for folder in dict.fromkeys(found) if folder.is_dir()]
     if not any((folder / "Sofa").is_dir() for folder in packages):
         what = (
             "this folder does not exist"
@@ -68,15 +73,6 @@ def find_sofa(environment: Mapping[str, str] | None = None) -> Sofa:
     sofa = Sofa(str(root), _python(root, packages, given.get(PYTHON, "")), tuple(map(str, packages)))
     _require_cables(sofa)
     return sofa
-
-
-def _packages(root: Path) -> list[Path]:
-    found = [
-        root / "plugins" / "SofaPython3" / "lib" / "python3" / "site-packages",
-        *root.glob("lib/python3*/site-packages"),
-    ]
-    found += sorted(root.glob("plugins/*/lib/python3/site-packages"))
-    return [folder for folder in dict.fromkeys(found) if folder.is_dir()]
 
 
 def _python(root: Path, packages: list[Path], given: str) -> str:
@@ -91,7 +87,9 @@ def _python(root: Path, packages: list[Path], given: str) -> str:
     for python in beside:
         if python.is_file():
             return str(python)
-    version = _version(packages)
+    bindings = (path.name for folder in packages for path in (folder / "Sofa").glob("*.cpython-*"))
+    versions = (match[1] for name in bindings if (match := re.search(r"\.cpython-3(\d+)", name)))
+    version = next((f"3.{minor}" for minor in versions), "")
     if version in ("", f"{sys.version_info.major}.{sys.version_info.minor}"):
         return sys.executable
     found = shutil.which(f"python{version}")
@@ -105,15 +103,6 @@ def _python(root: Path, packages: list[Path], given: str) -> str:
             )
         )
     return found
-
-
-def _version(packages: list[Path]) -> str:
-    """The version of Python that the bindings were compiled for, such as "3.12"; "" if unknown."""
-    for folder in packages:
-        for path in (folder / "Sofa").glob("*.cpython-*"):
-            if match := re.search(r"\.cpython-3(\d+)", path.name):
-                return f"3.{match[1]}"
-    return ""
 
 
 @functools.cache

@@ -55,7 +55,13 @@ def run_states(
         folder = Path(name)
         write_scene(linear, scene_parameters(linear, protocol, settings=settings), folder)
         (folder / JOB).write_text(json.dumps(job), encoding="utf-8")
-        ended = _ended(sofa, folder, settings.timeout)
+        command = [sofa.python, "run.py", "--job", JOB]
+        code = exit_code(command, folder, folder / LOG, timeout=settings.timeout, environment=sofa.environment())
+        ended = f"ended with exit code {code}"
+        if code is None:
+            ended = f"was ended after {settings.timeout:g} s without an answer"
+        elif code < 0:
+            ended = f"crashed ({signal.Signals(-code).name})"
         lines = [] if not (folder / ANSWER).is_file() else (folder / ANSWER).read_text(encoding="utf-8").splitlines()
         said = (folder / LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
     answers: list[dict[str, Any]] = []
@@ -73,17 +79,6 @@ def run_states(
     good = f"; the last good time is {float(records[-1]['time']):.6g} s" if records else ""
     error = _last_error(said)
     return ProcessOutcome(records, f"{where}SOFA {ended}{good}" + (f": {error}" if error else ""), steps)
-
-
-def _ended(sofa: Sofa, folder: Path, timeout: float) -> str:
-    """Run the scene; returns how its process ended, in words."""
-    command = [sofa.python, "run.py", "--job", JOB]
-    code = exit_code(command, folder, folder / LOG, timeout=timeout, environment=sofa.environment())
-    if code is None:
-        return f"was ended after {timeout:g} s without an answer"
-    if code < 0:
-        return f"crashed ({signal.Signals(-code).name})"
-    return f"ended with exit code {code}"
 
 
 def _last_error(lines: list[str]) -> str:

@@ -18,7 +18,6 @@ from softcal.sensing.sensors.cable import TENSION
 from softcal.twin.build import Twin
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Snapshot
-from softcal.twin.robot import Cable
 from softcal.twin.sensors import angle_columns, channel_units, read_all
 
 SAME = 1e-9  # of a cable's length: difference below which two shortenings are equal
@@ -126,7 +125,11 @@ def shapes(
             Snapshot(
                 label=label,
                 points={name: np.array(points) for name, points in record["points"].items()},
-                cables={cable.name: _line(cable, record) for cable in twin.robot.cables},
+                # In the robot's order; the scene's order starts at the pull point.
+                cables={
+                    cable.name: np.array(record["cables"][cable.name]["points"])[:: 1 if begins_first(cable) else -1]
+                    for cable in twin.robot.cables
+                },
                 plates={name: _pose(at) for name, at in record["plates"].items()},
                 controls=dict(controls),
                 tensions={name: float(cable["tension"]) for name, cable in record["cables"].items()},
@@ -135,12 +138,6 @@ def shapes(
             )
         )
     return tuple(found)
-
-
-def _line(cable: Cable, record: Record) -> Floats:
-    """The cable's points in the robot's order; the scene's order starts at the pull point."""
-    points = np.array(record["cables"][cable.name]["points"])
-    return points if begins_first(cable) else points[::-1]
 
 
 def _pose(at: Sequence[float]) -> tuple[Floats, Floats]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +18,6 @@ from softcal.geometry.quadratic import linear_numbers
 from softcal.geometry.varied_section import VariedSection
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import P1
-from softcal.plugins.sofa.laws import MATERIALS
 from softcal.plugins.sofa.rods import linear_rod
 from softcal.twin.bores import bores
 from softcal.twin.robot import Body, Moment, Robot, SurfaceLoad
@@ -137,7 +138,10 @@ def linear_robot(robot: Robot) -> LinearRobot:
         raise ParameterError(faults)
     still = tuple(plate.name for plate in robot.plates if plate.fixed)
     old = {body.name: body for body in robot.bodies}
-    meshes = {body.name: _corner_mesh(body.mesh) for body in robot.bodies}
+    meshes = {
+        body.name: TetMesh(body.mesh.points[body.mesh.corners], _renumbered(body.mesh, body.mesh.tets[:, :4]))
+        for body in robot.bodies
+    }
 
     def numbers(body: str, nodes: Ints) -> Ints:
         return _renumbered(old[body].mesh, nodes)
@@ -147,7 +151,13 @@ def linear_robot(robot: Robot) -> LinearRobot:
         return np.unique(np.concatenate([numbers(body, old[body].fixed), *on_still]))
 
     bodies = tuple(
-        replace(body, mesh=meshes[body.name], element=ITS_ELEMENT, law=_its_law(body), fixed=fixed(body.name))
+        replace(
+            body,
+            mesh=meshes[body.name],
+            element=ITS_ELEMENT,
+            law=body.law if body.law in MATERIALS else STAND_IN,
+            fixed=fixed(body.name),
+        )
         for body in robot.bodies
     )
     plates = tuple(
@@ -175,15 +185,34 @@ def linear_robot(robot: Robot) -> LinearRobot:
     )
 
 
-def _its_law(body: Body) -> str:
-    return body.law if body.law in MATERIALS else STAND_IN
-
-
-def _corner_mesh(mesh: TetMesh) -> TetMesh:
-    return TetMesh(mesh.points[mesh.corners], _renumbered(mesh, mesh.tets[:, :4]))
-
-
 def _renumbered(mesh: TetMesh, nodes: Ints) -> Ints:
     """New numbers of corner nodes; nodes of a list that are no corners are omitted."""
     found = linear_numbers(mesh)[nodes]
     return found[found >= 0] if found.ndim == 1 else found
+
+
+MATERIALS: Mapping[str, str] = {
+    "neo-hooke": "NeoHookean",
+    "stable-neo-hooke": "StableNeoHookean",
+    "stvenant-kirchhoff": "StVenantKirchhoff",
+    "sofa-mooney-rivlin": "MooneyRivlin",
+    "sofa-ogden": "Ogden",
+    "sofa-arruda-boyce": "ArrudaBoyce",
+}
+
+
+def material(law: str, theta: Mapping[str, float]) -> dict[str, Any]:
+    """A body's law in the scene's parameters, at softcal's constants theta [SI]; law: one of `MATERIALS`.
+
+    The constants are E and nu, of which the scene makes mu and Lame's lambda, or those of SOFA's ParameterSet.
+    """
+    name = MATERIALS[law]
+    if name == "Ogden":
+        own = [theta["mu1"] * theta["alpha1"], theta["alpha1"], theta["bulk_modulus"]]
+    elif name == "MooneyRivlin":
+        own = [theta["C10"], theta["C01"], theta["bulk_modulus"]]
+    elif name == "ArrudaBoyce":
+        own = [theta["chain_modulus"], theta["bulk_modulus"]]
+    else:
+        return {"material": name, **{key: theta[key] for key in ("youngs_modulus", "poissons_ratio")}}
+    return {"material": name, "constants": own}

@@ -47,6 +47,15 @@ def rod_parameters(rod: Rod, density: float) -> dict[str, Any]:
     """
     rod = finer(rod, SEGMENTS)
     flexibilities, kinds = _flexibilities(rod)
+    masses = density * node_volumes(rod)
+    section = rod.section.constants
+    inertia = (section.I1 + section.I2) / section.area
+    groups: list[dict[str, Any]] = []
+    for node in np.argsort(-masses, kind="stable").tolist():
+        mass = float(masses[node])
+        if not groups or mass < (1.0 - SAME_MASS) * groups[-1]["mass"]:
+            groups.append({"mass": mass, "inertia_per_mass": inertia, "nodes": []})
+        groups[-1]["nodes"].append(node)
     return {
         "segments": SEGMENTS,
         "nodes": rod.centreline.nodes.tolist(),
@@ -58,7 +67,7 @@ def rod_parameters(rod: Rod, density: float) -> dict[str, Any]:
         "axes": Rotation.from_matrix(rod.centreline.triads[:-1]).as_quat().tolist(),
         "fixed": rod.fixed.tolist(),
         "plates": {name: nodes.tolist() for name, nodes in rod.clamped.items()},
-        "masses": _masses(rod, density),
+        "masses": groups,
     }
 
 
@@ -69,7 +78,14 @@ def finer(rod: Rod, segments: int) -> Rod:
     pieces: list[tuple[Floats, Floats]] = []
     for k in range(segments):
         part = k / segments
-        nodes = line.nodes[:-1] + np.einsum("nij,nj->ni", line.triads[:-1], _screwed(xi, part))
+        # The translation (n, 3) by that part of each screw, in its initial axes.
+        out = np.zeros_like(xi[:, :3])
+        for i, (rho, theta) in enumerate(zip(xi[:, :3], xi[:, 3:], strict=True)):
+            twist = np.zeros((4, 4))
+            twist[:3, :3] = np.cross(np.eye(3), theta)
+            twist[:3, 3] = rho
+            out[i] = expm(part * twist)[:3, 3]
+        nodes = line.nodes[:-1] + np.einsum("nij,nj->ni", line.triads[:-1], out)
         pieces.append((nodes, line.triads[:-1] @ Rotation.from_rotvec(part * xi[:, 3:]).as_matrix()))
     nodes = np.stack([nodes for nodes, _ in pieces], axis=1).reshape(-1, 3)
     triads = np.stack([triads for _, triads in pieces], axis=1).reshape(-1, 3, 3)
@@ -80,17 +96,6 @@ def finer(rod: Rod, segments: int) -> Rod:
     )
     clamped = {plate: _with_between(nodes, segments) for plate, nodes in rod.clamped.items()}
     return replace(rod, centreline=cut, clamped=clamped, fixed=_with_between(rod.fixed, segments))
-
-
-def _screwed(xi: Floats, part: float) -> Floats:
-    """Translation (n, 3) of a part of each screw (n, 6), in its initial axes."""
-    out = np.zeros_like(xi[:, :3])
-    for i, (rho, theta) in enumerate(zip(xi[:, :3], xi[:, 3:], strict=True)):
-        twist = np.zeros((4, 4))
-        twist[:3, :3] = np.cross(np.eye(3), theta)
-        twist[:3, 3] = rho
-        out[i] = expm(part * twist)[:3, 3]
-    return out
 
 
 def _with_between(nodes: Ints, segments: int) -> Ints:
@@ -104,20 +109,6 @@ def node_volumes(rod: Rod) -> Floats:
     """Volume of the rod per node (m,) [m^3]: half of the adjacent elements."""
     half = 0.5 * rod.section.constants.area * rod.centreline.lengths
     return np.append(half, 0.0) + np.insert(half, 0, 0.0)
-
-
-def _masses(rod: Rod, density: float) -> list[dict[str, Any]]:
-    """Groups of nodes of equal mass [kg]; inertia: per mass, isotropic, that of the section about its axis [m^2]."""
-    masses = density * node_volumes(rod)
-    section = rod.section.constants
-    inertia = (section.I1 + section.I2) / section.area
-    groups: list[dict[str, Any]] = []
-    for node in np.argsort(-masses, kind="stable").tolist():
-        mass = float(masses[node])
-        if not groups or mass < (1.0 - SAME_MASS) * groups[-1]["mass"]:
-            groups.append({"mass": mass, "inertia_per_mass": inertia, "nodes": []})
-        groups[-1]["nodes"].append(node)
-    return groups
 
 
 def _on_own_nodes(rod: Rod) -> RodTerm:
@@ -137,12 +128,7 @@ def _flexibilities(rod: Rod) -> tuple[list[dict[str, Any]], list[int]]:
     shear = np.swapaxes(turn, 1, 2) @ (found[1] - found[0]) @ turn
     bending = np.swapaxes(turn, 1, 2) @ found[0] @ turn - shear
     length = np.repeat([1.0, float(rod.centreline.lengths.mean())], 3)  # scales moments and rotations
-    firsts, kinds = _alike(np.stack([bending, shear], axis=1) * length[:, None] * length)
-    return [{"by_bending": bending[i].tolist(), "by_shear": shear[i].tolist()} for i in firsts], kinds
-
-
-def _alike(values: Floats) -> tuple[list[int], list[int]]:
-    """Index of the first of each kind of equal values (n, ...), and the kind of each."""
+    values = np.stack([bending, shear], axis=1) * length[:, None] * length
     apart = SAME_KIND * float(np.abs(values).max())
     firsts: list[int] = []
     kinds: list[int] = []
@@ -151,4 +137,4 @@ def _alike(values: Floats) -> tuple[list[int], list[int]]:
         if kind == len(firsts):
             firsts.append(len(kinds))
         kinds.append(kind)
-    return firsts, kinds
+    return [{"by_bending": bending[i].tolist(), "by_shear": shear[i].tolist()} for i in firsts], kinds

@@ -16,8 +16,7 @@ from softcal.csv_text import csv_text
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.attachment import attach
 from softcal.mechanics.elements import ELEMENTS
-from softcal.plugins.sofa.laws import material
-from softcal.plugins.sofa.robot import LinearRobot
+from softcal.plugins.sofa.robot import LinearRobot, material
 from softcal.plugins.sofa.rods import SEGMENTS, finer, node_volumes, rod_parameters
 from softcal.plugins.sofa.settings import SofaSettings
 from softcal.twin.loads import surface_forces
@@ -68,7 +67,15 @@ def scene_parameters(
         },
         "constraint_solver": {"iterations": 500, "tolerance": 1e-9},
         "rest": (settings or SofaSettings()).rest,
-        "bodies": {body.name: _body(body) for body in robot.bodies},
+        "bodies": {
+            body.name: {
+                "mesh": _mesh_file(body),
+                **material(body.law, body.parameters),
+                "density": density_in_motion(body),
+                "fixed": body.fixed.tolist(),
+            }
+            for body in robot.bodies
+        },
         "rods": {rod.name: rod_parameters(rod, density_in_motion(rod)) for rod in robot.rods},
         "plates": {plate.name: _plate(plate) for plate in robot.plates},
         "ties": {tie.name: {"body": tie.body, "on": tie.on, "nodes": tie.nodes.tolist()} for tie in robot.ties},
@@ -131,7 +138,10 @@ def schedule_csv(protocol: Protocol) -> str:
     commands = protocol.thinned(SCHEDULE_ROWS).commands
     table = np.column_stack([np.append(0.0, command.values) for command in commands.values()])
     rates = np.array(
-        [_rate(command.control, values) for command, values in zip(commands.values(), table.T, strict=True)]
+        [
+            PULL_SPEED if c.control == "shortening" else max(float(np.abs(v).max(initial=0.0)), 1e-12) / PULL_TIME
+            for c, v in zip(commands.values(), table.T, strict=True)
+        ]
     )
     steps = np.abs(np.diff(table, axis=0)) / rates
     times = np.append(0.0, np.cumsum(np.maximum(steps.max(axis=1, initial=0.0), 1e-2)))
@@ -141,10 +151,6 @@ def schedule_csv(protocol: Protocol) -> str:
     return csv_text(["time [s]", *headers], rows)
 
 
-def _rate(control: Control, values: np.ndarray) -> float:
-    return PULL_SPEED if control == "shortening" else max(float(np.abs(values).max(initial=0.0)), 1e-12) / PULL_TIME
-
-
 def _mesh_file(body: Body) -> str:
     return f"{body.name}.vtk"
 
@@ -152,15 +158,6 @@ def _mesh_file(body: Body) -> str:
 def density_in_motion(part: Body | Rod) -> float:
     """Density [kg/m^3] of a part in the scene."""
     return part.density if part.density > 0.0 else ASSUMED_DENSITY
-
-
-def _body(body: Body) -> dict[str, Any]:
-    return {
-        "mesh": _mesh_file(body),
-        **material(body.law, body.parameters),
-        "density": density_in_motion(body),
-        "fixed": body.fixed.tolist(),
-    }
 
 
 def _plate(plate: Plate) -> dict[str, Any]:

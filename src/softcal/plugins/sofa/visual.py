@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 from softcal.checks import Floats, Ints
 from softcal.geometry.surface import boundary_triangles
 from softcal.plugins.sofa.robot import LinearRobot
 from softcal.plugins.sofa.rods import SEGMENTS, finer
-from softcal.plugins.sofa.wavefront import split_at_edges, wavefront
 from softcal.twin.contacts import disc_skin
 from softcal.twin.facing import plate_normal, plate_radius, up_direction
 from softcal.twin.robot import Disc, Plate, Robot, Rod
@@ -47,7 +48,11 @@ def skins(linear: LinearRobot) -> dict[str, Skin]:
     found |= {rod.name: rod_skin(finer(rod, SEGMENTS)) for rod in robot.rods}
     plates = ((plate.name, plate_skin(robot, plate)) for plate in robot.plates)
     found |= {name: skin for name, skin in plates if skin is not None}
-    return {name: _with_edges(skin) for name, skin in found.items()}
+    for name, skin in found.items():
+        source, triangles = split_at_edges(skin.points, skin.triangles)
+        nodes = None if skin.nodes is None else skin.nodes[source]
+        found[name] = replace(skin, points=skin.points[source], triangles=triangles, nodes=nodes)
+    return found
 
 
 def plate_skin(robot: Robot, plate: Plate) -> Skin | None:
@@ -93,13 +98,27 @@ def visual_parameters(linear: LinearRobot) -> dict[str, Any]:
     )
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     size = float(np.linalg.norm(points - centre, axis=1).max())
+    up = up_direction(linear.robot)
+    along = np.eye(3)[0 if abs(up[0]) < 0.9 else 1]
+    along = along - (along @ up) * up
+    along /= np.linalg.norm(along)
+    back = np.array(VIEW) @ np.array([along, np.cross(up, along), up])
+    back /= np.linalg.norm(back)
+    right = np.cross(up, back)
+    right /= np.linalg.norm(right)
+    turn = Rotation.from_matrix(np.column_stack([right, np.cross(back, right), back]))
+    distance = ROOM * size / float(np.sin(np.radians(0.5 * FIELD_OF_VIEW)))
     return {
         "surfaces": {
             name: {"file": _file(name), "opacity": skin.opacity}
             | ({} if skin.nodes is None else {"nodes": skin.nodes.tolist()})
             for name, skin in there.items()
         },
-        "camera": _camera(centre, size, up_direction(linear.robot)),
+        "camera": {
+            "position": (centre + distance * back).tolist(),
+            "orientation": turn.as_quat().tolist(),
+            "distance": distance,
+        },
         "marker_radius": MARKER * size,
     }
 
@@ -118,25 +137,58 @@ def _file(name: str) -> str:
     return f"{name}.obj"
 
 
-def _with_edges(skin: Skin) -> Skin:
-    source, triangles = split_at_edges(skin.points, skin.triangles)
-    nodes = None if skin.nodes is None else skin.nodes[source]
-    return replace(skin, points=skin.points[source], triangles=triangles, nodes=nodes)
+SHARP = np.radians(40.0)  # angle between neighbouring triangles above which their edge is sharp
 
 
-def _camera(centre: Floats, size: float, up: Floats) -> dict[str, Any]:
-    """Position, orientation (x, y, z, w) and distance to the target."""
-    along = np.eye(3)[0 if abs(up[0]) < 0.9 else 1]
-    along = along - (along @ up) * up
-    along /= np.linalg.norm(along)
-    back = np.array(VIEW) @ np.array([along, np.cross(up, along), up])
-    back /= np.linalg.norm(back)
-    right = np.cross(up, back)
-    right /= np.linalg.norm(right)
-    turn = Rotation.from_matrix(np.column_stack([right, np.cross(back, right), back]))
-    distance = ROOM * size / float(np.sin(np.radians(0.5 * FIELD_OF_VIEW)))
-    return {
-        "position": (centre + distance * back).tolist(),
-        "orientation": turn.as_quat().tolist(),
-        "distance": distance,
-    }
+def split_at_edges(points: Floats, triangles: Ints) -> tuple[Ints, Ints]:
+    """Duplicate points on sharp edges, once for each smooth part of the surface: viewers shade smoothly across points.
+
+    Parameters
+    ----------
+    points
+        (n, 3) [m].
+    triangles
+        (k, 3), consistently oriented.
+
+    Returns
+    -------
+    source, triangles
+        Original number of each new point (m,); triangles (k, 3) of new points.
+    """
+    k = len(triangles)
+    corner = np.arange(3 * k).reshape(k, 3)
+    begins, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    at_begin, at_end = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
+    key = np.minimum(begins, ends) * len(points) + np.maximum(begins, ends)
+    order = np.argsort(key, kind="stable")
+    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    # A side of one triangle, or of three and more, is a sharp edge.
+    one, two = order[first[count == 2]], order[first[count == 2] + 1]
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    smooth = (normal[one // 3] * normal[two // 3]).sum(axis=1) > np.cos(SHARP)
+    one, two = one[smooth], two[smooth]
+    rows, columns = np.concatenate([at_begin[one], at_end[one]]), np.concatenate([at_end[two], at_begin[two]])
+    same = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(3 * k, 3 * k))
+    label = np.asarray(connected_components(same, directed=False)[1], dtype=np.int64)
+    _, where = np.unique(label, return_index=True)
+    return begins[where], label.reshape(k, 3)
+
+
+def wavefront(points: Floats, triangles: Ints, title: str) -> str:
+    """Text of a .obj file, in full precision.
+
+    Parameters
+    ----------
+    points
+        Points (n, 3) [m].
+    triangles
+        Triangles (k, 3).
+    title
+        Comment in the first line.
+    """
+    lines = [f"# {title}"]
+    lines += ["v " + " ".join(repr(float(value)) for value in at) for at in points]
+    lines += ["f " + " ".join(str(n + 1) for n in corners) for corners in triangles.tolist()]
+    return "\n".join(lines) + "\n"

@@ -83,7 +83,8 @@ def parameter_chart(search: WatchedSearch, facts: ParameterFacts) -> dict[str, A
         "inRange": {"color": ["#0072b2", "#8fbbd6", "#dfe5ea"]}, "outOfRange": {"color": "#e5e8ec"}, "inverse": False,
     }  # fmt: skip
     if len(names) == 1:
-        loss_axis = {"type": _scale(losses), "name": "loss", "scale": True, "axisLabel": _TEXT, "nameTextStyle": _TEXT}
+        scale = "log" if min(losses) > 0.0 and max(losses) / min(losses) > WIDE else "value"
+        loss_axis = {"type": scale, "name": "loss", "scale": True, "axisLabel": _TEXT, "nameTextStyle": _TEXT}
         x = {**_cartesian(axes[0]), "nameLocation": "middle", "nameGap": 28}
         grid = {"left": 12, "right": 20, "top": 34, "bottom": 34, "containLabel": True}
         return {**base, "grid": grid, "xAxis": x, "yAxis": loss_axis,
@@ -200,7 +201,3 @@ def _cartesian(axis: dict[str, Any]) -> dict[str, Any]:
         "axisLabel": {**_TEXT, "hideOverlap": True},
         "nameTextStyle": {**_TEXT, "align": "left"}, "splitLine": {"lineStyle": {"color": GRID}},
     }  # fmt: skip
-
-
-def _scale(losses: Sequence[float]) -> str:
-    return "log" if min(losses) > 0.0 and max(losses) / min(losses) > WIDE else "value"

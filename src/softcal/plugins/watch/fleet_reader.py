@@ -13,8 +13,7 @@ from softcal.plugins.fleet.folder import FLEET, SPECIMENS
 from softcal.plugins.watch.live import LiveSign, moment, read_live
 from softcal.plugins.watch.reading import Unreadable, clean, finite, inside, read_record, told
 from softcal.plugins.watch.report_figures import DrawnFigure, report_figures
-from softcal.plugins.watch.result_records import watched_result
-from softcal.plugins.watch.watched import WatchedRun, WatchedSearch
+from softcal.plugins.watch.watched import WatchedRun, WatchedSearch, watched_result
 
 MOST = 20000  # specimens
 REPORT = "report.html"
@@ -99,11 +98,15 @@ class FleetReader:
 def _open(search: WatchedSearch, fleet: LiveSign | None) -> WatchedSearch:
     """A specimen without a record: from the end of its search to its record, the fleet's process works on it."""
     live = search.live
-    if live is not None and live.ended and fleet is not None and _is_of(live, fleet):
+    if (
+        live is not None
+        and live.ended
+        and live.updated
+        and fleet is not None
+        and fleet.began is not None
+        and (
+            live.updated >= fleet.began  # a sign since the fleet began, or was resumed
+        )
+    ):
         live = replace(live, pid=fleet.pid, host=fleet.host, updated=fleet.updated, ended=fleet.ended)
     return replace(search, live=live, is_open=True)
-
-
-def _is_of(live: LiveSign, fleet: LiveSign) -> bool:
-    """Whether a sign was given since the fleet began, or was resumed."""
-    return live.updated is not None and fleet.began is not None and live.updated >= fleet.began

@@ -89,7 +89,10 @@ class Gate:
         if scope["type"] == "http" and scope["method"] not in ("GET", "HEAD"):
             if scope["method"] != "POST" or not scope["path"].startswith(SOCKET):
                 return b"This page can only be read.\n"
-        if _is_large(headers):
+        length = headers.get("content-length", "0")
+        if "transfer-encoding" in headers or not (
+            length.isascii() and length.isdigit() and int(length[:20]) <= _MOST_BYTES
+        ):
             return LARGE
         if scope["type"] == "http" and headers.get("upgrade", "").casefold() == "websocket":
             return b"This is no whole request for a websocket.\n"
@@ -98,7 +101,8 @@ class Gate:
         if origin is not None and origin.partition("://")[2] != host:
             return ELSEWHERE
         if not self._token:
-            return b"" if is_loopback(_name(host)) else ELSEWHERE
+            parts = _HOST.fullmatch(host)
+            return b"" if is_loopback("" if parts is None else parts[1]) else ELSEWHERE
         return b"" if self._is_token(_asked(scope)) or self._is_token(self._kept(headers)) else REFUSED
 
     def _is_token(self, given: str) -> bool:
@@ -112,23 +116,9 @@ class Gate:
         return "" if held is None else held.value
 
 
-def _is_large(headers: dict[str, str]) -> bool:
-    """Whether a body is longer than any of the page's own, or does not say how long it is."""
-    length = headers.get("content-length", "0")
-    return "transfer-encoding" in headers or not (
-        length.isascii() and length.isdigit() and int(length[:20]) <= _MOST_BYTES
-    )
-
-
 def _asked(scope: Scope) -> str:
     """The token in an address, or ""."""
     return parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
-
-
-def _name(host: str) -> str:
-    """The name in a Host header, without the port; "" where it is none."""
-    parts = _HOST.fullmatch(host)
-    return "" if parts is None else parts[1]
 
 
 async def refuse(scope: Scope, receive: Receive, send: Send, why: bytes) -> None:

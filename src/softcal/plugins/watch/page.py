@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from softcal.plugins.watch.charts import fleet_chart, loss_chart, parameter_chart
-from softcal.plugins.watch.figure_panel import FigurePanel, of_fits, of_report
-from softcal.plugins.watch.time_left import fleet_time_left, search_time_left
+from softcal.plugins.watch.report_figures import DrawnFigure
+from softcal.plugins.watch.twin import FitPicture
 from softcal.plugins.watch.twin_panel import TwinPanel, fit_text
-from softcal.plugins.watch.watched import Course, WatchedRun, WatchedSearch
+from softcal.plugins.watch.watched import Course, WatchedSearch
 from softcal.plugins.watch.words import (
     STATES,
     best_rows,
     failed_rows,
     fleet_text,
+    fleet_time_left,
     run_state,
     score_rows,
     search_rows,
+    search_time_left,
     share_done,
     share_finished,
     state_sentence,
@@ -69,7 +72,8 @@ class RunPage:
         """Read what is new, and show it."""
         run = await self._watch.now()
         now = datetime.now(UTC)
-        search = self._search(run, now)
+        chosen = next((search for search in run.searches if search.label == self._chosen), None)
+        search = chosen if chosen is not None or run.kind == "fleet" else run.now_at(now)
         search = None if search is None else await self._watch.whole(search)
         self._name.set_text(run.name)
         _show(self._report, bool(run.report))
@@ -101,10 +105,6 @@ class RunPage:
         self._state.classes(replace=f"sc-state {course}")
         self._stage.set_text(sentence)
         self._fill.style(f"width: {100 * share:.1f}%")
-
-    def _search(self, run: WatchedRun, now: datetime) -> WatchedSearch | None:
-        chosen = next((search for search in run.searches if search.label == self._chosen), None)
-        return chosen if chosen is not None or run.kind == "fleet" else run.now_at(now)
 
     def _show_search(self, search: WatchedSearch, now: datetime) -> None:
         course = search.course(now)
@@ -238,3 +238,56 @@ def _show(element: Any, shown: bool) -> None:
         element.classes(remove=_HIDDEN)
     else:
         element.classes(add=_HIDDEN)
+
+
+@dataclass(frozen=True)
+class ShownFigure:
+    """A figure by its address on the page, and what is said of it."""
+
+    address: str
+    caption: str
+
+
+class FigurePanel:
+    """The elements in the card: every figure with its caption, and a link to it alone; a note beneath."""
+
+    def __init__(self, card: Any, title: str) -> None:
+        from nicegui import ui
+
+        self._card, self._shown = card, list[ShownFigure]()
+        ui.label(title).classes("sc-title")
+        self._figures = ui.element("div").classes("sc-figures")
+        self._note = ui.label().classes("sc-note")
+
+    def show(self, figures: Sequence[ShownFigure], note: str = "") -> None:
+        """Show these figures and the note; nothing is loaded again that is shown already."""
+        from nicegui import ui
+
+        self._note.set_text(note)
+        self._card.classes(**{"remove" if figures or note else "add": "sc-hidden"})
+        if list(figures) == self._shown:
+            return
+        self._shown = list(figures)
+        self._figures.clear()
+        with self._figures:
+            for one in figures:
+                with ui.element("a") as link, ui.element("figure"):
+                    link.props["href"], link.props["target"] = one.address, "_blank"
+                    picture = ui.element("img")
+                    picture.props["src"], picture.props["alt"], picture.props["loading"] = (
+                        one.address,
+                        one.caption,
+                        "lazy",
+                    )
+                    with ui.element("figcaption"):
+                        ui.label(one.caption)
+
+
+def of_report(figures: Sequence[DrawnFigure]) -> list[ShownFigure]:
+    """The figures that a report has drawn; with the time of each, so that one that was drawn anew is loaded again."""
+    return [ShownFigure(f"figures/{quote(one.name, safe='')}?drawn={one.changed}", one.title) for one in figures]
+
+
+def of_fits(pictures: Sequence[FitPicture]) -> list[ShownFigure]:
+    """The figures of the fit at the best trial."""
+    return [ShownFigure(f"fit/{one.name}.png", one.caption) for one in pictures]

@@ -15,9 +15,15 @@ from softcal.plugins.watch.fleet_reader import FLEET, SPECIMENS, FleetReader
 from softcal.plugins.watch.live import moment, read_live
 from softcal.plugins.watch.reading import clean, count, inside, numbers, read_record, told
 from softcal.plugins.watch.report_figures import report_figures
-from softcal.plugins.watch.result_records import watched_result, watched_score
 from softcal.plugins.watch.trials import TrialReader
-from softcal.plugins.watch.watched import WatchedResult, WatchedRun, WatchedScore, WatchedSearch
+from softcal.plugins.watch.watched import (
+    WatchedResult,
+    WatchedRun,
+    WatchedScore,
+    WatchedSearch,
+    watched_result,
+    watched_score,
+)
 
 SCORE, REPORT = "score.json", "report.html"
 CALIBRATIONS = "calibrations"
@@ -91,7 +97,11 @@ class RunReader:
         """Runs and scores in the folder itself, or runs, fleets and scores in folders in it."""
         searches: list[WatchedSearch] = []
         scores: list[WatchedScore] = []
-        for place in ("", *self._folders()):
+        try:
+            folders = sorted(one.name for one in self.folder.iterdir() if one.is_dir() and not one.is_symlink())
+        except OSError:
+            folders = []
+        for place in ("", *folders):
             score = told(faults, lambda place=place: read_record(self.folder, _joined(place, SCORE)))
             if score is not None:
                 scores.append(watched_score(score))
@@ -118,12 +128,6 @@ class RunReader:
                 break
         kind = "runs" if searches else "benchmark" if scores else ""
         return WatchedRun(name, kind, tuple(searches), scores=tuple(scores), unreadable=tuple(faults))
-
-    def _folders(self) -> list[str]:
-        try:
-            return sorted(one.name for one in self.folder.iterdir() if one.is_dir() and not one.is_symlink())
-        except OSError:
-            return []
 
     def _result(self, place: str) -> WatchedResult | None:
         record = read_record(self.folder, place)

@@ -56,7 +56,10 @@ def serve(folder: Path, *, host: str = LOOPBACK, port: int | None = None, ready:
         os.environ["NICEGUI_STORAGE_PATH"] = stack.enter_context(tempfile.TemporaryDirectory(prefix="softcal-watch-"))
         app, watch = _application(folder)
         stack.callback(watch.twins.close)
-        server = _server(Gate(app, token, number), lambda: ready(_address(host, number, token)))
+        # A page on all addresses of the machine is called by the machine's name.
+        name = socket.gethostname() if host in ("0.0.0.0", "::") else f"[{host}]" if ":" in host else host
+        address = f"http://{name}:{number}/" + (f"?token={token}" if token else "")
+        server = _server(Gate(app, token, number), lambda: ready(address))
         server.run(sockets=[listening])
 
 
@@ -80,12 +83,6 @@ def _listening(host: str, port: int | None) -> socket.socket:
     raise InputError(
         Fault("the page cannot be served at this address", named, problem.lower(), attempt="another --port or --host")
     )
-
-
-def _address(host: str, port: int, token: str) -> str:
-    """What is typed into a browser; a page on all addresses of the machine is called by the machine's name."""
-    name = socket.gethostname() if host in ("0.0.0.0", "::") else f"[{host}]" if ":" in host else host
-    return f"http://{name}:{port}/" + (f"?token={token}" if token else "")
 
 
 def _application(folder: Path) -> tuple[Any, Watch]:

@@ -61,7 +61,17 @@ class TrialReader:
     def _add(self, stored: StoredTrial | None) -> None:
         if stored is None:
             return
-        trial = _shown(stored)
+        # Texts that can be shown, numbers that are finite, names that are kept once.
+        loss = finite(stored.trial.loss)
+        trial = replace(
+            stored.trial,
+            theta={sys.intern(name): value for name, value in numbers(stored.trial.theta).items()},
+            loss=loss,
+            state="FAILED" if loss is None else "COMPLETE",
+            reason=sys.intern(clean(stored.trial.reason)),
+            experiment_losses={},
+            errors={},
+        )
         if trial.number in self._found:
             raise ValueError(f"trial {trial.number} is there twice")
         self._n_values += len(trial.theta)
@@ -74,12 +84,3 @@ class TrialReader:
         self._file: tuple[int, int] | None = None
         self._end, self._n_values, self.seconds = 0, 0, 0.0
         self._found: dict[int, Trial] = {}
-
-
-def _shown(stored: StoredTrial) -> Trial:
-    """What the page shows of a trial: texts that can be shown, numbers that are finite, names that are kept once."""
-    trial, loss = stored.trial, finite(stored.trial.loss)
-    theta = {sys.intern(name): value for name, value in numbers(trial.theta).items()}
-    state = "FAILED" if loss is None else "COMPLETE"
-    reason = sys.intern(clean(trial.reason))
-    return replace(trial, theta=theta, loss=loss, state=state, reason=reason, experiment_losses={}, errors={})

@@ -43,30 +43,32 @@ def main(shape: Path) -> None:
     answer: dict[str, Any] = {"units": {}, "bounds": {}, "title": "", "largest": 0.0, "trouble": ""}
     try:
         project, settings = project_of_run(request["folder"])
-        answer |= _parameters(project)
+        units = {name: info.unit for name, info in project.parameters.items()}
+        free = () if project.space is None else project.space.parameters
+        for parameter in free:
+            name = next(iter(parameter.targets), parameter.name)
+            units[parameter.label] = units.get(name, units.get(parameter.name, "1"))
+        answer |= {"units": units, "bounds": {p.label: [p.lower, p.upper] for p in free}}
         if theta := request.get("theta"):
             label = request["label"]
             names = [label] if label in project.experiments else list(project.experiments)
             names = [name for name in names if name not in settings.hold_out] or list(project.experiments)
-            free = () if project.space is None else project.space.parameters
             tied = {**project.tied, **{p.label: p.targets for p in free}}
             at_values = project_at(project, theta, tied, names)
             known = _furthest(at_values, names)
             answer |= _shape(at_values, names, known, shape)
-            answer |= _fits(at_values, label, names, known, shape.parent)
+            from softcal.plugins.watch.fit_drawing import fit_drawings, fits_at
+            from softcal.report.style import as_png
+
+            fits, missing = fits_at(at_values, names, known)
+            captions: list[str] = []
+            for drawing in fit_drawings(at_values, label, fits):
+                (shape.parent / f"fit-{len(captions)}.png").write_bytes(as_png(drawing.figure, FINE))
+                captions.append(drawing.caption)
+            answer |= {"captions": captions, "missing": missing}
     except SoftcalError as error:
         answer["trouble"] = str(error)
     json.dump({**answer, "cpu": time.process_time()}, sys.stdout)
-
-
-def _parameters(project: Project) -> dict[str, Any]:
-    """Units of all parameters, and bounds and scale of the free ones, by label."""
-    units = {name: info.unit for name, info in project.parameters.items()}
-    free = () if project.space is None else project.space.parameters
-    for parameter in free:
-        name = next(iter(parameter.targets), parameter.name)
-        units[parameter.label] = units.get(name, units.get(parameter.name, "1"))
-    return {"units": units, "bounds": {p.label: [p.lower, p.upper] for p in free}}
 
 
 def _furthest(at_values: Project, names: Sequence[str]) -> dict[str, Response]:
@@ -78,21 +80,6 @@ def _furthest(at_values: Project, names: Sequence[str]) -> dict[str, Response]:
     if not at_values.experiments[name].drives:
         return {}
     return {name: simulate(at_values, experiment=name, snapshots=True)}
-
-
-def _fits(
-    at_values: Project, label: str, names: Sequence[str], known: Mapping[str, Response], folder: Path
-) -> dict[str, Any]:
-    """Write what the experiments measured, and what the twin does, as the report draws it."""
-    from softcal.plugins.watch.fit_drawing import fit_drawings, fits_at
-    from softcal.report.style import as_png
-
-    fits, missing = fits_at(at_values, names, known)
-    captions: list[str] = []
-    for drawing in fit_drawings(at_values, label, fits):
-        (folder / f"fit-{len(captions)}.png").write_bytes(as_png(drawing.figure, FINE))
-        captions.append(drawing.caption)
-    return {"captions": captions, "missing": missing}
 
 
 def _shape(at_values: Project, names: Sequence[str], known: Mapping[str, Response], path: Path) -> dict[str, Any]:

@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from softcal.calibration.problem.experiment import Experiment
-from softcal.calibration.problem.loss import Block, Loss, register_loss
+from softcal.calibration.problem.loss import Block, SumOfSquares, register_loss
 from softcal.checks import Floats
 from softcal.errors import Fault
 
 
 @register_loss
 @dataclass(frozen=True)
-class LikelihoodLoss(Loss):
+class LikelihoodLoss(SumOfSquares):
     """sum (residual / sigma)^2 over all samples and experiments, plus ((theta - mean) / sd)^2 of the priors.
 
     sigma is each sample's own where the dataset has it. sigmas: noise [SI] by channel, in the place of the dataset's.
@@ -25,18 +25,12 @@ class LikelihoodLoss(Loss):
     name: str = "likelihood"
     uses_priors: bool = True
 
-    def block_value(self, block: Block, residual: Floats) -> float:
-        return float(residual**2 @ self.square_weights(block, residual))
-
     def square_weights(self, block: Block, residual: Floats) -> Floats:
         return 1.0 / self.stated_noise(block) ** 2
 
     def stated_noise(self, block: Block) -> Floats:
         sigma = self.sigmas.get(block.channel, block.sigma) if block.experiment else block.sigma
         return np.broadcast_to(np.asarray(sigma, dtype=float), len(block.residual))
-
-    def share(self, blocks: Sequence[Block]) -> float:
-        return 1.0
 
     def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
         found: list[Fault] = []

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from softcal.calibration.problem.experiment import Experiment
-from softcal.calibration.problem.loss import MET, Block, Loss, register_loss, rms
+from softcal.calibration.problem.loss import MET, Block, Loss, SumOfSquares, register_loss, rms
 from softcal.calibration.problem.option import Option
 from softcal.checks import Floats
 from softcal.errors import Fault
@@ -27,7 +27,7 @@ def paper_weights() -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class RelativeSquares(Loss):
+class RelativeSquares(SumOfSquares):
     """sum of mean squares, each over the mean square of the measurement: smooth where the papers' loss has kinks.
 
     It judges no result and is not registered: a search minimises it until it is near the minimum.
@@ -36,17 +36,8 @@ class RelativeSquares(Loss):
     name: str = "relative squares"
     uses_priors: bool = False
 
-    def block_value(self, block: Block, residual: Floats) -> float:
-        return float(residual**2 @ self.square_weights(block, residual))
-
     def square_weights(self, block: Block, residual: Floats) -> Floats:
         return np.full(len(residual), 1.0 / max(float(block.measured @ block.measured), 1e-300))
-
-    def share(self, blocks: Sequence[Block]) -> float:
-        return 1.0
-
-    def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
-        return []
 
 
 @register_loss

@@ -33,7 +33,14 @@ class GridOptimiser(Optimiser):
     @classmethod
     def begin(cls, problem: Problem, settings: SearchSettings) -> GridOptimiser:
         space = problem.space
-        per_axis = np.linspace(0.0, 1.0, _per_axis(space, settings.trials or 0))
+        trials = settings.trials or 0
+        count = int(trials ** (1.0 / space.size) + 1e-9)
+        if count < 2:
+            allowed = f"at least {2**space.size}"
+            raise ParameterError(
+                Fault(f"a grid over {space.size} parameters needs more trials", "trials", str(trials), allowed)
+            )
+        per_axis = np.linspace(0.0, 1.0, count)
         points = (space.to_model(z) for z in itertools.product(per_axis, repeat=space.size))
         return cls(points, [len(per_axis)] * space.size)
 
@@ -46,7 +53,20 @@ class GridOptimiser(Optimiser):
         ParameterError
             Where the axes are not those of the space, or a value lies outside its bounds.
         """
-        _check(space, axes)
+        faults: list[Fault] = []
+        if set(axes) != set(space.labels):
+            faults.append(
+                Fault("the grid's axes are not the free parameters", "axes", ", ".join(axes), ", ".join(space.labels))
+            )
+        for p in space.parameters:
+            outside = [value for value in axes.get(p.label, ()) if not p.lower <= value <= p.upper]
+            if outside:
+                allowed = f"{p.lower:.6g} to {p.upper:.6g} {p.unit}"
+                faults.append(Fault("a value of the grid is outside the bounds", p.label, f"{outside[0]:.6g}", allowed))
+            if p.label in axes and not len(axes[p.label]):
+                faults.append(Fault("an axis of the grid holds no value", p.label))
+        if faults:
+            raise ParameterError(faults)
         points = (dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values()))
         return cls(points, [len(values) for values in axes.values()])
 
@@ -72,31 +92,3 @@ class GridOptimiser(Optimiser):
         if self._asked < self.total:
             return f"The grid of {self._shape} points is not finished."
         return f"All {self.total} points of the grid ({self._shape}) were evaluated."
-
-
-def _per_axis(space: SearchSpace, trials: int) -> int:
-    found = int(trials ** (1.0 / space.size) + 1e-9)
-    if found < 2:
-        allowed = f"at least {2**space.size}"
-        raise ParameterError(
-            Fault(f"a grid over {space.size} parameters needs more trials", "trials", str(trials), allowed)
-        )
-    return found
-
-
-def _check(space: SearchSpace, axes: Mapping[str, Sequence[float]]) -> None:
-    """Every free parameter has values, and all of them lie within its bounds."""
-    faults: list[Fault] = []
-    if set(axes) != set(space.labels):
-        faults.append(
-            Fault("the grid's axes are not the free parameters", "axes", ", ".join(axes), ", ".join(space.labels))
-        )
-    for p in space.parameters:
-        outside = [value for value in axes.get(p.label, ()) if not p.lower <= value <= p.upper]
-        if outside:
-            allowed = f"{p.lower:.6g} to {p.upper:.6g} {p.unit}"
-            faults.append(Fault("a value of the grid is outside the bounds", p.label, f"{outside[0]:.6g}", allowed))
-        if p.label in axes and not len(axes[p.label]):
-            faults.append(Fault("an axis of the grid holds no value", p.label))
-    if faults:
-        raise ParameterError(faults)

@@ -87,7 +87,10 @@ class LeastSquaresOptimiser(Optimiser):
                 self._leave_if_known(descent)
             running = [(descent, descent.next) for descent in wave if descent.next is not None]
             if running:
-                return tuple(self._proposal(descent, z) for descent, z in running)
+                proposals = [Proposal(n, self._space.to_model(z)) for n, (_, z) in enumerate(running, self._number)]
+                self._asked |= {proposal.number: d for proposal, (d, _) in zip(proposals, running, strict=True)}
+                self._number += len(proposals)
+                return tuple(proposals)
         return ()
 
     def tell(self, proposal: Proposal, evaluation: Evaluation) -> None:
@@ -131,12 +134,6 @@ class LeastSquaresOptimiser(Optimiser):
     def _best(self) -> Descent:
         begun = [descent for wave in self._waves for descent in wave if descent.best is not None]
         return min(begun, key=_value) if begun else self._descents[0]
-
-    def _proposal(self, descent: Descent, z: Floats) -> Proposal:
-        proposal = Proposal(self._number, self._space.to_model(z))
-        self._asked[self._number] = descent
-        self._number += 1
-        return proposal
 
     def _leave_if_known(self, descent: Descent) -> None:
         found = [other for wave in self._waves for other in wave if other.converged]

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from softcal.calibration.problem.option import Option
 from softcal.calibration.problem.parameters import SearchSpace
 from softcal.calibration.problem.problem import Evaluation, Problem
+from softcal.calibration.results.trial_journal import distributions
 from softcal.calibration.search.optimiser import Optimiser, Proposal, register_optimiser
 from softcal.calibration.search.settings import SearchSettings
-from softcal.calibration.statistics.fanova import distributions
 from softcal.limits import LIMITS
 
 if TYPE_CHECKING:

@@ -178,12 +178,7 @@ def _table(rows: Sequence[tuple[int, list[str]]], where: str) -> Floats:
 
 
 def _positions_of(robots: Sequence[Robot], k: int) -> Floats:
-    return _positions(robots[k])
-
-
-def _positions(robot: Robot) -> Floats:
-    """Positions of the stations (12, 3) [m] in equilibrium."""
-    response = simulate(robot, Protocol({}))
+    response = simulate(robots[k], Protocol({}))
     if not response.succeeded:
         raise SimulationError(response.status)
     return np.array([[response.channels[f"{point}.{axis}"][0] for axis in "xyz"] for point in POINTS])

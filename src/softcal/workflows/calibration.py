@@ -164,6 +164,8 @@ def plan(project: Project, engine: str = SOFTCAL, **changes: object) -> tuple[Ca
     ------
     InputError
         As `calibrate`.
+    ParameterError
+        For an option that neither the method nor the loss has.
     """
     arguments = {key: value for key, value in changes.items() if value is not None}
     fields = _fields()

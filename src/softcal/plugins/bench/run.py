@@ -43,6 +43,8 @@ def run_case(
 
     Raises
     ------
+    StorageError
+        Where the folder holds files, or no fit to resume.
     SoftcalError
         For an unknown case, further data in another layout, a folder that cannot be used, or a fit without a result.
     """

@@ -32,6 +32,13 @@ class GridOptimiser(Optimiser):
 
     @classmethod
     def begin(cls, problem: Problem, settings: SearchSettings) -> GridOptimiser:
+        """The grid with as many trials, at most, as the settings allow.
+
+        Raises
+        ------
+        ParameterError
+            Where these are fewer than two for each parameter.
+        """
         space = problem.space
         trials = settings.trials or 0
         count = int(trials ** (1.0 / space.size) + 1e-9)

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from softcal.calibration.search.optimiser import Proposal as Proposal
     from softcal.calibration.search.optimiser import register_optimiser as register_optimiser
     from softcal.calibration.search.settings import SearchSettings as SearchSettings
+    from softcal.calibration.statistics.estimate import Remark as Remark
     from softcal.cli.command import register_command as register_command
     from softcal.errors import CalibrationError as CalibrationError
     from softcal.errors import DatasetError as DatasetError
@@ -77,6 +78,11 @@ if TYPE_CHECKING:
     from softcal.report.content import ReportContent as ReportContent
     from softcal.report.figure import Drawing as Drawing
     from softcal.report.figure import register_figure as register_figure
+    from softcal.report.section import Gallery as Gallery
+    from softcal.report.section import Small as Small
+    from softcal.report.section import register_section as register_section
+    from softcal.report.tables import Column as Column
+    from softcal.report.tables import ReportTable as ReportTable
     from softcal.sensing.kind import ChannelKind as ChannelKind
     from softcal.sensing.sensor import NamedSensor as NamedSensor
     from softcal.sensing.sensor import Sensor as Sensor
@@ -147,6 +153,7 @@ _HOMES = {
     "Channel": "softcal.experiments.dataset",
     "ChannelKind": "softcal.sensing.kind",
     "Clamp": "softcal.twin.clamp",
+    "Column": "softcal.report.tables",
     "Command": "softcal.twin.protocol",
     "Contact": "softcal.twin.barrier",
     "Dataset": "softcal.experiments.dataset",
@@ -161,6 +168,7 @@ _HOMES = {
     "ExportRequest": "softcal.workflows.export",
     "Fault": "softcal.errors",
     "FreeParameter": "softcal.calibration.problem.parameters",
+    "Gallery": "softcal.report.section",
     "GivenSection": "softcal.geometry.section",
     "InputError": "softcal.errors",
     "Jacobian": "softcal.twin.live",
@@ -190,7 +198,9 @@ _HOMES = {
     "Quantity": "softcal.quantities",
     "RecordFit": "softcal.analysis.record",
     "RectangularBar": "softcal.geometry.section",
+    "Remark": "softcal.calibration.statistics.estimate",
     "ReportContent": "softcal.report.content",
+    "ReportTable": "softcal.report.tables",
     "Response": "softcal.twin.response",
     "Robot": "softcal.twin.robot",
     "Rod": "softcal.twin.robot",
@@ -202,6 +212,7 @@ _HOMES = {
     "Setting": "softcal.experiments.step",
     "Settling": "softcal.twin.time_settings",
     "SimulationError": "softcal.errors",
+    "Small": "softcal.report.section",
     "SoftcalError": "softcal.errors",
     "Springs": "softcal.twin.manipulator",
     "StorageError": "softcal.errors",
@@ -242,6 +253,7 @@ _HOMES = {
     "register_law": "softcal.materials.catalogue",
     "register_loss": "softcal.calibration.problem.loss",
     "register_optimiser": "softcal.calibration.search.optimiser",
+    "register_section": "softcal.report.section",
     "register_sensor": "softcal.sensing.sensor",
     "register_step": "softcal.experiments.step",
     "robot_parameters": "softcal.twin.parameters",
@@ -267,6 +279,7 @@ __all__ = [
     "Channel",
     "ChannelKind",
     "Clamp",
+    "Column",
     "Command",
     "Contact",
     "Dataset",
@@ -281,6 +294,7 @@ __all__ = [
     "ExportRequest",
     "Fault",
     "FreeParameter",
+    "Gallery",
     "GivenSection",
     "InputError",
     "Jacobian",
@@ -310,7 +324,9 @@ __all__ = [
     "Quantity",
     "RecordFit",
     "RectangularBar",
+    "Remark",
     "ReportContent",
+    "ReportTable",
     "Response",
     "Robot",
     "Rod",
@@ -322,6 +338,7 @@ __all__ = [
     "Setting",
     "Settling",
     "SimulationError",
+    "Small",
     "SoftcalError",
     "Springs",
     "StorageError",
@@ -362,6 +379,7 @@ __all__ = [
     "register_law",
     "register_loss",
     "register_optimiser",
+    "register_section",
     "register_sensor",
     "register_step",
     "robot_parameters",

@@ -12,7 +12,6 @@ import pytest
 from browser.conftest import CHROMIUM, PATIENCE
 from report_example import example_content
 
-from softcal.report.all_tables import all_tables
 from softcal.report.figure import report_pictures
 from softcal.report.html import render_page
 
@@ -29,7 +28,7 @@ def test_every_figure_and_all_that_is_folded_is_printed(tmp_path: Path) -> None:
     # As PNG, since an SVG becomes lines of the PDF, which nothing counts.
     pictures = [replace(one, shown="png") for one in report_pictures(content)]
     page, pdf = tmp_path / "report.html", tmp_path / "report.pdf"
-    page.write_text(render_page(content, pictures, all_tables(content)), encoding="utf-8")
+    page.write_text(render_page(content, pictures), encoding="utf-8")
     run(str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", f"--print-to-pdf={pdf}", page.as_uri())
     rows = [line.split() for line in run("pdfimages", "-list", str(pdf)).splitlines()[2:]]
     # Pictures that are the same by the byte are one object.

@@ -1,7 +1,8 @@
-"""What every figure of a report keeps, and a figure in one file of the user's own."""
+"""What every figure and section of a report keeps, and each in one file of the user's own."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Generator
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +14,13 @@ from project_case import write_project
 from report_example import bench_experiment, example_content, tpe_result
 from typer.testing import CliRunner
 
-from softcal import ParameterError, load, register_figure
+from softcal import ParameterError, load, register_figure, register_section, write_report
 from softcal.cli import app
 from softcal.report.content import ReportContent
 from softcal.report.figure import FIGURES, ReportFigure, named_figures
 from softcal.report.figures import twin
 from softcal.report.scene_render import Rendering
+from softcal.report.section import SECTIONS, ReportSection
 from softcal.workflows.calibration import calibrate
 
 HISTOGRAM = '''
@@ -37,6 +39,35 @@ def residual_histogram(content):
             axes.hist(fit.simulated[channel] - fit.measured[channel])
             yield Drawing(figure, f"Residuals of {channel} in {name}.", of=f"{channel} {name}")
 '''
+
+
+SECTION = '''
+from softcal import Column, Gallery, Remark, ReportTable, Small, register_section
+
+
+@register_section("Largest residuals", place=45)
+def largest(content):
+    """The largest residual of each channel."""
+    fits = content.headline_result.experiments
+    rows = [
+        (name, channel, float(abs(fit.simulated[channel] - fit.measured[channel]).max()))
+        for name, fit in fits.items()
+        for channel in fit.rmse
+    ]
+    yield f"There are {len(rows)} <channels>."
+    yield Remark("A remark.", "warning")
+    yield Remark("Another one.", "good")
+    yield Gallery()
+    yield ReportTable("largest-residuals", "By channel", (Column("of"), Column("channel"), Column("SI")), tuple(rows))
+    yield Small("Small print.")
+
+
+@register_section("Empty")
+def empty(content):
+    """Nothing but small print."""
+    yield Gallery()
+    yield Small("Small print alone.")
+''' + HISTOGRAM.replace('"fit"', '"largest"')
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +111,54 @@ def test_a_report_without_data_has_fewer_figures(whole: ReportContent, bare: Rep
 
     assert drawn(bare) == {"overview", "force-displacement", "trajectory", "loss", "parameter"}
     assert drawn(whole) == drawn(bare) | {"history", "plausible-modulus"}
+
+
+@pytest.mark.parametrize("name", sorted(SECTIONS))
+def test_a_section_has_a_title_and_tables_of_its_own(name: str, whole: ReportContent, bare: ReportContent) -> None:
+    for content in (whole, bare):
+        tables = SECTIONS[name].tables(content)
+        assert len({table.key for table in tables}) == len(tables)
+    assert SECTIONS[name].title[0].isupper()
+
+
+def test_a_section_of_ones_own_is_in_the_report(tmp_path: Path) -> None:
+    """With its figures, remarks and tables, at its place; one without anything to show is left out."""
+    calibrate(load(write_project(tmp_path / "p")), out=tmp_path / "run")
+    imported(tmp_path / "own_section.py", SECTION)
+    try:
+        paths = write_report(tmp_path / "run", figures=["residual-histogram"])
+    finally:
+        FIGURES.remove("residual-histogram")
+        SECTIONS.remove("largest")
+        SECTIONS.remove("empty")
+    page = paths.page.read_text(encoding="utf-8")
+    titles = re.findall("<h2>(.*)</h2>", page)
+    assert titles.index("Results") < titles.index("Largest residuals") < titles.index("Measurements")
+    assert "Empty" not in titles
+    section = page[page.index("<h2>Largest residuals</h2>") :].partition("</section>")[0]
+    assert "<p>There are 2 &lt;channels&gt;.</p>" in section
+    assert section.count("<ul ") == 1
+    assert re.findall('class="is-(\\w+)"', section) == ["warning", "good"]
+    assert "<figcaption>Residuals of tension in pull.</figcaption>" in section
+    assert section.count("<h3>By channel</h3>") == 1
+    assert "Small print." in section
+    table = (tmp_path / "run" / "tables" / "largest-residuals.csv").read_text(encoding="utf-8").splitlines()
+    assert table[0] == "of,channel,SI"
+    assert len(table) == 3
+
+
+def test_what_is_no_section_is_refused(whole: ReportContent) -> None:
+    def unnamed(content: ReportContent) -> list[str]:
+        return []
+
+    with pytest.raises(ParameterError, match="section unnamed: the section has no title"):
+        register_section(" ")(unnamed)
+    with pytest.raises(ParameterError, match="there is another section of this name"):
+        SECTIONS.add(ReportSection("twin", unnamed, "The twin"))
+    with pytest.raises(ParameterError, match="the first screen of a report is no section"):
+        SECTIONS.add(ReportSection("overview", unnamed, "Overview"))
+    with pytest.raises(ParameterError, match="this is not a section"):
+        SECTIONS.add(whole)  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -130,7 +209,7 @@ def test_what_is_no_figure_is_refused(whole: ReportContent) -> None:
         register_figure("middle")(unexplained)  # type: ignore[arg-type, type-var]
     told = str(error.value)
     assert "figure unexplained: the figure has no description" in told
-    assert "the report has no such section; got 'middle'; allowed: one of 9 names" in told
+    assert "the report has no such section; got 'middle'; allowed: one of 11 names" in told
     with pytest.raises(ParameterError, match="there is another figure of this name"):
         FIGURES.add(ReportFigure("twin", twin.twin, "fit"))
     with pytest.raises(ParameterError, match="this is not a figure"):

@@ -21,11 +21,11 @@ from softcal.experiments.dataset import Dataset
 from softcal.experiments.hysteresis import loops
 from softcal.experiments.steps.cycles import find_cycles
 from softcal.project.project import load
-from softcal.report.all_tables import all_tables
 from softcal.report.conclusions import conclusions
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.cycles import cycle_sentence
 from softcal.report.figures.loops import loops as loops_figure
+from softcal.report.section import all_tables
 from softcal.workflows.calibration import calibrate
 from softcal.workflows.run_folder import calibration_folder
 

@@ -25,7 +25,6 @@ from softcal.calibration.statistics.residuals import ResidualRecord
 from softcal.calibration.statistics.sensitivity import not_included
 from softcal.cli.calibration_table import print_results
 from softcal.report.agreement import agreement_sentences
-from softcal.report.all_tables import all_tables
 from softcal.report.conclusions import verdict
 from softcal.report.content import ReportContent
 from softcal.report.figure import report_pictures
@@ -383,7 +382,7 @@ def test_the_word_agree_is_in_no_other_sentence() -> None:
 
 
 def render(of: ReportContent) -> str:
-    return unescape(render_page(of, [], all_tables(of)))
+    return unescape(render_page(of, []))
 
 
 def test_the_page_shows_rows_bars_and_a_legend() -> None:

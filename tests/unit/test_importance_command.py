@@ -16,9 +16,9 @@ from softcal.analysis.importance import SIMULATIONS
 from softcal.cli import main
 from softcal.cli.commands import importance_command
 from softcal.errors import StorageError
-from softcal.report.all_tables import all_tables
 from softcal.report.figure import report_pictures
 from softcal.report.html import render_page
+from softcal.report.section import all_tables
 from softcal.workflows.importance import IMPORTANCE, INDICES
 from softcal.workflows.reporting import report_content
 from softcal.workflows.run_folder import load_run
@@ -75,7 +75,7 @@ def test_the_report_shows_it_while_the_bounds_are_the_same(studied: Path, tmp_pa
     assert [row[4] is not None for row in table.rows] == [True] * 2 + [False] * 4
     (picture,) = report_pictures(content, ["importance"])
     assert "fANOVA" in picture.caption
-    page = render_page(content, [picture], all_tables(content))
+    page = render_page(content, [picture])
     assert "What decides each output" in page
     assert f"{E} and {SLACK}" in page or "these explain alone" in page
     other = tmp_path / "run"

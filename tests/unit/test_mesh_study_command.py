@@ -17,10 +17,10 @@ import softcal
 from softcal.analysis.mesh_study import UNKNOWNS
 from softcal.cli import main
 from softcal.cli.commands import mesh_study_command
-from softcal.report.all_tables import all_tables
 from softcal.report.figure import report_pictures
 from softcal.report.figures.mesh_study import drawn_parameters
 from softcal.report.html import render_page
+from softcal.report.section import all_tables
 from softcal.workflows.mesh_study import MESH_STUDY, study
 from softcal.workflows.reporting import report_content
 from softcal.workflows.run_folder import load_run
@@ -134,7 +134,7 @@ def test_the_report_of_a_run_tells_its_study(studied: Path, monkeypatch: pytest.
     assert drawn_parameters(replace(content.mesh_study, parameters=held, finer=finer)) == ["bar.youngs_modulus"]
     tables = all_tables(content)
     assert len(tables["mesh-study"].rows) == 2 * len(content.mesh_study.finer)
-    page = render_page(content, [picture], tables)
+    page = render_page(content, [picture])
     assert "What the mesh contributes" in page
     assert "The mesh makes bar.youngs_modulus too low by" in page
 
@@ -156,12 +156,10 @@ def test_a_study_of_other_values_is_not_told_as_this_runs(
     path.write_text(json.dumps(record), encoding="utf-8")
     content = report_content(load_run(copied))
     assert content.mesh_study is None
-    page = render_page(content, [], all_tables(content))
+    page = render_page(content, [])
     assert "is not of the calibrated values" in page
     shutil.rmtree(copied / MESH_STUDY.folder)
-    assert "What the mesh contributes" not in render_page(
-        report_content(load_run(copied)), [], all_tables(report_content(load_run(copied)))
-    )
+    assert "What the mesh contributes" not in render_page(report_content(load_run(copied)), [])
 
 
 @pytest.mark.parametrize("text", ["{", '{"format": 1}', '{"format": 7}'], ids=["broken", "not whole", "other"])

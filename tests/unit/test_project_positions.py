@@ -17,7 +17,7 @@ from softcal.calibration.problem.frame import rotation
 from softcal.cli.app import app
 from softcal.errors import InputError, ProjectFileError
 from softcal.project.project import Project, load
-from softcal.report.all_tables import all_tables
+from softcal.report.section import all_tables
 from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate

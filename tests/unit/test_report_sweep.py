@@ -12,7 +12,6 @@ from sweep_case import FORCES, LENGTH, MODULUS, RATIO, robot, write_sweep
 
 from softcal.errors import InputError
 from softcal.project.project import Project, load
-from softcal.report.all_tables import all_tables
 from softcal.report.comparison import comparison, improvement_table, improvements
 from softcal.report.conclusions import conclusions, verdict
 from softcal.report.content import ReportContent
@@ -203,7 +202,7 @@ def test_the_report_of_a_sweep_has_its_figures_and_page(content: ReportContent):
     pictures = report_pictures(content)
     assert {"error-surfaces", "nominal-and-tuned", "configurations"} <= {picture.name for picture in pictures}
     assert not [picture for picture in pictures if picture.section in ("search", "history")]
-    page = render_page(content, pictures, all_tables(content))
+    page = render_page(content, pictures)
     for words in (
         "softcal sweep report",
         "E and ν swept over 6 cells, judged by cable1 and cable2",
@@ -227,7 +226,7 @@ def test_the_report_of_a_calibration_compares_with_the_nominal_values(calibrated
     assert (found[0].improvement or 0.0) > 1000
     assert calibrated.compared is not None
     assert [one.name for one in calibrated.compared.configurations] == ["Nominal", "Calibrated"]
-    page = render_page(calibrated, pictures, all_tables(calibrated))
+    page = render_page(calibrated, pictures)
     assert "Nominal and calibrated" in page
     assert "softcal calibration report" in page
 

@@ -18,7 +18,6 @@ from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.errors import InputError
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.materials.infill import PrintInfill
-from softcal.report.all_tables import all_tables
 from softcal.report.conclusions import conclusions, verdict
 from softcal.report.content import ExperimentContent, Landscape, ReportContent
 from softcal.report.format import (
@@ -28,6 +27,7 @@ from softcal.report.format import (
     parameters_in_words,
 )
 from softcal.report.html import render_page
+from softcal.report.section import all_tables
 from softcal.report.statement import interval_share
 from softcal.report.tables import (
     errors_table,
@@ -105,7 +105,7 @@ def test_a_report_does_not_speak_of_papers() -> None:
 
 
 def render(content: ReportContent) -> str:
-    return render_page(content, [], all_tables(content))
+    return render_page(content, [])
 
 
 def test_table_two_gives_pitch_in_both_units() -> None:
@@ -188,9 +188,9 @@ def test_several_moduli_are_named_and_have_a_table_of_all() -> None:
     several = {f"spring{k}.youngs_modulus": Estimate(k * 1e8, "Pa", False, 1e7, 1e10, 1e6) for k in (7, 8)}
     content = small_content(parameters=several, importance={})
     assert "E (spring7) = 700.0 ± 1.0 MPa and E (spring8) = 800.0 ± 1.0 MPa" in verdict(content).text
-    assert "spring8.youngs_modulus" in render_page(content, [], all_tables(content))
-    assert "Table I." not in render_page(content, [], all_tables(content))
-    assert "Table I." in render_page(small_content(), [], all_tables(small_content()))
+    assert "spring8.youngs_modulus" in render_page(content, [])
+    assert "Table I." not in render_page(content, [])
+    assert "Table I." in render_page(small_content(), [])
 
 
 def test_identifiability_follows_the_interval_then_the_importance() -> None:

@@ -18,7 +18,6 @@ from report_example import bench_experiment, column_mesh, example_content, neck_
 from softcal.errors import StorageError
 from softcal.experiments.dataset import Dataset, Step
 from softcal.report import check_figures
-from softcal.report.all_tables import all_tables
 from softcal.report.check_figures import draw_check
 from softcal.report.content import Landscape, ReportContent
 from softcal.report.figure import FIGURES, report_pictures
@@ -85,7 +84,7 @@ def test_embedded_pictures_are_the_files(written: ReportPaths) -> None:
 
 def test_labels_from_the_project_are_escaped(content: ReportContent) -> None:
     hostile = replace(content, project_name="<b>neck</b> & co")
-    page = render_page(hostile, [], all_tables(hostile))
+    page = render_page(hostile, [])
     assert "<b>neck" not in page
     assert "&lt;b&gt;neck&lt;/b&gt; &amp; co" in page
 

@@ -18,10 +18,10 @@ from softcal.errors import ParameterError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.experiments.steps.cycles import find_cycles
 from softcal.project.project import load
-from softcal.report.all_tables import all_tables
 from softcal.report.conclusions import conclusions
 from softcal.report.figures.record import record as record_figure
 from softcal.report.html import render_page
+from softcal.report.section import all_tables
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 from softcal.workflows.calibration import calibrate
@@ -232,9 +232,9 @@ def test_the_report_has_peak_and_energy_of_every_cycle() -> None:
     lost = np.array(by_column["Lost in the loop"]) / np.array(by_column["Work of loading"])
     np.testing.assert_allclose(by_column["Lost"], 100 * lost)
     assert np.all(lost > 0.5 * bench_record.HYSTERESIS)
-    assert table.title in render_page(shown, [], all_tables(shown))
+    assert table.title in render_page(shown, [])
     assert not all_tables(given)["cycles"].rows
-    assert table.title not in render_page(given, [], all_tables(given))
+    assert table.title not in render_page(given, [])
 
 
 def test_the_report_holds_record_and_fit_apart() -> None:
@@ -252,11 +252,11 @@ def test_the_report_holds_record_and_fit_apart() -> None:
     rows = [row for row in all_tables(shown)["table-2-errors"].rows if row[1] == name and row[2] == "whole record"]
     assert [row[3:5] for row in rows] == [(0.123, 0.045)]
     assert "whole record" not in all_tables(given)["table-2-errors"].as_csv()
-    page = render_page(shown, [], all_tables(shown))
+    page = render_page(shown, [])
     assert "every sample after the corrections" in page
-    assert "every sample after the corrections" not in render_page(given, [], all_tables(given))
+    assert "every sample after the corrections" not in render_page(given, [])
     failed = replace(given, records={label: {name: RecordFit(None, record, ("shortening",), failure="It folds.")}})
-    assert f"{name}: comparison with the whole record failed: It folds." in render_page(failed, [], all_tables(failed))
+    assert f"{name}: comparison with the whole record failed: It folds." in render_page(failed, [])
 
 
 def test_one_sentence_compares_the_record_with_the_fitted_samples() -> None:

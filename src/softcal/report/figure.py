@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 from softcal.catalogue import Catalogue, FunctionMember
 from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.report.content import ReportContent
 from softcal.report.format import file_stem
+from softcal.report.section import LAST, OVERVIEW, SECTIONS
 from softcal.report.style import encode
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Section = Literal["overview", "compared", "twin", "fit", "record", "bench", "parameters", "mesh", "search"]
-LAST = 100  # of the figures of its section: one of a user's own
 
 
 @displayed
@@ -48,7 +46,7 @@ class Drawing:
     of: str = ""
     shown: Literal["png", "svg"] = "svg"
     note: str = ""
-    section: Section | None = None
+    section: str | None = None
     title: str = ""
 
     @property
@@ -63,7 +61,7 @@ class Picture:
     """A drawing as files: file stem, section of the page, caption, bytes as PNG and SVG; see `Drawing`."""
 
     name: str
-    section: Section
+    section: str
     caption: str
     png: bytes
     svg: bytes
@@ -87,7 +85,7 @@ class ReportFigure(FunctionMember):
         Its place among the figures of its section, from the lowest to the highest.
     """
 
-    section: Section
+    section: str
     place: int = LAST
 
     def pictures(self, content: ReportContent) -> Iterator[Picture]:
@@ -103,7 +101,7 @@ def _faults(figure: ReportFigure, _: Mapping[str, ReportFigure]) -> list[Fault]:
     if not isinstance(figure, ReportFigure):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
         allowed = "what softcal.register_figure returns for a function"
         return [Fault("this is not a figure", "figure", repr(figure)[:60], allowed)]
-    where, sections = f"figure {figure.name}", get_args(Section)
+    where, sections = f"figure {figure.name}", (OVERVIEW, *SECTIONS)
     faults = [] if figure.summary else [Fault("the figure has no description", where, attempt="a docstring")]
     if figure.section not in sections:
         faults.append(unknown("the report has no such section", where, figure.section, sections))
@@ -120,7 +118,7 @@ FIGURES: Catalogue[ReportFigure] = Catalogue(
 F = TypeVar("F", bound=Callable[[ReportContent], Iterable[Drawing]])
 
 
-def register_figure(section: Section, place: int = LAST) -> Callable[[F], F]:
+def register_figure(section: str, place: int = LAST) -> Callable[[F], F]:
     """Add a figure: reports and `softcal report --figures` then accept its name.
 
     A package does the same for every process by an entry point of the group `softcal.figures` that names the function.
@@ -128,7 +126,8 @@ def register_figure(section: Section, place: int = LAST) -> Callable[[F], F]:
     Parameters
     ----------
     section
-        Its section of the page: overview, compared, twin, fit, record, bench, parameters, mesh or search.
+        Its section of the page: overview, compared, twin, fit, record, bench, parameters, mesh, search, or one that
+        `softcal.register_section` added.
     place
         Its place among the figures of the section, from the lowest to the highest; softcal's own have 1 to 3.
 

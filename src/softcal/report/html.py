@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
-from softcal.analysis.importance_verdict import importance_sentences
-from softcal.analysis.mesh_verdict import mesh_verdicts
 from softcal.calibration.results.result import SearchResult
 from softcal.report.closeness import misses_of, worst
 from softcal.report.comparison import improvements
@@ -13,34 +11,21 @@ from softcal.report.conclusions import conclusions, first_screen, verdict
 from softcal.report.content import ReportContent
 from softcal.report.figure import Picture
 from softcal.report.first_screen import budget_note
-from softcal.report.format import material_kinds, number
+from softcal.report.format import number
 from softcal.report.headline import headline
 from softcal.report.page import TEMPLATES, KeyNumber, marks, render
 from softcal.report.positions import MM, places, pooled
+from softcal.report.section import shown_sections
 from softcal.report.statement import legend
-from softcal.report.tables import ReportTable, provenance_rows
-from softcal.twin.parameter_name import parameter_name
 
 
-def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Mapping[str, ReportTable]) -> str:
-    """The page of a report as HTML.
-
-    Parameters
-    ----------
-    content
-        What the report shows.
-    pictures
-        The figures as they are drawn, in order.
-    tables
-        Key -> table.
-    """
-    sections: dict[str, list[Picture]] = {}
+def render_page(content: ReportContent, pictures: Sequence[Picture]) -> str:
+    """The page of a report as HTML, with its figures as they are drawn, in order."""
+    figures: dict[str, list[Picture]] = {}
     for picture in pictures:
-        sections.setdefault(picture.section, []).append(picture)
+        figures.setdefault(picture.section, []).append(picture)
     of = first_screen(content)
     shown, folded = of.shown
-    kinds = [[parameter_name(name).kind for name in result.parameters] for result in content.results.values()]
-    constants = material_kinds(content.results.values())
     return render(
         TEMPLATES / "report.html.j2",
         content=content,
@@ -54,19 +39,8 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
         n_judged=len(of.judged),
         verdict=verdict(content),
         conclusions=conclusions(content),
-        sections=sections,
-        tables=tables,
-        record_failures=[
-            f"{name}: comparison with the whole record failed: {record.failure}"
-            for records in content.records.values()
-            for name, record in records.items()
-            if record.failure
-        ],
-        provenance={name: provenance_rows(e.prepared) for name, e in content.experiments.items()},
-        # Table I of paper A shows each constant of a material once.
-        fits_table_1=all(of_result.count(kind) <= 1 for of_result in kinds for kind in constants),
-        importance_sentences=() if content.importance is None else importance_sentences(content.importance),
-        mesh_verdicts=() if content.mesh_study is None else mesh_verdicts(content.mesh_study),
+        figures=figures,
+        sections=shown_sections(content, figures),
     )
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 from softcal.display import displayed
 from softcal.errors import Fault, StorageError
 from softcal.regular_file import is_inside, write_whole
-from softcal.report.all_tables import all_tables
 from softcal.report.content import ReportContent
 from softcal.report.figure import named_figures, report_pictures
 from softcal.report.html import render_page
+from softcal.report.section import all_tables
 
 Observer = Callable[[str, int, int], None]  # called with what is done next, its number from 0, and how many there are
 
@@ -73,7 +73,7 @@ def write_report(
         files[folder / "tables" / f"{table.key}.csv"] = table.as_csv().encode()
     begin("writing the page", n, n + 1)
     page = folder / "report.html"
-    files[page] = render_page(content, pictures, tables).encode()
+    files[page] = render_page(content, pictures).encode()
     write_files(files)
     notes = tuple(picture.note for picture in pictures if picture.note)
     drawn, csv_files = (tuple(p for p in files if p.parent.name == name) for name in ("figures", "tables"))

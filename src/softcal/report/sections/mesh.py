@@ -1,78 +1,32 @@
-"""Every table of a report, and the tables of its studies."""
+"""What the mesh contributes, by the mesh study of one of the results."""
 
 from __future__ import annotations
 
-from softcal.analysis.importance_verdict import index_text
+from collections.abc import Iterator
+
 from softcal.analysis.mesh_changes import pooled
 from softcal.analysis.mesh_study import MeshStudy
-from softcal.analysis.mesh_verdict import shift_text
+from softcal.analysis.mesh_verdict import mesh_verdicts, shift_text
 from softcal.calibration.results.digits import estimate_text, shown, with_unit
-from softcal.report.comparison import improvement_table
 from softcal.report.content import ReportContent
-from softcal.report.cycles import cycles_table, loops_table
 from softcal.report.format import number, scale_of
-from softcal.report.left_out import left_out_table
-from softcal.report.positions import distances_table
-from softcal.report.tables import (
-    Cell,
-    Column,
-    Known,
-    ReportTable,
-    all_parameters_table,
-    errors_table,
-    failures_table,
-    parameters_table,
-    provenance_table,
-    run_table,
-    stamps_table,
-)
+from softcal.report.section import Block, Gallery, Small, register_section
+from softcal.report.tables import Cell, Column, ReportTable
 
 
-def all_tables(content: ReportContent) -> dict[str, ReportTable]:
-    """Every table of the report by key."""
-    tables = (
-        parameters_table(content),
-        all_parameters_table(content),
-        errors_table(content),
-        distances_table(content),
-        left_out_table(content),
-        loops_table(content),
-        cycles_table(content),
-        improvement_table(content),
-        importance_table(content),
-        *mesh_tables(content),
-        run_table(content),
-        failures_table(content),
-        provenance_table(content),
-        stamps_table(content),
-    )
-    return {table.key: table for table in tables}
-
-
-def importance_table(content: ReportContent) -> ReportTable:
-    """Sobol indices of every output by parameter, beside fANOVA's importances; empty without a study."""
-    study = content.importance
-    rows: list[tuple[Cell, ...]] = []
-    for name, output in {} if study is None else study.outputs.items():
-        for label, first in output.first.items():
-            total = output.total[label]
-            indices = (Known(first.value, index_text(first)), Known(total.value, index_text(total)))
-            by_trials = study.fanova.get(label) if study is not None and name == "loss" else None
-            rows.append((name, label, *indices, by_trials))
-    heads = ("Output", "Parameter", "Alone", "With others", "fANOVA")
-    note = (
-        "Shares of the variance with all parameters uniform within the bounds of the search, on its scale; ± is half "
-        "the 95 % interval. Alone: the first-order Sobol index; with others: the total one. fANOVA, by the trials of "
-        "tpe and grid, explains the loss only."
-    )
-    columns = tuple(Column(head) for head in heads)
-    return ReportTable("importance", "What decides each output (Sobol indices)", columns, tuple(rows), note)
-
-
-def mesh_tables(content: ReportContent) -> tuple[ReportTable, ReportTable]:
-    """Expected estimates on each discretisation, and changes of each channel; empty without a study."""
+@register_section("What the mesh contributes", place=80)
+def mesh(content: ReportContent) -> Iterator[Block]:
+    """The changes on finer meshes, and the estimates expected there."""
     study = content.mesh_study
-    return (_mesh_parameters(study), _mesh_changes(study))
+    if content.mesh_note:
+        yield Small(content.mesh_note, alone=True)
+    if study is not None:
+        yield from mesh_verdicts(study)
+    yield Gallery()
+    yield _mesh_parameters(study)
+    yield _mesh_changes(study)
+    for note in () if study is None else study.notes:
+        yield Small(note)
 
 
 def _mesh_parameters(study: MeshStudy | None) -> ReportTable:

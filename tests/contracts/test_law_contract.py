@@ -1,5 +1,7 @@
 """What every hyperelastic law must keep; a law joins by being in the catalogue."""
 
+import json
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -7,9 +9,10 @@ from hypothesis import strategies as st
 from mechanics_cases import constants
 from scipy.spatial.transform import Rotation
 
+from scripts.law_sources import own_laws
 from softcal.materials.catalogue import LAWS
 from softcal.materials.components import PAIRS, full
-from softcal.materials.law import INVARIANTS, compile_law, stacked
+from softcal.materials.law import INVARIANTS, LAW_SOURCES, compile_law, fingerprint, stacked
 from softcal.materials.stress_at import (
     Deformation,
     Points,
@@ -247,3 +250,31 @@ def test_the_pressure_resists_at_every_ratio(law, part):
 @every_law
 def test_a_law_compiles_once(law):
     assert compile_law(law) is compile_law(law)
+
+
+OWN = own_laws()
+
+
+@pytest.mark.parametrize("law", OWN, ids=lambda law: f"{law.name} {fingerprint(law)[:4]}")
+def test_what_is_written_out_is_what_sympy_derives(law, monkeypatch):
+    """Each function of softcal's own laws, which `python -m scripts.law_sources` writes, at random arguments."""
+    assert fingerprint(law) in json.loads(LAW_SOURCES.read_text(encoding="utf-8"))
+    written = compile_law.__wrapped__(law)
+    monkeypatch.setattr("softcal.materials.law._written_out", lambda: {})
+    derived = compile_law.__wrapped__(law)
+    assert (written.is_simple, written.parameters, written.variables) == (
+        (derived.is_simple, derived.parameters, derived.variables)
+    )
+    values = tuple(constants(law, 2.0, 0.4).values())
+    random = np.random.default_rng(1)
+    near = {"lambda1": 0.0, "lambda2": 0.0, "lambda3": 0.0, "J": 1.0}
+    of = tuple(near.get(name, 3.0) + random.uniform(0.05, 0.2, 4) for name in law.variables)
+    arguments = {name: values for name in ("shear", "bulk", "compressed", "compliance", "shifted")}
+    arguments |= {name: (*of, *values) for name in ("energy", "energy_by_parameter", "rows", "first_by_parameter")}
+    for name, each in {**arguments, "strain": (np.array([0.9, 1.1]),)}.items():
+        for one, other in zip(flat(getattr(written, name)(*each)), flat(getattr(derived, name)(*each)), strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+
+
+def flat(parts):
+    return [leaf for part in parts for leaf in flat(part)] if isinstance(parts, (list, tuple)) else [parts]

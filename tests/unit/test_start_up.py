@@ -137,3 +137,9 @@ print(STEPS["set_noise"].summary, len(FIGURES), len(EXPORTS))
     done = subprocess.run([sys.executable, "-OO", "-c", told], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("set noise ")
+
+
+def test_a_simulation_with_a_law_of_softcals_own_needs_no_sympy(tmp_path: Path):
+    project = write_project(tmp_path / "p")
+    code = f"from softcal import load, simulate\nassert simulate(load({str(project)!r})).succeeded"
+    assert "sympy" not in heavy_after(code)

@@ -15,9 +15,13 @@ soften that, it needs a smaller s (`with_least_shift`).
 from __future__ import annotations
 
 import functools
+import hashlib
+import inspect
+import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -205,18 +209,57 @@ def _with_symbols(law: Law, scope: dict[str, Any]) -> dict[str, Any]:
 
 @functools.cache
 def compile_law(law: Law) -> CompiledLaw:
-    """Differentiate the energy with SymPy and turn the derivatives into NumPy functions; cached.
+    """The derivatives of the energy as NumPy functions: those of softcal's own laws as they were written out beforehand
+    (`LAW_SOURCES`), of any other law by SymPy; cached.
 
     Raises
     ------
     InputError
         Where a derivative is not a finite real function, or takes too long to work out.
     """
-    with limited(f"law {law.name}, distortional"):
-        return _compiled(law)
+    source = _written_out().get(fingerprint(law))
+    if source is None:
+        with limited(f"law {law.name}, distortional"):
+            source = law_source(law)
+    functions = {name: _function(text) for name, text in source.items()}
+    is_simple = functions.pop("is_simple")()
+    return CompiledLaw(parameters=law.names, variables=law.variables, is_simple=is_simple, **functions)
 
 
-def _compiled(law: Law) -> CompiledLaw:
+LAW_SOURCES = Path(__file__).with_name("law_sources.json")
+"""The functions of softcal's own laws, written by `python -m scripts.law_sources`."""
+
+
+@functools.cache
+def _written_out() -> dict[str, dict[str, str]]:
+    return json.loads(LAW_SOURCES.read_text(encoding="utf-8"))
+
+
+def fingerprint(law: Law) -> str:
+    """A hash of all that the functions of a law are made of."""
+    symbols = [parameter.symbol for parameter in law.parameters]
+    texts = (symbols, list(law.symbols.items()), law.distortional, law.volumetric_strain, law.bulk, law.shifted)
+    return hashlib.sha256(repr(texts).encode()).hexdigest()[:32]
+
+
+def _function(source: str) -> Callable[..., Any]:
+    """A function of NumPy's arrays by its source."""
+    scope = dict(vars(np))
+    exec(source, scope)
+    return scope[SOURCE_NAME]
+
+
+SOURCE_NAME = "_lambdifygenerated"  # SymPy's, of a function that it makes
+
+
+def law_source(law: Law) -> dict[str, str]:
+    """The sources of a law's functions, differentiated by SymPy: those of `CompiledLaw`, and `is_simple`.
+
+    Raises
+    ------
+    InputError
+        Where a derivative is not a finite real function.
+    """
     import sympy
 
     letters, variables, scope = _scope(law)
@@ -239,18 +282,17 @@ def _compiled(law: Law) -> CompiledLaw:
                 raise InputError(replace(_not_finite(law, what, psi_d), where=f"law {law.name}, {what}"))
         return expression
 
-    def function(what: str, args: list[Any], expression: Any) -> Callable[..., Any]:
-        return sympy.lambdify(args, finite(what, expression), modules="numpy", cse=True)
+    def function(what: str, args: list[Any], expression: Any) -> str:
+        return inspect.getsource(sympy.lambdify(args, finite(what, expression), modules="numpy", cse=True))
 
-    def of_energy(args: list[Any], expression: Any) -> Callable[..., Any]:
+    def of_energy(args: list[Any], expression: Any) -> str:
         return function("distortional", args, expression)
 
     shear, bulk = _shear_at_rest(psi_d, variables), _bulk_at_rest(psi_d, variables)
     slope_at_rest = finite("volumetric_strain", g.diff(volume).subs(volume, 1))
-    return CompiledLaw(
-        parameters=law.names,
-        variables=law.variables,
-        is_simple=law.variables == INVARIANTS and not any([psi_d.diff(variables["I2"]), *second[:-1]]),
+    is_simple = law.variables == INVARIANTS and not any([psi_d.diff(variables["I2"]), *second[:-1]])
+    return dict(
+        is_simple=inspect.getsource(sympy.lambdify([], is_simple)),
         strain=function("volumetric_strain", [volume], [g, g.diff(volume), g.diff(volume, 2)]),
         bulk=function("bulk", theta, kappa),
         compliance=function("bulk", theta, [1 / kappa, [(1 / kappa).diff(t) for t in theta]]),

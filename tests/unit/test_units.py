@@ -10,7 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from softcal.errors import UnitError
-from softcal.units import SI_UNITS, format_quantity, format_range, parse_quantity, plain, readable_unit, unit_factor
+from softcal.units import (
+    FREQUENT,
+    SI_UNITS,
+    by_pint,
+    format_quantity,
+    format_range,
+    parse_quantity,
+    plain,
+    readable_unit,
+    unit_factor,
+)
 from tests.strategies import numbers
 
 
@@ -133,3 +143,8 @@ def test_a_range_is_told_as_it_was_written():
     assert format_range(0.0, 3e-3, "m") == "0 to 3 mm"
     assert format_range(-math.radians(2), math.radians(12), "rad") == "-2 to 12 deg"
     assert format_range(0.3, 0.49999, "1") == "0.3 to 0.49999"
+
+
+@pytest.mark.parametrize(("dimension", "unit"), [(of, unit) for of, units in FREQUENT.items() for unit in units])
+def test_frequent_units_are_as_pint_has_them(dimension, unit):
+    assert by_pint(unit) == (FREQUENT[dimension][unit], dimension)

@@ -16,6 +16,7 @@ from softcal.errors import Fault, InputError
 from softcal.materials.inelastic import History
 from softcal.materials.parameter import Parameter, complete
 from softcal.quantities import Density
+from softcal.twin.parameter_name import parameter_name
 from softcal.twin.part import NamedPart
 
 
@@ -38,7 +39,7 @@ class Material(NamedPart):
 
     @property
     def _own_name(self) -> str:
-        return self.name.rpartition(".")[2]
+        return parameter_name(self.name).kind
 
 
 class Deformable(Protocol):

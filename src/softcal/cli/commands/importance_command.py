@@ -41,15 +41,16 @@ def importance(
 
     By SALib on a surrogate of the twin through some hundred trajectories, which is checked at others.
     """
-    from softcal.workflows.importance import IMPORTANCE, study_importance
     from softcal.workflows.output import require_free_folder
     from softcal.workflows.study_source import default_folder, study_source
+
+    studied = study_source(source, parsed_values(values), calibration)
+    from softcal.workflows.importance import IMPORTANCE, study_importance
 
     default = default_folder(source, IMPORTANCE.folder)
     folder = out if out is not None else default
     if folder is not None:
         require_free_folder(folder)
-    studied = study_source(source, parsed_values(values), calibration)
     print_warnings(studied.project.warnings if not source.is_dir() else ())
     with executor_told(on, workers) as executor, clock() as show:
         study = study_importance(

@@ -49,14 +49,15 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
 
     No mesher is needed: every tet is divided into eight, linear tets become quadratic, rod elements are halved.
     """
-    from softcal.workflows.mesh_study import MESH_STUDY, study
     from softcal.workflows.output import require_free_folder
     from softcal.workflows.study_source import default_folder, study_source
+
+    studied = study_source(source, parsed_values(values), calibration)
+    from softcal.workflows.mesh_study import MESH_STUDY, study
 
     folder = out if out is not None else default_folder(source, MESH_STUDY.folder)
     if folder is not None:
         require_free_folder(folder)
-    studied = study_source(source, parsed_values(values), calibration)
     print_warnings(studied.project.warnings if not source.is_dir() else ())
     with executor_told(on, workers) as executor, _bars() as show:
         result = study(

@@ -14,7 +14,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
 SOURCE = Path(__file__).parents[1] / "src" / "softcal"
@@ -84,8 +84,32 @@ class Module:
 
     @cached_property
     def without_parameters(self) -> list[str]:
-        """Public functions of public names with three arguments or more and no section `Parameters`."""
-        return [f"{self.path.relative_to(SOURCE)}: {name}" for name, one in _public(self.tree) if _is_short(one)]
+        """Public functions of public names with three arguments or more and no section `Parameters`, nor the same method
+        of a base class one.
+        """
+        return [
+            f"{self.path.relative_to(SOURCE)}: {name}"
+            for name, one in _public(self.tree)
+            if _is_short(one) and one.name not in _documented(name.rpartition(".")[0].rpartition(".")[2])
+        ]
+
+
+@cache
+def _classes() -> dict[str, ast.ClassDef]:
+    trees = (ast.parse(path.read_text(encoding="utf-8")) for path in SOURCE.rglob("*.py"))
+    return {one.name: one for tree in trees for one in ast.walk(tree) if isinstance(one, ast.ClassDef)}
+
+
+@cache
+def _documented(name: str) -> frozenset[str]:
+    """Methods of a class and of its bases that have a section `Parameters`."""
+    if name not in _classes():
+        return frozenset()
+    one = _classes()[name]
+    methods = (part for part in one.body if isinstance(part, ast.FunctionDef))
+    own = {part.name for part in methods if "Parameters\n" in (ast.get_docstring(part) or "")}
+    bases = (base.value if isinstance(base, ast.Subscript) else base for base in one.bases)
+    return frozenset(own).union(*(_documented(base.id) for base in bases if isinstance(base, ast.Name)))
 
 
 def _public(tree: ast.Module | ast.ClassDef, before: str = "") -> Iterator[tuple[str, ast.FunctionDef]]:

@@ -6,8 +6,8 @@ from scripts.house import floors, house
 
 # Figure -> its limit at present, and its goal. A change that lowers a figure lowers the limit.
 LIMITS = {
-    "lines": (95_700, 73_000),
-    "lines of the core": (77_920, 50_000),
+    "lines": (95_640, 73_000),
+    "lines of the core": (77_860, 50_000),
     "private helpers called once": (686, 400),
     "files below 60 lines": (114, 80),
     "share of imports [%]": (8.2, 7.0),

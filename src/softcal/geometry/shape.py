@@ -95,17 +95,7 @@ class PrimitiveShape(BodyShape):
         return {name: getattr(self.primitive, name) for name in self.primitive.lengths}
 
     def moved(self, mesh: TetMesh, fixed: Ints, values: Mapping[str, float]) -> tuple[Floats, Self]:
-        """As `BodyShape.moved`; the nodes follow the primitive's map.
-
-        Parameters
-        ----------
-        mesh
-            The mesh [m].
-        fixed
-            Numbers (k,) of the fixed nodes.
-        values
-            Lengths [m] or factors [-], by the name of the parameter.
-        """
+        """As `BodyShape.moved`; the nodes follow the primitive's map."""
         other = self.primitive.with_lengths(values)
         (radii, heights), (new_radii, new_heights) = self.primitive.knots, other.knots
         pose = self.placement.pose
@@ -163,17 +153,7 @@ class DrawnShape(BodyShape):
         return asdict(self)
 
     def moved(self, mesh: TetMesh, fixed: Ints, values: Mapping[str, float]) -> tuple[Floats, Self]:
-        """As `BodyShape.moved`; the mesh is scaled, and its surface offset.
-
-        Parameters
-        ----------
-        mesh
-            The mesh [m].
-        fixed
-            Numbers (k,) of the fixed nodes.
-        values
-            Lengths [m] or factors [-], by the name of the parameter.
-        """
+        """As `BodyShape.moved`; the mesh is scaled, and its surface offset."""
         other, points = replace(self, **values), mesh.points
         offset = other.wall_offset - self.wall_offset
         centre = points[fixed if len(fixed) else slice(None)]

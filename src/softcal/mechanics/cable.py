@@ -142,17 +142,7 @@ class CableTerm(ActuatorTerm):
         return self.rest_length - self.lengths(x)
 
     def shape_gradient(self, x: Floats, i: int, size: int) -> Floats:
-        """Gradient of a cable's shortening without stretch, on all entities (size,) [-].
-
-        Parameters
-        ----------
-        x
-            Positions of the points (n_points, 3) [m].
-        i
-            Number of the cable.
-        size
-            Number of the entities' components.
-        """
+        """Gradient of a cable's shortening without stretch, on all entities (size,) [-]."""
         return -self.segments.gradient(self.segments.shape(x), (self.cable == i).astype(np.float64), size)
 
     def transmission(self, given: Given) -> Tensions | None:
@@ -165,36 +155,12 @@ class CableTerm(ActuatorTerm):
         return geometric if transmission is None else geometric + transmission.stretch
 
     def add_forces(self, given: Given, effort: Floats, into: Sum, transmission: Tensions | None) -> None:
-        """Add the forces of the segments and, where `into` has `data`, their tangent at fixed tensions.
-
-        Parameters
-        ----------
-        given
-            The arguments of the term.
-        effort
-            Tensions at the pulled ends (n_cables,) [N].
-        into
-            The sum.
-        transmission
-            The tensions along the cables; None: each is the same all along its cable.
-        """
+        """Add the forces of the segments and, where `into` has `data`, their tangent at fixed tensions."""
         tension = effort[self.cable] if transmission is None else self._by_segment(transmission.segments)
         self.segments.pull(self._at(given).shape, tension, into.full, into.data)
 
     def drives(self, given: Given, which: Ints, size: int, transmission: Tensions | None) -> Drives:
-        """The borders of some cables: d gradient / d tension, and less d shortening / d the unknowns and / d tension.
-
-        Parameters
-        ----------
-        given
-            The arguments of the term.
-        which
-            Numbers of the cables (k,).
-        size
-            Number of the entities' components.
-        transmission
-            The tensions along the cables; None: each is the same all along its cable.
-        """
+        """The borders of some cables: d gradient / d tension, less d shortening / d the unknowns and / d tension."""
         if transmission is None:
             return super().drives(given, which, size, None)
         along, slopes = transmission, transmission.course.slopes
@@ -215,15 +181,6 @@ class CableTerm(ActuatorTerm):
     def add_transmission(self, into: Sum, given: Given, transmission: Tensions) -> None:
         """The tensions change with the angles and slips at the via points: for each segment that moves a column, its
         force, and a row, the gradient of the logarithm of its tension.
-
-        Parameters
-        ----------
-        into
-            The sum.
-        given
-            The arguments of the term.
-        transmission
-            What `transmission` returned there.
         """
         along = transmission
         if len(changing := along.changing) == 0:
@@ -333,36 +290,14 @@ class CableTerm(ActuatorTerm):
         return self.tensions(given).plastic_slip[self._inner] if self.remembers.any() else given.memory
 
     def add_by_memory(self, into: Sum, given: Given, rate: Floats) -> None:
-        """Add d gradient / d memory times a rate of the memory; nothing where no friction has one.
-
-        Parameters
-        ----------
-        into
-            The sum.
-        given
-            The arguments of the term.
-        rate
-            Rates of the plastic slips at the inner via points (n_inner,).
-        """
+        """Add d gradient / d memory times a rate of the memory; nothing where no friction has one."""
         if self.remembers.any():
             along = self.tensions(given)
             rho = along.respond(-(along.by_slip * self._slips(rate))[:, None])[:, 0]
             self._add_rates(into, given, along, rho, 0, 0.0)
 
     def advance_rate(self, given: Given, parameter: str, rate: State, memory_rate: Floats) -> Floats:
-        """The derivative of the plastic slips that the state leaves (n_inner,), by a parameter.
-
-        Parameters
-        ----------
-        given
-            The arguments of the term.
-        parameter
-            Its dotted name.
-        rate
-            Derivatives of the state's arrays.
-        memory_rate
-            Derivatives of the plastic slips before (n_inner,).
-        """
+        """The derivative of the plastic slips that the state leaves (n_inner,), by a parameter."""
         if not self.remembers.any():
             return memory_rate
         x, along, order, before = given.state.x, self.tensions(given), self.order, self._slips(memory_rate)

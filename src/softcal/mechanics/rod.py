@@ -150,34 +150,12 @@ class RodTerm(Term):
         return self._passed(given).respond(tangent=False).memory.ravel()
 
     def add_by_memory(self, into: Sum, given: Given, rate: Floats) -> None:
-        """Add d gradient / d memory times a rate of the memory; nothing without a history.
-
-        Parameters
-        ----------
-        into
-            The sum.
-        given
-            The arguments of the term.
-        rate
-            Rates of the history's memory in the elements (n * size,).
-        """
+        """Add d gradient / d memory times a rate of the memory; nothing without a history."""
         if self.history.parts:
             self._add_stress(into, given, self._passed(given).rates(memory=rate)[0])
 
     def advance_rate(self, given: Given, parameter: str, rate: State, memory_rate: Floats) -> Floats:
-        """The derivative of the memory in the elements that the state leaves, by a parameter.
-
-        Parameters
-        ----------
-        given
-            The arguments of the term.
-        parameter
-            Its dotted name.
-        rate
-            Derivatives of the state's arrays.
-        memory_rate
-            Derivatives of the memory before (n * size,).
-        """
+        """The derivative of the memory in the elements that the state leaves, by a parameter."""
         if not self.history.parts:
             return memory_rate
         strain = self._coordinate_rates(given.state, rate)

@@ -250,35 +250,13 @@ class SolidTerm(Term):
         return self._passed(given).respond(tangent=False).memory.ravel()
 
     def add_by_memory(self, into: Sum, given: Given, rate: Floats) -> None:
-        """Add d gradient / d memory times a rate of the memory; nothing without a history.
-
-        Parameters
-        ----------
-        into
-            The sum.
-        given
-            The arguments of the term.
-        rate
-            Rates of the history's memory at the quadrature points (n_tets * n_q * size,).
-        """
+        """Add d gradient / d memory times a rate of the memory; nothing without a history."""
         if self.history.parts:
             S, _ = self._passed(given).rates(memory=rate)
             solid_kernels.add_stress_gradient(into.full, self.conn, self.dN, self.w, given.known[0], S)
 
     def advance_rate(self, given: Given, parameter: str, rate: State, memory_rate: Floats) -> Floats:
-        """The derivative of the memory at the quadrature points that the state leaves, by a parameter.
-
-        Parameters
-        ----------
-        given
-            The arguments of the term.
-        parameter
-            Its dotted name.
-        rate
-            Derivatives of the state's arrays.
-        memory_rate
-            Derivatives of the memory before (n_tets * n_q * size,).
-        """
+        """The derivative of the memory at the quadrature points that the state leaves, by a parameter."""
         if not self.history.parts:
             return memory_rate
         dF = np.empty_like(given.known[0])

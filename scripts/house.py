@@ -84,8 +84,8 @@ class Module:
 
     @cached_property
     def without_parameters(self) -> list[str]:
-        """Public functions of public names with three arguments or more and no section `Parameters`, nor the same method
-        of a base class one.
+        """Public functions of public names with three arguments or more and no section `Parameters`, nor the same
+        method of a base class one.
         """
         return [
             f"{self.path.relative_to(SOURCE)}: {name}"

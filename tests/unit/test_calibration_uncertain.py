@@ -20,7 +20,7 @@ from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.run import calibrate
 from softcal.calibration.statistics.estimator import estimator
 from softcal.calibration.statistics.sensitivity import local_statistics
-from softcal.errors import InputError
+from softcal.errors import InputError, ParameterError
 from softcal.experiments.dataset import Channel
 
 GAIN = "front.tension_gain"
@@ -117,11 +117,15 @@ def test_a_pattern_stands_for_independent_errors_and_of_ties_them() -> None:
     assert uncertain(forces) == [("forces", "forces", (GAIN, "front.friction_coefficient"))]
 
 
+def test_a_standard_deviation_of_zero_is_refused() -> None:
+    with pytest.raises(ParameterError, match="the standard deviation must be above zero"):
+        UncertainParameter(GAIN, "1", 0.0)
+
+
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
         (UncertainParameter("front.gain", "1", SD), "there is no such parameter"),
-        (UncertainParameter(GAIN, "1", 0.0), "the standard deviation must be above zero"),
         (UncertainParameter(GAIN, "N", SD), "the unit is not the parameter's"),
         (UncertainParameter(E, "Pa", 1e5), "uncertain and free at once"),
         (UncertainParameter("noise", "1", SD, of=(GAIN,)), "the name is that of a source of error"),

@@ -24,8 +24,8 @@ from softcal.project.project import load
 from softcal.report.write import ReportPaths
 from softcal.twin.response import Response
 from softcal.twin.simulate import simulate as simulate_robot
+from softcal.workflows import calibrated_shapes, reporting
 from softcal.workflows import calibration as calibrating
-from softcal.workflows import furthest, reporting
 from softcal.workflows.run_folder import load_run
 from softcal.workflows.simulation import pull, simulate
 
@@ -202,7 +202,12 @@ def test_shapes_are_solved_once_for_the_warnings_and_the_report(
 ):
     home = shutil.copytree(finished, tmp_path / "home")
     solved: list[Response] = []
-    monkeypatch.setattr(furthest, "simulate", lambda *a, **k: solved.append(simulate_robot(*a, **k)) or solved[-1])
+
+    def counted(*args: object, **options: object) -> Response:
+        solved.append(simulate_robot(*args, **options))
+        return solved[-1]
+
+    monkeypatch.setattr(calibrated_shapes, "simulate_robot", counted)
     monkeypatch.setattr(reporting, "write_content", lambda content, out, **_: ReportPaths(out, (), ()))
     code, _, err = run(capsys, "calibrate", home / "p" / "project.yaml", "--out", home / "run", "--resume")
     assert code == 0, err

@@ -6,7 +6,7 @@ from rod_cases import at_rest, modulus, on_own_frames
 from scipy.spatial.transform import Rotation
 
 from softcal.errors import MeshError
-from softcal.geometry.centreline import helix, straight
+from softcal.geometry.centreline import Centreline, helix, straight
 from softcal.geometry.section import RoundBar
 from softcal.mechanics import rotation_kernels
 from softcal.mechanics.rod import build_rod
@@ -43,8 +43,11 @@ def test_too_few_elements_around_a_coil_are_refused():
         return helix((0, 0, 0), (0, 0, 1), diameter=1.0, pitch=0.1, turns=1.0, at=n)
 
     on_own_frames(RoundBar(0.1), coil(4))
+    fine = coil(6)
     with pytest.raises(MeshError, match=r"turns too much .* more elements"):
-        on_own_frames(RoundBar(0.1), coil(3))
+        on_own_frames(RoundBar(0.1), Centreline(fine.nodes[::2], fine.triads[::2], fine.lengths[::2] * 2.0))
+    with pytest.raises(MeshError, match="a helix is too coarse for its turns; got 3 elements in a turn"):
+        coil(3)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-5, 0.3, 0.999999, 1.000001, 2.0, 3.1, np.pi - 1e-9, np.pi])

@@ -26,7 +26,7 @@ def test_the_isochoric_law_is_calibrated_with_end_to_end(tmp_path: Path) -> None
     (body,) = project.robot.bodies
     assert body.law == "neo-hooke-isochoric"
     pulled = Protocol({"front": Command("shortening", np.linspace(0.0, 0.01, 5))})
-    other = load(with_law(tmp_path, "neo-hooke")).robot
+    other = load(with_law(tmp_path / "other", "neo-hooke")).robot
     tensions = [simulate(robot, pulled).channels["front.tension"][-1] for robot in (project.robot, other)]
     # Alike in the small, and not the same law.
     assert tensions[0] == pytest.approx(tensions[1], rel=0.05)

@@ -104,8 +104,6 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
         For a sensor of a marker, plate or cable that the robot does not have.
     """
     require_sensors(robot)
-    if robot.contact is None:
-        _require_ground(robot)
     frames = number_frames(robot)
     builder = _Points()
     meshes: dict[str, TetMesh] = {}
@@ -387,21 +385,12 @@ def _riders(body: Body, mesh: TetMesh, robot: Robot, frame: dict[str, int]) -> I
                 )
             )
         rider[nodes] = TIED
+    lies_loose = np.all(rider == FREE) and all(tie.on != body.name for tie in robot.ties)
+    if lies_loose and robot.contact is None:
+        raise MeshError(
+            Fault("the body is not attached: no node is fixed or tied to a plate or another body", where=body.name)
+        )
     return rider
-
-
-def _require_ground(robot: Robot) -> None:
-    """Refuse a robot of which a part moves as a whole, whose cables would pull it along."""
-    links = [(tie.body, tie.on) for tie in robot.ties]
-    links += [(plate.name, body) for plate in robot.plates for body in plate.nodes]
-    links += [(rod.name, plate) for rod in robot.rods for plate in rod.clamped]
-    ground = {part.name for part in robot.deformable if len(part.fixed)} | {p.name for p in robot.plates if p.fixed}
-    while more := {name for link in links if ground.intersection(link) for name in link} - ground:
-        ground |= more
-    what = "is not attached: no node of it is fixed, nor of what it is tied to"
-    loose = [part for part in robot.deformable if part.name not in ground]
-    if loose:
-        raise MeshError([Fault(f"the {type(part).__name__.lower()} {what}", where=part.name) for part in loose])
 
 
 def _motion(body: Body, mesh: TetMesh, rider: Ints, first: int) -> MeshMotion | None:

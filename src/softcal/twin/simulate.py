@@ -96,10 +96,19 @@ def simulate(
 
 
 def statics_faults(robot: Robot, values: Mapping[str, float]) -> list[Fault]:
-    """Why a robot has no statics at values [SI] of its parameters: a name or value that it cannot have, or friction of
-    contact.
+    """Why a robot has no statics at values [SI] of its parameters: a name or value that it cannot have, a part that is
+    not attached, so that its cables would pull it along, or friction of contact.
     """
     faults = value_faults(robot_parameters(robot), values)
+    links = [(tie.body, tie.on) for tie in robot.ties]
+    links += [(plate.name, body) for plate in robot.plates for body in plate.nodes]
+    links += [(rod.name, plate) for rod in robot.rods for plate in rod.clamped]
+    ground = {part.name for part in robot.deformable if len(part.fixed)} | {p.name for p in robot.plates if p.fixed}
+    while more := {name for link in links if ground.intersection(link) for name in link} - ground:
+        ground |= more
+    if robot.contact is None:
+        what = "the part is not attached: no node of it is fixed, nor of what it is tied to"
+        faults += [Fault(what, where=part.name) for part in robot.deformable if part.name not in ground]
     if robot.contact is not None and robot.contact.friction_coefficient > 0.0:
         faults.append(
             Fault(

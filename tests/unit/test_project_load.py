@@ -279,3 +279,10 @@ def test_copies_stand_in_for_the_files(tmp_path: Path):
     project = load(moved / "project.yaml", copies={"bar.msh": "mesh.msh", "data/pull.csv": "table.csv"})
     assert project.hashes == load(path).hashes
     assert project.robot.bodies[0].parameters["youngs_modulus"] != MODULUS
+
+
+@pytest.mark.parametrize("step", ["set_noise: {channel: tension, sigma: 1 N}", "estimate_noise: tension"])
+def test_a_noise_that_is_stated_twice_is_refused(tmp_path: Path, step: str):
+    path = write_project(tmp_path, ("    noise: {tension", f"    prepare:\n      - {step}\n    noise: {{tension"))
+    (fault,) = faults_of(path)
+    assert "experiments.pull.noise.tension: the noise of a channel is stated twice; got tension" in fault

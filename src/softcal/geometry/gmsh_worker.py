@@ -366,7 +366,8 @@ def generate(gmsh: Any, job: dict[str, Any], size: float, algorithm: int, passes
         set_grading(gmsh, job["refine"], size)
     gmsh.model.mesh.generate(dimension(job))
     if count_tets(gmsh, job) == 0:
-        raise JobError("Gmsh made no tetrahedra", got=gmsh.logger.getLastError())
+        attempt = "one closed surface: join bodies that touch, mesh others as bodies of their own, and close what is open"
+        raise JobError("Gmsh made no tetrahedra", got=gmsh.logger.getLastError(), attempt=attempt)
     for method in passes:
         gmsh.model.mesh.optimize(method)
 

@@ -20,7 +20,7 @@ from softcal.experiments.prepare import PlannedStep
 from softcal.experiments.read import read_table
 from softcal.experiments.step import STEPS
 from softcal.experiments.steps.branches import BRANCH_STEP
-from softcal.experiments.steps.noise import set_noise
+from softcal.experiments.steps.noise import NOISE_STEPS, set_noise
 from softcal.experiments.steps.pulleys import correct_pulley_friction
 from softcal.experiments.synchronise import clock_warning, synchronise
 from softcal.project.bench_names import (
@@ -107,6 +107,9 @@ def build_bench(
             if len(findings.faults) == n_faults:
                 prepared.apply(step)
     for channel, (key, sigma) in noise.items():
+        if any(step.name in NOISE_STEPS and step.settings.get("channel") == channel for step in steps):
+            allowed = "a step in prepare, or noise"
+            findings.add((*path, "noise", key), "the noise of a channel is stated twice", got=channel, allowed=allowed)
         with findings.at((*path, "noise", key)):
             prepared.now = set_noise(prepared.now, channel, sigma)
     with findings.at(path):

@@ -72,7 +72,7 @@ REFUSED: dict[str, tuple[bytes | str, str]] = {
     ),
     "names with blanks between white space": (
         "Load cell [N] Time [s] Force [N]\n0 1 2\n1 2 5\n",
-        r"line 2: 2 row\(s\) have fewer fields .* names with blanks between quotes",
+        r"line 2: 2 row\(s\) have fewer fields .* quotes around names with blanks",
     ),
     "a workbook": (b"PK\x03\x04" + bytes(300), "not text; got an archive.*save the sheet as CSV"),
     "an archive": (b"PK\x03\x04" + bytes(range(255, 0, -1)) * 20, "bench.csv"),

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from softcal.errors import MeshError, StorageError, UnitError
+from softcal.geometry.generate import mesh_file
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quality import require_sound
@@ -156,6 +157,16 @@ def test_gmsh_groups_of_one_name_unnamed_groups_and_tets_in_two_groups(tmp_path)
     assert sorted(mesh.face_sets["neck"][0].tolist()) == [0, 1, 2]
     assert sorted(mesh.face_sets["9"][0].tolist()) == [0, 1, 3]
     require_sound(mesh)
+
+
+def test_a_large_number_of_a_node_takes_no_memory(tmp_path):
+    path = tmp_path / "neck.msh"
+    path.write_text(
+        MSH.replace("4 0 0 1", "4000000000000 0 0 1")
+        .replace(" 1 1 4\n", " 1 1 4000000000000\n")
+        .replace(" 4\n", " 4000000000000\n")
+    )
+    assert read_mesh(path).n_tets == 1
 
 
 def test_a_group_whose_sense_gmsh_turned_keeps_its_name(tmp_path):
@@ -306,6 +317,7 @@ def flagged(**data):
         ("few.msh", MSH.replace("$Elements\n5", "$Elements\n4"), r"got 5 lines in \$Elements, which states 4"),
         ("fewer.msh", MSH.replace("$Nodes\n4", "$Nodes\n3"), r"got 4 lines in \$Nodes, which states 3"),
         ("again.msh", MSH.replace("$Nodes\n4", "$Nodes\n5\n4 9 9 9"), "got number 4 of two nodes"),
+        ("back.msh", MSH4.replace("3 1 4 2\n2 1 2 3 4", "3 1 4 -1\n2 1 2 3 4"), r"got -1 entries of \$Elements"),
         ("zero.msh", MSH.replace("7 1 1 2 3 4", "7 1 1 2 3 0"), "got number 0 under tetra cells, which no node has"),
         ("row.msh", MSH.replace("7 1 1 2 3 4", "7 1 1 2 3"), "got '5 4 2 7 1 1 2 3', in the place of the 9 numbers of"),
         ("long.msh", MSH.replace("7 1 1 2 3 4", "7 1 9 1 2 3 4"), "got '5 4 2 7 1 9 1 2 3 4', in the place of the 9"),
@@ -469,3 +481,22 @@ header_type="UInt64" compressor="{compressor}"><UnstructuredGrid><Piece NumberOf
     told, kilobytes = done.stdout.splitlines()
     assert "reading this takes more than a mesh in a file of this size does; got more than 5" in told
     assert int(kilobytes) < 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("corner", "message"),
+    [(3.0, "made no tetrahedra.*Try: one closed surface: join"), (0.5, "could not mesh this.*Try: unite bodies that")],
+)
+def test_a_surface_of_two_bodies_is_refused_with_advice(tmp_path, corner, message):
+    faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    unit = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
+    lines = ["solid two"]
+    for cube in (unit, unit + corner):
+        for i, j, k, m in faces:
+            for facet in ((i, j, k), (i, k, m)):
+                corners = ["vertex " + " ".join(map(str, cube[n])) for n in facet]
+                lines += ["facet normal 0 0 0", "outer loop", *corners, "endloop", "endfacet"]
+    path = tmp_path / "two.stl"
+    path.write_text("\n".join([*lines, "endsolid two"]))
+    with pytest.raises(MeshError, match=message):
+        mesh_file(path, unit="mm", size=5e-4)

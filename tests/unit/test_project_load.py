@@ -296,7 +296,9 @@ def test_a_backlash_that_is_never_taken_up_is_refused(tmp_path: Path):
 
 
 def test_axes_without_a_quaternion_are_refused(tmp_path: Path):
-    (fault,) = faults_of(write_project(tmp_path, ("        columns:\n", "        axes: [y, -x, z]\n        columns:\n")))
+    (fault,) = faults_of(
+        write_project(tmp_path, ("        columns:\n", "        axes: [y, -x, z]\n        columns:\n"))
+    )
     assert "files[0].axes: axes turn quaternions alone, and no column is of one; got y, -x, z" in fault
 
 

@@ -228,7 +228,7 @@ def unit_of_column(
     where = f"{table.path}, line {table.header_line}, column '{header}'"
     in_row, in_name = bare_unit(table.unit_cells[place]), split_header(header)[1] or ""
     in_file = in_row or in_name or None
-    factors = {u: unit_factor(u, si_unit) for u in (in_row, in_name) if is_unit_of(u, si_unit)}
+    factors = {u: unit_factor(u, si_unit) for u in (in_row, in_name) if u and is_unit_of(u, si_unit)}
     if len(factors) == 2 and not np.isclose(*factors.values(), rtol=1e-9):
         got, attempt = f"'{in_name}' in the name, '{in_row}' in the row below", "correct the file"
         faults.append(Fault("the file names two units of this column", where, got, attempt=attempt))

@@ -25,7 +25,14 @@ _FLOOR = 0.1  # share of the force's range that still counts as slack
 
 def check_plausible(dataset: Dataset) -> tuple[str, ...]:
     """One sentence for each suspected wrong unit, sign or column; empty if there is none."""
-    return (*_units(dataset), *_stiffness(dataset), *_ranges(dataset), *_swing(dataset), *_time(dataset), *_repeated(dataset))
+    return (
+        *_units(dataset),
+        *_stiffness(dataset),
+        *_ranges(dataset),
+        *_swing(dataset),
+        *_time(dataset),
+        *_repeated(dataset),
+    )
 
 
 def copies(datasets: Mapping[str, Dataset], compared: Mapping[str, Sequence[str]]) -> dict[str, str]:

@@ -124,7 +124,9 @@ def _doubled_labels(table: Table, place: int, held: Columns) -> list[Fault]:
     if nameless := [i for i, text in enumerate(held.labels) if not text]:
         where = line_numbers(held.lines[nameless[:N_NAMED]].tolist(), len(nameless))
         where = f"{table.path}, column '{table.headers[place]}', {where}"
-        return [Fault(f"{len(nameless)} row(s) have no label", where, attempt="skip_footer or where, to leave them out")]
+        return [
+            Fault(f"{len(nameless)} row(s) have no label", where, attempt="skip_footer or where, to leave them out")
+        ]
     first: dict[str, int] = {}
     twice = [i for i, text in enumerate(held.labels) if first.setdefault(text, i) < i]
     if not twice:

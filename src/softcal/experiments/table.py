@@ -102,13 +102,15 @@ class Table:
             if rows and not n_odd:
                 yield numbers, rows
         if n_odd:
+            which = "more" if first_odd[1] > width else "fewer"
             raise DatasetError(
                 Fault(
-                    f"{n_odd} row(s) have {'more' if first_odd[1] > width else 'fewer'} fields than there are column names",
+                    f"{n_odd} row(s) have {which} fields than there are column names",
                     where=f"{self.path}, line {first_odd[0]}",
                     got=f"{first_odd[1]} fields",
                     allowed=f"{width}, as in line {self.header_line}",
-                    attempt="another delimiter; names with blanks between quotes; a decimal comma needs a delimiter other than the comma, or quotes",
+                    attempt="another delimiter; quotes around names with blanks; a decimal comma needs a delimiter "
+                    "other than the comma, or quotes",
                 )
             )
         if not n_rows:

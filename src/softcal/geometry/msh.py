@@ -163,6 +163,8 @@ def _blocks(name: str, lines: Sequence[str], lines_each: int) -> list[tuple[tupl
     at = 1
     while at < len(lines):
         first, second, third, count = map(int, lines[at].split())
+        if count < 0:
+            raise DeckError(f"{count} entries of ${name}")
         blocks.append(((first, second, third, count), lines[at + 1 : at + 1 + lines_each * count]))
         at += 1 + lines_each * count
     if at != len(lines) or len(blocks) != n_blocks or sum(head[3] for head, _ in blocks) != total:

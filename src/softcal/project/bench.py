@@ -23,8 +23,8 @@ from softcal.experiments.step import STEPS
 from softcal.experiments.steps.branches import BRANCH_STEP
 from softcal.experiments.steps.noise import NOISE_STEPS, set_noise
 from softcal.experiments.steps.pulleys import correct_pulley_friction
-from softcal.experiments.table_format import TableFormat
 from softcal.experiments.synchronise import clock_warning, synchronise
+from softcal.experiments.table_format import TableFormat
 from softcal.project.bench_names import (
     as_tension,
     asked_of,

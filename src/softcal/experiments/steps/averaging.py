@@ -26,7 +26,8 @@ def average(dataset: Dataset, *, last: float | None = None) -> Dataset:
     Raises
     ------
     DatasetError
-        If the window is empty, or longer than the record, there is no time channel, or a channel has no value within the window.
+        If the window is empty, or longer than the record, there is no time channel, or a channel has no value within
+        the window.
     """
     rows = np.ones(dataset.n_samples, dtype=bool)
     if last is not None:

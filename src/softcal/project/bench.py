@@ -141,10 +141,11 @@ def build_bench(
             findings.faults += [
                 replace(f, where=findings.document.where((*path, "slack"))) for f in slack_faults(experiment)
             ]
-            for channel in of_kind(SHORTENING, dataset.channels) if section.backlash else ():
+            backlash = section.backlash or 0.0
+            for channel in of_kind(SHORTENING, dataset.channels):
                 travel = float(np.ptp(dataset.values(channel)))
-                if travel <= section.backlash / 2:  # the cable begins in its middle
-                    got, allowed = (format_quantity(length, "m") for length in (section.backlash, 2 * travel))
+                if backlash and travel <= backlash / 2:  # the cable begins in its middle
+                    got, allowed = (format_quantity(length, "m") for length in (backlash, 2 * travel))
                     what = "the cable would never move: its drive does not take up the backlash"
                     findings.add((*path, "backlash"), what, got=got, allowed=f"below {allowed}, twice the travel")
             if section.frame is not None and not experiment.points:

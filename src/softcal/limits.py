@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 @displayed
 @dataclass(frozen=True)
 class Limit:
-    """Allowed range of a count: least to most of `of`; attempt: suggestion if there are more.
+    """Allowed range of a count: least to most of `of`; attempt: suggestion if there are more; is_count: false of a
+    number that counts nothing.
 
     It annotates counts that a project file can give: `Annotated[int, LIMITS["tets"]]`.
     """
@@ -30,11 +31,12 @@ class Limit:
     most: int
     least: int = 1
     attempt: str = ""
+    is_count: bool = True
 
     @property
     def allowed(self) -> str:
         """The range in words."""
-        return f"{self.least} to {self.most} {self.of}"
+        return f"{self.least} to {self.most}" + f" {self.of}" * self.is_count
 
     def fault(self, count: float, where: str = "") -> Fault | None:
         """The fault of a count, or None."""
@@ -42,9 +44,8 @@ class Limit:
             return None
         few = count < self.least
         got = f"{int(count)}" if abs(count) < 1e15 else "a number of more than 15 digits"
-        return Fault(
-            f"there are too {'few' if few else 'many'} {self.of}", where, got, self.allowed, "" if few else self.attempt
-        )
+        what = f"there are too {'few' if few else 'many'} {self.of}" if self.is_count else "this number is out of range"
+        return Fault(what, where, got, self.allowed, "" if few else self.attempt)
 
     def check(self, count: float, *, where: str = "") -> None:
         """Raise if there are too many or too few.
@@ -128,7 +129,7 @@ LIMITS: Mapping[str, Limit] = {
         # Searches
         Limit("trials", 100_000),
         Limit("starts", 1000),
-        Limit("seeds", 2**32 - 1, 0),
+        Limit("seeds", 2**32 - 1, 0, is_count=False),
         Limit("workers", 256, 1, "as many as there are cores"),
         Limit("values on an axis", 10_000, 1),
         Limit("factorisations", 10_000_000),

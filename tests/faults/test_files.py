@@ -119,7 +119,8 @@ MESH_BOMBS = {
     "an element set.inp": INP + f"*ELSET, ELSET=a, GENERATE\n1, {MANY}, 1\n",
     "an endless device.inp": INP + "*INCLUDE, INPUT=/dev/zero\n",
     "itself.inp": INP + "*INCLUDE, INPUT=itself.inp\n",
-    "a large number of a node.msh": MSH_TET.format(MANY),
+    "blocks that go back.msh": MSH.replace("2.2", "4.1")
+    + "$Nodes\n1 1 1 1\n0 1 0 -1\n$EndNodes\n$Elements\n1 1 1 1\n3 1 4 1\n1 1 2 3 4\n$EndElements\n",
     "many names of data.msh": MSH_TET.format(4) + f"$NodeData\n{MANY}\n",
     "many times of data.msh": MSH_TET.format(4) + f'$NodeData\n1\n"a"\n{MANY}\n',
     "many nodes.msh": MSH + f"$Nodes\n{MANY}\n1 0 0 0\n",

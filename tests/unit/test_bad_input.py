@@ -552,11 +552,19 @@ def test_the_good_project_is_not_refused(tmp_path: Path):
 
 @pytest.mark.parametrize("option", ["--trials", "--seed"])
 def test_a_count_on_the_command_line_is_told_its_limit(capsys: pytest.CaptureFixture[str], tmp_path: Path, option: str):
-    most = {"--trials": "1 to 100000 trials", "--seed": "0 to 4294967295 seeds"}[option]
+    most = {"--trials": "1 to 100000 trials", "--seed": "0 to 4294967295."}[option]
     code, _, err = run(capsys, "calibrate", write_project(tmp_path), option, 9999999999)
     assert code == 2
-    assert err.startswith(f"Error: {option}: there are too many {option.strip('-').rstrip('s')}s; got 9999999999;")
+    what = {"--trials": "there are too many trials", "--seed": "this number is out of range"}[option]
+    assert err.startswith(f"Error: {option}: {what}; got 9999999999;")
     assert f"allowed: {most}" in err
+
+
+@pytest.mark.parametrize("words", [("--out", ""), ("--out=",), ("--set", "")])
+def test_an_empty_word_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path, words: tuple[str, ...]):
+    code, _, err = run(capsys, "calibrate", write_project(tmp_path), *words)
+    assert code == 2
+    assert f"the value of {words[0].rstrip('=')} is empty" in err
 
 
 def test_a_setting_given_by_its_own_option_too_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path):

@@ -12,6 +12,7 @@ import pytest
 from softcal.errors import DatasetError, InputError, StorageError
 from softcal.experiments import columns as columns_of
 from softcal.experiments.dataset import Dataset
+from softcal.experiments.plausibility import check_plausible
 from softcal.experiments.read import read_table
 from softcal.experiments.table_format import ColumnSpec, TableFormat
 
@@ -65,6 +66,15 @@ REFUSED: dict[str, tuple[bytes | str, str]] = {
     "no ends of lines": ("1," * 700_000, "line 1: the line is too long"),
     "half an UTF-16": (HEADER.encode("utf-16") + b"\0", "not text"),
     "a picture": (b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 20, "bench.csv"),
+    "an empty cell between white space": (
+        "Time Force Pitch\n0 1 2\n1   5\n2 3 4\n",
+        r"line 3: 1 row\(s\) have fewer fields",
+    ),
+    "names with blanks between white space": (
+        "Load cell [N] Time [s] Force [N]\n0 1 2\n1 2 5\n",
+        r"line 2: 2 row\(s\) have fewer fields .* quotes around names with blanks",
+    ),
+    "a workbook": (b"PK\x03\x04" + bytes(300), "not text; got an archive.*save the sheet as CSV"),
     "an archive": (b"PK\x03\x04" + bytes(range(255, 0, -1)) * 20, "bench.csv"),
     "numbers in letters of another script": (HEADER + "０.１,１.５\n".replace("１", "一"), "line 2"),
 }
@@ -196,3 +206,39 @@ def test_ten_million_rows_take_less_than_one_and_a_half_gigabytes(tmp_path: Path
     assert int(n_samples) == n
     assert float(total) == pytest.approx(sum(range(7)) * (n // 7) + sum(range(n % 7)) + 0.25 * n)
     assert int(kilobytes) < 1_500_000
+
+
+NAMED: dict[str, tuple[str, str, int]] = {
+    "a factor in the brackets": ("Force [x1000 N]", "N", 1),
+    "a power in the brackets": ("Force [10^3 N]", "N", 1),
+    "a unit after a word": ("Force in kN", "N", 1),
+    "a unit in other brackets": ("Force {kN}", "N", 1),
+    "a unit before a remark": ("Force [kN] (filtered)", "N", 1),
+    "a remark": ("Force (filtered)", "N", 0),
+    "the unit after a word": ("Force in kN", "kN", 0),
+    "the unit before a remark": ("Force N (filtered)", "N", 0),
+    "a name that is a unit": ("N", "N", 0),
+}
+
+
+@pytest.mark.parametrize("case", NAMED)
+def test_a_unit_in_a_name_that_is_not_read_is_warned_of(case: str, tmp_path: Path) -> None:
+    name, unit, count = NAMED[case]
+    path = tmp_path / "bench.csv"
+    path.write_text(f"Time [s],{name}\n{ROWS}")
+    found = read_table(path, {"time": ColumnSpec("Time"), "tension": ColumnSpec(name, unit=unit)})
+    assert sum("does its name say another unit" in sentence for sentence in check_plausible(found)) == count
+
+
+def test_a_label_that_is_missing_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "states.csv"
+    path.write_text("state,m4.x [mm]\na,1\n,2\n")
+    with pytest.raises(DatasetError, match=r"line 3: 1 row\(s\) have no label"):
+        read_table(path, {"m4.x": ColumnSpec("m4.x")}, label="state")
+
+
+def test_a_name_and_the_row_below_with_two_units_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="two units of this column; got 'N' in the name, 'kN' in the row below"):
+        read(tmp_path, HEADER + "s,kN\n" + ROWS)
+    found = read(tmp_path, HEADER + "sec,N\n" + ROWS)
+    np.testing.assert_allclose(found.values("tension"), EXPECTED)

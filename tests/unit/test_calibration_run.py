@@ -329,7 +329,7 @@ def test_what_follows_the_search_is_told_before_it_begins(monkeypatch: pytest.Mo
         ({"method": "grid", "trials": 3}, "needs more trials; got 3; allowed: at least 4"),
         ({"workers": 0}, "too few workers"),
         ({"starts": 0}, "too few starts"),
-        ({"seed": -1}, "too few seeds"),
+        ({"seed": -1}, "this number is out of range"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(options: dict[str, object], message: str) -> None:

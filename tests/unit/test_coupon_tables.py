@@ -149,3 +149,11 @@ def test_stresses_of_the_other_measure_are_warned_of(tmp_path: Path, column: str
     right = "true_stress" if column == "nominal_stress" else "nominal_stress"
     path = write_coupon(tmp_path / "b.csv", {"stretch": STRETCH, f"{right} [MPa]": stress})
     assert implausible(read_coupons(path, "uniaxial")) == []
+
+
+def test_stretches_in_a_column_of_strains_are_warned_of(tmp_path: Path):
+    path = write_coupon(tmp_path / "a.csv", {"engineering_strain": STRETCH, "nominal_stress [MPa]": NOMINAL})
+    said = implausible(read_coupons(path, "uniaxial"))
+    assert any(
+        "the least stretch is 2.1: are these stretches, or per cent, that were read as strains?" in one for one in said
+    )

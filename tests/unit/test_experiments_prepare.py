@@ -278,3 +278,16 @@ def test_a_record_of_one_sample_is_told_so() -> None:
     (told,) = check_plausible(Dataset("pull", channels))
     assert told.startswith("pull: the record has one sample, and a stiffness needs two or more")
     assert "never changes" not in told
+
+
+def test_a_window_at_the_end_is_no_longer_than_the_record() -> None:
+    record = dataset(time=np.arange(5.0), tension=np.arange(5.0))
+    assert prepare(record, [{"average": {"last": "5 s"}}]).values("tension").tolist() == [2.0]
+    with pytest.raises(DatasetError, match=r"the window is longer than the record; got 3600 s; allowed: up to 4 s"):
+        prepare(record, [{"average": {"last": "1 h"}}])
+
+
+def test_a_step_that_is_too_long_is_shown_with_its_unit() -> None:
+    record = dataset(time=np.arange(5.0), tension=np.arange(5.0))
+    with pytest.raises(DatasetError, match="got a step of 3600 s"):
+        prepare(record, [{"resample": {"by": "time", "step": "1 h"}}])

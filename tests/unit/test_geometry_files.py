@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from softcal.errors import MeshError, StorageError, UnitError
+from softcal.geometry.generate import mesh_file
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quality import require_sound
@@ -158,10 +159,78 @@ def test_gmsh_groups_of_one_name_unnamed_groups_and_tets_in_two_groups(tmp_path)
     require_sound(mesh)
 
 
+def test_a_large_number_of_a_node_takes_no_memory(tmp_path):
+    path = tmp_path / "neck.msh"
+    path.write_text(
+        MSH.replace("4 0 0 1", "4000000000000 0 0 1")
+        .replace(" 1 1 4\n", " 1 1 4000000000000\n")
+        .replace(" 4\n", " 4000000000000\n")
+    )
+    assert read_mesh(path).n_tets == 1
+
+
 def test_a_group_whose_sense_gmsh_turned_keeps_its_name(tmp_path):
     path = tmp_path / "neck.msh"
     path.write_text(MSH.replace("2 2 2 1 1 1 3 2", "2 2 2 -1 1 1 3 2"))
     assert read_mesh(path).face_sets["neck"].shape == (1, 3)
+
+
+MSH4 = """$MeshFormat
+4.1 0 8
+$EndMeshFormat
+$PhysicalNames
+3
+2 2 "wall"
+2 3 "top"
+3 1 "wall"
+$EndPhysicalNames
+$Entities
+0 0 1 1
+1 0 0 0 1 1 0 2 3 2 0
+1 0 0 0 1 1 1 1 1 0
+$EndEntities
+$Nodes
+2 5 1 5
+2 1 0 3
+1
+2
+3
+0 0 0
+1 0 0
+0 1 0
+3 1 0 2
+4
+9
+0 0 1
+1 1 1
+$EndNodes
+$Elements
+2 3 1 3
+2 1 2 1
+1 1 2 3
+3 1 4 2
+2 1 2 3 4
+3 2 3 4 9
+$EndElements
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "faces", "tets"),
+    [
+        ("9\n", "9\n", {"top", "wall"}, {"wall"}),
+        ('"wall"\n2 3 "top"', '"side"\n2 3 "top"', {"side", "top"}, {"wall"}),
+        (" 2 3 2 0", " 2 7 8 0", {"7", "8"}, {"wall"}),
+        (" 2 3 2 0", " 0 0", set(), {"wall"}),
+        ("1 1 1 1 1 0\n", "1 1 1 0 0\n", {"top", "wall"}, set()),
+    ],
+)
+def test_groups_of_gmsh_4_are_all_of_all_its_elements(tmp_path, before, after, faces, tets):
+    path = tmp_path / "neck.msh"
+    path.write_text(MSH4.replace(before, after))
+    mesh = read_mesh(path)
+    assert mesh.tets.tolist() == [[0, 1, 2, 3], [1, 2, 3, 4]]
+    assert (set(mesh.face_sets), set(mesh.element_sets)) == (faces, tets)
 
 
 def test_a_group_of_loose_triangles_is_refused(tmp_path):
@@ -174,6 +243,12 @@ def test_a_group_of_loose_triangles_is_refused(tmp_path):
 INP = (
     "*NODE\n1, 0., 0., 0.\n2, 1., 0., 0.\n3, 0., 1., 0.\n4, 0., 0., 1.\n*ELEMENT, TYPE=C3D4, ELSET=solid\n"
     "1, 1, 2, 3, 4\n2, 1, 2, 3, 4\n*NSET, NSET=held\n1\n*ELSET, ELSET=upper\n2\n"
+)
+
+
+VTK = (
+    "# vtk DataFile Version 2.0\nt\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
+    "1 1 1\nCELLS 2 10\n4 0 1 2 3\n4 1 2 3 4\nCELL_TYPES 2\n10\n10\n"
 )
 
 
@@ -238,7 +313,28 @@ def flagged(**data):
         ("cells.vtu", flagged(cell_data={"element set a": [np.array([2])]}), "'element set a': this is no set"),
         ("nan.msh", MSH.replace("4 0 0 1", "4 0 0 nan"), "no finite coordinates; got node 3"),
         ("word.msh", MSH.replace("4 0 0 1", "4 0 zero 1"), "got a word in the place of a number, or another number of"),
-        ("short.msh", MSH.replace("1 15 2 1 1 4", "1"), "got the number or name of something that the file does not"),
+        ("short.msh", MSH.replace("1 15 2 1 1 4", "1"), "got a word in the place of a number, or another number of"),
+        ("few.msh", MSH.replace("$Elements\n5", "$Elements\n4"), r"got 5 lines in \$Elements, which states 4"),
+        ("fewer.msh", MSH.replace("$Nodes\n4", "$Nodes\n3"), r"got 4 lines in \$Nodes, which states 3"),
+        ("again.msh", MSH.replace("$Nodes\n4", "$Nodes\n5\n4 9 9 9"), "got number 4 of two nodes"),
+        ("back.msh", MSH4.replace("3 1 4 2\n2 1 2 3 4", "3 1 4 -1\n2 1 2 3 4"), r"got -1 entries of \$Elements"),
+        ("zero.msh", MSH.replace("7 1 1 2 3 4", "7 1 1 2 3 0"), "got number 0 under tetra cells, which no node has"),
+        ("row.msh", MSH.replace("7 1 1 2 3 4", "7 1 1 2 3"), "got '5 4 2 7 1 1 2 3', in the place of the 9 numbers of"),
+        ("long.msh", MSH.replace("7 1 1 2 3 4", "7 1 9 1 2 3 4"), "got '5 4 2 7 1 9 1 2 3 4', in the place of the 9"),
+        ("type.msh", MSH.replace("5 4 2 7", "5 99 2 7"), "got elements of type 99"),
+        ("nodes.msh", MSH + "$Nodes\n1\n1 9 9 9\n$EndNodes\n", r"got two sections \$Nodes"),
+        ("blocks.msh", MSH4.replace("2 3 1 3\n", "1 3 1 3\n"), r"got other numbers of lines in \$Elements than it"),
+        ("total.msh", MSH4.replace("2 3 1 3\n", "2 2 1 3\n"), r"got other numbers of lines in \$Elements than it"),
+        ("entity.msh", MSH4.replace("\n3 1 4 2\n", "\n3 5 4 2\n"), "got elements of an entity 5 of dimension 3 that"),
+        ("same.msh", MSH.replace("7 1 1 2 3 4", "7 1 1 2 3 3"), "1 tetrahedra have a node twice; got nodes"),
+        (
+            "types.vtk",
+            VTK.replace("TYPES 2\n10\n", "TYPES 1\n"),
+            "several meshes, or cells without a type; got POINTS 5",
+        ),
+        ("points.vtk", VTK + "POINTS 5 double\n" + "9 9 9\n" * 5, "several meshes, or cells without a type"),
+        ("scar.inp", INP + "*IMPERFECTION, FILE=x\n1, 0.1\n", r"got \*IMPERFECTION in line 13, which is not followed"),
+        ("less.inp", INP + "*MODEL CHANGE, REMOVE\nupper\n", r"got \*MODEL CHANGE in line 13, which is not followed"),
         (
             "latin.msh",
             MSH.replace('"tip"', '"spitze \xe4"').encode("latin-1"),
@@ -385,3 +481,22 @@ header_type="UInt64" compressor="{compressor}"><UnstructuredGrid><Piece NumberOf
     told, kilobytes = done.stdout.splitlines()
     assert "reading this takes more than a mesh in a file of this size does; got more than 5" in told
     assert int(kilobytes) < 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("corner", "message"),
+    [(3.0, "made no tetrahedra.*Try: one closed surface: join"), (0.5, "could not mesh this.*Try: unite bodies that")],
+)
+def test_a_surface_of_two_bodies_is_refused_with_advice(tmp_path, corner, message):
+    faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    unit = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
+    lines = ["solid two"]
+    for cube in (unit, unit + corner):
+        for i, j, k, m in faces:
+            for facet in ((i, j, k), (i, k, m)):
+                corners = ["vertex " + " ".join(map(str, cube[n])) for n in facet]
+                lines += ["facet normal 0 0 0", "outer loop", *corners, "endloop", "endfacet"]
+    path = tmp_path / "two.stl"
+    path.write_text("\n".join([*lines, "endsolid two"]))
+    with pytest.raises(MeshError, match=message):
+        mesh_file(path, unit="mm", size=5e-4)

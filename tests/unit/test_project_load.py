@@ -279,3 +279,31 @@ def test_copies_stand_in_for_the_files(tmp_path: Path):
     project = load(moved / "project.yaml", copies={"bar.msh": "mesh.msh", "data/pull.csv": "table.csv"})
     assert project.hashes == load(path).hashes
     assert project.robot.bodies[0].parameters["youngs_modulus"] != MODULUS
+
+
+@pytest.mark.parametrize("step", ["set_noise: {channel: tension, sigma: 1 N}", "estimate_noise: tension"])
+def test_a_noise_that_is_stated_twice_is_refused(tmp_path: Path, step: str):
+    path = write_project(tmp_path, ("    noise: {tension", f"    prepare:\n      - {step}\n    noise: {{tension"))
+    (fault,) = faults_of(path)
+    assert "experiments.pull.noise.tension: the noise of a channel is stated twice; got tension" in fault
+
+
+def test_a_backlash_that_is_never_taken_up_is_refused(tmp_path: Path):
+    path = write_project(tmp_path, ("    noise: {tension", "    backlash: 40 mm\n    noise: {tension"))
+    (fault,) = faults_of(path)
+    assert "experiments.pull.backlash: the cable would never move" in fault
+    assert "got 40 mm; allowed: below 36 mm, twice the travel" in fault
+
+
+def test_axes_without_a_quaternion_are_refused(tmp_path: Path):
+    (fault,) = faults_of(
+        write_project(tmp_path, ("        columns:\n", "        axes: [y, -x, z]\n        columns:\n"))
+    )
+    assert "files[0].axes: axes turn quaternions alone, and no column is of one; got y, -x, z" in fault
+
+
+def test_a_noise_that_is_not_used_is_warned_of(tmp_path: Path):
+    changes = ("    noise: {tension", "    compare: [tension, pitch]\n    noise: {shortening: 0.1 mm, tension")
+    project = load(write_project(tmp_path, changes))
+    (warning,) = map(str, project.warnings)
+    assert "experiments.pull.noise.shortening: this channel is not compared: its noise is not used" in warning

@@ -188,3 +188,24 @@ def test_the_faults_of_a_law_are_not_repeated_at_each_body(tmp_path: Path) -> No
     with pytest.raises(ProjectFileError) as error:
         load(write_project(tmp_path, *changed))
     assert len(error.value.faults) == 1
+
+
+@pytest.mark.parametrize(
+    ("factor", "count"),
+    [("mu**2/(2*b)", 1), ("(mu + 1)/(2*b)", 1), ("1000/(2*b)", 1), ("mu*exp(mu/kappa)/(2*b)", 0), ("mu/(2*b)", 0)],
+)
+def test_an_energy_that_is_no_pressure_is_warned_of(tmp_path: Path, factor: str, count: int) -> None:
+    constants = "mu: modulus, kappa: modulus, b: positive ratio"
+    text = LAW.replace("mu/(2*b)", factor).replace("mu: modulus, b: positive ratio, kappa: modulus", constants)
+    if "mu" not in factor:
+        text = text.replace("mu: modulus, ", "")
+    own = OWN if "mu" in factor else OWN.replace("      mu: 0.7 MPa\n", "")
+    project = load(write_project(tmp_path, ("robot:\n", text), (CONSTANTS, own), (FREE, "")))
+    assert sum("not proportional to its moduli" in str(warning) for warning in project.warnings) == count
+
+
+def test_a_constant_that_is_in_no_text_is_warned_of(tmp_path: Path) -> None:
+    text = LAW.replace("kappa: modulus}", "kappa: modulus, c: ratio}")
+    project = load(write_project(tmp_path, ("robot:\n", text), (CONSTANTS, OWN + "      c: 1\n"), (FREE, "")))
+    (warning,) = [str(one) for one in project.warnings if "no text has this constant" in str(one)]
+    assert "laws.stiffening.constants.c" in warning

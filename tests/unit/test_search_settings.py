@@ -49,7 +49,7 @@ def test_what_a_run_records_is_complete_and_holds_nothing_that_was_not_heeded() 
         ({"trials": 0}, "trials: there are too few trials; got 0"),
         ({"starts": 0}, "starts: there are too few starts; got 0"),
         ({"starts": 2.5}, "starts: this is of the wrong kind; got 2.5; allowed: a whole number"),
-        ({"seed": -1}, "seed: there are too few seeds; got -1"),
+        ({"seed": -1}, "seed: this number is out of range; got -1"),
         ({"workers": 0}, "workers: there are too few workers; got 0"),
     ],
 )

@@ -436,6 +436,22 @@ def test_units_of_a_result_are_those_of_its_project(unit: str, run: Path) -> Non
         load_run(run)
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ('"scale": "log"', '"scale": "linear"', r"other bounds than in the project; got .*, linear; allowed: .*, log"),
+        ('"upper": 40000000.0', '"upper": 50000000.0', r"other bounds than in the project; got 100000 to 5e\+07 Pa"),
+        ('"loss_name": "papers"', '"loss_name": "likelihood"', "the loss is not that of the run; got likelihood"),
+    ],
+)
+def test_bounds_and_loss_of_a_result_are_those_of_its_project(before: str, after: str, message: str, run: Path) -> None:
+    path = run / STORE / "result.json"
+    assert before in path.read_text()
+    path.write_text(path.read_text().replace(before, after))
+    with pytest.raises(StorageError, match=message):
+        load_run(run)
+
+
 def test_a_result_of_another_runs_experiment_is_refused(run: Path) -> None:
     folder = run / STORE
     (folder / "response-pull.csv").rename(folder / "response-push.csv")

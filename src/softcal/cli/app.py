@@ -14,6 +14,12 @@ from softcal.cli.printing import echo
 class _Commands(TyperGroup):
     """The registered commands, asked for only when one is named or all are listed."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        for i, word in enumerate(args):  # a path of no characters would be the present folder
+            if not word or (word.startswith("--") and word.endswith("=")):
+                ctx.fail(f"the value of {word.rstrip('=') or ' '.join(args[max(0, i - 1) : i]) or 'a word'} is empty")
+        return super().parse_args(ctx, args)
+
     def list_commands(self, ctx: Any) -> list[str]:
         commands = sorted(COMMANDS.values(), key=lambda one: (PARTS.index(one.part), one.place, one.name))
         return [one.name for one in commands]

@@ -11,7 +11,7 @@ import numpy as np
 from softcal.errors import DatasetError, Fault, UnitError, nearest, unknown
 from softcal.experiments.columns import Filter
 from softcal.experiments.orientation import QUATERNION
-from softcal.experiments.table import Table, bare_unit, is_unit, load_table, split_header
+from softcal.experiments.table import Table, bare_unit, is_unit, is_unit_of, load_table, split_header
 from softcal.experiments.table_format import ColumnSpec, TableFormat
 from softcal.sensing.channel import channel_name, channel_unit, kinds
 from softcal.sensing.sensors.plate import ANGLES
@@ -226,7 +226,13 @@ def unit_of_column(
     """
     header = table.headers[place]
     where = f"{table.path}, line {table.header_line}, column '{header}'"
-    in_file = bare_unit(table.unit_cells[place]) or split_header(header)[1]
+    in_row, in_name = bare_unit(table.unit_cells[place]), split_header(header)[1] or ""
+    in_file = in_row or in_name or None
+    factors = {u: unit_factor(u, si_unit) for u in (in_row, in_name) if u and is_unit_of(u, si_unit)}
+    if len(factors) == 2 and not np.isclose(*factors.values(), rtol=1e-9):
+        got, attempt = f"'{in_name}' in the name, '{in_row}' in the row below", "correct the file"
+        faults.append(Fault("the file names two units of this column", where, got, attempt=attempt))
+        return None
     unit = stated if stated is not None else in_file
     if unit is None or (unit == "" and si_unit != "1"):
         if si_unit == "1":

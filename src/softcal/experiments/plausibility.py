@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from softcal.experiments.dataset import Dataset
+from softcal.experiments.header import column_unit
 from softcal.experiments.steps.branches import curve
+from softcal.experiments.table import is_unit_of, split_header
 from softcal.sensing.channel import channel_name
+from softcal.units import unit_factor
 
 STIFFNESS_RANGE = (10.0, 1e5)  # [N/m]
 _MAX_SPEED = 1.0  # [m/s]
@@ -21,7 +25,14 @@ _FLOOR = 0.1  # share of the force's range that still counts as slack
 
 def check_plausible(dataset: Dataset) -> tuple[str, ...]:
     """One sentence for each suspected wrong unit, sign or column; empty if there is none."""
-    return (*_stiffness(dataset), *_ranges(dataset), *_swing(dataset), *_time(dataset), *_repeated(dataset))
+    return (
+        *_units(dataset),
+        *_stiffness(dataset),
+        *_ranges(dataset),
+        *_swing(dataset),
+        *_time(dataset),
+        *_repeated(dataset),
+    )
 
 
 def copies(datasets: Mapping[str, Dataset], compared: Mapping[str, Sequence[str]]) -> dict[str, str]:
@@ -39,6 +50,27 @@ def copies(datasets: Mapping[str, Dataset], compared: Mapping[str, Sequence[str]
             if earlier != name:
                 found[name] = earlier
     return found
+
+
+def _units(dataset: Dataset) -> list[str]:
+    """Units in names of columns that are none to the reader, such as [x1000 N] or "Force in kN"."""
+    warnings: list[str] = []
+    for step in dataset.provenance:
+        for key, column in (step.settings.get("columns") or {}).items() if step.name == "read_table" else ():
+            si_unit = column_unit(key) or "1"
+            name, in_brackets = split_header(column["header"])
+            words = re.findall(r"[^\W\d_][^\W_]*|[µ°]\w*", f"{name} {in_brackets or ''}")[1:]
+            units = {word for word in words if word.casefold() != "in" and is_unit_of(word, si_unit)}
+            if si_unit == "1" or is_unit_of(in_brackets or "", si_unit) or not units:
+                continue
+            factor = unit_factor(column["unit"], si_unit)
+            agree = any(np.isclose(unit_factor(unit, si_unit), factor, rtol=1e-9) for unit in units)
+            if not agree or any(unit in (in_brackets or "") for unit in units):
+                warnings.append(
+                    f"{dataset.name}: the column '{column['header']}' is read in {column['unit']}: does its name say "
+                    f"another unit? Then state that one"
+                )
+    return warnings
 
 
 def _stiffness(dataset: Dataset) -> list[str]:

@@ -98,7 +98,13 @@ def read_table(
         "file": table.path.name,
         "sha256": table.file.sha256,
         "columns": {
-            key: {"name": spec.name, "unit": layout.units[key], "scale": spec.scale} for key, spec in columns.items()
+            key: {
+                "name": spec.name,
+                "header": f"{table.headers[places[key]]} {table.unit_cells[places[key]]}".strip(),
+                "unit": layout.units[key],
+                "scale": spec.scale,
+            }
+            for key, spec in columns.items()
         },
         "delimiter": {"\t": "tab", WHITESPACE: "white space"}.get(table.delimiter, table.delimiter),
         "decimal": used_decimal,
@@ -114,7 +120,13 @@ def read_table(
 
 
 def _doubled_labels(table: Table, place: int, held: Columns) -> list[Fault]:
-    """Fault of two rows with the same label."""
+    """Fault of rows without a label, or of two with the same."""
+    if nameless := [i for i, text in enumerate(held.labels) if not text]:
+        where = line_numbers(held.lines[nameless[:N_NAMED]].tolist(), len(nameless))
+        where = f"{table.path}, column '{table.headers[place]}', {where}"
+        return [
+            Fault(f"{len(nameless)} row(s) have no label", where, attempt="skip_footer or where, to leave them out")
+        ]
     first: dict[str, int] = {}
     twice = [i for i, text in enumerate(held.labels) if first.setdefault(text, i) < i]
     if not twice:

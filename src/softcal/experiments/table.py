@@ -74,10 +74,11 @@ class Table:
         Raises
         ------
         DatasetError
-            If there is no row, or rows have more fields than column names: their number, and the first one.
+            If there is no row, or rows have more fields than column names (between white space, also fewer): their
+            number, and the first one.
         """
-        width, n_rows, n_long = len(self.headers), 0, 0
-        first_long = (0, 0)
+        width, n_rows, n_odd = len(self.headers), 0, 0
+        first_odd = (0, 0)
         for number, lines in self.file.blocks():
             if number > self.last_line:
                 break
@@ -90,23 +91,26 @@ class Table:
                 if not any(cells):
                     continue
                 if len(cells) != width:
-                    if any(cells[width:]):
-                        first_long = first_long if n_long else (i, len(cells))
-                        n_long += 1
+                    # Between white space an empty cell is not seen: the ones behind it would move to its place.
+                    if any(cells[width:]) or (len(cells) < width and self.delimiter == WHITESPACE):
+                        first_odd = first_odd if n_odd else (i, len(cells))
+                        n_odd += 1
                     cells = _padded(cells, width)
                 numbers.append(i)
                 rows.append(cells)
             n_rows += len(rows)
-            if rows and not n_long:
+            if rows and not n_odd:
                 yield numbers, rows
-        if n_long:
+        if n_odd:
+            which = "more" if first_odd[1] > width else "fewer"
             raise DatasetError(
                 Fault(
-                    f"{n_long} row(s) have more fields than there are column names",
-                    where=f"{self.path}, line {first_long[0]}",
-                    got=f"{first_long[1]} fields",
+                    f"{n_odd} row(s) have {which} fields than there are column names",
+                    where=f"{self.path}, line {first_odd[0]}",
+                    got=f"{first_odd[1]} fields",
                     allowed=f"{width}, as in line {self.header_line}",
-                    attempt="another delimiter; a decimal comma needs a delimiter other than the comma, or quotes",
+                    attempt="another delimiter; quotes around names with blanks; a decimal comma needs a delimiter "
+                    "other than the comma, or quotes",
                 )
             )
         if not n_rows:
@@ -189,13 +193,17 @@ def bare_unit(cell: str) -> str:
 @functools.cache
 def is_unit(text: str) -> bool:
     """True if `text` is a known unit."""
-    for si_unit in SI_UNITS.values():
-        try:
-            unit_factor(text, si_unit)
-        except UnitError:
-            continue
-        return True
-    return False
+    return any(is_unit_of(text, si_unit) for si_unit in SI_UNITS.values())
+
+
+@functools.cache
+def is_unit_of(text: str, si_unit: str) -> bool:
+    """True if `text` is a unit that converts to an SI unit."""
+    try:
+        unit_factor(text, si_unit)
+    except UnitError:
+        return False
+    return True
 
 
 def uses_decimal_comma(cells: Sequence[str]) -> bool:

@@ -67,6 +67,9 @@ def open_text(path: Path) -> TextFile:
 def _candidates(path: Path) -> list[str]:
     with _reading(path) as file:
         raw = file.read(400)
+    if raw.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
+        what, got = "the file is not text", "an archive, such as a workbook of a spreadsheet"
+        raise DatasetError(Fault(what, str(path), got, "text such as CSV", "save the sheet as CSV"))
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         return ["utf-16"]
     first, second = raw[::2].count(0), raw[1::2].count(0)

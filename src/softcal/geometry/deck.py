@@ -18,7 +18,9 @@ import numpy as np
 from softcal.checks import Ints
 
 # Keywords that make or move nodes or elements, and all options of those that list them which do not.
-_MAKERS = frozenset(("INCLUDE", "SYSTEM", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY"))
+_MAKERS = frozenset(
+    ("INCLUDE", "IMPORT", "IMPERFECTION", "SYSTEM", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "MODEL CHANGE")
+)
 _OF_SETS = frozenset(("GENERATE", "UNSORTED", "INSTANCE", "INTERNAL"))
 _OPTIONS = {
     "NODE": {"NSET"},
@@ -29,7 +31,7 @@ _OPTIONS = {
 
 
 class DeckError(Exception):
-    """What is wrong in a deck, or what softcal does not follow."""
+    """What is wrong in a mesh file, or what softcal does not follow."""
 
 
 @dataclass
@@ -88,7 +90,7 @@ def read_deck(path: Path) -> Any:
         if len(values) % (n + 1):
             raise DeckError(f"{len(values)} numbers under {card}, each with {n} nodes")
         card.table = values.reshape(-1, n + 1)
-        blocks.append((kind, _places(of_nodes, card.table[:, 1:], f"{card}, which no node has")))
+        blocks.append((kind, places_of(of_nodes, card.table[:, 1:], f"{card}, which no node has")))
     of_elements = _numbers(elements, "elements")
     ends = np.cumsum([len(card.table) for card in elements])[:-1]
     cell_sets: dict[str, list[Ints]] = {}
@@ -128,8 +130,23 @@ def _numbers(cards: Sequence[_Card], what: str) -> Ints:
     return numbers
 
 
-def _places(listed: Ints, numbers: Ints, where: str) -> Ints:
-    """The places of numbers in a list of them."""
+def places_of(listed: Ints, numbers: Ints, where: str) -> Ints:
+    """The places of numbers in a list of them.
+
+    Parameters
+    ----------
+    listed
+        The list.
+    numbers
+        Of any shape.
+    where
+        Who names a number that the list does not have, for the message.
+
+    Raises
+    ------
+    DeckError
+        With the first number that the list does not have.
+    """
     order = np.argsort(listed)
     places = order[np.searchsorted(listed, numbers, sorter=order).clip(max=len(listed) - 1)]
     for number in numbers[listed[places] != numbers]:
@@ -159,7 +176,7 @@ def _sets(cards: Sequence[_Card], lister: str, listed: Ints) -> dict[str, Ints]:
                     named.append(sets[word])
                 else:
                     raise DeckError(f"'{word[:40]}' under {card}: a set that is above it, or a number, is allowed")
-        places = _places(
+        places = places_of(
             listed,
             np.concatenate([*numbers, np.array(plain, dtype=np.int64)]),
             f"{card}, which no {lister.lower()} has",

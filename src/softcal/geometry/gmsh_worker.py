@@ -133,7 +133,8 @@ def failure(gmsh: Any, job: dict[str, Any], reason: str) -> JobError:
     narrowest = narrowest_diameter(gmsh) if job["kind"] == "step" else math.inf
     size = gmsh.option.getNumber("Mesh.MeshSizeMax")
     if size <= narrowest:
-        return JobError("Gmsh could not mesh this", got=reason)
+        attempt = "unite bodies that overlap, and repair surfaces that cut one another, in the CAD program"
+        return JobError("Gmsh could not mesh this", got=reason, attempt=attempt)
     return JobError(
         "the elements are larger than a bore or fillet, and Gmsh could not mesh it",
         got=f"a size of {size:.4g} mm beside a round face {narrowest:.4g} mm across ({reason})",
@@ -366,7 +367,10 @@ def generate(gmsh: Any, job: dict[str, Any], size: float, algorithm: int, passes
         set_grading(gmsh, job["refine"], size)
     gmsh.model.mesh.generate(dimension(job))
     if count_tets(gmsh, job) == 0:
-        raise JobError("Gmsh made no tetrahedra", got=gmsh.logger.getLastError())
+        attempt = (
+            "one closed surface: join bodies that touch, mesh others as bodies of their own, and close what is open"
+        )
+        raise JobError("Gmsh made no tetrahedra", got=gmsh.logger.getLastError(), attempt=attempt)
     for method in passes:
         gmsh.model.mesh.optimize(method)
 

@@ -19,6 +19,7 @@ from softcal.declare import checked_arguments
 from softcal.errors import Fault, MeshError
 from softcal.geometry.deck import DeckError, read_deck
 from softcal.geometry.mesh import TetMesh
+from softcal.geometry.msh import is_msh_text, read_msh
 from softcal.geometry.surface import matching_faces
 from softcal.limits import LIMITS
 from softcal.units import unit_factor
@@ -102,6 +103,19 @@ def _read(path: Path, factor: float) -> TetMesh:
     if path.suffix.lower() == ".vtu" and (pieces := path.read_bytes().count(b"<Piece")) > 1:  # meshio keeps the last
         what, attempt = "the file holds several pieces", "merge them, such as by ParaView's filter Clean to Grid"
         raise MeshError(Fault(what, str(path), str(pieces), "one", attempt))
+    if path.suffix.lower() == ".vtk":
+        content = path.read_bytes()
+        stated = re.findall(rb"^(POINTS|CELLS|CELL_TYPES)[ \t]+(\d+)", content, re.MULTILINE | re.IGNORECASE)
+        counts = {name.decode().upper(): int(count) for name, count in stated}
+        more = b"Version 5" in content[:40]  # whose count is that of the offsets
+        # meshio keeps the last of several, and as many cells as there are types.
+        if len(counts) < len(stated) or counts.get("CELLS", 0) - more != counts.get("CELL_TYPES", 0):
+            got = ", ".join(f"{name.decode()} {count.decode()}" for name, count in stated)
+            what, allowed = (
+                "the file holds several meshes, or cells without a type",
+                "one section of each, of one length",
+            )
+            raise MeshError(Fault(what, str(path), got, allowed))
     raw = _read_raw(path)
     # Rows of other kinds, such as polyhedra, may differ in length.
     blocks = [
@@ -178,7 +192,10 @@ def _read_raw(path: Path) -> Any:
     try:
         # meshio prints an error and exits.
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-            return read_deck(path) if path.suffix.lower() == ".inp" else meshio.read(path)
+            if path.suffix.lower() == ".inp":
+                return read_deck(path)
+            is_text = path.suffix.lower() == ".msh" and is_msh_text(path)
+            return read_msh(path) if is_text else meshio.read(path)
     except MemoryError:
         raise
     except (Exception, SystemExit) as error:  # its readers raise arbitrary exceptions for a damaged file
@@ -230,6 +247,16 @@ def _checked(path: Path, points: Floats, tets: Ints) -> TetMesh:
                 str(path),
                 str(tets.shape[1]),
                 "4, or 10 of a quadratic one",
+            )
+        )
+    twice = (np.diff(np.sort(tets, axis=1), axis=1) == 0).any(axis=1)
+    if twice.any():
+        faults.append(
+            Fault(
+                f"{int(twice.sum())} tetrahedra have a node twice",
+                where=str(path),
+                got=f"nodes {tets[twice][0].tolist()} of tet {int(np.flatnonzero(twice)[0])}",
+                attempt="look at how the file lists the nodes of its cells",
             )
         )
     if faults:

@@ -15,14 +15,16 @@ from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.header import MASS
 from softcal.experiments.merge import merge_on_labels, merge_on_one_clock
 from softcal.experiments.motion_capture import read_c3d
+from softcal.experiments.orientation import QUATERNION
 from softcal.experiments.plausibility import check_plausible
 from softcal.experiments.prepare import PlannedStep
 from softcal.experiments.read import read_table
 from softcal.experiments.step import STEPS
 from softcal.experiments.steps.branches import BRANCH_STEP
-from softcal.experiments.steps.noise import set_noise
+from softcal.experiments.steps.noise import NOISE_STEPS, set_noise
 from softcal.experiments.steps.pulleys import correct_pulley_friction
 from softcal.experiments.synchronise import clock_warning, synchronise
+from softcal.experiments.table_format import TableFormat
 from softcal.project.bench_names import (
     as_tension,
     asked_of,
@@ -34,8 +36,9 @@ from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSe
 from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
 from softcal.sensing.channel import channel_name, of_kind
-from softcal.sensing.sensors.cable import TENSION
+from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.robot import Robot
+from softcal.units import format_quantity
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,11 @@ def build_bench(
             if len(findings.faults) == n_faults:
                 prepared.apply(step)
     for channel, (key, sigma) in noise.items():
+        if key == channel and compared and channel not in compared:
+            findings.warn((*path, "noise", key), "this channel is not compared: its noise is not used")
+        if any(step.name in NOISE_STEPS and step.settings.get("channel") == channel for step in steps):
+            allowed = "a step in prepare, or noise"
+            findings.add((*path, "noise", key), "the noise of a channel is stated twice", got=channel, allowed=allowed)
         with findings.at((*path, "noise", key)):
             prepared.now = set_noise(prepared.now, channel, sigma)
     with findings.at(path):
@@ -133,6 +141,13 @@ def build_bench(
             findings.faults += [
                 replace(f, where=findings.document.where((*path, "slack"))) for f in slack_faults(experiment)
             ]
+            backlash = section.backlash or 0.0
+            for channel in of_kind(SHORTENING, dataset.channels):
+                travel = float(np.ptp(dataset.values(channel)))
+                if backlash and travel <= backlash / 2:  # the cable begins in its middle
+                    got, allowed = (format_quantity(length, "m") for length in (backlash, 2 * travel))
+                    what = "the cable would never move: its drive does not take up the backlash"
+                    findings.add((*path, "backlash"), what, got=got, allowed=f"below {allowed}, twice the travel")
             if section.frame is not None and not experiment.points:
                 got = ", ".join(experiment.compared)
                 findings.add(
@@ -199,6 +214,9 @@ def _read(name: str, section: ExperimentSection, i: int, files: InputFiles, find
     with findings.at((*path, "path")):
         found = files.find(file.path, "data file")
         with findings.at(path):
+            if tuple(file.axes) != TableFormat.axes and not file.columns.keys() & {*QUATERNION}:
+                what, attempt = "axes turn quaternions alone, and no column is of one", "scale: -1, for an angle"
+                findings.add((*path, "axes"), what, got=", ".join(file.axes), attempt=attempt)
             if found.suffix.lower() == MOTION_CAPTURE:
                 return read_c3d(found, file.markers, name=name)
             return read_table(found, written=file, name=name, label=section.label, **asked_of(file))

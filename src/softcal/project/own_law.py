@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
+from unicodedata import normalize
 
 from softcal.checks import Floats
 from softcal.materials.at_rest import require_rest
@@ -15,7 +17,8 @@ from softcal.project.yaml_file import read_document
 
 
 def require_at_rest(law: str, theta: Mapping[str, float], direction: Floats, findings: Findings) -> None:
-    """Record a user's law with stress or energy at rest, or without stiffness there; softcal's laws are not checked.
+    """Record a user's law with stress or energy at rest, or without stiffness there, and warn of one that is not
+    proportional to its moduli, or has constants without effect; softcal's laws are not checked.
 
     Parameters
     ----------
@@ -31,6 +34,18 @@ def require_at_rest(law: str, theta: Mapping[str, float], direction: Floats, fin
     if law in {one.name for one in LAWS.registered}:
         with at_law(law, findings):
             require_rest(LAWS[law], theta, direction)
+            if not LAWS[law].is_proportional(theta):
+                findings.warn(
+                    ("laws", law, "energy"),
+                    "the energy is not proportional to its moduli and coefficients: a power of a modulus, or a number "
+                    "in Pa, which has no unit here, is in it; state that number as a constant",
+                )
+            of = LAWS[law]
+            # As Python reads names: the Greek mu is that of the unit prefix.
+            texts = normalize("NFKC", " ".join((of.distortional, of.bulk, *of.symbols.values())))
+            for name in of.names:
+                if normalize("NFKC", name) not in re.findall(r"\w+", texts):
+                    findings.warn(("laws", law, "constants", name), "no text has this constant: it has no effect")
 
 
 def read_laws(path: Path) -> None:

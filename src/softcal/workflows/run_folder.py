@@ -270,7 +270,7 @@ def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
             raise StorageError(
                 Fault("the result is of an experiment that the run does not have", where, ", ".join(strangers))
             )
-    _require_units(folder, project, results)
+    _require_project(folder, project, settings, results)
     about = (folder, project, settings, record.versions, record.hashes, record.created)
     calibrations = {label: result for label, result in results.items() if isinstance(result, CalibrationResult)}
     match list(results.values()):
@@ -282,8 +282,10 @@ def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
             raise contradiction(folder / CALIBRATIONS, "the run", "there is a sweep among its calibrations")
 
 
-def _require_units(folder: Path, project: Project, results: Mapping[str, SearchResult]) -> None:
-    """Check that parameters have the units of the project, in which everything is shown."""
+def _require_project(
+    folder: Path, project: Project, settings: CalibrationSection, results: Mapping[str, SearchResult]
+) -> None:
+    """Check that results have the units, bounds and loss of the project, by which everything is shown."""
     units = {name: one.unit for name, one in robot_parameters(project.robot).items()}
     units |= {one.name: one.unit for one in (project.space.parameters if project.space else ())}
     faults = [
@@ -297,6 +299,16 @@ def _require_units(folder: Path, project: Project, results: Mapping[str, SearchR
         for name, one in result.parameters.items()
         if (unit := units.get(name.partition("[")[0], one.unit)) != one.unit
     ]
+    space = {one.name: one for one in (project.space.parameters if project.space else ())}
+    for label, result in results.items():
+        where = str(calibration_folder(folder, label))
+        for name, one in result.parameters.items() if isinstance(result, CalibrationResult) else ():
+            of = space.get(name.partition("[")[0])
+            if of is not None and (one.lower, one.upper, one.scale) != (of.lower, of.upper, of.scale):
+                got, allowed = (f"{p.lower:g} to {p.upper:g} {of.unit}, {p.scale}" for p in (one, of))
+                faults.append(Fault(f"{name} has other bounds than in the project", where, got, allowed))
+        if isinstance(result, CalibrationResult) and result.loss_name != settings.loss:
+            faults.append(Fault("the loss is not that of the run", where, result.loss_name, settings.loss))
     if faults:
         raise StorageError(faults)
 

@@ -26,13 +26,18 @@ def average(dataset: Dataset, *, last: float | None = None) -> Dataset:
     Raises
     ------
     DatasetError
-        If the window is empty, there is no time channel, or a channel has no value within the window.
+        If the window is empty, or longer than the record, there is no time channel, or a channel has no value within
+        the window.
     """
     rows = np.ones(dataset.n_samples, dtype=bool)
     if last is not None:
         if not last > 0:
             raise DatasetError(Fault("no sample within the window", dataset.name, f"the last {last:g} s", "above 0 s"))
         time = dataset.values("time")
+        span, between = float(time[-1] - time[0]), float(np.diff(time).max(initial=0.0))
+        if last > (span + between) * (1 + 1e-9) and len(time) > 1:
+            what, got = "the window is longer than the record", format_quantity(last, "s")
+            raise DatasetError(Fault(what, dataset.name, got, f"up to {format_quantity(span, 's')}", "average: {}"))
         # A sample at the edge of the window up to rounding is excluded.
         rows = time > time[-1] - last + 1e-9 * max(abs(float(time[-1])), last)
     unseen = [key for key, channel in dataset.channels.items() if np.isnan(channel.values[rows]).all()]

@@ -147,7 +147,7 @@ def _n_samples(dataset: Dataset, by: str, n: int | None, step: float | None, spa
             Fault(
                 f"resampling by {by} would leave fewer than two samples",
                 where=dataset.name,
-                got=f"n {n}" if step is None else f"step {step:g}",
+                got=f"n {n}" if step is None else f"a step of {format_quantity(step, dataset.channels[by].unit)}",
                 allowed=f"n of 2 or more, or a step up to {format_quantity(span, dataset.channels[by].unit)}",
             )
         )

@@ -16,6 +16,7 @@ from softcal.plugins.coupons.kind import LawResponse
 _MODERATE = 2.5  # largest stretch up to which rubber-like bodies are nearly neo-Hookean
 _APART = 1.3  # stretch that a test must reach for true and nominal stresses to differ enough to be told apart
 _FEWEST = 5  # rows
+_NEVER_AT_REST = 1.9  # stretch of a body at rest that is read as a strain, with some room
 _FITS, _BETTER = 0.08, 3.0  # error of what the other measure would be, and the stated one's error over it
 
 
@@ -48,13 +49,18 @@ def require_signs(coupons: Sequence[Coupon], path: Path) -> None:
 
 
 def implausible(coupons: Sequence[Coupon]) -> list[str]:
-    """A sentence for every test whose nominal and true stresses seem to be mixed up.
+    """A sentence for every test whose nominal and true stresses, or stretches and strains, seem to be mixed up.
 
     Up to a moderate stretch elastomers are nearly neo-Hookean. A test that is so only if its stresses are taken for the
     other measure is suspicious.
     """
     found: list[str] = []
     for coupon in coupons:
+        if coupon.test != "shear" and (least := float(coupon.strain.min(initial=math.inf))) >= _NEVER_AT_REST:
+            found.append(
+                f"{coupon.name}: the least stretch is {least:.3g}: are these stretches, or per cent, that were read as "
+                "strains?"
+            )
         small = (coupon.strain < _MODERATE) & (coupon.strain > 1 / _MODERATE) & coupon.measured
         moderate = np.all(small, axis=1)
         if coupon.test == "shear" or moderate.sum() < _FEWEST or coupon.strain[moderate].max() < _APART:

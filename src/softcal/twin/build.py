@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -37,6 +37,8 @@ from softcal.twin.nearby_twins import neighbours_of
 from softcal.twin.parameters import MARKER_OFFSETS, robot_parameters, with_shape
 from softcal.twin.robot import Body, Cable, Marker, PointLoad, Robot, SurfaceLoad
 from softcal.units import format_quantity
+
+FLAT = 1e-6  # of the extent of fixed nodes: those nearer to a line are on it
 
 
 @dataclass(frozen=True)
@@ -104,8 +106,7 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
         For a sensor of a marker, plate or cable that the robot does not have.
     """
     require_sensors(robot)
-    if robot.contact is None:
-        _require_ground(robot)
+    _require_ground(robot)
     frames = number_frames(robot)
     builder = _Points()
     meshes: dict[str, TetMesh] = {}
@@ -391,17 +392,49 @@ def _riders(body: Body, mesh: TetMesh, robot: Robot, frame: dict[str, int]) -> I
 
 
 def _require_ground(robot: Robot) -> None:
-    """Refuse a robot of which a part moves as a whole, whose cables would pull it along."""
-    links = [(tie.body, tie.on) for tie in robot.ties]
-    links += [(plate.name, body) for plate in robot.plates for body in plate.nodes]
-    links += [(rod.name, plate) for rod in robot.rods for plate in rod.clamped]
-    ground = {part.name for part in robot.deformable if len(part.fixed)} | {p.name for p in robot.plates if p.fixed}
-    while more := {name for link in links if ground.intersection(link) for name in link} - ground:
-        ground |= more
-    what = "is not attached: no node of it is fixed, nor of what it is tied to"
-    loose = [part for part in robot.deformable if part.name not in ground]
-    if loose:
-        raise MeshError([Fault(f"the {type(part).__name__.lower()} {what}", where=part.name) for part in loose])
+    """Refuse a robot of which a part moves as a whole, whose cables would pull it along. Contact may hold a part
+    anywhere: it joins all of them.
+    """
+    pieces = {body.name: body.mesh.pieces for body in robot.bodies}
+
+    def parts(body: str, nodes: Ints | None = None) -> set[tuple[str, int]]:
+        numbers = pieces[body] if nodes is None else pieces[body][nodes]
+        return {(body, int(n)) for n in np.unique(numbers[numbers >= 0])}
+
+    links = [parts(tie.body, tie.nodes) | parts(tie.on) for tie in robot.ties if {tie.body, tie.on} <= pieces.keys()]
+    links += [{(plate.name, 0)} | parts(body, nodes) for plate in robot.plates for body, nodes in plate.nodes.items()]
+    links += [{(rod.name, 0), (plate, 0)} for rod in robot.rods for plate in rod.clamped]
+    everything = {part for name in pieces for part in parts(name)} | {(rod.name, 0) for rod in robot.rods}
+    links += [everything] if robot.contact is not None else [{part} for part in everything]
+    held = {(part.name, 0) for part in robot.plates if part.fixed} | {(r.name, 0) for r in robot.rods if len(r.fixed)}
+    faults: dict[str, Fault] = {}
+    for group in _joined(links):
+        fixed = [[n for n in body.fixed if (body.name, pieces[body.name][n]) in group] for body in robot.bodies]
+        x = np.concatenate(
+            [np.zeros((0, 3)), *(b.mesh.points[n] for b, n in zip(robot.bodies, fixed, strict=True) if n)]
+        )
+        if group & held or (len(x) and np.linalg.matrix_rank(x - x[0], tol=FLAT * float(np.ptp(x))) >= 2):
+            continue
+        for part in robot.deformable:
+            n, of = sum(name == part.name for name, _ in group), sum(name == part.name for name, _ in everything)
+            kind, got = type(part).__name__.lower(), f"{n} of {of} pieces of its mesh" * (of > 1)
+            if n and len(x):
+                what = f"the {kind} turns freely about its fixed nodes, which lie at one point or on one line"
+                faults[part.name] = Fault(what, part.name, got, attempt="three fixed nodes or more, not on one line")
+            elif n:
+                what = f"{'a piece of ' * (of > 1)}the {kind} is not attached"
+                faults[part.name] = Fault(f"{what}: no node of it is fixed, nor of what it is tied to", part.name, got)
+    if faults:
+        raise MeshError(faults.values())
+
+
+def _joined(links: Iterable[set[tuple[str, int]]]) -> list[set[tuple[str, int]]]:
+    """The links, those with a common part as one."""
+    groups: list[set[tuple[str, int]]] = []
+    for link in links:
+        common = [group for group in groups if group & link]
+        groups = [group for group in groups if not group & link] + [link.union(*common)]
+    return groups
 
 
 def _motion(body: Body, mesh: TetMesh, rider: Ints, first: int) -> MeshMotion | None:

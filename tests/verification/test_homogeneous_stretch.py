@@ -37,7 +37,7 @@ def stretches(kind: str, along: float, nu: float) -> np.ndarray:
 def dead_forces(mesh, stress):
     """Nodal forces of the tractions P N on all six sides."""
     loads = tuple(
-        SurfaceLoad(f"on {side}", "block", mesh.face_sets[side], stress * (1.0 if side[1] == "1" else -1.0) * axis)
+        SurfaceLoad(f"on_{side}", "block", mesh.face_sets[side], stress * (1.0 if side[1] == "1" else -1.0) * axis)
         for axis, name in zip(np.eye(3), "xyz", strict=True)
         for side in (f"{name}0", f"{name}1")
     )

@@ -413,7 +413,9 @@ def _require_ground(robot: Robot) -> None:
         x = np.concatenate(
             [np.zeros((0, 3)), *(b.mesh.points[n] for b, n in zip(robot.bodies, fixed, strict=True) if n)]
         )
-        if group & held or (len(x) and np.linalg.matrix_rank(x - x[0], tol=FLAT * float(np.ptp(x))) >= 2):
+        # Loads alone may keep what turns; cables, slack at rest, do not.
+        turns = np.linalg.matrix_rank(x - x[:1], tol=FLAT * float(np.ptp(x))) < 2 if len(x) and robot.cables else False
+        if group & held or (len(x) and not turns):
             continue
         for part in robot.deformable:
             n, of = sum(name == part.name for name, _ in group), sum(name == part.name for name, _ in everything)

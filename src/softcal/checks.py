@@ -87,6 +87,8 @@ def _numbers(
         raise InputError(Fault("masked values are no numbers", name, f"{n_masked} masked", of, attempt))
     if unit := _unit_of(values):
         raise InputError(Fault("these have a unit of their own", name, unit, f"{of} in SI", "their magnitude in SI"))
+    if isinstance(values, bytearray | memoryview) and memoryview(values).format in ("B", "c"):
+        values = bytes(values)  # which NumPy takes for no numbers
     try:
         n = length_hint(values)  # before it is made, such as of a range
         array = np.asarray(values if n <= _MOST else np.broadcast_to(0, n))

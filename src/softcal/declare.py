@@ -269,7 +269,7 @@ def _kinds(origin: Any, of: tuple[Any, ...]) -> tuple[Any, ...]:
 def _entries(value: Any, kinds: tuple[Any, ...]) -> list[tuple[Any, Any]] | None:
     """The entries of a list or array, each with its annotation among those of a tuple; None where they do not match."""
     given = value.tolist() if hasattr(value, "tolist") else value
-    if isinstance(given, str | Mapping) or not isinstance(given, Collection):
+    if isinstance(given, str | bytes | bytearray | memoryview | Mapping) or not isinstance(given, Collection):
         return None
     of = kinds[:1] * len(given) if kinds[-1:] == (...,) else kinds
     return [*zip(given, of, strict=True)] if len(given) == len(of) else None

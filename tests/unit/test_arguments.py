@@ -19,6 +19,7 @@ from softcal.experiments.dataset import Channel, Dataset
 from softcal.experiments.plausibility import check_plausible, copies
 from softcal.geometry.neck import Neck
 from softcal.geometry.wire import SolidRod
+from softcal.twin.channels import sensors_of
 from softcal.twin.protocol import Command, Protocol
 
 PULL = Protocol({"front": Command("shortening", np.array([0.0, 0.002]))})
@@ -160,3 +161,95 @@ def test_rows_that_are_written_several_times_are_warned_of() -> None:
     assert warned(1) == ""
     assert "pull: 50 of 100 rows repeat the one before in every channel" in warned(2)
     assert "standard errors are too small" in warned(3)
+
+
+def bar_of(mesh: Any, **changes: Any) -> softcal.Robot:
+    """The bar with another mesh, held at its foot."""
+    robot = bar_robot()
+    fixed = np.flatnonzero(mesh.points[:, 2] < 1e-9)
+    return replace(robot, bodies=(replace(robot.bodies[0], **{"mesh": mesh, "fixed": fixed, **changes}),))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_tet_twice_is_refused(order: Any) -> None:
+    mesh = softcal.box_mesh([0.02] * 3, [1, 1, 1], order=order)
+    turned = mesh.tets[2, [1, 2, 0, 3]] if order == 1 else mesh.tets[2]
+    with pytest.raises(softcal.MeshError, match=r"tets: a tet appears twice, .*; got tets 2 and 6"):
+        softcal.TetMesh(mesh.points, np.vstack([mesh.tets, turned]))
+
+
+def test_bytes_are_no_numbers_and_a_box_has_a_size() -> None:
+    for raw in (bytearray(b"01"), memoryview(b"01")):
+        with pytest.raises(InputError, match=r"values: .*bytes"):
+            softcal.Command("tension", raw)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"divisions: .*x01"):
+        softcal.box_mesh([0.02] * 3, b"\x01\x01\x01")
+    with pytest.raises(InputError, match=r"lengths\[0\]: the extent of a mesh is out of range"):
+        softcal.box_mesh([1e-30] * 3, [1, 1, 1])
+
+
+def test_a_piece_of_a_mesh_that_floats_is_refused() -> None:
+    mesh = bar_robot().bodies[0].mesh
+    upper = mesh.points[mesh.tets][:, :, 2].mean(axis=1) > 0.05
+    points = np.vstack([mesh.points, mesh.points])  # a slit across
+    slit = softcal.TetMesh(points, np.where(upper[:, None], mesh.tets + mesh.n_points, mesh.tets))
+    robot = bar_of(slit)
+    nodes = mesh.n_points + np.flatnonzero(mesh.points[:, 2] > 0.1 - 1e-9)
+    robot = replace(robot, plates=(replace(robot.plates[0], nodes={"bar": nodes}),))
+    with pytest.raises(InputError, match=r"bar: a piece of the body is not attached.*1 of 2 pieces"):
+        softcal.simulate(robot, PULL)
+
+
+def test_a_robot_with_contact_that_floats_is_refused() -> None:
+    robot = replace(bar_of(bar_robot().bodies[0].mesh, fixed=[]), contact=softcal.Contact())
+    with pytest.raises(InputError, match="bar: the body is not attached"):
+        softcal.simulate(robot, PULL)
+
+
+def test_a_live_state_is_not_changed_by_its_reader() -> None:
+    state: Any = softcal.LiveTwin(bar_robot()).at({"front": 0.002})
+    for mapping in (state.channels, state.commands):
+        with pytest.raises(TypeError, match="not changed"):
+            mapping.clear()
+
+
+def test_an_axis_of_a_sweep_has_values_with_units(tmp_path: Path) -> None:
+    project = softcal.load(write_project(tmp_path))
+    with pytest.raises(InputError, match=r"bar\.youngs_modulus: the axis has no values"):
+        softcal.sweep(project, over={"bar.youngs_modulus": []})
+
+
+def test_an_option_that_an_export_needs_is_asked_for(tmp_path: Path) -> None:
+    request = softcal.ExportRequest(softcal.load(write_project(tmp_path)))
+    with pytest.raises(InputError, match="reach: the export needs this option"):
+        softcal.write_export("reduced", request, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_project_is_used_from_another_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_project(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    project = softcal.load("project.yaml")
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    softcal.sweep(project, over={"front.slack": "0 mm, 1 mm"}, out="run")
+    assert (gone / "run" / "sweep.csv").is_file()
+
+
+def test_a_present_folder_that_is_gone_is_no_place_for_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    project = softcal.load(write_project(tmp_path))
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    with pytest.raises(softcal.StorageError, match="run: this cannot be written"):
+        softcal.calibrate(project, out="run")
+
+
+@pytest.mark.parametrize("name", [5, "", "a b", "<b>", "rig"])
+def test_a_sensor_of_its_own_has_the_name_of_a_part(name: Any) -> None:
+    sensor = sensors_of(bar_robot())[0].sensor
+    assert softcal.NamedSensor("pot", sensor).name == "pot"
+    with pytest.raises(InputError, match="name"):
+        softcal.NamedSensor(name, sensor)

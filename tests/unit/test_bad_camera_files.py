@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 from test_motion_capture import MARKERS, positions, written
 
 from softcal.cli import main
@@ -220,3 +221,18 @@ def test_a_marker_beyond_all_reach_is_refused(tmp_path: Path) -> None:
     xyz[7, 1, 2] = 1e20
     with pytest.raises(DatasetError, match=r"a marker is out of reach; got 1e\+17 m; allowed: at most 1000 m"):
         read_c3d(written(tmp_path, xyz), MARKERS)
+
+
+@pytest.mark.parametrize("bits", [10, 12, 16])
+def test_an_image_of_a_camera_of_more_bits_keeps_its_shades(bits: int, tmp_path: Path) -> None:
+    shades = np.tile(np.linspace(0, 2**bits - 1, 256).round().astype(np.uint16), (8, 1))
+    cv2.imwrite(str(tmp_path / "a.png"), shades)
+    np.testing.assert_allclose(read_image(tmp_path / "a.png")[0], np.arange(256), atol=1)
+
+
+def test_an_image_of_several_is_refused(tmp_path: Path) -> None:
+    pages = [Image.new("L", (40, 30), shade) for shade in (255, 0)]
+    for name in ("a.tif", "a.png", "a.webp"):
+        pages[0].save(tmp_path / name, save_all=True, append_images=pages[1:])
+        with pytest.raises(StorageError, match="the file holds several images; got 2; allowed: one image a file"):
+            read_image(tmp_path / name)

@@ -8,6 +8,7 @@ import re
 import socket
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from database_folder import PASSWORD
@@ -143,6 +144,15 @@ def test_a_server_that_is_not_there_or_is_silent_is_told(
     assert shown in gone
     assert f"{shown}; got it does not answer within" in err
     assert "s3cret" not in gone + err
+
+
+@pytest.mark.parametrize(
+    ("password", "said", "shown"),
+    [("p", "port p", "port ***"), ("on", "option 'on'", "option '***'"), ("s3cret", "xs3cretx", "x***x")],
+)
+def test_a_short_password_is_masked_where_it_is_a_word(password: str, said: str, shown: str) -> None:
+    place: Any = storage_url.storage_url(f"postgresql+pg8000://u:{password}@localhost/d")
+    assert place._without_secret(said) == shown
 
 
 def test_a_wrong_password_or_database_is_told_and_never_shown(

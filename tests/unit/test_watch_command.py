@@ -61,11 +61,14 @@ def test_a_folder_that_is_not_there_is_refused(tmp_path: Path):
 
 
 @needs_nicegui
-@pytest.mark.parametrize("options", [["--host", "192.0.2.1"], ["--host", "no such host"], ["--host", "\u0000"]])
+@pytest.mark.parametrize(
+    "options", [["--host", "192.0.2.1"], ["--host", "no such host"], ["--host", "\u0000"], ["--host", "a\nb"]]
+)
 def test_an_address_that_is_not_this_machine_s_is_refused(options: list[str], tmp_path: Path):
     done = CliRunner().invoke(app, ["watch", str(write_run(tmp_path)), "--no-browser", "--port", "0", *options])
     assert done.exit_code == 2, done.output
     assert "the page cannot be served at this address" in done.stderr
+    assert "\n" not in done.stderr.strip()
 
 
 @needs_nicegui

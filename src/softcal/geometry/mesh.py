@@ -45,6 +45,12 @@ class TetMesh(Checked):
                 Fault("the mesh has no tetrahedra", got=f"a connectivity of shape {tets.shape}", allowed="(n, 4 or 10)")
             )
         require_below(len(self.points), tets, "tets")
+        corners = np.sort(tets[:, :4], axis=1)
+        order = np.lexsort(corners.T)  # stable
+        twice = np.flatnonzero((np.diff(corners[order], axis=0) == 0).all(axis=1))
+        if len(twice):
+            got = f"tets {order[twice[0]]} and {order[twice[0] + 1]}" + f", {len(twice)} in all" * (len(twice) > 1)
+            raise MeshError(Fault("a tet appears twice, which would stiffen the body there", "tets", got))
         for name, n in (("node_sets", len(self.points)), ("face_sets", len(self.points)), ("element_sets", len(tets))):
             for key, numbers in getattr(self, name).items():
                 require_below(n, numbers, f"{name}.{key}")
@@ -78,6 +84,21 @@ class TetMesh(Checked):
     def corners(self) -> Ints:
         """Numbers of the nodes that are a corner of some tet, ascending."""
         return np.unique(self.tets[:, :4])
+
+    @cached_property
+    def pieces(self) -> Ints:
+        """The connected piece of the mesh that each node belongs to (n_points,), counted from 0; -1 for a node of no
+        tet.
+        """
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        first, others = np.repeat(self.tets[:, 0], self.tets.shape[1] - 1), self.tets[:, 1:].ravel()
+        graph = coo_array((np.ones(len(first), dtype=bool), (first, others)), shape=(self.n_points, self.n_points))
+        labels = np.full(self.n_points, -1)
+        used = np.unique(self.tets)
+        labels[used] = np.unique(connected_components(graph, directed=False)[1][used], return_inverse=True)[1]
+        return labels
 
     @cached_property
     def outer_faces(self) -> Ints:

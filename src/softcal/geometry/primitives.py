@@ -17,12 +17,14 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import of_order
 from softcal.geometry.surface import boundary_faces
 from softcal.limits import LIMITS
-from softcal.quantities import Point, Size
+from softcal.quantities import QUANTITIES, Point
+
+_Edge = Annotated[float, QUANTITIES["extent of a mesh"]]
 
 
 @checked_arguments
 def box_mesh(
-    lengths: Annotated[Sequence[float], ArrayOf(tuple[Size, Size, Size])],
+    lengths: Annotated[Sequence[float], ArrayOf(tuple[_Edge, _Edge, _Edge])],
     divisions: Annotated[Sequence[int], Numbers],
     *,
     order: Literal[1, 2] = 1,

@@ -175,7 +175,9 @@ def _value_faults(
     faults: list[Fault] = []
     unit = infos[0].unit
     twice = next((value for value in values if values.count(value) > 1), None)
-    if twice is not None:
+    if not values:
+        faults.append(Fault("the axis has no values", name, attempt="a range, such as 1MPa:4MPa:0.5MPa"))
+    elif twice is not None:
         faults.append(Fault("a value appears twice", name, format_quantity(twice, unit)))
     elif len(values) < 2:
         got = format_quantity(values[0], unit)

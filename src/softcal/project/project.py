@@ -163,8 +163,8 @@ def load(
     StorageError
         Where the project file cannot be read.
     """
-    path = Path(path)
-    document = read_document(path)
+    document = read_document(Path(path))
+    path = Path(path).absolute()  # also where the present folder is changed later
     given = {key: one if isinstance(one, Entry) else Entry(one) for key, one in (changes or {}).items()}
     document = document.changed(given)
     files = InputFiles(path.parent, copies)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
 from softcal.catalogue import Catalogue
 from softcal.checks import Floats
-from softcal.declare import Declared
+from softcal.declare import Checked, Declared
 from softcal.display import displayed
-from softcal.errors import Fault, unknown
+from softcal.errors import Fault, InputError, unknown
+from softcal.names import part_name_fault
 from softcal.sensing.kind import ChannelKind
 
 # Parts of a robot that sensors may come with, in the order of their channels.
@@ -90,11 +91,16 @@ class Sensor(Declared, ABC):
 
 @displayed
 @dataclass(frozen=True)
-class NamedSensor:
+class NamedSensor(Checked):
     """A sensor on a robot. name: first part of its channels' names."""
 
     name: str
     sensor: Sensor
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if fault := part_name_fault(self.name):
+            raise InputError(replace(fault, where="name"))
 
 
 def _faults(sensor: type[Sensor], known: Mapping[str, type[Sensor]]) -> list[Fault]:

@@ -178,3 +178,32 @@ def nodes_in_use(given: TetMesh, used: TetMesh, nodes: Ints) -> Ints:
     for i, (a, b) in enumerate(used.cell.edges):
         chosen[used.tets[:, 4 + i]] |= chosen[used.tets[:, a]] & chosen[used.tets[:, b]]
     return np.flatnonzero(chosen)
+
+
+def loose_faults(robot: Robot) -> list[Fault]:
+    """The parts that move as a whole, whose cables would pull them along: by pieces of their meshes. Contact, which may
+    hold a part anywhere, joins all of them.
+    """
+    pieces = {body.name: body.mesh.pieces for body in robot.bodies}
+
+    def parts(body: str, nodes: Ints | None = None) -> set[tuple[str, int]]:
+        numbers = pieces[body] if nodes is None else pieces[body][nodes]
+        return {(body, int(n)) for n in np.unique(numbers[numbers >= 0])}
+
+    everything = {part for name in pieces for part in parts(name)} | {(rod.name, 0) for rod in robot.rods}
+    links = [parts(tie.body, tie.nodes) | parts(tie.on) for tie in robot.ties if {tie.body, tie.on} <= pieces.keys()]
+    links += [{(plate.name, 0)} | parts(body, nodes) for plate in robot.plates for body, nodes in plate.nodes.items()]
+    links += [{(rod.name, 0), (plate, 0)} for rod in robot.rods for plate in rod.clamped]
+    links += [everything] if robot.contact is not None else [{part} for part in everything]
+    ground = {(part.name, 0) for part in (*robot.plates, *robot.rods) if np.size(part.fixed) and np.any(part.fixed)}
+    ground = ground.union(*(parts(body.name, body.fixed) for body in robot.bodies))
+    while more := {part for link in links if ground & link for part in link} - ground:
+        ground |= more
+    faults: list[Fault] = []
+    for part in robot.deformable:
+        own = [each for each in everything if each[0] == part.name]
+        if loose := [each for each in own if each not in ground]:
+            kind, several = type(part).__name__.lower(), len(own) > 1
+            what = f"{'a piece of ' * several}the {kind} is not attached: no node is fixed, nor of what it is tied to"
+            faults.append(Fault(what, part.name, f"{len(loose)} of {len(own)} pieces of its mesh" * several))
+    return faults

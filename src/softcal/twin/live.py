@@ -11,7 +11,7 @@ from typing import Protocol as Shape
 import numpy as np
 
 from softcal.checks import Floats, ReadOnly
-from softcal.declare import OrInfinite, as_annotated, checked_arguments
+from softcal.declare import FixedMapping, OrInfinite, as_annotated, checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
 from softcal.mechanics.cable import cables_of
@@ -321,8 +321,8 @@ class LiveTwin(_InOneProcess):
         self, place: _Place, commands: Mapping[str, float], values: Floats, status: str, n_before: int
     ) -> LiveState:
         self._state = LiveState(
-            commands=commands,
-            channels=dict(zip(self.units, values.tolist(), strict=True)),
+            commands=FixedMapping(commands),
+            channels=FixedMapping(zip(self.units, values.tolist(), strict=True)),
             succeeded=True,
             status=status,
             n_iterations=self._steps.n_iterations,

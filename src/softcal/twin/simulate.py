@@ -10,6 +10,7 @@ import numpy as np
 from softcal.errors import Fault, ParameterError
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.equilibrium_path import CURVE_TOLERANCE, EquilibriumPath, guide_of, statics_of
+from softcal.twin.joints import loose_faults
 from softcal.twin.many import simulate_many
 from softcal.twin.parameters import robot_parameters, unknown_name, value_faults, with_shape
 from softcal.twin.proportional import at_moduli, at_own_moduli, with_modulus
@@ -100,15 +101,7 @@ def statics_faults(robot: Robot, values: Mapping[str, float]) -> list[Fault]:
     not attached, so that its cables would pull it along, or friction of contact.
     """
     faults = value_faults(robot_parameters(robot), values)
-    links = [(tie.body, tie.on) for tie in robot.ties]
-    links += [(plate.name, body) for plate in robot.plates for body in plate.nodes]
-    links += [(rod.name, plate) for rod in robot.rods for plate in rod.clamped]
-    ground = {part.name for part in robot.deformable if len(part.fixed)} | {p.name for p in robot.plates if p.fixed}
-    while more := {name for link in links if ground.intersection(link) for name in link} - ground:
-        ground |= more
-    if robot.contact is None:
-        what = "the part is not attached: no node of it is fixed, nor of what it is tied to"
-        faults += [Fault(what, where=part.name) for part in robot.deformable if part.name not in ground]
+    faults += loose_faults(robot)
     if robot.contact is not None and robot.contact.friction_coefficient > 0.0:
         faults.append(
             Fault(

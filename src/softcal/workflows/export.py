@@ -250,10 +250,14 @@ def write_export(name: str, request: ExportRequest, folder: str | Path, **option
     from softcal.workflows.output import new_folder, require_free_folder
 
     export, folder = EXPORTS.named(name), Path(folder)
-    known = [*inspect.signature(export.function).parameters][2:]
-    if faults := [
-        unknown("the export has no such option", one, one, known, got="") for one in options if one not in known
-    ]:
+    known = dict([*inspect.signature(export.function).parameters.items()][2:])
+    faults = [unknown("the export has no such option", one, one, known, got="") for one in options if one not in known]
+    faults += [
+        Fault("the export needs this option", one, attempt=f"write_export('{name}', …, {one}=…)")
+        for one, parameter in known.items()
+        if parameter.default is parameter.empty and one not in options
+    ]
+    if faults:
         raise InputError(faults)
     for one, option in export.options.items():
         as_annotated(options.get(one), option.kind | None, one)

@@ -53,8 +53,9 @@ def new_folder(folder: Path, attempt: str = ANOTHER) -> Generator[Path]:
         Where `folder` holds files already, or cannot be written.
     """
     _require_empty(folder, attempt)
-    absent = [parent for parent in folder.absolute().parents if not parent.exists()]
+    absent: list[Path] = []
     try:
+        absent += [parent for parent in folder.absolute().parents if not parent.exists()]
         folder.parent.mkdir(parents=True, exist_ok=True)
         with whole_folder(folder) as part:
             yield part

@@ -43,6 +43,7 @@ _DRIVERS: dict[str, dict[str, tuple[str, str]]] = {
     },
 }
 _WITHOUT = {"postgresql": "pg8000", "mysql": "pymysql"}  # those in pure Python, advised where there is none
+_SHORT = 4  # characters of a password below which it may be a part of other words
 _SECRET = ("password", "passwd")  # options of a URL
 # Those that a URL may have: others of the drivers read files, send files to the server, or run statements.
 _OPTIONS = {
@@ -191,7 +192,9 @@ class StorageUrl:
         url = sqlalchemy.make_url(self.url)
         secrets = {str(secret) for secret in (url.password, *(url.query.get(name) for name in _SECRET)) if secret}
         for secret in secrets | {repr(secret)[1:-1] for secret in secrets}:
-            text = text.replace(secret, "***")
+            # A short one is a part of other words too.
+            whole = re.escape(secret) if len(secret) >= _SHORT else rf"(?<!\w){re.escape(secret)}(?!\w)"
+            text = re.sub(whole, "***", text)
         return text
 
 

@@ -101,32 +101,43 @@ def read_image(path: Path) -> Image:
         raise StorageError(Fault("the image is cut off", str(path), f"{len(raw)} bytes", "a whole JPEG file"))
     data = np.frombuffer(raw, dtype=np.uint8)
     # A photo's orientation tag is not applied: the calibration refers to the sensor's pixels.
-    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION | cv2.IMREAD_ANYDEPTH
+    n_images = _n_images(raw)
+    if n_images > 1:
+        raise StorageError(Fault("the file holds several images", str(path), str(n_images), "one image a file"))
     # Suppress OpenCV's own messages; the fault is reported below.
     level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        image = cv2.imdecode(data, flags) if _is_decodable(raw) else None
+        image = cv2.imdecode(data, flags) if n_images else None
     except (cv2.error, MemoryError):
         image = None
     finally:
         cv2.utils.logging.setLogLevel(level)
+    if image is not None and image.dtype == np.uint16:  # of which a camera of 10 or 12 bits uses a part
+        image = np.round(image * (255.0 / max(int(image.max()), 1)))
+    elif image is not None and image.dtype != np.uint8:
+        image = None
     if image is None:
         allowed = f"a whole image of at most {_MOST_PIXELS} pixels"
         raise StorageError(Fault("the file holds no image that can be read", str(path), f"{data.size} bytes", allowed))
     return np.asarray(image, dtype=np.uint8)
 
 
-def _is_decodable(raw: bytes) -> bool:
-    """Whether a file says that it is an image of a size that can be decoded; OpenCV takes the memory that any names."""
+def _n_images(raw: bytes) -> int:
+    """How many images a file says that it has, 0 where their size cannot be decoded; OpenCV takes the memory that any
+    names.
+    """
     from PIL import Image
 
     with warnings.catch_warnings(action="ignore"):  # Pillow's own limit is another
         try:
             with Image.open(io.BytesIO(raw), formats=_FORMATS) as image:
+                # A telephone's MPO is a JPEG with a preview behind it.
+                n = 1 if image.format == "MPO" else getattr(image, "n_frames", 1)
                 image.verify()  # that the parts of a PNG are whole
-                return image.width * image.height <= _MOST_PIXELS
+                return n if image.width * image.height <= _MOST_PIXELS else 0
         except Exception:  # noqa: BLE001 (whatever the reader of a format raises)
-            return False
+            return 0
 
 
 def _images(path: Path) -> list[Path]:

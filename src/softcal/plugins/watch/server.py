@@ -79,6 +79,7 @@ def _listening(host: str, port: int | None) -> socket.socket:
             problem = getattr(error, "strerror", None) or str(error)
         else:
             return found
+    host = host if host.isprintable() else repr(host)
     named = f"{host}:{wanted[0]}" if len(wanted) == 1 else f"{host}:{wanted[0]} to {wanted[-1]}"
     raise InputError(
         Fault("the page cannot be served at this address", named, problem.lower(), attempt="another --port or --host")

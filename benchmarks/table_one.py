@@ -179,9 +179,10 @@ def _is_inside(estimate: Estimate, true: float) -> bool:
 
 
 def _sentences(found: Fits) -> str:
+    spread, notes = spread_sentences(found.with_mesh), found.with_mesh.notes
     told = [
-        *(text for text, _ in spread_sentences(found.with_mesh)),
-        *(f"{'Warning: ' * (note.level == 'warning')}{note}" for note in found.with_mesh.notes),
+        *(remark.text for remark in spread),
+        *(f"{'Warning: ' * (note.tone == 'warning')}{note.text}" for note in notes),
     ]
     return "\n>\n".join(f"> {sentence}" for sentence in told)
 

@@ -105,8 +105,7 @@ def difference(before: Spent, after: Spent) -> Spent:
 @contextmanager
 def served(run: Path, *, browser: bool) -> Generator[Shown]:
     """The page of a run, and a browser that looks at it; both have settled."""
-    command = [sys.executable, "-m", "softcal", "watch", str(run), "--no-browser", "--port", "0"]
-    with beside(command) as page:
+    with beside("softcal", "watch", str(run), "--no-browser", "--port", "0") as page:
         assert page.stdout is not None
         address = page.stdout.readline().removeprefix("Page: ").split(" ")[0].strip()
         process = psutil.Process(page.pid)
@@ -127,8 +126,13 @@ def looking(address: str) -> Generator[psutil.Process]:
     if found is None:
         raise SystemExit("There is no Chromium on this machine.")
     with tempfile.TemporaryDirectory(prefix="chromium-", ignore_cleanup_errors=True) as profile:
-        with beside([found, *CHROMIUM, f"--user-data-dir={profile}", address]) as process:
-            yield psutil.Process(process.pid)
+        command = [found, *CHROMIUM, f"--user-data-dir={profile}", address]
+        silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        with subprocess.Popen(command, **silent) as process:
+            try:
+                yield psutil.Process(process.pid)
+            finally:
+                process.terminate()
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
@@ -145,15 +149,15 @@ def searching(run: Path) -> Generator[TrialReader]:
     """A calibration that goes on; its trials."""
     place = run / "calibrations" / "joint"
     trials = TrialReader(place)
-    with beside(calibrate(run, ENDLESS)):
+    with beside("softcal", *calibrate(run, ENDLESS)):
         wait_for(lambda: place.is_dir() and len(trials.read()) >= 20)
         yield trials
 
 
 def calibrate(run: Path, trials: int) -> list[str]:
-    """The command of a calibration."""
+    """The words of a calibration."""
     options = ["--fit", "joint", "--method", "tpe", "--trials", str(trials), "--workers", str(WORKERS)]
-    return [sys.executable, "-m", "softcal", "calibrate", str(PROJECT), *options, "--out", str(run)]
+    return ["calibrate", str(PROJECT), *options, "--out", str(run)]
 
 
 def window(kind: str, seconds: float, shown: Shown | None, trials: TrialReader | None) -> Window:
@@ -226,7 +230,9 @@ def main() -> None:
     load = machine_load()
     with tempfile.TemporaryDirectory(prefix="watch-", ignore_cleanup_errors=True) as place:
         run = Path(place, "finished")
-        subprocess.run(calibrate(run, TRIALS), check=True, stdout=subprocess.DEVNULL)
+        subprocess.run(
+            [sys.executable, "-m", "softcal", *calibrate(run, TRIALS)], check=True, stdout=subprocess.DEVNULL
+        )
         finished, drawing = list[Window](), 0.0
         for kind in (SERVED, LOOKED_AT):
             with served(run, browser=kind == LOOKED_AT) as shown:

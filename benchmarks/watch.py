@@ -230,9 +230,8 @@ def main() -> None:
     load = machine_load()
     with tempfile.TemporaryDirectory(prefix="watch-", ignore_cleanup_errors=True) as place:
         run = Path(place, "finished")
-        subprocess.run(
-            [sys.executable, "-m", "softcal", *calibrate(run, TRIALS)], check=True, stdout=subprocess.DEVNULL
-        )
+        command = [sys.executable, "-m", "softcal", *calibrate(run, TRIALS)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         finished, drawing = list[Window](), 0.0
         for kind in (SERVED, LOOKED_AT):
             with served(run, browser=kind == LOOKED_AT) as shown:

@@ -50,9 +50,9 @@ def parse_axis(
     name
         Name or pattern of the parameter.
     written
-        Numbers in SI, or as text values (`0.45`, `2.3 MPa`) and ranges (`10 GPa:1 GPa:1 GPa`; the stop is the last value where a step reaches
-        it), one to an entry or several with commas between. A step is the difference of values; without a sign it goes
-        from the start towards the stop.
+        Numbers in SI, or as text values (`0.45`, `2.3 MPa`) and ranges (`10 GPa:1 GPa:1 GPa`; the stop is the last
+        value where a step reaches it), one to an entry or several with commas between. A step is the difference of
+        values; without a sign it goes from the start towards the stop.
     known
         Parameters by name.
     tied

@@ -6,7 +6,7 @@ import contextlib
 import io
 import re
 import shlex
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -215,7 +215,7 @@ def _read_raw(path: Path) -> Any:
 
 
 @contextlib.contextmanager
-def _offsets_checked() -> Iterator[None]:
+def _offsets_checked() -> Generator[None]:
     """Check where the cells of a .vtu and a .vtk begin and end; meshio takes the nodes before the end alone."""
     common = import_module("meshio._vtk_common")
 

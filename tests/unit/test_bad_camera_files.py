@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -188,6 +190,16 @@ def test_an_image_that_is_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "image.png")
     with pytest.raises(StorageError, match="the image cannot be read; got a pipe"):
         read_image(tmp_path / "image.png")
+
+
+def test_an_image_is_read_without_an_error_output(tmp_path: Path) -> None:
+    (tmp_path / "image.png").write_bytes(encoded(".png"))
+    code = (
+        "import os, sys; from pathlib import Path; from softcal.plugins.markers.shots import read_image; os.close(2); "
+    )
+    code += "print(read_image(Path(sys.argv[1])).ndim)"
+    run = [sys.executable, "-c", code, str(tmp_path / "image.png")]
+    assert subprocess.run(run, capture_output=True, text=True, check=False).stdout == "2\n"
 
 
 def test_a_jpeg_with_padding_before_its_end_is_read(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -133,7 +133,10 @@ def read_image(path: Path) -> Image:
 def _error_output() -> Generator[list[bytes]]:
     """What libraries in C write to the error output meanwhile, which is shown to nobody; after the block."""
     said: list[bytes] = []
-    kept = os.dup(2)
+    try:
+        kept = os.dup(2)
+    except OSError:  # it is closed
+        kept = os.open(os.devnull, os.O_WRONLY)
     try:
         with tempfile.TemporaryFile() as file:
             os.dup2(file.fileno(), 2)

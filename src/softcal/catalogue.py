@@ -20,6 +20,7 @@ M = TypeVar("M")
 
 PLUGINS = Path(__file__).parent / "plugins"
 _MEMBER = "catalogue_member"  # of a function that was registered, which is what an entry point names
+_OTHER = "another name, or where this is a new version of it another process: restart the kernel of a notebook"
 
 
 @dataclass(frozen=True)
@@ -148,7 +149,7 @@ class Catalogue(Mapping[str, T], Generic[T]):
         name = _name(member)
         if known.get(name, member) != member:
             what = f"there is another {self.what} of this name"
-            raise ParameterError(Fault(what, self.what, name, attempt="another name"))
+            raise ParameterError(Fault(what, self.what, name, attempt=_OTHER))
         self._members[name] = member
         if is_own:
             self._own.add(name)

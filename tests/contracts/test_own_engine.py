@@ -90,5 +90,7 @@ def test_what_is_no_engine_is_refused() -> None:
         register_engine(load)  # type: ignore[arg-type]
     with pytest.raises(ParameterError, match="softcal is the engine that others are compared with"):
         register_engine(Engine("softcal", sofa.own, sofa.missing, sofa.solve))
-    with pytest.raises(ParameterError, match="there is another engine of this name"):
+    with pytest.raises(
+        ParameterError, match=r"another engine of this name.*Try: another name, or .*: restart the kernel"
+    ):
         register_engine(Engine("sofa", sofa.own, sofa.missing, sofa.missing))  # type: ignore[arg-type]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -41,6 +42,12 @@ def test_the_papers_modulus():
 )
 def test_lists_and_ranges(written: list[str | float], values: list[float]):
     assert axis(NU, *written).values == tuple(values)
+
+
+def test_numbers_are_in_si_and_text_has_a_unit():
+    assert axis("spring2.youngs_modulus", "1 GPa", 2e9, np.float64(3e9), 4).values == (1e9, 2e9, 3e9, 4.0)
+    with pytest.raises(InputError, match="the unit is missing"):
+        axis("spring2.youngs_modulus", "1 GPa", "2e9")
 
 
 def test_one_parameter_or_a_pattern_instead_of_a_tied_name():

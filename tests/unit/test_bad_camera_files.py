@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -151,6 +154,12 @@ def huge_png() -> bytes:
     return bytes(raw)
 
 
+def noisy_jpeg() -> bytes:
+    ok, raw = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (64, 96), dtype=np.uint8))
+    assert ok
+    return bytes(raw)
+
+
 IMAGES: dict[str, tuple[str, bytes]] = {
     "nothing": (".png", b""),
     "text": (".png", b"no picture"),
@@ -158,6 +167,8 @@ IMAGES: dict[str, tuple[str, bytes]] = {
     "a PNG with a changed byte": (".png", encoded(".png")[:900] + b"\0" + encoded(".png")[901:]),
     "half a JPEG": (".jpg", encoded(".jpg")[:900]),
     "a JPEG without its end": (".jpg", encoded(".jpg")[:-2]),
+    "half a JPEG with an end": (".jpg", noisy_jpeg()[:2500] + b"\xff\xd9"),
+    "a JPEG with zeros": (".jpg", noisy_jpeg()[:2500] + bytes(200) + noisy_jpeg()[2700:]),
     "half a WebP": (".webp", encoded(".webp")[:200]),
     "a bitmap of 4e18 pixels": (".bmp", huge_bitmap()),
     "a PNG of 3.6e9 pixels": (".png", huge_png()),
@@ -172,7 +183,29 @@ def test_an_image_that_is_damaged_is_refused(case: str, tmp_path: Path, capfd: p
     path.write_bytes(raw)
     with pytest.raises(StorageError, match=r"no image that can be read|the image is cut off"):
         read_image(path)
-    assert "OpenCV" not in capfd.readouterr().err
+    assert not capfd.readouterr().err
+
+
+def test_an_image_that_is_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "image.png")
+    with pytest.raises(StorageError, match="the image cannot be read; got a pipe"):
+        read_image(tmp_path / "image.png")
+
+
+def test_an_image_is_read_without_an_error_output(tmp_path: Path) -> None:
+    (tmp_path / "image.png").write_bytes(encoded(".png"))
+    code = (
+        "import os, sys; from pathlib import Path; from softcal.plugins.markers.shots import read_image; os.close(2); "
+    )
+    code += "print(read_image(Path(sys.argv[1])).ndim)"
+    run = [sys.executable, "-c", code, str(tmp_path / "image.png")]
+    assert subprocess.run(run, capture_output=True, text=True, check=False).stdout == "2\n"
+
+
+def test_a_jpeg_with_padding_before_its_end_is_read(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "image.jpg").write_bytes(noisy_jpeg()[:-2] + bytes(40) + b"\xff\xd9")
+    assert read_image(tmp_path / "image.jpg").shape == (64, 96)
+    assert not capfd.readouterr().err
 
 
 def test_images_that_are_damaged_end_the_command_with_a_sentence(

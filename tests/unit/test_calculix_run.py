@@ -19,11 +19,12 @@ from softcal.plugins.calculix.workflow import crosscheck_project
 from softcal.project.project import load
 from softcal.workflows.cases import PULL, cases
 
-DECK = Deck("** a deck", {}, 2)
+DECK = Deck("** a deck", {}, 2, 3)
 TABLE = """
  displacements (vx,vy,vz) for set ALL and time  0.{}000000E+01
 
          1  1.000000E-01  2.000000E-01  3.000000E-01
+         2  0.000000E+00  0.000000E+00  1.000000-104
          3  0.000000E+00  0.000000E+00 -{}.00000E+00
 
 """
@@ -53,7 +54,7 @@ def test_displacements_at_every_state_are_read(ccx, tmp_path):
     ccx(printing(1, 2))
     found = run_calculix(DECK, tmp_path)
     assert found.shape == (2, 3, 3)
-    np.testing.assert_array_equal(found[1], [[0.1, 0.2, 0.3], [0.0, 0.0, 0.0], [0.0, 0.0, -2.0]])
+    np.testing.assert_array_equal(found[1], [[0.1, 0.2, 0.3], [0.0, 0.0, 1e-104], [0.0, 0.0, -2.0]])
 
 
 @pytest.mark.parametrize(
@@ -62,9 +63,13 @@ def test_displacements_at_every_state_are_read(ccx, tmp_path):
         ("echo ' *ERROR: increment size smaller than minimum'; exit 201", r"\(ERROR: increment size smaller than min"),
         (f"{printing(1)}\necho ' *ERROR: too many cutbacks'", r"\(ERROR: too many cutbacks\); it reached 1 of 2"),
         ("echo nothing of note; exit 3", r"\(exit code 3\); it reached 0 of 2 states"),
+        (printing(1, 2).replace("         2 ", "         3 "), r".*; it reached 0 of 2 states"),
+        (printing(1, 2).replace("2.000000E-01", "NaN"), r".*; it reached 0 of 2 states"),
+        (printing(1, 2).replace("2.000000E-01", "************"), r".*; it reached 0 of 2 states"),
+        (printing(1, 2)[: -len("E+00\n\nEND") - 20] + "\nEND", r".*; it reached 1 of 2 states"),
         ("kill -SEGV $$", r"\(it crashed: SIGSEGV\)"),
     ],
-    ids=["diverged", "cut back", "unknown", "crashed"],
+    ids=["diverged", "cut back", "unknown", "a node is missing", "NaN", "stars", "cut off", "crashed"],
 )
 def test_an_end_before_the_full_load_is_told(ccx, tmp_path, script, sentence):
     ccx(script)

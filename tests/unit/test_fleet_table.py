@@ -165,6 +165,10 @@ def test_only_the_named_factors_are_compared(tmp_path: Path) -> None:
             f"column '{FILE}', line 3: the specimen has no measured file here",
         ),
         ("specimen,file,a\none,,A\ntwo,,B\n", "column 'file', lines 2, 3: the specimen has no measured file here"),
+        (
+            f'specimen,{FILE},bar.youngs_modulus [kPa]\none,p1.csv,"2,000"\ntwo,p2.csv,"2,100"\n',
+            "a comma may be the decimal sign, or stand between thousands; got '2,000' and 1 like it",
+        ),
         (f"specimen,{FILE}\n", "no data below the column names"),
         (f"specimen,{FILE},\none,p1.csv,x\n", "fields than there are column names"),
     ],

@@ -1,7 +1,10 @@
 """Mesh files in and out."""
 
 import base64
+import contextlib
+import io
 import lzma
+import re
 import subprocess
 import sys
 import zlib
@@ -275,6 +278,21 @@ def two_pieces(path):
     path.write_text(text.replace(piece, 2 * piece))
 
 
+def cells_changed(old, new):
+    def write(path):
+        with contextlib.redirect_stderr(io.StringIO()):  # meshio warns of text
+            meshio.Mesh(np.eye(5, 3), [("tetra", [[0, 1, 2, 3], [1, 2, 3, 4]])]).write(path, binary=False)
+        text = path.read_text()
+        assert re.search(old, text)
+        path.write_text(re.sub(old, new, text, count=1))
+
+    return write
+
+
+def fractions(path):
+    cells_changed(r'"Int64" (Name="connectivity"[^>]*>\s*)0', r'"Float64" \g<1>0.7')(path)
+
+
 def flagged(**data):
     return lambda path: meshio.Mesh(np.eye(4, 3), [("tetra", [[0, 1, 2, 3]])], **data).write(path)
 
@@ -299,6 +317,17 @@ def flagged(**data):
             "other solid elements beside tetrahedra; got 8 points, 1 tetra, 1 hexahedron; allowed",
         ),
         ("pieces.vtu", two_pieces, "several pieces; got 2; allowed: one"),
+        (
+            "nodes.vtu",
+            cells_changed(r'(?s)(<DataArray[^>]*"connectivity".*?</DataArray>)', r"\1\1"),
+            "several lists of nodes; got 2",
+        ),
+        ("ends.vtu", cells_changed(r"\n4\n8\n", r"\n3\n8\n"), "got cell 0 of type 10 with 3 nodes"),
+        ("back.vtu", cells_changed(r"\n4\n8\n", r"\n8\n4\n"), "got cell 0 of type 10 with 8 nodes"),
+        ("kind.vtu", cells_changed(r"\n10\n10\n", r"\n10\n99\n"), "got cell 1 of type 99"),
+        ("rest.vtu", cells_changed(r"\n3\n4\n\n", r"\n3\n4\n4\n\n"), "got 9 nodes of cells that end at 8"),
+        ("part.vtu", fractions, "tetra cells: there are no numbers of nodes or cells"),
+        ("ends.vtk", cells_changed(r"\n0\n4\n8\n", r"\n0\n3\n8\n"), "got cell 0 of type 10 with 3 nodes"),
         (
             "nan.vtu",
             flagged(point_data={"node set a": np.array([np.nan, 0, 0, 1])}),

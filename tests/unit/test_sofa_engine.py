@@ -17,12 +17,14 @@ from sofa_case import FAKE, scene_modules, use_fake
 from softcal.cli import main
 from softcal.errors import InputError, ParameterError
 from softcal.plugins.sofa import install as sofa_install
+from softcal.plugins.sofa import process
 from softcal.plugins.sofa.install import find_sofa
 from softcal.plugins.sofa.process import _last_error, run_states
 from softcal.plugins.sofa.robot import linear_robot
 from softcal.plugins.sofa.scene import scene_parameters, write_scene
 from softcal.plugins.sofa.settings import Rest, SofaSettings
 from softcal.plugins.sofa.simulator import SofaEngine, sofa_engine
+from softcal.processes import exit_code
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 
@@ -130,6 +132,41 @@ def test_a_run_that_fails_says_why_and_keeps_what_was_reached(engine, monkeypatc
     assert response.status.startswith("SOFA: ")
     assert re.search(reason, response.status), response.status
     assert response.status.count("Then") == 0
+    np.testing.assert_allclose(response.channels["front.tension"], [tension(0.01)])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda lines: [*lines[:2], "5", *lines[2:]],
+        lambda lines: [*lines[:2], lines[2].replace('"tension": 2.8', '"tension": NaN'), *lines[3:]],
+        lambda lines: [*lines[:2], *lines[3:]],
+        lambda lines: [*lines[:2], lines[1], *lines[2:]],
+        lambda lines: [*lines[:2], lines[3], lines[2], *lines[4:]],
+        lambda lines: [*lines[:2], lines[2][:100], *lines[3:]],
+        lambda lines: [*lines[:2], lines[-1]],
+    ],
+    ids=[
+        "a number",
+        "NaN",
+        "a state is missing",
+        "a state twice",
+        "states in another order",
+        "cut off",
+        "the end too early",
+    ],
+)
+def test_an_answer_that_is_not_whole_counts_up_to_there(engine, monkeypatch, change):
+    def altered(command, folder, log, **options):
+        code = exit_code(command, folder, log, **options)
+        answer = folder / process.ANSWER
+        answer.write_text("\n".join(change(answer.read_text().splitlines())))
+        return code
+
+    monkeypatch.setattr(process, "exit_code", altered)
+    response = engine(column(), pulled(0.01, 0.02, 0.03))
+    assert not response.succeeded
+    assert response.status.startswith("SOFA: State 2 of 3: SOFA ended with exit code 0")
     np.testing.assert_allclose(response.channels["front.tension"], [tension(0.01)])
 
 

@@ -7,7 +7,7 @@ import functools
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -106,8 +106,8 @@ def read_columns(
     for numbers, rows in table.rows():
         if decimal is None:
             decimal = "," if uses_decimal_comma([row[c] for row in rows[:_SNIFFED] for c in places.values()]) else "."
-            if decimal == ",":
-                _require_decimals(table, [row[c] for row in rows for c in places.values()])
+            if decimal == "," and (fault := decimals_fault(table, [row[c] for row in rows for c in places.values()])):
+                raise DatasetError(replace(fault, attempt=f"decimal: ',' in the project, or {fault.attempt}"))
         n_rows += len(rows)
         for sieve in sieves:
             numbers, rows = sieve.kept(numbers, rows)
@@ -140,16 +140,14 @@ def read_columns(
     )
 
 
-def _require_decimals(table: Table, cells: Sequence[str]) -> None:
-    """Refuse numbers whose every comma may as well stand between thousands."""
+def decimals_fault(table: Table, cells: Sequence[str]) -> Fault | None:
+    """Fault of numbers, some with a comma, whose every comma may as well stand between thousands."""
     commas = [cell for cell in cells if "," in cell]
-    if all(_EITHER.fullmatch(cell) for cell in commas):
-        what = "a comma may be the decimal sign, or stand between thousands"
-        attempt = "decimal: ',' in the project, or numbers without a comma"
-        allowed = "a number that tells which, such as 0,5 or 12,34"
-        raise DatasetError(
-            Fault(what, str(table.path), f"'{commas[0]}' and {len(commas) - 1} like it", allowed, attempt)
-        )
+    if not all(_EITHER.fullmatch(cell) for cell in commas):
+        return None
+    what = "a comma may be the decimal sign, or stand between thousands"
+    got, allowed = f"'{commas[0]}' and {len(commas) - 1} like it", "a number that tells which, such as 0,5 or 12,34"
+    return Fault(what, str(table.path), got, allowed, "numbers without a comma")
 
 
 def cells_of(table: Table, column: int, lines: Sequence[int]) -> list[str]:

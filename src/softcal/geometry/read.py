@@ -6,10 +6,11 @@ import contextlib
 import io
 import re
 import shlex
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -100,9 +101,12 @@ def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
 
 
 def _read(path: Path, factor: float) -> TetMesh:
-    if path.suffix.lower() == ".vtu" and (pieces := path.read_bytes().count(b"<Piece")) > 1:  # meshio keeps the last
-        what, attempt = "the file holds several pieces", "merge them, such as by ParaView's filter Clean to Grid"
-        raise MeshError(Fault(what, str(path), str(pieces), "one", attempt))
+    if path.suffix.lower() == ".vtu":
+        content = path.read_bytes()
+        for what, pattern in (("pieces", rb"<Piece"), ("lists of nodes", rb"Name\s*=\s*.connectivity\b")):
+            if (count := len(re.findall(pattern, content))) > 1:  # meshio keeps the last
+                attempt = "merge them, such as by ParaView's filter Clean to Grid"
+                raise MeshError(Fault(f"the file holds several {what}", str(path), str(count), "one", attempt))
     if path.suffix.lower() == ".vtk":
         content = path.read_bytes()
         stated = re.findall(rb"^(POINTS|CELLS|CELL_TYPES)[ \t]+(\d+)", content, re.MULTILINE | re.IGNORECASE)
@@ -191,7 +195,7 @@ def _read_raw(path: Path) -> Any:
     said = io.StringIO()
     try:
         # meshio prints an error and exits.
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), _offsets_checked():
             if path.suffix.lower() == ".inp":
                 return read_deck(path)
             is_text = path.suffix.lower() == ".msh" and is_msh_text(path)
@@ -208,6 +212,30 @@ def _read_raw(path: Path) -> Any:
                 attempt="write it again with the program that made it",
             )
         ) from error
+
+
+@contextlib.contextmanager
+def _offsets_checked() -> Generator[None]:
+    """Check where the cells of a .vtu and a .vtk begin and end; meshio takes the nodes before the end alone."""
+    common = import_module("meshio._vtk_common")
+
+    def checked(connectivity: Ints, offsets: Ints, types: Ints, data: Any) -> Any:
+        kinds, row = np.unique(types, return_inverse=True)
+        names = [common.vtk_to_meshio_type.get(int(kind), "") for kind in kinds]
+        sizes = np.diff(offsets.astype(np.int64), prepend=0)
+        # Of a kind without a number of nodes, such as polygons, any number is right.
+        wanted = np.array([common.num_nodes_per_cell.get(name, -bool(name)) for name in names])[row]
+        if len(bad := np.flatnonzero((sizes != wanted) & (wanted >= 0))):
+            raise DeckError(f"cell {bad[0]} of type {types[bad[0]]} with {sizes[bad[0]]} nodes")
+        if len(offsets) and offsets[-1] != len(connectivity):
+            raise DeckError(f"{len(connectivity)} nodes of cells that end at {offsets[-1]}")
+        return original(connectivity, offsets, types, data)
+
+    original = common.vtk_cells_from_data
+    with contextlib.ExitStack() as stack:
+        for module in ("meshio.vtu._vtu", "meshio.vtk._vtk_51"):
+            stack.enter_context(patch.object(import_module(module), "vtk_cells_from_data", checked))
+        yield
 
 
 def _reason(error: BaseException, said: str) -> str:
@@ -335,7 +363,10 @@ def _physical_names(path: Path) -> dict[tuple[int, int], str]:
 
 def _numbers(values: Any, where: str) -> Ints:
     try:
-        return np.asarray(values, dtype=np.int64)
+        numbers = np.asarray(values, dtype=np.int64)
+        if (numbers != np.asarray(values)).any():
+            raise ValueError
+        return numbers
     except (ValueError, TypeError, OverflowError) as error:
         what, allowed = "there are no numbers of nodes or cells", "whole numbers, as many in each row"
         raise MeshError(Fault(what, where, allowed=allowed)) from error

@@ -50,9 +50,9 @@ def parse_axis(
     name
         Name or pattern of the parameter.
     written
-        Values (`0.45`, `2.3 MPa`) and ranges (`10 GPa:1 GPa:1 GPa`; the stop is the last value where a step reaches
-        it), one to an entry or several with commas between. A step is the difference of values; without a sign it goes
-        from the start towards the stop.
+        Numbers in SI, or as text values (`0.45`, `2.3 MPa`) and ranges (`10 GPa:1 GPa:1 GPa`; the stop is the last
+        value where a step reaches it), one to an entry or several with commas between. A step is the difference of
+        values; without a sign it goes from the start towards the stop.
     known
         Parameters by name.
     tied
@@ -72,7 +72,8 @@ def parse_axis(
     if not targets:
         raise ParameterError(unknown_name(name, {**known, **dict.fromkeys(tied)}))
     info = known[targets[0]]
-    terms = [part.strip() for entry in written for part in str(entry).split(",")]
+    entries = (entry if isinstance(entry, str) else f"{entry} {info.unit}" for entry in written)
+    terms = [part.strip() for entry in entries for part in entry.split(",")]
     faults: list[Fault] = []
     values: list[float] = []
     for term in terms:

@@ -180,7 +180,7 @@ def _check_sweep(
     axes: list[Axis] = []
     for name, written in section.over.items():
         with findings.at(("sweep", "over", name)):
-            axes.append(parse_axis(name, written, known, tied))
+            axes.append(parse_axis(name, [str(entry) for entry in written], known, tied))
     for fault in doubled(axes, ()):
         findings.add(("sweep", "over", fault.where), fault.what, got=fault.got)
     if axes and (fault := cells_fault(axes)):

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import AfterValidator
 
 from softcal.calibration.results.digits import ESTIMATE, estimate_cells
-from softcal.calibration.results.stored import IN_TABLE, PERHAPS_IN_TABLE, Amount, Count, Schema
+from softcal.calibration.results.stored import IN_TABLE, PERHAPS_IN_TABLE, Amount, Count, Schema, Share
 from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.calibration.statistics.left_out import LeftOut
 from softcal.calibration.statistics.random_effects import Spread
@@ -249,7 +249,7 @@ class SearchResult(Schema, ABC):
     wall_s: Amount
     status: str
     experiments: Mapping[str, ExperimentFit]
-    importance: Mapping[str, float]
+    importance: Mapping[str, Share]
     trials: Annotated[tuple[Trial, ...], IN_TABLE]
     n_failed_trials: Count
     hashes: Mapping[str, str] = field(default_factory=dict)

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_json
 
-from softcal.calibration.problem.loss import rms
+from softcal.calibration.problem.loss import rms, rms_detrended
 from softcal.calibration.results.result import CalibrationResult, ExperimentFit, SweepResult, Trial
 from softcal.calibration.results.result_files import FORMAT, TRIAL_COLUMNS, TRIALS, response_file
 from softcal.calibration.results.store import RESULT
@@ -71,6 +71,8 @@ def load_result(folder: Path) -> CalibrationResult | SweepResult:
                 raise contradiction(path, _WHAT, f"trial {trial.number} in {TRIALS} is no cell of its grid")
     if not result.parameters or not result.experiments:
         raise contradiction(path, _WHAT, "it has no parameters or no experiments")
+    if any(result.extra.get(key, value) != value for key, value in (("method", result.method), ("seed", result.seed))):
+        raise contradiction(path, _WHAT, "its method or its seed is not that of its settings")
     values = {name: one.value for name, one in result.parameters.items()}
     if not any(trial.loss == result.loss and dict(trial.theta) == values for trial in result.trials):
         raise contradiction(path, _WHAT, f"no trial in {TRIALS} has its values and its loss")
@@ -128,9 +130,11 @@ def _fit(folder: Path, name: str, errors: ExperimentFit) -> ExperimentFit:
         measured = fit.measured.get(channel)
         if measured is None or np.isnan(measured).any():
             continue
-        again = rms(simulated - measured)
-        if not math.isclose(again, fit.rmse[channel], rel_tol=_SAME, abs_tol=1e-12):
-            raise contradiction(path, _WHAT, f"its {channel} is off by {again:.6g}, and in {RESULT} by another number")
+        for of, stated in ((rms, fit.rmse), (rms_detrended, fit.rmse_detrended)):
+            again = of(simulated - measured)
+            if not math.isclose(again, stated[channel], rel_tol=_SAME, abs_tol=1e-12 + 1e-9 * fit.rmse[channel]):
+                why = f"its {channel} is off by {again:.6g}, and in {RESULT} by another number"
+                raise contradiction(path, _WHAT, why)
     return fit
 
 

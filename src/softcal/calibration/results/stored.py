@@ -25,6 +25,7 @@ _N_NAMED = 5  # faults of one record that are reported
 
 Count = Annotated[int, Field(ge=0, lt=2**53)]
 Amount = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(ge=0, le=1.0 + 1e-9)]
 
 
 class Record(BaseModel):

@@ -70,6 +70,12 @@ class ResidualRecord:
     outliers: tuple[int, ...] = ()
     step: float = 0.0
 
+    def __post_init__(self) -> None:
+        parts = (abs(self.correlation), self.largest, *self.explained.values())
+        amounts = (self.n - 1, self.runs, self.expected_runs, self.size, self.significance, self.step, *parts)
+        if min(amounts) < 0.0 or max(parts) > 1.0 + 1e-9 or min(self.outliers, default=1) < 1:
+            raise ValueError("no record of residuals has such numbers")
+
     @property
     def effective(self) -> float:
         """Number of independent samples that would tell as much."""

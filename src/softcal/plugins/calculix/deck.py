@@ -48,11 +48,14 @@ _OUTPUT = ("*NODE FILE", "U", "*NODE PRINT, NSET=ALL, FREQUENCY=100000", "U", "*
 
 @dataclass(frozen=True)
 class Deck:
-    """The deck's text; first: body -> number of its first node minus one; n_states: number of steps."""
+    """The deck's text; first: body -> number of its first node minus one; n_states: number of steps; n_nodes: of the
+    robot.
+    """
 
     text: str
     first: dict[str, int]
     n_states: int
+    n_nodes: int
 
 
 def in_its_law(robot: Robot) -> Robot:
@@ -115,7 +118,7 @@ def calculix_deck(robot: Robot, shapes: Sequence[Snapshot], notes: Sequence[str]
         temperature = ["*TEMPERATURE", f"ALL, {number(k)}"] if cables.springs else []
         loads = _point_loads(layout, dead + dead_pulls(twin, shape))
         lines += [f"** {shape.label}", *_STEP, *temperature, *loads, *_OUTPUT]
-    return Deck("\n".join([*lines, ""]), dict(twin.first_point), len(shapes))
+    return Deck("\n".join([*lines, ""]), dict(twin.first_point), len(shapes), last_node)
 
 
 def _require(robot: Robot) -> None:

@@ -41,7 +41,7 @@ def run_calculix(deck: Deck, folder: Path, *, timeout: float = TIMEOUT) -> Float
         code = exit_code([ccx, "-i", stem], folder, folder / LOG, timeout=timeout)
     except OSError as error:
         raise SimulationError(f"CalculiX could not be started: {ccx}: {error.strerror}.") from error
-    found = _displacements(folder / f"{stem}.dat")
+    found = _displacements(folder / f"{stem}.dat", deck.n_nodes)
     reached = f"it reached {len(found)} of {deck.n_states} states"
     if code is None:
         raise SimulationError(f"CalculiX did not end within {timeout:g} s; {reached}.")
@@ -56,18 +56,26 @@ def run_calculix(deck: Deck, folder: Path, *, timeout: float = TIMEOUT) -> Float
     return np.array(found)
 
 
-def _displacements(path: Path) -> list[Floats]:
-    """Displacements of the reached states in order; they end at the times 1, 2, …"""
+def _displacements(path: Path, n_nodes: int) -> list[Floats]:
+    """Displacements of the reached states in order, up to a table that is not whole; they end at the times 1, 2, …"""
     if not path.is_file():
         return []
     _, *tables = re.split(r"displacements .* for set ALL and time\s+", path.read_text(encoding="utf-8"))
     states: list[Floats] = []
     for table in tables:
         time, *lines = table.splitlines()
-        if float(time) != len(states) + 1:
-            continue
-        rows = np.array([[float(word) for word in line.split()] for line in lines if line.strip()])
-        out = np.zeros((int(rows[:, 0].max()), 3))
-        out[rows[:, 0].astype(int) - 1] = rows[:, 1:4]
-        states.append(out)
+        try:
+            if float(time) != len(states) + 1:
+                continue
+            # Fortran leaves the E of an exponent of three digits out: 1.56-106.
+            rows = np.array(
+                [re.sub(r"(\d)([-+]\d{3})\b", r"\1E\2", line).split() for line in lines if line.strip()], float
+            )
+        except ValueError:
+            break
+        if rows.shape != (max(len(rows), n_nodes), 4) or not np.isfinite(rows).all():
+            break
+        if (rows[:, 0] != np.arange(1, len(rows) + 1)).any():
+            break
+        states.append(rows[:, 1:])
     return states

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -27,6 +27,7 @@ from typing import Any
 
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, ProjectFileError, StorageError, nearest, unknown
+from softcal.experiments.columns import decimals_fault
 from softcal.experiments.table import Table, is_unit, load_table, split_header, uses_decimal_comma
 from softcal.experiments.table_format import TableFormat
 from softcal.experiments.text_file import open_text
@@ -239,7 +240,10 @@ class _RowReader:
             if name not in known:
                 what = "the table has no such factor"
                 self.faults.append(unknown(what, "--by", name, known))
-        self.cells = CellReader.of(cell for _, cells in lines for cell in cells)
+        numbers = [match[1] for _, cells in lines for cell in cells if (match := _NUMBER.fullmatch(cell))]
+        self.cells = CellReader(uses_decimal_comma(numbers))
+        if self.cells.comma and (fault := decimals_fault(self.table, numbers)):
+            self.faults.append(fault)
         seen: dict[str, tuple[int, str]] = {}
         return tuple(self._row(line, cells, seen) for line, cells in lines)
 
@@ -412,11 +416,6 @@ class CellReader:
     """Reads the cells of a table; comma: true if its numbers have decimal commas."""
 
     comma: bool
-
-    @staticmethod
-    def of(cells: Iterable[str]) -> CellReader:
-        """The reader of a table with these cells."""
-        return CellReader(uses_decimal_comma([match[1] for cell in cells if (match := _NUMBER.fullmatch(cell))]))
 
     def written(self, cell: str, unit: str) -> object:
         """A cell as a project file would have it: a finite number, with its unit, or text."""

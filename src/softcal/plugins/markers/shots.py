@@ -7,12 +7,14 @@ By image, each shows its own.
 
 from __future__ import annotations
 
+import contextlib
 import glob
 import io
 import os
 import re
+import tempfile
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
@@ -22,6 +24,7 @@ import numpy as np
 from softcal.errors import DatasetError, Fault, InputError, StorageError
 from softcal.extras import require_extra
 from softcal.plugins.markers.camera import Image
+from softcal.regular_file import not_a_file
 
 require_extra("markers", "cv2", where="markers")
 
@@ -88,6 +91,8 @@ def read_image(path: Path) -> Image:
     """
     import cv2
 
+    if kind := not_a_file(path):
+        raise StorageError(Fault("the image cannot be read", str(path), kind, "a regular file"))
     try:
         with path.open("rb") as file:
             is_large = os.fstat(file.fileno()).st_size > _LARGEST
@@ -96,7 +101,6 @@ def read_image(path: Path) -> Image:
         raise StorageError(Fault("the image cannot be read", str(path), error.strerror or str(error))) from error
     if is_large:
         raise StorageError(Fault("the image is too large", str(path), allowed=f"{_LARGEST} bytes"))
-    # OpenCV fills the missing part of a truncated JPEG file with grey.
     if raw.startswith(b"\xff\xd8") and b"\xff\xd9" not in raw[-_TAIL:]:
         raise StorageError(Fault("the image is cut off", str(path), f"{len(raw)} bytes", "a whole JPEG file"))
     data = np.frombuffer(raw, dtype=np.uint8)
@@ -105,14 +109,16 @@ def read_image(path: Path) -> Image:
     n_images = _n_images(raw)
     if n_images > 1:
         raise StorageError(Fault("the file holds several images", str(path), str(n_images), "one image a file"))
-    # Suppress OpenCV's own messages; the fault is reported below.
-    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    try:
-        image = cv2.imdecode(data, flags) if n_images else None
-    except (cv2.error, MemoryError):
+    with _error_output() as said:
+        try:
+            image = cv2.imdecode(data, flags) if n_images else None
+        except (cv2.error, MemoryError):
+            image = None
+    # libjpeg fills what is missing with grey, shifts what follows, and says so there alone.
+    rest = re.search(rb"(\d+) extraneous bytes before marker 0xd9", said[0])
+    is_padded = rest and not raw[: raw.rfind(b"\xff\xd9")][-int(rest[1]) :].strip(b"\0\xff")
+    if b"Corrupt JPEG data" in said[0] and not is_padded:
         image = None
-    finally:
-        cv2.utils.logging.setLogLevel(level)
     if image is not None and image.dtype == np.uint16:  # of which a camera of 10 or 12 bits uses a part
         image = np.round(image * (255.0 / max(int(image.max()), 1)))
     elif image is not None and image.dtype != np.uint8:
@@ -121,6 +127,27 @@ def read_image(path: Path) -> Image:
         allowed = f"a whole image of at most {_MOST_PIXELS} pixels"
         raise StorageError(Fault("the file holds no image that can be read", str(path), f"{data.size} bytes", allowed))
     return np.asarray(image, dtype=np.uint8)
+
+
+@contextlib.contextmanager
+def _error_output() -> Generator[list[bytes]]:
+    """What libraries in C write to the error output meanwhile, which is shown to nobody; after the block."""
+    said: list[bytes] = []
+    try:
+        kept = os.dup(2)
+    except OSError:  # it is closed
+        kept = os.open(os.devnull, os.O_WRONLY)
+    try:
+        with tempfile.TemporaryFile() as file:
+            os.dup2(file.fileno(), 2)
+            try:
+                yield said
+            finally:
+                os.dup2(kept, 2)
+            file.seek(0)
+            said.append(file.read())
+    finally:
+        os.close(kept)
 
 
 def _n_images(raw: bytes) -> int:

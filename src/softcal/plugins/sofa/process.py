@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import signal
 import tempfile
@@ -66,12 +65,17 @@ def run_states(
         said = (folder / LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
     answers: list[dict[str, Any]] = []
     for line in lines:
-        with contextlib.suppress(ValueError):  # the last one may be cut off
-            answers.append(json.loads(line))
+        try:
+            answer = json.loads(line, parse_constant=int)  # a ValueError for NaN
+        except ValueError:  # the last one may be cut off
+            break
+        if not isinstance(answer, dict) or answer.get("state", len(answers)) != len(answers):
+            break
+        answers.append(answer)
     records = tuple(answer for answer in answers if "state" in answer)
     last = answers[-1] if answers else {}
     steps = int(last.get("steps", 0)) if "state" not in last else sum(int(record["steps"]) for record in records)
-    if last.get("done"):
+    if last.get("done") and len(records) > len(states):
         return ProcessOutcome(records, "", steps)
     where = f"State {len(records)} of {len(states)}: " if records else "The rest state with slack cables: "
     if "failed" in last:

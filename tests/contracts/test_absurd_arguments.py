@@ -278,7 +278,7 @@ MADE = (
     "CalibrationResult Calibrations Drawing DrawnShape Fault Fleet Jacobian LawComparison LiveState PrimitiveShape "
     "Project Proposal RecordFit ReportContent Response SweepResult Swept"
 )
-LOOKED_AT = "ChannelKind ExportRequest Limit NamedSensor Quantity"
+LOOKED_AT = "ChannelKind ExportRequest Limit NamedSensor Quantity ReportTable"
 
 
 @pytest.mark.parametrize("name", [name for name in dir(softcal) if is_dataclass(getattr(softcal, name))])

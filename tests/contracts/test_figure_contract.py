@@ -14,7 +14,16 @@ from project_case import write_project
 from report_example import bench_experiment, example_content, tpe_result
 from typer.testing import CliRunner
 
-from softcal import ParameterError, load, register_figure, register_section, write_report
+from softcal import (
+    Column,
+    InputError,
+    ParameterError,
+    ReportTable,
+    load,
+    register_figure,
+    register_section,
+    write_report,
+)
 from softcal.cli import app
 from softcal.report.content import ReportContent
 from softcal.report.figure import FIGURES, ReportFigure, named_figures
@@ -145,6 +154,11 @@ def test_a_section_of_ones_own_is_in_the_report(tmp_path: Path) -> None:
     table = (tmp_path / "run" / "tables" / "largest-residuals.csv").read_text(encoding="utf-8").splitlines()
     assert table[0] == "of,channel,SI"
     assert len(table) == 3
+
+
+def test_a_row_of_a_table_has_a_cell_for_each_column() -> None:
+    with pytest.raises(InputError, match="a row has a cell for each column; got 1 cells in row 2"):
+        ReportTable("own", "Own", (Column("a"), Column("b")), ((1, 2), (3,)))
 
 
 def test_what_is_no_section_is_refused(whole: ReportContent) -> None:

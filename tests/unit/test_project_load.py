@@ -288,13 +288,6 @@ def test_a_noise_that_is_stated_twice_is_refused(tmp_path: Path, step: str):
     assert "experiments.pull.noise.tension: the noise of a channel is stated twice; got tension" in fault
 
 
-def test_a_backlash_that_is_never_taken_up_is_refused(tmp_path: Path):
-    path = write_project(tmp_path, ("    noise: {tension", "    backlash: 40 mm\n    noise: {tension"))
-    (fault,) = faults_of(path)
-    assert "experiments.pull.backlash: the cable would never move" in fault
-    assert "got 40 mm; allowed: below 36 mm, twice the travel" in fault
-
-
 def test_axes_without_a_quaternion_are_refused(tmp_path: Path):
     (fault,) = faults_of(
         write_project(tmp_path, ("        columns:\n", "        axes: [y, -x, z]\n        columns:\n"))

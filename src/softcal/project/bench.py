@@ -36,9 +36,8 @@ from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSe
 from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
 from softcal.sensing.channel import channel_name, of_kind
-from softcal.sensing.sensors.cable import SHORTENING, TENSION
+from softcal.sensing.sensors.cable import TENSION
 from softcal.twin.robot import Robot
-from softcal.units import format_quantity
 
 
 @dataclass(frozen=True)
@@ -141,13 +140,6 @@ def build_bench(
             findings.faults += [
                 replace(f, where=findings.document.where((*path, "slack"))) for f in slack_faults(experiment)
             ]
-            backlash = section.backlash or 0.0
-            for channel in of_kind(SHORTENING, dataset.channels):
-                travel = float(np.ptp(dataset.values(channel)))
-                if backlash and travel <= backlash / 2:  # the cable begins in its middle
-                    got, allowed = (format_quantity(length, "m") for length in (backlash, 2 * travel))
-                    what = "the cable would never move: its drive does not take up the backlash"
-                    findings.add((*path, "backlash"), what, got=got, allowed=f"below {allowed}, twice the travel")
             if section.frame is not None and not experiment.points:
                 got = ", ".join(experiment.compared)
                 findings.add(

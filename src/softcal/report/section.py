@@ -8,6 +8,7 @@ from typing import ClassVar, TypeVar
 
 from softcal.calibration.statistics.estimate import Remark
 from softcal.catalogue import Catalogue, FunctionMember
+from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import Fault
 from softcal.report.content import ReportContent
@@ -19,7 +20,7 @@ LAST = 100  # of the sections and of the figures of one: what is registered from
 
 @displayed
 @dataclass(frozen=True)
-class Gallery:
+class Gallery(Checked):
     """The figures of the section, beneath each other where `wide`, else beside each other."""
 
     wide: bool = False
@@ -28,7 +29,7 @@ class Gallery:
 
 @displayed
 @dataclass(frozen=True)
-class Small:
+class Small(Checked):
     """A paragraph of small print; alone: whether a section is shown for it, without anything else."""
 
     text: str

@@ -12,6 +12,9 @@ import numpy as np
 from softcal.calibration.results.digits import difference, ends_text, estimate_text, shown, value_and_error
 from softcal.calibration.results.result import ExperimentFit, SearchResult
 from softcal.csv_text import csv_text
+from softcal.declare import Checked
+from softcal.display import displayed
+from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Dataset
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.report.content import ReportContent
@@ -57,8 +60,9 @@ class Known(float):
     text: str
 
 
+@displayed
 @dataclass(frozen=True)
-class Column:
+class Column(Checked):
     """A column: its heading, its unit ("" where it has none), and the significant digits of its numbers."""
 
     label: str
@@ -71,15 +75,28 @@ class Column:
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
 
+@displayed
 @dataclass(frozen=True)
 class ReportTable:
-    """A table in display units; None is an empty cell. key: its file's name."""
+    """A table in display units; None is an empty cell. key: its file's name.
+
+    Raises
+    ------
+    InputError
+        Where a row has not one cell for each column.
+    """
 
     key: str
     title: str
     columns: tuple[Column, ...]
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
+
+    def __post_init__(self) -> None:
+        for place, row in enumerate(self.rows, start=1):
+            if len(row) != len(self.columns):
+                got = f"{len(row)} cells in row {place}"
+                raise InputError(Fault("a row has a cell for each column", self.key, got, str(len(self.columns))))
 
     def as_csv(self) -> str:
         """The table as CSV, numbers in full precision, unit in every heading."""

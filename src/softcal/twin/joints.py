@@ -195,7 +195,8 @@ def loose_faults(robot: Robot) -> list[Fault]:
     links += [{(plate.name, 0)} | parts(body, nodes) for plate in robot.plates for body, nodes in plate.nodes.items()]
     links += [{(rod.name, 0), (plate, 0)} for rod in robot.rods for plate in rod.clamped]
     links += [everything] if robot.contact is not None else [{part} for part in everything]
-    ground = {(part.name, 0) for part in (*robot.plates, *robot.rods) if np.size(part.fixed) and np.any(part.fixed)}
+    ground = {(plate.name, 0) for plate in robot.plates if plate.fixed}
+    ground |= {(rod.name, 0) for rod in robot.rods if len(rod.fixed)}
     ground = ground.union(*(parts(body.name, body.fixed) for body in robot.bodies))
     while more := {part for link in links if ground & link for part in link} - ground:
         ground |= more

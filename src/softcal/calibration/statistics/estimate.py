@@ -11,6 +11,7 @@ from softcal.calibration.problem.parameters import Scale
 from softcal.calibration.problem.uncertain import EACH
 from softcal.calibration.statistics.budget import BOUNDS
 from softcal.calibration.statistics.noise import DRIFT
+from softcal.declare import Checked
 from softcal.display import displayed
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ _SAME = 1e-6  # relative to the bounds; of places that were computed from them
 
 @displayed
 @dataclass(frozen=True)
-class Remark:
+class Remark(Checked):
     """A sentence on a result, as the terminal, pages and notebooks show it.
 
     Attributes

@@ -120,7 +120,7 @@ def read_image(path: Path) -> Image:
     if b"Corrupt JPEG data" in said[0] and not is_padded:
         image = None
     if image is not None and image.dtype == np.uint16:  # of which a camera of 10 or 12 bits uses a part
-        image = np.round(image * (255.0 / max(int(image.max()), 1)))
+        image = cv2.convertScaleAbs(image, alpha=255.0 / max(int(image.max()), 1))
     elif image is not None and image.dtype != np.uint8:
         image = None
     if image is None:

@@ -48,7 +48,7 @@ def test_box_sides_look_outwards():
 @pytest.mark.parametrize(
     ("sides", "parts", "told"),
     [
-        ((1, 0, 1), (1, 1, 1), r"lengths\[1\]: the size is out of range"),
+        ((1, 0, 1), (1, 1, 1), r"lengths\[1\]: the extent of a mesh is out of range"),
         ((1, 1, 1), (1, 0, 1), "divisions: a box needs three"),
         ((1, 1), (1, 1), "lengths: .* 3 entries"),
         ((1, 1, 1), (10**5, 10**5, 10**5), "divisions: there are too many tets"),

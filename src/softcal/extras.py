@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import replace
 
 from softcal.errors import Fault, InputError
 
 
-def missing(extra: str, *modules: str, where: str = "", got: str = "") -> Fault | None:
-    """The first of an extra's modules that is not installed, with the command that installs it; None where all are.
-
-    Parameters
-    ----------
-    extra
-        Name of the extra.
-    modules
-        Modules that it brings.
-    where, got
-        Of the fault.
-    """
+def missing(extra: str, *modules: str) -> Fault | None:
+    """The first of an extra's modules that is not installed, with the command that installs it; None where all are."""
     for module in modules:
         if importlib.util.find_spec(module) is None:
             what = f"this needs {module}, which is not installed"
-            return Fault(what, where, got, attempt=f"pip install 'softcal[{extra}]'")
+            return Fault(what, attempt=f"pip install 'softcal[{extra}]'")
     return None
 
 
@@ -43,5 +34,5 @@ def require_extra(extra: str, *modules: str, where: str, got: str = "") -> None:
     InputError
         With the command that installs it.
     """
-    if (fault := missing(extra, *modules, where=where, got=got)) is not None:
-        raise InputError(fault)
+    if (fault := missing(extra, *modules)) is not None:
+        raise InputError(replace(fault, where=where, got=got))

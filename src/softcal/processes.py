@@ -140,8 +140,5 @@ def _guarded(command: Sequence[str], **options: Any) -> Generator[subprocess.Pop
 
 def _end(process: subprocess.Popen[Any], group: int) -> None:
     with contextlib.suppress(ProcessLookupError):
-        if hasattr(os, "killpg"):
-            os.killpg(group, signal.SIGKILL)
-        else:
-            process.kill()
+        os.killpg(group, signal.SIGKILL)
     process.wait()

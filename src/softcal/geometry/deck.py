@@ -80,7 +80,7 @@ def read_deck(path: Path) -> Any:
         cells = [row.split(",") for row in card.rows]
         card.table = np.array([row[:1] for row in cells], dtype=np.int64)
         points += [row[1:] for row in cells]
-    of_nodes = _numbers(nodes, "nodes")
+    of_nodes = numbers_of([card.table[:, 0] for card in nodes], "nodes")
     blocks: list[tuple[str, Ints]] = []
     for card in elements:
         kind = kinds.get(card.options["TYPE"].upper(), "").replace("tetra4", "tetra")
@@ -91,7 +91,7 @@ def read_deck(path: Path) -> Any:
             raise DeckError(f"{len(values)} numbers under {card}, each with {n} nodes")
         card.table = values.reshape(-1, n + 1)
         blocks.append((kind, places_of(of_nodes, card.table[:, 1:], f"{card}, which no node has")))
-    of_elements = _numbers(elements, "elements")
+    of_elements = numbers_of([card.table[:, 0] for card in elements], "elements")
     ends = np.cumsum([len(card.table) for card in elements])[:-1]
     cell_sets: dict[str, list[Ints]] = {}
     for name, places in _sets(cards, "ELEMENT", of_elements).items():
@@ -121,9 +121,15 @@ def _cards(path: Path) -> list[_Card]:
     return cards
 
 
-def _numbers(cards: Sequence[_Card], what: str) -> Ints:
-    """The numbers of all nodes or elements, in their order."""
-    numbers = np.concatenate([np.zeros(0, dtype=np.int64), *(card.table[:, 0] for card in cards)])
+def numbers_of(parts: Sequence[Ints], what: str) -> Ints:
+    """The numbers of all nodes or elements, in their order.
+
+    Raises
+    ------
+    DeckError
+        With the first number of two of them.
+    """
+    numbers = np.concatenate([np.zeros(0, dtype=np.int64), *parts])
     once, counts = np.unique(numbers, return_counts=True)
     for number in once[counts > 1]:
         raise DeckError(f"number {number} of two {what}")

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.geometry.deck import DeckError, places_of
+from softcal.geometry.deck import DeckError, numbers_of, places_of
 
 _TEXT = {b"2": "2", b"2.0": "2", b"2.1": "2", b"2.2": "2", b"4.1": "4.1"}  # version -> how it is read
 
@@ -51,9 +51,6 @@ def read_msh(path: Path) -> Any:
         names[int(dimension), int(tag)] = name
     read = _read_2 if _TEXT[sections["MeshFormat"][0].split()[0].encode()] == "2" else _read_4
     numbers, points, rows = read(sections, common._gmsh_to_meshio_type, meshio._common.num_nodes_per_cell)  # noqa: SLF001
-    once, counts = np.unique(numbers, return_counts=True)
-    for number in once[counts > 1]:
-        raise DeckError(f"number {number} of two nodes")
     cells = [
         (kind, common._gmsh_to_meshio_order(kind, places_of(numbers, nodes, f"{kind} cells, which no node has")))  # noqa: SLF001
         for kind, nodes, _ in rows
@@ -126,7 +123,7 @@ def _read_2(
         tags = table[:, 3] if n_tags else np.zeros(len(table), dtype=np.int64)
         groups = {int(tag): np.flatnonzero(tags == tag) for tag in np.unique(tags) if tag}
         rows.append((name, table[:, 3 + n_tags :], groups))
-    return nodes[:, 0].astype(np.int64), nodes[:, 1:], rows
+    return numbers_of([nodes[:, 0].astype(np.int64)], "nodes"), nodes[:, 1:], rows
 
 
 def _read_4(
@@ -153,7 +150,7 @@ def _read_4(
         if groups and (dimension, entity) not in groups:
             raise DeckError(f"elements of an entity {entity} of dimension {dimension} that $Entities does not list")
         rows.append((name, table[:, 1:], dict.fromkeys(groups.get((dimension, entity), ()), np.arange(count))))
-    return np.concatenate([np.zeros(0, dtype=np.int64), *numbers]), np.concatenate([np.zeros((0, 3)), *points]), rows
+    return numbers_of(numbers, "nodes"), np.concatenate([np.zeros((0, 3)), *points]), rows
 
 
 def _blocks(name: str, lines: Sequence[str], lines_each: int) -> list[tuple[tuple[int, int, int, int], Sequence[str]]]:

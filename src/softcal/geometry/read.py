@@ -6,11 +6,11 @@ import contextlib
 import io
 import re
 import shlex
+import threading
 from collections.abc import Generator, Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 
@@ -54,6 +54,7 @@ NO_WORDS = re.compile(r"[^A-Za-z]*|\[.*|.*(\w\(|[!=]=).*|Warning: .*")
 SUMMARY = "Error: Couldn't read file"
 # Time [s] and memory [B] to read a file, and more for each of its bytes: a mesh of a million tets takes half as much.
 MOST_SECONDS, MOST_BYTES, SECONDS_EACH, BYTES_EACH = 5.0, 5e8, 1e-6, 20.0
+_reading = threading.Lock()
 # Added by meshio to the sets of a .msh file.
 NOT_A_GROUP = "gmsh:bounding_entities"
 
@@ -195,11 +196,13 @@ def _read_raw(path: Path) -> Any:
     said = io.StringIO()
     try:
         # meshio prints an error and exits.
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), _offsets_checked():
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
             if path.suffix.lower() == ".inp":
                 return read_deck(path)
-            is_text = path.suffix.lower() == ".msh" and is_msh_text(path)
-            return read_msh(path) if is_text else meshio.read(path)
+            if path.suffix.lower() == ".msh" and is_msh_text(path):
+                return read_msh(path)
+            with _offsets_checked():
+                return meshio.read(path)
     except MemoryError:
         raise
     except (Exception, SystemExit) as error:  # its readers raise arbitrary exceptions for a damaged file
@@ -232,10 +235,15 @@ def _offsets_checked() -> Generator[None]:
         return original(connectivity, offsets, types, data)
 
     original = common.vtk_cells_from_data
-    with contextlib.ExitStack() as stack:
-        for module in ("meshio.vtu._vtu", "meshio.vtk._vtk_51"):
-            stack.enter_context(patch.object(import_module(module), "vtk_cells_from_data", checked))
-        yield
+    modules: list[Any] = [import_module(name) for name in ("meshio.vtu._vtu", "meshio.vtk._vtk_51")]
+    with _reading:
+        for module in modules:
+            module.vtk_cells_from_data = checked
+        try:
+            yield
+        finally:
+            for module in modules:
+                module.vtk_cells_from_data = original
 
 
 def _reason(error: BaseException, said: str) -> str:
@@ -321,8 +329,9 @@ def _groups(path: Path, raw: Any, blocks: list[tuple[str, Ints]]) -> Iterator[tu
         for i, rows in enumerate(by_block if name != NOT_A_GROUP else ()):
             if rows is not None:
                 add(name, i, _numbers(rows, f"{path}, group '{name}'").ravel())
-    names = _physical_names(path) if path.suffix.lower() == ".msh" else {}
-    for i, tags in enumerate(raw.cell_data.get("gmsh:physical", ())):
+    by_number = raw.cell_data.get("gmsh:physical", ())  # of the .msh that meshio has read
+    names = _physical_names(path) if by_number and path.suffix.lower() == ".msh" else {}
+    for i, tags in enumerate(by_number):
         for tag in np.unique(tags[np.asarray(tags) != 0]).tolist():
             name = names.get((DIMENSION.get(blocks[i][0], -1), abs(int(tag))), str(int(tag)))
             add(name, i, np.flatnonzero(tags == tag))

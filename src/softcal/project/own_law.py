@@ -32,15 +32,15 @@ def require_at_rest(law: str, theta: Mapping[str, float], direction: Floats, fin
         Collects the faults and warnings.
     """
     if law in {one.name for one in LAWS.registered}:
+        of = LAWS[law]
         with at_law(law, findings):
-            require_rest(LAWS[law], theta, direction)
-            if not LAWS[law].is_proportional(theta):
+            require_rest(of, theta, direction)
+            if not of.is_proportional(theta):
                 findings.warn(
                     ("laws", law, "energy"),
                     "the energy is not proportional to its moduli and coefficients: a power of a modulus, or a number "
                     "in Pa, which has no unit here, is in it; state that number as a constant",
                 )
-            of = LAWS[law]
             # As Python reads names: the Greek mu is that of the unit prefix.
             texts = normalize("NFKC", " ".join((of.distortional, of.bulk, *of.symbols.values())))
             for name in of.names:

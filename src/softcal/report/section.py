@@ -12,7 +12,7 @@ from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import Fault
 from softcal.report.content import ReportContent
-from softcal.report.tables import ReportTable
+from softcal.report.tables import ReportTable, all_parameters_table, parameters_table, provenance_table
 
 OVERVIEW = "overview"  # where figures of the first screen are, which is no section
 LAST = 100  # of the sections and of the figures of one: what is registered from outside
@@ -139,8 +139,6 @@ def register_section(title: str, place: int = LAST) -> Callable[[F], F]:
 
 def all_tables(content: ReportContent) -> dict[str, ReportTable]:
     """Every table of the report by key."""
-    from softcal.report.tables import all_parameters_table, parameters_table, provenance_table
-
     tables = [table for section in SECTIONS.values() for table in section.tables(content)]
     others = (parameters_table(content), all_parameters_table(content), provenance_table(content))
     return {table.key: table for table in (*tables, *others)}

@@ -15,6 +15,9 @@ TEST_WORKERS ?= $(shell getconf _NPROCESSORS_ONLN)
 PYTEST = $(PYTHON_IN) -m pytest -n $(TEST_WORKERS) --dist worksteal
 SLOW_LIMIT ?= 40m
 
+# The tests start hundreds of programs: the bytecode of the first serves the others.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: help demo test test-slow bench coverage format clean constraints
 .PHONY: lint lint-ruff lint-format lint-types lint-layers lint-licences lint-vulnerabilities
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 from own_module import imported
 from project_case import write_project
@@ -15,6 +17,7 @@ from softcal import load, register_engine
 from softcal.cli import app
 from softcal.errors import ParameterError
 from softcal.export.engine import ENGINES, Engine
+from softcal.twin.response import Response
 from softcal.workflows.calibration import calibrate
 
 SOFTER = """
@@ -94,3 +97,19 @@ def test_what_is_no_engine_is_refused() -> None:
         ParameterError, match=r"another engine of this name.*Try: another name, or .*: restart the kernel"
     ):
         register_engine(Engine("sofa", sofa.own, sofa.missing, sofa.missing))  # type: ignore[arg-type]
+
+
+def test_derivatives_of_a_strangers_engine_are_one_array_by_name():
+    each = {
+        "front.tension": {"E": np.array([1.0, 2.0]), "nu": np.zeros(2)},
+        "tip.pitch": {"nu": np.ones(2), "E": np.ones(2)},
+    }
+    response = Response({}, {}, "", succeeded=True, n_factorisations=0, sensitivities=each)
+    assert response.sensitivities.rates.shape == (2, 2, 2)
+    assert response.sensitivities["front.tension"]["E"].tolist() == [1.0, 2.0]
+    assert response.sensitivities.by("E", ["tip.pitch", "front.tension"]).tolist() == [[1.0, 1.0], [1.0, 2.0]]
+    assert "tip.roll" not in response.sensitivities
+    assert not Response({}, {}, "", succeeded=True, n_factorisations=0).sensitivities
+    del each["tip.pitch"]["E"]
+    with pytest.raises(ParameterError, match=r"^tip\.pitch: every channel .*; got nu; allowed: E, nu"):
+        replace(response, sensitivities=each)

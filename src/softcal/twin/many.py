@@ -23,7 +23,7 @@ from softcal.twin.build import Twin
 from softcal.twin.crossings import crossed_at
 from softcal.twin.drawn_out import drawn_out, drawn_out_at
 from softcal.twin.protocol import Protocol, controls_at
-from softcal.twin.response import Response, Shown, Snapshot, by_column, derivatives_by_column
+from softcal.twin.response import Derivatives, Response, Shown, Snapshot, by_column
 from softcal.twin.sensors import channel_units, sense, sense_rates
 from softcal.twin.start import UNDER_LOADS, instability, loaded, slack_line, snapshot
 from softcal.units import format_quantity
@@ -163,7 +163,7 @@ def simulate_many(
         drawn_out=slid.strip(),
         remarks=remarks.strip(),
         n_factorisations=statics.n_factorisations,
-        sensitivities=derivatives_by_column(units, labels, by_parameter),
+        sensitivities=Derivatives(tuple(units), tuple(labels), by_parameter),
         snapshots=tuple(shapes),
         tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
         samples=tuple(solved) if failed or stopped is not None else None,

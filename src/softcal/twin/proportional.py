@@ -7,12 +7,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from softcal.checks import Floats
 from softcal.mechanics.term import part_theta
 from softcal.twin.build import Twin
 from softcal.twin.channels import sensors_of
 from softcal.twin.parameters import MODULUS, robot_parameters
-from softcal.twin.response import Response
+from softcal.twin.response import Derivatives, Response
 from softcal.twin.robot import Robot
 
 WITHOUT_FORCE = ("1", "m", "rad", "rad/m", "kg", "kg/m^3")  # units of parameters that scale no force, without gravity
@@ -48,19 +50,18 @@ def at_moduli(twin: Twin, response: Response, s: float) -> Response:
     """
     if s == 1.0:
         return response
-    moduli = {name for name, info in robot_parameters(twin.robot).items() if info.unit == MODULUS}
+    infos, rates = robot_parameters(twin.robot), response.sensitivities
+    of_moduli = np.array([infos[name].unit == MODULUS for name in rates.parameters], dtype=int)
+    degrees = np.array([DEGREES[response.units[channel]] for channel in rates.channels], dtype=int)
 
-    def scaled(channel: str, values: Floats, by: str = "") -> Floats:
-        return values * s ** (DEGREES[response.units[channel]] - (by in moduli))
+    def scaled(values: Mapping[str, Floats]) -> dict[str, Floats]:
+        return {channel: of * s ** DEGREES[response.units[channel]] for channel, of in values.items()}
 
     return replace(
         response,
-        channels={channel: scaled(channel, values) for channel, values in response.channels.items()},
-        slopes={channel: scaled(channel, values) for channel, values in response.slopes.items()},
-        sensitivities={
-            channel: {name: scaled(channel, values, name) for name, values in each.items()}
-            for channel, each in response.sensitivities.items()
-        },
+        channels=scaled(response.channels),
+        slopes=scaled(response.slopes),
+        sensitivities=replace(rates, rates=rates.rates * s ** (degrees[:, None] - of_moduli)),
         snapshots=tuple(
             replace(
                 shape,
@@ -86,16 +87,10 @@ def with_modulus(response: Response, name: str, modulus: float, names: Sequence[
     names
         Parameters of the derivatives, in their order.
     """
-    sensitivities = {
-        channel: {
-            by: DEGREES[response.units[channel]] * values / modulus
-            if by == name
-            else response.sensitivities[channel][by]
-            for by in names
-        }
-        for channel, values in response.channels.items()
-    }
-    return replace(response, sensitivities=sensitivities)
+    channels = tuple(response.channels)
+    by_modulus = [DEGREES[response.units[channel]] * values / modulus for channel, values in response.channels.items()]
+    rates = [np.array(by_modulus).T if by == name else response.sensitivities.by(by, channels) for by in names]
+    return replace(response, sensitivities=Derivatives(channels, tuple(names), np.stack(rates, axis=-1)))
 
 
 def is_proportional(robot: Robot, theta: Mapping[str, float]) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints, ReadOnly
 from softcal.display import displayed
+from softcal.errors import Fault, ParameterError
 
 Shown = bool | Literal["samples"]
 
@@ -60,6 +61,59 @@ class Snapshot(ReadOnly):
     rod_strains: Mapping[str, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, eq=False)
+class Derivatives(ReadOnly, Mapping[str, Mapping[str, Floats]]):
+    """Derivatives of channels by parameters in one array; `derivatives[channel][parameter]` is a column of it.
+
+    Attributes
+    ----------
+    channels, parameters
+        Their names.
+    rates
+        d channel / d parameter, (n_samples, n_channels, n_parameters) [SI].
+    """
+
+    channels: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
+    rates: Floats = field(default_factory=lambda: np.zeros((0, 0, 0)))
+
+    @staticmethod
+    def of(each: Mapping[str, Mapping[str, Floats]]) -> Derivatives:
+        """Channel -> parameter -> derivative (n_samples,) as one array.
+
+        Raises
+        ------
+        ParameterError
+            Where a channel does not have the derivatives that the first one has.
+        """
+        if isinstance(each, Derivatives):
+            return each
+        parameters = tuple(next(iter(each.values()), ()))
+        for channel, by in each.items():
+            if set(by) != set(parameters):
+                what = "every channel has derivatives by the same parameters"
+                raise ParameterError(Fault(what, channel, ", ".join(by) or "none", ", ".join(parameters) or "none"))
+        if not parameters:
+            return Derivatives()
+        rates = np.array([[by[name] for name in parameters] for by in each.values()], dtype=float)
+        return Derivatives(tuple(each), parameters, np.moveaxis(rates, -1, 0))
+
+    def by(self, parameter: str, channels: Iterable[str]) -> Floats:
+        """The derivatives (n_samples, n) of n channels by one parameter."""
+        return self.rates[:, [self.channels.index(name) for name in channels], self.parameters.index(parameter)]
+
+    def __getitem__(self, channel: str) -> Mapping[str, Floats]:
+        if channel not in self.channels:
+            raise KeyError(channel)
+        return by_column(self.parameters, self.rates[:, self.channels.index(channel)])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.channels)
+
+    def __len__(self) -> int:
+        return len(self.channels)
+
+
 @displayed
 @dataclass(frozen=True)
 class Response(ReadOnly):
@@ -79,7 +133,7 @@ class Response(ReadOnly):
     n_factorisations
         Number of factorisations of the tangent.
     sensitivities
-        Channel -> parameter -> d channel / d parameter, shape (n_samples,).
+        Channel -> parameter -> d channel / d parameter, shape (n_samples,). A mapping of mappings will do.
     slopes
         Channel -> d channel / d control, shape (n_samples,), along the one driven cable; empty for several.
     snapshots
@@ -107,7 +161,7 @@ class Response(ReadOnly):
     status: str
     succeeded: bool
     n_factorisations: int
-    sensitivities: Mapping[str, Mapping[str, Floats]] = field(default_factory=dict)
+    sensitivities: Derivatives = field(default_factory=Derivatives)
     slopes: Mapping[str, Floats] = field(default_factory=dict)
     snapshots: tuple[Snapshot, ...] = ()
     tets: Mapping[str, Ints] = field(default_factory=dict)
@@ -117,6 +171,10 @@ class Response(ReadOnly):
     remarks: str = ""
     samples: tuple[int, ...] | None = None
     stopped_by: KeyboardInterrupt | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sensitivities", Derivatives.of(self.sensitivities))
+        super().__post_init__()
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -154,17 +212,14 @@ class Response(ReadOnly):
         rows = list(range(held)) if self.samples is None else list(self.samples)
 
         def spread(values: Floats) -> Floats:
-            out = np.full(n_samples, np.nan)
+            out = np.full((n_samples, *values.shape[1:]), np.nan)
             out[rows] = values
             return out
 
         return replace(
             self,
             channels={name: spread(values) for name, values in self.channels.items()},
-            sensitivities={
-                channel: {name: spread(values) for name, values in by.items()}
-                for channel, by in self.sensitivities.items()
-            },
+            sensitivities=replace(self.sensitivities, rates=spread(self.sensitivities.rates)),
             slopes={name: spread(values) for name, values in self.slopes.items()},
             samples=None,
         )
@@ -173,20 +228,3 @@ class Response(ReadOnly):
 def by_column(names: Iterable[str], table: Floats) -> dict[str, Floats]:
     """The columns of a table (n_samples, n_names, …) by their names."""
     return {name: table[:, k] for k, name in enumerate(names)}
-
-
-def derivatives_by_column(
-    channels: Iterable[str], parameters: Sequence[str], table: Floats
-) -> dict[str, dict[str, Floats]]:
-    """Channel -> parameter -> derivative (n_samples,).
-
-    Parameters
-    ----------
-    channels
-        The channels.
-    parameters
-        Dotted names of the parameters.
-    table
-        Derivatives (n_samples, n_channels, n_parameters).
-    """
-    return {channel: by_column(parameters, of_channel) for channel, of_channel in by_column(channels, table).items()}

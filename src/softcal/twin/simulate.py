@@ -15,7 +15,7 @@ from softcal.twin.many import simulate_many
 from softcal.twin.parameters import robot_parameters, unknown_name, value_faults, with_shape
 from softcal.twin.proportional import at_moduli, at_own_moduli, with_modulus
 from softcal.twin.protocol import Protocol, command_faults
-from softcal.twin.response import Response, Shown
+from softcal.twin.response import Derivatives, Response, Shown
 from softcal.twin.robot import Robot
 from softcal.twin.sweep import Sweep
 
@@ -186,9 +186,11 @@ def respond(  # noqa: PLR0913 (one keyword for each option)
     if not commanded:
         return response
     # Slopes are the derivatives by the driven cable's command; that of a slack cable has no effect.
-    rates = {channel: dict(response.sensitivities.get(channel, {})) for channel in response.channels}
-    for channel, values in response.channels.items():
-        for name, cable in commanded.items():
-            is_driven = cable in driven and channel in response.slopes
-            rates[channel][name] = response.slopes[channel] if is_driven else np.zeros(len(values))
-    return replace(response, sensitivities=rates)
+    channels, known = tuple(response.channels), response.sensitivities
+    none = np.zeros((len(channels), len(next(iter(response.channels.values())))))
+    rates = [known.by(name, channels) for name in known.parameters]
+    for cable in commanded.values():
+        is_driven = cable in driven and response.slopes
+        rates.append((np.array([response.slopes[channel] for channel in channels]) if is_driven else none).T)
+    parameters = (*known.parameters, *commanded)
+    return replace(response, sensitivities=Derivatives(channels, parameters, np.stack(rates, axis=-1)))

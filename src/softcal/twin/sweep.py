@@ -13,7 +13,7 @@ from softcal.twin.crossings import crossed_on_path
 from softcal.twin.drives import Samples, by_shortening, by_tension
 from softcal.twin.equilibrium_path import EquilibriumPath
 from softcal.twin.protocol import Protocol
-from softcal.twin.response import Response, Shown, Snapshot, by_column, derivatives_by_column
+from softcal.twin.response import Derivatives, Response, Shown, Snapshot, by_column
 from softcal.twin.start import UNDER_LOADS, instability, snapshot
 
 
@@ -52,8 +52,15 @@ class Sweep:
             return self._response(samples, self._shapes(samples, unit))
         except SimulationError as error:
             # Not even the loads, or a state on the way, could be solved.
-            channels = by_column(along.units, np.zeros((0, len(along.units))))
-            return Response(channels, along.units, str(error), False, along.statics.n_factorisations)
+            none = np.zeros((0, len(along.units), len(along.names)))
+            return Response(
+                channels=dict.fromkeys(along.units, np.zeros(0)),
+                units=along.units,
+                status=str(error),
+                succeeded=False,
+                n_factorisations=along.statics.n_factorisations,
+                sensitivities=Derivatives(tuple(along.units), along.names, none),
+            )
 
     def _shapes(self, samples: Samples, unit: str) -> list[Snapshot]:
         """The shapes to draw, of commands in this unit: at every sample, or at every node of the path."""
@@ -89,7 +96,7 @@ class Sweep:
             crossings=crossed.strip(),
             remarks=remarks.strip(),
             n_factorisations=along.statics.n_factorisations,
-            sensitivities=derivatives_by_column(units, along.names, samples.by_parameter),
+            sensitivities=Derivatives(tuple(units), along.names, samples.by_parameter),
             slopes=by_column(units, samples.slopes),
             snapshots=tuple(shapes),
             tets={name: mesh.tets for name, mesh in along.twin.meshes.items()} if shapes else {},

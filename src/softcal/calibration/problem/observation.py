@@ -17,12 +17,11 @@ from softcal.errors import Fault, ParameterError, unknown
 from softcal.sensing.channel import ChannelName, positions
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.response import Response
+from softcal.twin.response import Derivatives, Response
 from softcal.twin.robot import Robot
 from softcal.units import format_quantity
 
 Samples = slice | np.ndarray
-Derivatives = dict[str, Floats]
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class Observation:
     """
 
     predicted: Mapping[str, Floats]
-    derivatives: Mapping[str, Mapping[str, Floats]]
+    derivatives: Derivatives
     response: Mapping[str, Floats]
     units: Mapping[str, str]
 
@@ -131,78 +130,72 @@ def observe(
         raise ParameterError(
             [unknown(f"the twin has no channel '{name}'", experiment.name, name, there, got="") for name in missing]
         )
-    wanted = tuple(names)
-    by_control = {channel: _controls(experiment, rig, channel)[1] for channel in experiment.drives}
-    raw = {name: response.channels[name][samples] for name in wanted_channels}
-    slopes = {
-        name: {p: _slope(experiment, response, samples, by_control, name, p) for p in wanted}
-        for name in wanted_channels
-    }
+    wanted, channels = tuple(names), tuple(wanted_channels)
+    raw = {name: response.channels[name][samples] for name in channels}
+    table = _slopes(experiment, rig, response, samples, channels, wanted)
+    slopes = {name: table[:, k] for k, name in enumerate(channels)}
     placed = {point: _placed(point, rig, raw, slopes, wanted) for point in experiment.points}
-    predicted: dict[str, Floats] = {}
-    derivatives: dict[str, dict[str, Floats]] = {}
+    seen: dict[str, tuple[Floats, Floats]] = {}
     for channel in experiment.compared:
         name = experiment.twin_channel(channel)
         if name.point:
-            place, by = placed[name.point]
-            predicted[channel] = place[:, name.kind.axis]
-            derivatives[channel] = {p: values[:, name.kind.axis] for p, values in by.items()}
+            place, rates = placed[name.point]
+            seen[channel] = place[:, name.kind.axis], rates[:, name.kind.axis]
         else:
-            seen = raw[str(name)], slopes[str(name)]
-            predicted[channel], derivatives[channel] = _read(experiment, rig, name, *seen)
+            seen[channel] = _read(experiment, rig, name, raw[str(name)], slopes[str(name)], wanted)
     return Observation(
-        predicted,
-        derivatives,
+        {channel: values for channel, (values, _) in seen.items()},
+        Derivatives(tuple(seen), wanted, np.stack([rates for _, rates in seen.values()], axis=1)),
         {name: values[samples] for name, values in response.channels.items()},
         dict(response.units),
     )
 
 
-def _slope(
+def _slopes(
     experiment: Experiment,
+    rig: Mapping[str, float],
     response: Response,
     samples: Samples,
-    by_control: Mapping[str, Mapping[str, Floats]],
-    name: str,
-    parameter: str,
+    channels: tuple[str, ...],
+    names: tuple[str, ...],
 ) -> Floats:
-    """d (a channel of the twin) / d parameter: directly, and by way of the commands."""
-    own = response.sensitivities.get(name, {})
-    if parameter in own:  # by way of the commands, too, where the robot remembers those before
-        return own[parameter][samples]
-    slope = np.zeros(len(response.channels[name][samples]))
-    for channel, changed in by_control.items():
-        if parameter not in changed:
+    """d (the twin's channels) / d names, (n_samples, n_channels, n_names): directly, and by way of the commands."""
+    known = response.sensitivities
+    by_control = {str(experiment.twin_channel(c)): _controls(experiment, rig, c)[1] for c in experiment.drives}
+    slopes = np.zeros((len(response.channels[channels[0]][samples]), len(channels), len(names)))
+    for k, name in enumerate(names):
+        if name in known.parameters:  # by way of the commands, too, where the robot remembers those before
+            slopes[:, :, k] = known.by(name, channels)[samples]
             continue
-        if name in response.slopes:  # one cable alone is driven or held
-            along = response.slopes[name][samples]
-        else:
-            along = own[str(experiment.twin_channel(channel))][samples]
-        slope = slope + along * changed[parameter]
-    return slope
+        for control, changed in by_control.items():
+            if name not in changed:
+                continue
+            if response.slopes:  # one cable alone is driven or held
+                along = np.column_stack([response.slopes[channel] for channel in channels])
+            else:
+                along = known.by(control, channels)
+            slopes[:, :, k] += along[samples] * changed[name][:, None]
+    return slopes
 
 
 def _placed(
     point: str,
     rig: Mapping[str, float],
     raw: Mapping[str, Floats],
-    slopes: Mapping[str, Mapping[str, Floats]],
+    slopes: Mapping[str, Floats],
     names: tuple[str, ...],
-) -> tuple[Floats, Derivatives]:
-    """A point of the twin as seen in the rig's frame, (n, 3), and its derivatives."""
+) -> tuple[Floats, Floats]:
+    """A point of the twin as seen in the rig's frame, (n, 3), and its derivatives (n, 3, n_names)."""
     frame = np.array([rig.get(name, 0.0) for name in FRAME])
     R = rotation(frame[3:])
     parts = [str(part) for part in positions(point)]
     p = np.column_stack([raw[part] for part in parts])
-    rates = rotation_rates(frame[3:])
-    derivatives: Derivatives = {}
-    for name in names:
-        if name in FRAME:
-            k = list(FRAME).index(name)
-            derivatives[name] = np.tile(np.eye(3)[k], (len(p), 1)) if k < 3 else p @ rates[k - 3].T
-        else:
-            derivatives[name] = np.column_stack([slopes[part][name] for part in parts]) @ R.T
-    return p @ R.T + frame[:3], derivatives
+    turned = rotation_rates(frame[3:])
+    rates = R @ np.stack([slopes[part] for part in parts], axis=1)
+    for k, name in enumerate(FRAME):
+        if name in names:
+            rates[:, :, names.index(name)] = np.eye(3)[k] if k < 3 else p @ turned[k - 3].T
+    return p @ R.T + frame[:3], rates
 
 
 def _read(
@@ -210,22 +203,23 @@ def _read(
     rig: Mapping[str, float],
     name: ChannelName,
     raw: Floats,
-    slopes: Mapping[str, Floats],
-) -> tuple[Floats, Derivatives]:
-    """A channel of the twin as measured by its instrument: gain and offset, and the derivatives."""
+    slopes: Floats,
+    names: tuple[str, ...],
+) -> tuple[Floats, Floats]:
+    """A channel of the twin as measured by its instrument, gain and offset, and its derivatives (n, n_names)."""
     own = rig.get(name.gain, 1.0)
     pulleys = gain_of(experiment, rig, name.carrier) if name.kind == TENSION else PulleyGain(1.0, {})
     gain = own * pulleys.value
-    derivatives = {p: gain * slope for p, slope in slopes.items()}
-    for friction in derivatives.keys() & pulleys.by.keys():
-        derivatives[friction] = derivatives[friction] + own * pulleys.by[friction] * raw
-    if name.gain in derivatives:
-        derivatives[name.gain] = derivatives[name.gain] + pulleys.value * raw
-    if name.offset in derivatives:
-        derivatives[name.offset] = derivatives[name.offset] + 1.0
-    if name.drift in derivatives:
-        derivatives[name.drift] = derivatives[name.drift] + experiment.elapsed
-    return gain * raw + rig.get(name.offset, 0.0) + _drifted(experiment, rig, name), derivatives
+    rates = (gain * slopes.T).T
+    by_instrument = {
+        **{friction: own * by * raw for friction, by in pulleys.by.items()},
+        name.gain: pulleys.value * raw,
+        name.offset: 1.0,
+        name.drift: experiment.elapsed,
+    }
+    for k, parameter in enumerate(names):
+        rates[:, k] += by_instrument.get(parameter, 0.0)
+    return gain * raw + rig.get(name.offset, 0.0) + _drifted(experiment, rig, name), rates
 
 
 def _drifted(experiment: Experiment, rig: Mapping[str, float], name: ChannelName) -> Floats | float:
@@ -234,7 +228,7 @@ def _drifted(experiment: Experiment, rig: Mapping[str, float], name: ChannelName
     return drift * experiment.elapsed if drift else 0.0
 
 
-def _controls(experiment: Experiment, rig: Mapping[str, float], channel: str) -> tuple[Floats, Derivatives]:
+def _controls(experiment: Experiment, rig: Mapping[str, float], channel: str) -> tuple[Floats, dict[str, Floats]]:
     """A cable's control per sample, and its derivatives by the rig parameters that it depends on."""
     driven = experiment.twin_channel(channel)
     measured = experiment.dataset.values(channel)

@@ -31,7 +31,7 @@ from softcal.display import displayed
 from softcal.errors import InputError, MeshError, ParameterError, SimulationError
 from softcal.twin.parameters import MODULUS, ParameterInfo, robot_parameters
 from softcal.twin.protocol import Protocol, command_faults
-from softcal.twin.response import Response
+from softcal.twin.response import Derivatives, Response
 from softcal.twin.robot import Robot
 
 SOFTCAL = "softcal"  # the engine used where no other simulator is named
@@ -390,9 +390,8 @@ class Problem:
                 if not there.any():
                     continue
                 values = experiment.dataset.values(channel)[there]
-                derivatives = seen.derivatives.get(channel, {})
-                jacobian = _columns(self.space.parameters, experiment.name, derivatives, len(there))
-                systematic = _columns(self.uncertain, experiment.name, derivatives, len(there))
+                jacobian = _columns(self.space.parameters, experiment.name, seen.derivatives, channel)
+                systematic = _columns(self.uncertain, experiment.name, seen.derivatives, channel)
                 reading = experiment.twin_channel(channel)
                 offset, gain, drift = (
                     "" if name in stated else name for name in (reading.offset, reading.gain, reading.drift)
@@ -467,18 +466,15 @@ def make_problem(
 
 
 def _columns(
-    parameters: Sequence[ScopedParameter], experiment: str, derivatives: Mapping[str, Floats], n_samples: int
+    parameters: Sequence[ScopedParameter], experiment: str, derivatives: Derivatives, channel: str
 ) -> Floats | None:
     """The derivatives (n_samples, len(parameters)) of a channel of an experiment; None where there are none."""
-    if not derivatives or not parameters:
+    if not derivatives.parameters or not parameters:
         return None
-    zeros = np.zeros(n_samples)
-    return np.column_stack(
-        [
-            sum((derivatives.get(t, zeros) for t in p.targets), zeros) if p.serves(experiment) else zeros
-            for p in parameters
-        ]
-    )
+    targets = [p.targets if p.serves(experiment) else () for p in parameters]
+    columns = [[k for k, name in enumerate(derivatives.parameters) if name in of_one] for of_one in targets]
+    rates = derivatives.rates[:, derivatives.channels.index(channel)]
+    return np.column_stack([rates[:, each].sum(axis=1) for each in columns])
 
 
 def _real_simulate() -> Simulate:

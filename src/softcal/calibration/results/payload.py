@@ -14,6 +14,8 @@ import numpy as np
 from softcal.calibration.problem.observation import Observation
 from softcal.calibration.results.stored import contradiction
 from softcal.checks import Floats
+from softcal.errors import ParameterError
+from softcal.twin.response import Derivatives
 
 # Between the parts of a key; a character that no name holds.
 _SEPARATOR = "\x1f"
@@ -21,7 +23,7 @@ _LARGEST = 2**28  # bytes of the arrays of a trial, unpacked
 # What NumPy and zipfile raise for bytes of another format, or incomplete ones.
 _BROKEN = (
     ValueError, KeyError, IndexError, TypeError, EOFError, OSError, MemoryError, NotImplementedError, RuntimeError,
-    AttributeError, zipfile.BadZipFile, zlib.error, struct.error,
+    AttributeError, zipfile.BadZipFile, zlib.error, struct.error, ParameterError,
 )  # fmt: skip
 
 
@@ -84,6 +86,8 @@ def _decoded(payload: bytes) -> dict[str, Observation]:
                 response.setdefault(name, {})[channel] = values
                 units.setdefault(name, {})[channel] = last[0]
     return {
-        name: Observation(channels, derivatives.get(name, {}), response.get(name, {}), units.get(name, {}))
+        name: Observation(
+            channels, Derivatives.of(derivatives.get(name, {})), response.get(name, {}), units.get(name, {})
+        )
         for name, channels in predicted.items()
     }

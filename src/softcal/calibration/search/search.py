@@ -410,11 +410,10 @@ def recalled(problem: Problem, proposal: Proposal, stored: StoredTrial, journal:
     try:
         for experiment in problem.experiments:
             seen = observations[experiment.name]
-            columns = [values for channel in seen.derivatives.values() for values in channel.values()]
-            for values in (*seen.predicted.values(), *columns):
-                if values.shape != (experiment.dataset.n_samples,):
+            for values in (*seen.predicted.values(), *([seen.derivatives.rates] if seen.derivatives else [])):
+                if values.shape[:1] != (experiment.dataset.n_samples,):
                     raise ValueError(f"{values.shape} values for {experiment.dataset.n_samples} samples")
-            for values in (*seen.predicted.values(), *columns, *seen.response.values()):
+            for values in (*seen.predicted.values(), seen.derivatives.rates, *seen.response.values()):
                 if not np.isfinite(values).all():
                     raise ValueError("values that are not finite")
         again = problem.judge(trial.theta, observations, stored.n_solves, trial.n_factorisations, trial.seconds)

@@ -23,7 +23,7 @@ from softcal.plugins.sofa.settings import SofaSettings
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.parameters import robot_parameters, unknown_name, with_parameters
 from softcal.twin.protocol import Command, Protocol, command_faults
-from softcal.twin.response import Response, by_column
+from softcal.twin.response import Derivatives, Response, by_column
 from softcal.twin.robot import Robot
 from softcal.twin.sensors import channel_units
 
@@ -134,9 +134,9 @@ class _EngineRun:
             status=self._status(outcome, seen) if succeeded else f"SOFA: {failure}.",
             succeeded=succeeded,
             n_factorisations=self.steps,
-            sensitivities={
-                channel: {name: values[:, k] for name, values in by_name.items()} for k, channel in enumerate(units)
-            },
+            sensitivities=Derivatives(tuple(units), tuple(by_name), np.stack(list(by_name.values()), axis=-1))
+            if by_name
+            else Derivatives(),
             slopes={} if seen.slopes is None else by_column(units, seen.slopes),
             snapshots=shapes(twin, self.protocol, outcome.records, self._states(self.protocol)) if snapshots else (),
             tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},

@@ -232,6 +232,6 @@ def test_a_database_whose_content_makes_no_sense_is_not_said_to_be_out_of_reach(
         with engine.begin() as connection:
             connection.execute(sqlalchemy.text(change))
         engine.dispose()
-        with pytest.raises(StorageError, match=r"a database: the shared study cannot be read: .* another database"):
+        with pytest.raises(StorageError, match=r"a database: the shared study cannot be read; got .* another database"):
             with joined(database) as other:
                 other.outcomes()

@@ -279,7 +279,6 @@ class SharedStudy:
     def _joined(self, storage: optuna.storages.BaseStorage) -> optuna.Study:
         import optuna
 
-        optuna.logging.set_verbosity(optuna.logging.WARNING)
         about = {"format": FORMAT, "identity": dict(self._about.identity), "settings": dict(self._about.settings)}
         try:
             study = optuna.create_study(storage=storage, study_name=self._about.name, direction="minimize")

@@ -211,8 +211,8 @@ class DaskExecutor(Executor):
         Exception
             Dask's own, which have no common class, where it does not answer in time.
         """
-        scheduler: Any = self._client.scheduler
-        self._there = self._client.sync(scheduler.identity, n_workers=-1, callback_timeout=ANSWER)["workers"]
+        client: Any = self._client
+        self._there = client.sync(client.scheduler.identity, n_workers=-1, callback_timeout=ANSWER)["workers"]
 
     def _watch(self) -> None:
         """Keep up with the workers until the end, and give up a scheduler that is connected and says nothing more: Dask

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any
 
@@ -16,11 +17,12 @@ from softcal.calibration.problem.fingerprint import fingerprint, fingerprints
 from softcal.calibration.problem.loss import rms
 from softcal.calibration.problem.losses.papers import PapersLoss
 from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
-from softcal.calibration.problem.problem import Problem, make_problem
+from softcal.calibration.problem.problem import Evaluation, Problem, make_problem
 from softcal.calibration.problem.trajectory import Member, shared_out
 from softcal.calibration.search.evaluator import Evaluator
 from softcal.calibration.search.optimiser import Proposal
 from softcal.errors import InputError, ParameterError, SimulationError
+from softcal.executors.executor import Executor, ExecutorLost
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
@@ -292,3 +294,47 @@ def test_a_slack_by_which_a_cable_is_pulled_in_beyond_its_length_is_a_failed_tri
     stiff = FreeParameter("bar.youngs_modulus", "Pa", 0.1e6, 40e6, "log")
     with pytest.raises(ParameterError, match="more than its length"):  # at any value
         make_problem(problem.robot, [fixed], (stiff,)).evaluate({"bar.youngs_modulus": 1e6})
+
+
+class Other(Executor):
+    """Workers whose answers are changed on the way."""
+
+    name, summary, count, workers, told = "other", "", 1, (), "Another cluster"
+
+    def __init__(self, change: Callable[[Any], object]) -> None:
+        self.change = change
+
+    @classmethod
+    def at(cls, address: str, workers: int | None) -> Executor:
+        raise NotImplementedError
+
+    def sent(self, what: object) -> object:
+        return what
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        shared, function, *rest = args
+        outcome: Future[Any] = Future()
+        outcome.set_result(self.change(function(shared, *rest)))
+        return outcome
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda one: None, "it is a NoneType"),
+        (lambda one: {"loss": one.loss}, "it is a dict"),
+        (lambda one: replace(one, theta={**one.theta, E: 2e6}), "it is that of other parameters"),
+        (lambda one: replace(one, theta={}), "it is that of other parameters"),
+        (lambda one: replace(one, loss=float("nan")), "its loss is not a number"),
+        (lambda one: replace(one, gradient=one.gradient[:1]), "its gradient is not by 2 parameters"),
+        (lambda one: replace(one, gradient=None), "its gradient is not by 2 parameters"),
+    ],
+)
+def test_what_is_no_evaluation_of_a_trial_is_refused(change: Callable[[Any], object], told: str) -> None:
+    problem = make_problem(fake_robot(), [fake_experiment("pull")], (MODULUS, RATIO), None, fake_simulate)
+    with Evaluator(problem, workers=Other(lambda one: one), jacobian=True) as evaluator:
+        ((_, evaluation),) = evaluator.evaluate([Proposal(0, {E: 1e6, NU: 0.45})])
+        assert isinstance(evaluation, Evaluation)
+    with Evaluator(problem, workers=Other(change), jacobian=True) as evaluator:
+        with pytest.raises(ExecutorLost, match=f"Another cluster gave for trial 0 .* no evaluation of it: {told}"):
+            list(evaluator.evaluate([Proposal(0, {E: 1e6, NU: 0.45})]))

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from changed_trials import change_trials
+from changed_trials import change_trials, undigested
 from fake_twin import NU, E, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
 
 from softcal.calibration.problem.parameters import FreeParameter
@@ -149,7 +149,7 @@ def test_the_level_of_a_note_is_kept_and_an_earlier_files_notes_are_plain(tmp_pa
     (warning,) = [note for note in result.notes if note.tone == "warning"]
     assert "is at its upper bound of 1 MPa" in warning.text
     assert load_result(tmp_path / "run").notes == result.notes
-    document = json.loads((tmp_path / "run" / "result.json").read_text())
+    document = undigested(json.loads((tmp_path / "run" / "result.json").read_text()))
     assert document["notes"] == [note.text for note in result.notes]
     del document["warnings"]
     (tmp_path / "run" / "result.json").write_text(json.dumps(document))

@@ -27,6 +27,7 @@ from test_calibration_run import problem_of, same
 
 import softcal
 from softcal.calibration.results.result_reading import load_result
+from softcal.calibration.results.trial_journal import stored_trials
 from softcal.calibration.run import calibrate
 from softcal.calibration.search.search import Progress
 from softcal.calibration.sweep import sweep
@@ -36,6 +37,7 @@ from softcal.executors.chosen import executor_on
 from softcal.executors.each import LostCall, each
 from softcal.executors.executor import Patience
 from softcal.executors.shared import call
+from softcal.plugins.cluster import dask_executor
 from softcal.plugins.cluster import slurm_executor as slurm
 from softcal.plugins.cluster.slurm_executor import SlurmExecutor
 from softcal.twin.protocol import Protocol
@@ -234,6 +236,25 @@ def test_the_schedulers_death_costs_nothing_that_was_told(tmp_path: Path) -> Non
             calibrate(problem_of(slow_twin), **options, workers=executor, progress=kill)
     resumed = calibrate(problem_of(soft_necks_fail), **options, resume=True)
     same(resumed, calibrate(problem_of(soft_necks_fail), method="tpe", trials=60))
+
+
+def test_a_scheduler_that_falls_silent_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is stopped, not ended: its connection stays, and Dask waits."""
+    monkeypatch.setattr(dask_executor, "SILENCE", 3.0)
+    folder = tmp_path / "run"
+    stopped: list[float] = []
+    with dask_cluster(tmp_path) as cluster:
+
+        def stop(progress: Any) -> None:
+            if progress.done == 8 and not stopped:
+                os.killpg(cluster.scheduler.pid, signal.SIGSTOP)
+                stopped.append(time.monotonic())
+
+        with pytest.raises(CalibrationError, match=r"scheduler at .* no longer answers.*resume"):
+            with executor_on(f"dask:{cluster.address}") as executor:
+                calibrate(problem_of(slow_twin), method="tpe", trials=40, store=folder, workers=executor, progress=stop)
+        assert time.monotonic() - stopped[0] < 60  # 3 s, the ends of the connection, and a busy machine
+    assert len(stored_trials(folder)) >= 8
 
 
 def test_calls_that_wait_to_be_made_alone_are_told_of_the_schedulers_death(tmp_path: Path) -> None:

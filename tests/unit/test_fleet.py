@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from changed_trials import undigest
 from fleet_case import FILE, E, write_fleet
 from project_case import MODULUS
 
@@ -293,6 +294,7 @@ def test_a_report_of_other_specimens_is_kept_aside(
     specimen = out / "specimens" / "s 4.json"
     held = json.loads(specimen.read_text())
     specimen.write_text(json.dumps({**held, "state": "FAILED", "reason": "It buckles.", "hashes": {}}))
+    undigest(specimen)
 
     def stop(what: str, of: int, done: int, failed: int) -> None:
         import signal
@@ -320,6 +322,7 @@ def test_a_report_of_other_specimens_is_kept_aside(
     record = json.loads((out / "fleet.json").read_text())
     record["statement"]["done"] = 5  # as if compared by other factors
     (out / "fleet.json").write_text(json.dumps(record))
+    undigest(out / "fleet.json")
     fleet(folder, out=out, resume=True)
     assert (out / "report.old-3" / "report.html").is_file()
 
@@ -395,6 +398,7 @@ def test_the_record_of_another_specimen_is_not_believed(folder: Path, found: Fle
     out = Path(shutil.copytree(found.folder, tmp_path / "out"))
     record = json.loads((out / "specimens" / "s 3.json").read_text())
     (out / "specimens" / "s 2.json").write_text(json.dumps({**record, "specimen": name}))
+    undigest(out / "specimens" / "s 2.json")
     with pytest.raises(StorageError, match=r"s 2.json: .*another specimen"):
         fleet(folder, out=out, resume=True)
 
@@ -404,6 +408,7 @@ def test_factors_of_a_record_are_those_of_the_table(folder: Path, found: Fleet, 
     record = json.loads((out / "specimens" / "s 2.json").read_text())
     assert record["factors"] == {"filament": "A"}
     (out / "specimens" / "s 2.json").write_text(json.dumps({**record, "factors": {"filament": "B"}}))
+    undigest(out / "specimens" / "s 2.json")
     with pytest.raises(StorageError, match=r"s 2.json: .*another specimen; got filament B; allowed: filament A"):
         fleet(folder, out=out, resume=True)
 
@@ -412,5 +417,6 @@ def test_a_record_in_another_unit_than_the_others_is_refused(folder: Path, found
     out = Path(shutil.copytree(found.folder, tmp_path / "out"))
     path = out / "specimens" / "s 2.json"
     path.write_text(path.read_text().replace('"unit": "Pa"', '"unit": "MPa"'))
+    undigest(path)
     with pytest.raises(StorageError, match=r"s 2.json: .*another specimen; got .*youngs_modulus in MPa; allowed: Pa"):
         fleet(folder, out=out, resume=True)

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from changed_trials import undigest
 from project_case import MODULUS, write_project
 
 import softcal
@@ -154,6 +155,7 @@ def test_a_study_of_other_values_is_not_told_as_this_runs(
     modulus["value"] *= 1.01
     modulus["interval"] = [1.01 * end for end in modulus["interval"]]
     path.write_text(json.dumps(record), encoding="utf-8")
+    undigest(path)
     content = report_content(load_run(copied))
     assert content.mesh_study is None
     page = render_page(content, [])
@@ -190,6 +192,7 @@ def test_another_engine_is_noted(calibrated: Path, tmp_path: Path):
     record = json.loads(path.read_text(encoding="utf-8"))
     record["hashes"]["engine"] = "sofa"
     path.write_text(json.dumps(record), encoding="utf-8")
+    undigest(path)
     (note,) = study(study_source(copied), halvings=1, max_unknowns=100).notes
     assert note == "The calibration was computed by sofa, the study by softcal."
 

@@ -7,12 +7,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from fake_twin import NU, E
 from shared_processes import joined, outcome, study_at
 
 from softcal.calibration.search import shared_study
 from softcal.calibration.search.optimiser import Proposal
 from softcal.calibration.search.shared_study import SharedStudy
 from softcal.calibration.search.storage_url import StorageUrl, UnansweredError
+from softcal.errors import StorageError
 
 
 @pytest.fixture
@@ -155,3 +157,81 @@ def test_a_mistake_of_softcals_own_is_not_told_as_the_storages(journal: str) -> 
     many: Any = "many"
     with joined(journal) as one, pytest.raises(TypeError):
         one.ask(many, 1)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {E: 1e12, NU: 0.4},
+        {E: float("inf")},
+        {E: float("nan")},
+        {E: -1.0},
+        {E: "much"},
+        {E: None},
+        {E: True},
+        {E: [1e6]},
+        {"nobody": 1.0},
+    ],
+    ids=str,
+)
+def test_values_that_are_none_of_the_search_are_left_out_where_others_enqueue_them(
+    values: dict[str, Any], journal: str, recwarn: pytest.WarningsRecorder
+) -> None:
+    """Evaluated, such a trial would end every process that reads the study, for ever."""
+    with joined(journal) as one:
+        with study_at(journal) as study:
+            study.enqueue_trial(values)
+            study.enqueue_trial({E: 1.5e6})
+            given = len(recwarn)
+        first, second = asked(one, 2, 5)
+        assert len(recwarn) == given
+        assert (first.number, first.theta[E], second.number) == (1, 1.5e6, 2)
+        assert one.impossible == 1
+        with study_at(journal) as study:
+            assert [trial.state.name for trial in study.trials] == ["FAIL", "RUNNING", "RUNNING"]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE trial_values SET value = value * 0.99",
+        "UPDATE trial_params SET param_value = param_value * 1.000001",
+        """UPDATE trial_user_attributes SET value_json = replace(value_json, '"n_solves": 1', '"n_solves": 2')""",
+        "UPDATE trials SET number = 1 - number",
+    ],
+    ids=["loss", "parameter", "outcome", "number"],
+)
+def test_a_trial_that_was_changed_in_the_database_is_refused(change: str, tmp_path: Path) -> None:
+    import sqlalchemy
+
+    database = StorageUrl("a database", url=f"sqlite:///{tmp_path / 'optuna.db'}")
+    with joined(database) as one:
+        for proposal in asked(one, 2, 2):
+            one.tell(outcome(proposal.number, proposal.theta, 0.1 + proposal.number))
+    with joined(database) as other:
+        assert [stored.trial.loss for stored in other.outcomes().values()] == [0.1, 1.1]
+    engine = sqlalchemy.create_engine(database.url)
+    with engine.begin() as connection:
+        assert connection.execute(sqlalchemy.text(change)).rowcount >= 2
+    engine.dispose()
+    with joined(database) as other, pytest.raises(StorageError, match=r"trial \d of the .* changed after it was told"):
+        other.outcomes()
+
+
+@pytest.mark.parametrize(
+    "change", ["UPDATE trial_user_attributes SET value_json = 'x'", "UPDATE trial_values SET value_type = 'INF_POS'"]
+)
+def test_a_database_whose_content_makes_no_sense_is_not_said_to_be_out_of_reach(change: str, tmp_path: Path) -> None:
+    import sqlalchemy
+
+    database = StorageUrl("a database", url=f"sqlite:///{tmp_path / 'optuna.db'}")
+    with joined(database) as one:
+        (proposal,) = asked(one, 1)
+        one.tell(outcome(proposal.number, proposal.theta, 0.1))
+        engine = sqlalchemy.create_engine(database.url)
+        with engine.begin() as connection:
+            connection.execute(sqlalchemy.text(change))
+        engine.dispose()
+        with pytest.raises(StorageError, match=r"a database: the shared study cannot be read; got .* another database"):
+            with joined(database) as other:
+                other.outcomes()

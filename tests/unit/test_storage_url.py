@@ -274,7 +274,7 @@ def test_a_database_of_another_version_of_optuna_is_refused(tmp_path: Path) -> N
     with engine.begin() as connection:
         connection.execute(sqlalchemy.text("UPDATE alembic_version SET version_num = 'v0.9.0.a'"))
     engine.dispose()
-    with pytest.raises(StorageError, match=r"a database: the shared study cannot be reached; got .*(version|schema)"):
+    with pytest.raises(StorageError, match=r"a database: the shared study cannot be read; got .*(version|schema)"):
         place.opened().__enter__()
 
 

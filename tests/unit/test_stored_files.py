@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from changed_trials import change_trials
+from changed_trials import change_trials, undigest, undigested
 from project_case import write_project
 
 import softcal
 from softcal.calibration.results.result_reading import load_result
 from softcal.calibration.results.store import RECORD, write_text
-from softcal.calibration.results.stored import read_rows
-from softcal.calibration.results.trial_journal import JOURNAL
+from softcal.calibration.results.stored import digest, read_rows
+from softcal.calibration.results.trial_journal import JOURNAL, stored_trials
 from softcal.cli import main
 from softcal.csv_text import csv_text, plain
 from softcal.errors import StorageError
@@ -137,7 +137,7 @@ def test_the_files_are_read_as_they_were_written(
 def test_a_result_of_an_earlier_version_is_read(run: Path) -> None:
     """Its file has no format, and no key without a value."""
     after = load_result(run / STORE)
-    document = json.loads((run / RESULT).read_text())
+    document = undigested(json.loads((run / RESULT).read_text()))
     for part in ("parameters", "experiments"):
         for entry in document[part].values():
             for key in [key for key, value in entry.items() if value in (None, [], {})]:
@@ -195,7 +195,7 @@ def test_a_value_of_another_type_anywhere_in_a_record_is_refused(name: str, fini
     file, read = DOCUMENTS[name]
     folder = shutil.copytree(finished / file.split("/")[0], tmp_path / "copy")
     target = folder / file.partition("/")[2]
-    document = json.loads(target.read_text())
+    document = undigested(json.loads(target.read_text()))
     accepted: list[str] = []
     n = 0
     for path in leaves(document):
@@ -221,7 +221,7 @@ def test_a_key_that_is_missing_is_refused(name: str, finished: Path, tmp_path: P
     file, read = DOCUMENTS[name]
     folder = shutil.copytree(finished / file.split("/")[0], tmp_path / "copy")
     target = folder / file.partition("/")[2]
-    document = json.loads(target.read_text())
+    document = undigested(json.loads(target.read_text()))
     optional = {"project", "sentences", "changes", *(("format", "residuals") if "result" in name else ())}
     refused = 0
     for key in document:
@@ -416,7 +416,7 @@ VALUES: dict[str, tuple[tuple[str | int, ...], object]] = {
 def test_a_value_that_contradicts_the_others_is_refused(case: str, finished: Path, tmp_path: Path) -> None:
     folder = shutil.copytree(finished / "run" / STORE, tmp_path / "copy")
     path, value = VALUES[case]
-    document = json.loads((folder / "result.json").read_text())
+    document = undigested(json.loads((folder / "result.json").read_text()))
     (folder / "result.json").write_text(json.dumps(with_value(document, path, value)))
     with pytest.raises(StorageError, match=r"the result (cannot be read|is of another format; got 2; allowed: 1)"):
         load_result(folder)
@@ -441,6 +441,7 @@ def test_units_of_a_result_are_those_of_its_project(unit: str, run: Path) -> Non
     for name in ("result.json", "trials.csv"):
         text = (run / STORE / name).read_text()
         (run / STORE / name).write_text(text.replace('"unit": "Pa"', f'"unit": "{unit}"').replace("[Pa]", f"[{unit}]"))
+    undigest(run / RESULT)
     with pytest.raises(
         StorageError, match=r"bar\.youngs_modulus has another unit than in the project; got '.*'; all.*: Pa"
     ):
@@ -459,6 +460,7 @@ def test_bounds_and_loss_of_a_result_are_those_of_its_project(before: str, after
     path = run / STORE / "result.json"
     assert before in path.read_text()
     path.write_text(path.read_text().replace(before, after))
+    undigest(path)
     with pytest.raises(StorageError, match=message):
         load_run(run)
 
@@ -470,8 +472,77 @@ def test_a_result_of_another_runs_experiment_is_refused(run: Path) -> None:
         (folder / "result.json").read_text().replace('"pull": {', '"push": {').replace("response-pull", "response-push")
     )
     (folder / "result.json").write_text(text)
+    undigest(folder / "result.json")
     with pytest.raises(StorageError, match="an experiment that the run does not have; got push"):
         load_run(run)
+
+
+# File of a run -> a change of it that contradicts nothing else there, as by an editor.
+EDITS: dict[str, tuple[str, Callable[[str], str]]] = {
+    "a narrower interval": (
+        RESULT,
+        lambda text: re.sub(r'(?s)("interval": \[\s*)[\d.]+', r"\g<1>1290000.0", text, count=1),
+    ),
+    "a smaller standard error": (
+        RESULT,
+        lambda text: json.dumps(
+            with_value(json.loads(text), ("parameters", "front.slack[pull]", "standard_error"), 1e-9)
+        ),
+    ),
+    "other words": (RESULT, lambda text: text.replace("Converged in", "Converged well in")),
+    "fewer warnings": (RESULT, lambda text: json.dumps({**json.loads(text), "warnings": [], "notes": []})),
+    "the loss of another trial": (
+        f"{STORE}/trials.csv",
+        lambda text: re.sub(r"(?m)^0,COMPLETE,[^,]*", "0,COMPLETE,7.5", text),
+    ),
+    "a channel that is not compared": (
+        f"{STORE}/response-pull.csv",
+        lambda text: re.sub(r"(?m)\A(.*\n)[^,]*", r"\g<1>0.5", text),
+    ),
+    "the headline": ("result.json", lambda text: re.sub(r'"value": [\d.]+', '"value": 2000000.0', text, count=1)),
+    "the record": ("run.json", lambda text: text.replace('"values": {}', '"values": {"bar.poissons_ratio": 0.3}')),
+}
+
+
+@pytest.mark.parametrize("case", EDITS)
+def test_a_run_that_was_edited_is_refused_by_the_name_of_the_file(case: str, run: Path) -> None:
+    """Its numbers agree with each other, and nobody computed them."""
+    file, edit = EDITS[case]
+    text = (run / file).read_text()
+    (run / file).write_text(edit(text))
+    assert (run / file).read_text() != text
+    with pytest.raises(StorageError, match=rf"{re.escape(file)}: the .* was changed after it was written"):
+        load_run(run)
+
+
+def test_a_record_that_another_program_has_laid_out_is_the_same(run: Path) -> None:
+    """Its keys in another order, without blanks, and whole numbers without a point."""
+    before = load_run(run)
+    document = json.loads(
+        (run / RESULT).read_text(),
+        parse_float=lambda text: int(float(text)) if float(text).is_integer() else float(text),
+    )
+    (run / RESULT).write_text(json.dumps(document, sort_keys=True, separators=(",", ":")))
+    assert load_run(run).results["pull"].parameters == before.results["pull"].parameters
+
+
+@pytest.mark.parametrize(
+    "tables", [{"../run.json": "0"}, {"": "0"}, {"..": "0"}, {"a\0b": "0"}, {"trials.csv": 7}, {"x.csv": "0"}]
+)
+def test_tables_that_a_record_names_are_files_beside_it(tables: dict[str, object], run: Path) -> None:
+    document = {**undigested(json.loads((run / RESULT).read_text())), "tables": tables}
+    (run / RESULT).write_text(json.dumps({**document, "sha256": digest(document)}))
+    with pytest.raises(StorageError, match="the result was changed after it was written"):
+        load_run(run)
+
+
+def test_a_trial_of_a_journal_that_was_edited_is_refused(run: Path) -> None:
+    path = run / STORE / "optuna.journal"
+    text = path.read_text()
+    path.write_text(re.sub(r'"value": ?[\d.e-]+', '"value": 1e-09', text, count=1))
+    assert path.read_text() != text
+    with pytest.raises(StorageError, match="trial 0 was changed after it was told"):
+        stored_trials(run / STORE)
 
 
 def set_attribute(name: str, value: object) -> Callable[[dict[str, Any]], object]:

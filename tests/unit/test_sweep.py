@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from changed_trials import undigest
 from project_case import write_project
 from sweep_case import CABLES, FORCES, LENGTH, OVER, robot, table, write_sweep
 
@@ -173,6 +174,7 @@ def test_a_kept_sweep_whose_cells_are_not_those_of_its_grid_is_refused(
     document = json.loads(path.read_text())
     document["extra"]["axes"] = axes
     path.write_text(json.dumps(document))
+    undigest(path)
     with pytest.raises(StorageError, match=message):
         load_run(run)
 
@@ -183,6 +185,7 @@ def test_a_sweep_among_calibrations_is_refused(swept: Swept, tmp_path: Path):
     shutil.copytree(run / "calibrations" / "sweep", run / "calibrations" / "joint")
     record = json.loads((run / "run.json").read_text())
     (run / "run.json").write_text(json.dumps({**record, "calibrations": ["sweep", "joint"]}))
+    undigest(run / "run.json")
     with pytest.raises(StorageError, match="there is a sweep among its calibrations"):
         load_run(run)
 

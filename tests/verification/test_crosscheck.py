@@ -89,6 +89,39 @@ def test_an_engine_that_is_itself_agrees_and_one_that_is_not_is_told(monkeypatch
     assert {d.quantity for d in other.differences if d.relative > 1e-6} == {"front.tension"}
 
 
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        (lambda a: replace(a, tensions={"left": NAN}), "no finite number of the tension of left"),
+        (lambda a: replace(a, needed={"front": NAN}), "no finite number of the tension of front"),
+        (lambda a: replace(a, shortenings={"left": np.inf}), "no finite number of the shortening of left"),
+        (
+            lambda a: replace(a, plates={"plate": (np.zeros(3), np.full((3, 3), NAN))}),
+            "no finite number of the pose of plate",
+        ),
+        (
+            lambda a: replace(a, points={"neck": np.where(a.points["neck"] > 0.09, NAN, a.points["neck"])}),
+            "no finite number of the shape of neck",
+        ),
+        (lambda a: replace(a, points={}), "no position of each of the .* nodes of neck"),
+        (lambda a: replace(a, points={"neck": a.points["neck"][:1]}), "no position of each of the .* nodes of neck"),
+    ],
+    ids=["tension", "needed tension", "shortening", "pose", "shape", "no body", "one node"],
+)
+def test_no_engine_agrees_by_what_is_no_number(changed, told, monkeypatch):
+    def solve(*given) -> EngineState:
+        return changed(softer(1.0).solve(*given))
+
+    monkeypatch.setitem(ENGINES._members, "odd", Engine("odd", lambda robot: robot, lambda: "", solve))
+    found = crosscheck(ROBOT, pulled(0.0, 0.006), ["odd"])
+    assert found.comparisons == ()
+    assert not found.agrees
+    assert re.search(told, found.failed["odd"])
+
+
 def test_what_an_engine_leaves_out_is_no_fault_and_is_named(monkeypatch):
     """Above the usual limit a difference needs an explanation of at least its size."""
     for name, strain in (("explained", 6e-4), ("unexplained", 4e-4)):

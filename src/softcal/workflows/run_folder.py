@@ -20,8 +20,15 @@ from pydantic import AfterValidator, Field, ValidatorFunctionWrapHandler, WrapVa
 from softcal.calibration.results.result import CalibrationResult, SearchResult, SweepResult
 from softcal.calibration.results.result_files import fits_of, response_file, result_json
 from softcal.calibration.results.result_reading import load_result
-from softcal.calibration.results.store import write_bytes, write_text
-from softcal.calibration.results.stored import Record, contradiction, read_bytes, read_record
+from softcal.calibration.results.store import RESULT, write_bytes, write_text
+from softcal.calibration.results.stored import (
+    Record,
+    contradiction,
+    read_bytes,
+    read_record,
+    require_unchanged,
+    sealed,
+)
 from softcal.calibration.search.outcome import installed_versions
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
@@ -116,7 +123,7 @@ def begin_run(project: Project, settings: CalibrationSection, labels: list[str],
             "versions": installed_versions(),
             "created": datetime.now(UTC).isoformat(timespec="seconds"),
         }
-        write_text(part / RECORD, json.dumps(record, indent=2) + "\n")
+        write_text(part / RECORD, sealed(record))
 
 
 def reopen_run(project: Project, folder: Path) -> None:
@@ -235,7 +242,7 @@ def _finish(
         },
         **more,
     }
-    write_text(folder / "result.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
+    write_text(folder / RESULT, sealed(document))
 
 
 @checked_arguments
@@ -257,7 +264,7 @@ def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
     results = {
         label: load_result(calibration_folder(folder, label))
         for label in record.calibrations
-        if (calibration_folder(folder, label) / "result.json").is_file()
+        if (calibration_folder(folder, label) / RESULT).is_file()
     }
     if not results:
         raise StorageError(
@@ -271,6 +278,8 @@ def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
                 Fault("the result is of an experiment that the run does not have", where, ", ".join(strangers))
             )
     _require_project(folder, project, settings, results)
+    if (headline := folder / RESULT).is_file():
+        require_unchanged(headline, "the result")
     about = (folder, project, settings, record.versions, record.hashes, record.created)
     calibrations = {label: result for label, result in results.items() if isinstance(result, CalibrationResult)}
     match list(results.values()):

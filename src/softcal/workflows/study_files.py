@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any, Generic, TypeVar
 
 from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.results.store import write_text
-from softcal.calibration.results.stored import Record, read_record
+from softcal.calibration.results.stored import Record, read_record, sealed
 from softcal.calibration.search.outcome import installed_versions
 from softcal.project.project import Project
 from softcal.workflows.output import new_folder
@@ -90,7 +89,7 @@ class StudyKind(Generic[S]):
         with new_folder(folder) as part:
             for table, text in self.tables.items():
                 write_text(part / table, text(study))
-            write_text(part / self.file, json.dumps(record, indent=2, allow_nan=False) + "\n")
+            write_text(part / self.file, sealed(record))
 
     def read(self, folder: Path) -> StoredStudy[S] | None:
         """The study in a folder, or None.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from softcal.calibration.results.result import ExperimentFit, SearchResult
 from softcal.calibration.results.store import RESULT, write_text
-from softcal.calibration.results.stored import as_json
+from softcal.calibration.results.stored import as_json, sealed
 from softcal.checks import Floats
 from softcal.csv_text import csv_text
 
@@ -28,6 +27,7 @@ def write_result(result: SearchResult, folder: Path) -> None:
     StorageError
         Where a file cannot be written.
     """
+    tables: dict[str, str] = {}
     for name, fit in fits_of(result).items():
         columns: dict[str, Floats] = {f"{c} [{fit.units[c]}]": values for c, values in fit.response.items()}
         families = {"measured": fit.measured, "simulated": fit.simulated, "band": fit.bands, "repeat": fit.repeats}
@@ -35,9 +35,11 @@ def write_result(result: SearchResult, folder: Path) -> None:
             columns |= {f"{family}.{c} [{fit.units[c]}]": values for c, values in channels.items()}
         # A value that was not measured is an empty cell.
         cells = ([float(value) if np.isfinite(value) else "" for value in values] for values in columns.values())
-        write_text(folder / response_file(name), csv_text(list(columns), zip(*cells, strict=True)))
-    write_text(folder / TRIALS, _trials_csv(result))
-    write_text(folder / RESULT, json.dumps(result_json(result), indent=2, allow_nan=False) + "\n")
+        tables[response_file(name)] = csv_text(list(columns), zip(*cells, strict=True))
+    tables[TRIALS] = _trials_csv(result)
+    for name, text in tables.items():
+        write_text(folder / name, text)
+    write_text(folder / RESULT, sealed(result_json(result), tables))
 
 
 def result_json(result: SearchResult) -> dict[str, Any]:

@@ -25,6 +25,7 @@ from softcal.calibration.results.stored import (
     damaged,
     read_document,
     read_rows,
+    require_unchanged,
 )
 from softcal.checks import Floats
 from softcal.errors import Fault, StorageError
@@ -83,6 +84,7 @@ def load_result(folder: Path) -> CalibrationResult | SweepResult:
     header, _ = read_rows(folder / TRIALS, _WHAT)
     if others := {f"{name} [{one.unit}]" for name, one in result.parameters.items()} - {*header}:
         raise contradiction(path, _WHAT, f"{TRIALS} has no {min(others)}")
+    require_unchanged(path, _WHAT)
     return result
 
 

@@ -11,7 +11,6 @@ Nothing is ever overwritten unasked: a folder that is not empty is refused unles
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 from collections.abc import Generator, Mapping
 from pathlib import Path
@@ -23,7 +22,7 @@ from softcal.calibration.problem.fingerprint import differences, identity_faults
 from softcal.calibration.problem.parameters import SearchSpace
 from softcal.calibration.results.file_lock import hold_in
 from softcal.calibration.results.result import Trial
-from softcal.calibration.results.stored import Record, read_record
+from softcal.calibration.results.stored import Record, read_record, sealed
 from softcal.calibration.results.trial_journal import ARRAYS, JOURNAL, StoredTrial, TrialJournal, arrays_file, mend
 from softcal.errors import Fault, StorageError
 from softcal.regular_file import require_inside, write_whole
@@ -119,7 +118,7 @@ class RunStore:
         about = {"format": _FORMAT, "identity": dict(identity), "settings": dict(settings), "versions": dict(versions)}
         # A process that is killed here leaves nothing that a resumed run would refuse.
         with storing(folder), whole_folder(folder) as part:
-            for name, text in {**(files or {}), RECORD: json.dumps(about, indent=2)}.items():
+            for name, text in {**(files or {}), RECORD: sealed(about)}.items():
                 write_text(part / name, text)
         return cls(folder, space, settings.get("batch", 1))
 

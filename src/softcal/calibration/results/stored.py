@@ -2,13 +2,18 @@
 
 A record is the JSON of a frozen dataclass, which is its schema both ways (pydantic): its own types and no others, no
 NaN, no infinity; keys that it does not name are left alone, for readers. A table is CSV with the same number of cells
-in every row.
+in every row. A record has the SHA-256 of what it says and of the tables beside it, so that a number that somebody
+changed in either is told: a fit and its interval would be shown that nobody computed. That is no signature: it holds
+against a slip, an editor and a script, and not against who computes it anew.
 """
 
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
+import json
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
@@ -22,6 +27,7 @@ from softcal.regular_file import read_own
 
 _LARGEST = 2**28  # bytes of a record; those of long searches have some hundred thousand
 _N_NAMED = 5  # faults of one record that are reported
+_DIGEST, _TABLES = "sha256", "tables"  # keys of a record
 
 Count = Annotated[int, Field(ge=0, lt=2**53)]
 Amount = Annotated[float, Field(ge=0)]
@@ -67,7 +73,7 @@ def as_json(record: Schema) -> dict[str, Any]:
 
 
 def read_record(kind: type[R], path: Path, what: str, form: int | None = None) -> R:
-    """The record in a file; arguments and errors as of `as_record`.
+    """The record in a file, unchanged since it was written; arguments and errors as of `as_record`.
 
     Parameters
     ----------
@@ -76,7 +82,73 @@ def read_record(kind: type[R], path: Path, what: str, form: int | None = None) -
     path
         The file.
     """
-    return as_record(kind, read_bytes(path, what), path, what, form)
+    record = as_record(kind, read_bytes(path, what), path, what, form)
+    require_unchanged(path, what)
+    return record
+
+
+def sealed(document: Mapping[str, Any], tables: Mapping[str, str] | None = None) -> str:
+    """The text of a record with its digest.
+
+    Parameters
+    ----------
+    document
+        The record, as JSON.
+    tables
+        Name -> text of each table beside it.
+
+    Raises
+    ------
+    ValueError
+        Where it has a number that is not finite.
+    """
+    digests = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in (tables or {}).items()}
+    held = {**document, **({_TABLES: digests} if digests else {})}
+    return json.dumps({**held, _DIGEST: digest(held)}, indent=2, allow_nan=False) + "\n"
+
+
+def digest(document: object) -> str:
+    """SHA-256 of what a JSON document says, however it is laid out."""
+    return hashlib.sha256(json.dumps(_plain(document), sort_keys=True).encode()).hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    """A value of JSON in which 1 is 1.0, as other programs write it."""
+    if isinstance(value, Mapping):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    return float(value) if type(value) is int else value
+
+
+def require_unchanged(path: Path, what: str) -> None:
+    """Raise unless a record and the tables beside it are as they were written; one without a digest is an earlier one.
+
+    Parameters
+    ----------
+    path, what
+        The file, and its name as in "the result".
+
+    Raises
+    ------
+    StorageError
+        With every file that is another one.
+    """
+    held = read_document(path, what)
+    if (before := held.pop(_DIGEST, None)) is None:
+        return
+    changed = [] if digest(held) == before else [path]
+    tables = held.get(_TABLES)
+    beside = {one.name: one for one in path.parent.iterdir()}
+    for name, of_table in tables.items() if not changed and isinstance(tables, dict) else ():
+        table = beside.get(name)
+        if table is None or hashlib.sha256(read_bytes(table, what)).hexdigest() != of_table:
+            changed.append(path if table is None else table)
+    attempt = "restore it, or compute it again"
+    if changed:
+        raise StorageError(
+            [Fault(f"{what} was changed after it was written", str(one), attempt=attempt) for one in changed]
+        )
 
 
 def as_record(kind: type[R], text: bytes, path: Path, what: str, form: int | None = None) -> R:
@@ -153,9 +225,10 @@ def damaged(path: Path, what: str, error: ValidationError) -> StorageError:
     """
     faults: list[Fault] = []
     for one in error.errors(include_url=False, include_context=False)[:_N_NAMED]:
-        got = "" if one["type"] in ("json_invalid", "missing") else shown(one["input"])
+        got = "" if one["type"] in ("json_invalid", "missing", "value_error") else shown(one["input"])
         place = ".".join(str(key)[:60] for key in one["loc"]) + ": " * bool(one["loc"])
-        message = one["msg"][:1].lower() + one["msg"][1:]
+        message = one["msg"].removeprefix("Value error, ")
+        message = message[:1].lower() + message[1:]
         faults.append(Fault(f"{what} cannot be read: {place}{message}", str(path), got))
     return StorageError(faults)
 

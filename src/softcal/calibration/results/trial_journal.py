@@ -19,7 +19,7 @@ from pydantic import ValidationError, model_validator
 
 from softcal.calibration.problem.parameters import SearchSpace
 from softcal.calibration.results.result import Trial
-from softcal.calibration.results.stored import Amount, Count, Record, contradiction, damaged
+from softcal.calibration.results.stored import Amount, Count, Record, contradiction, damaged, digest
 from softcal.errors import Fault, StorageError
 from softcal.regular_file import own_file
 
@@ -74,9 +74,12 @@ class _StoredRow(Record):
     errors: dict[str, dict[str, float]]
     elapsed: Amount
     arrays: bool
+    sha256: str | None = None  # of the rest; earlier trials have none
 
     @model_validator(mode="after")
     def _whole(self) -> _StoredRow:
+        if self.sha256 not in (None, digest(self.model_dump(exclude={"sha256"}))):
+            raise ValueError(f"trial {self.number} was changed after it was told")
         if (self.state == "COMPLETE") != (self.loss is not None):
             raise ValueError(f"trial {self.number} is {self.state}, and its loss is {self.loss}")
         return self
@@ -296,9 +299,9 @@ def _as_optunas(stored: StoredTrial, space: SearchSpace) -> optuna.trial.FrozenT
 
 
 def attributes(stored: StoredTrial) -> dict[str, Any]:
-    """What softcal keeps of a trial in Optuna's user attributes."""
+    """What softcal keeps of a trial in Optuna's user attributes, with the digest of all that is known of it."""
     trial = stored.trial
-    return {
+    held = {
         "reason": trial.reason,
         "seconds": trial.seconds,
         "n_solves": stored.n_solves,
@@ -308,6 +311,9 @@ def attributes(stored: StoredTrial) -> dict[str, Any]:
         "elapsed": stored.elapsed,
         "arrays": stored.arrays is not None,
     }
+    state = "FAIL" if trial.loss is None else "COMPLETE"
+    whole = {**held, "number": trial.number, "theta": dict(trial.theta), "state": state, "loss": trial.loss}
+    return {**held, "sha256": digest(whole)}
 
 
 def as_stored(frozen: optuna.trial.FrozenTrial, held: Mapping[str, Any], folder: Path) -> StoredTrial:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from itertools import islice
@@ -12,7 +13,7 @@ from softcal.calibration.search.optimiser import Proposal
 from softcal.errors import CalibrationError
 from softcal.executors.chosen import executor_of
 from softcal.executors.each import LostCall, each, here
-from softcal.executors.executor import Executor
+from softcal.executors.executor import Executor, ExecutorLost
 
 _WORTH = 2.0  # [s]: an evaluation by itself that takes less is not worth the start of processes
 _HOPELESS = 5  # evaluations that end their workers, with none that does not
@@ -60,7 +61,7 @@ class Evaluator:
         Raises
         ------
         CalibrationError
-            Where workers end at whatever they evaluate, or no more can be had.
+            Where workers end at whatever they evaluate, give another result than was asked for, or no more can be had.
         """
         short = len(proposals) == 1 and not self._begun and self._seconds < _WORTH
         if self._executor.alone or (self._executor.here and short):
@@ -87,8 +88,37 @@ class Evaluator:
                     )
                 yield proposal, self._problem.failed(proposal.theta, evaluation.why)
             else:
+                self._require_of(proposal, evaluation)
                 self._succeeded = True
                 yield proposal, evaluation
+
+    def _require_of(self, proposal: Proposal, evaluation: object) -> None:
+        """Raise unless an evaluation is that of a proposal: one of another would be a silent wrong number.
+
+        Raises
+        ------
+        ExecutorLost
+            As said.
+        """
+        size = len(self._problem.space.parameters)
+        if not isinstance(evaluation, Evaluation):
+            why = f"it is a {type(evaluation).__name__}"
+        elif dict(evaluation.theta) != dict(proposal.theta):
+            why = "it is that of other parameters"
+        elif evaluation.loss is not None and math.isnan(evaluation.loss):
+            why = "its loss is not a number"
+        elif (
+            self._jacobian
+            and evaluation.loss is not None
+            and (evaluation.gradient is None or evaluation.gradient.shape != (size,))
+        ):
+            why = f"its gradient is not by {size} parameters"
+        else:
+            return
+        raise ExecutorLost(
+            f"{self._executor.told} gave for trial {proposal.number} what is no evaluation of it: {why}. What was told "
+            "so far is kept. Try: another --on, and resume."
+        )
 
     def _whole(self, thetas: Sequence[dict[str, float]]) -> Iterator[Evaluation | LostCall]:
         return each(self._executor, _evaluate, self._problem, [(theta, self._jacobian) for theta in thetas])
@@ -100,9 +130,9 @@ class Evaluator:
         parts = each(self._executor, _part, self._problem, calls)
         for theta, count in zip(thetas, counts, strict=True):
             done: list[Contribution | LostCall] = list(islice(parts, count))
-            lost = [part for part in done if isinstance(part, LostCall)]
             told = [part for part in done if isinstance(part, Contribution)]
-            yield lost[0] if lost else self._problem.joined(theta, told, time.perf_counter() - began)
+            others = [part for part in done if not isinstance(part, Contribution)]  # lost, or refused where it is used
+            yield others[0] if others else self._problem.joined(theta, told, time.perf_counter() - began)
 
 
 def evaluated(

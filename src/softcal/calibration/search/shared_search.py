@@ -150,6 +150,8 @@ def searched_together(
         status = f"All {n} trials were run, {mine}."
         if stopped:
             status = f"Stopped by {stopped} after {n} of {tally.total} trials, {mine}; this is the best so far."
+        if study.impossible:
+            status += f" Left out, since their values are none of the search: {study.impossible} that others enqueued."
         account = Account(
             TpeOptimiser.name,
             search.settings["seed"],

@@ -118,6 +118,11 @@ class SharedStudy:
     sampler: from a seed to Optuna's sampler. Every trial has its own, whose seed follows from the search's and the
     number of the trial, so that no two processes draw the same random numbers.
 
+    Attributes
+    ----------
+    impossible
+        Number of trials that waited in the study, and were left out since their values are none of the search.
+
     Raises
     ------
     StorageError
@@ -138,6 +143,7 @@ class SharedStudy:
         self._mine: set[int] = set()
         self._seen: dict[int, tuple[object, float]] = {}  # number -> the last sign of life, and when it was first seen
         self._outcomes: dict[int, StoredTrial] = {}
+        self.impossible = 0
         with contextlib.ExitStack() as stack:
             storage = stack.enter_context(place.opened())
             with self._answering():
@@ -198,6 +204,12 @@ class SharedStudy:
                         self._end(trial.number, "PRUNED")  # another process was faster
                         self._mine.remove(trial.number)
                         continue
+                    if not self._is_possible(trial.number):
+                        self._end(trial.number, "FAIL")
+                        self._mine.remove(trial.number)
+                        self._storage.read()
+                        self.impossible += 1
+                        continue
                     seed = np.random.SeedSequence((self._seed, trial.number)).generate_state(1)[0]
                     self._study.sampler = self._sampler(int(seed))
                     for p in self._space.parameters:
@@ -207,6 +219,19 @@ class SharedStudy:
             self._mine = before  # those begun here get no signs of life, and are given up in a minute
             raise
         return tuple(asked)
+
+    def _is_possible(self, number: int) -> bool:
+        """Whether the values that a trial has, such as those with which another program enqueued it, are of the search.
+
+        Evaluated, one that is not would be an outcome that no process could read.
+        """
+        begun = self._storage.trial(number)
+        values = {**begun.system_attrs.get("fixed_params", {}), **begun.params}
+        bounds = {p.label: (p.lower, p.upper) for p in self._space.parameters}
+        return values.keys() <= bounds.keys() and all(
+            type(value) in (int, float) and bounds[name][0] <= value <= bounds[name][1]
+            for name, value in values.items()
+        )
 
     def _wanted(self, total: int) -> bool:
         """Whether a trial waits to be tried again, or fewer than `total` have begun."""
@@ -254,7 +279,6 @@ class SharedStudy:
     def _joined(self, storage: optuna.storages.BaseStorage) -> optuna.Study:
         import optuna
 
-        optuna.logging.set_verbosity(optuna.logging.WARNING)
         about = {"format": FORMAT, "identity": dict(self._about.identity), "settings": dict(self._about.settings)}
         try:
             study = optuna.create_study(storage=storage, study_name=self._about.name, direction="minimize")
@@ -341,7 +365,7 @@ def _outcome(
         try:
             return as_stored(frozen, {**held, "number": frozen.number}, Path())
         except ValidationError as error:
-            why = f"{error.error_count()} faults"
+            why = "; ".join(one["msg"].removeprefix("Value error, ") for one in error.errors())
     what = f"trial {frozen.number} of the study {about.name} cannot be read: {why}"
     raise StorageError(Fault(what, place.shown, attempt="another storage"))
 

@@ -107,6 +107,9 @@ class StorageUrl:
             Where it does not answer within ten seconds, refuses, or is of another version of Optuna; where its tables
             are not there a minute later.
         """
+        import optuna
+
+        optuna.logging.set_verbosity(optuna.logging.ERROR)  # it warns with the statements of SQL that failed
         storage = self._open()
         try:
             yield storage
@@ -177,7 +180,10 @@ class StorageUrl:
             if isinstance(error, BROKEN) and self.file is not None:
                 raise StorageError(Fault(f"{NO_JOURNAL}, or it is damaged", str(self.file), attempt=ANOTHER)) from None
             got = (self._without_secret(_reason(error)).splitlines() or [""])[0].rstrip(".") or type(error).__name__
-            kind = UnansweredError if self.url and known and not isinstance(error, BROKEN) else StorageError
+            if isinstance(error, BROKEN):  # of what it holds; it has answered
+                what = "the shared study cannot be read"
+                raise StorageError(Fault(what, self.shown, got, attempt="another database")) from None
+            kind = UnansweredError if self.url and known else StorageError
             raise kind(Fault("the shared study cannot be reached", self.shown, got)) from None
 
     def _silent(self, got: str) -> StorageError:

@@ -169,10 +169,13 @@ def crosscheck(
                 still.append(name)
                 continue
             theirs = engine.solve(own, end, response.snapshots[-1], running)
+            _require_comparable(ours, theirs)
+            differences = tuple(_differences(own, ours, theirs))
+            if lost := [one.quantity for one in differences if not np.isfinite(one.absolute)]:
+                raise SimulationError(f"There is no finite number of {', '.join(lost)}.")
         except (InputError, SimulationError) as error:
             failed[name] = str(error)
             continue
-        differences = tuple(_differences(own, ours, theirs))
         left_out = engine.leaves_out(response.snapshots[-1])
         changed = [
             f"{a.name}: {what} {getattr(a, what)} becomes {getattr(b, what)}"
@@ -184,6 +187,27 @@ def crosscheck(
             changed.append("no contact, so that parts may pass through each other")
         comparisons.append(EngineComparison(name, differences, tuple(changed), response.instabilities, left_out))
     return Crosscheck(tuple(comparisons), absent, refused, failed, tuple(still))
+
+
+def _require_comparable(ours: EngineState, theirs: EngineState) -> None:
+    """Raise unless an engine gives every body and rod as softcal does, in finite numbers: none agrees with NaN.
+
+    Raises
+    ------
+    SimulationError
+        As said.
+    """
+    for name, points in ours.points.items():
+        if name not in theirs.points or np.shape(theirs.points[name]) != points.shape:
+            raise SimulationError(f"The engine gives no position of each of the {len(points)} nodes of {name}.")
+    numbers = {
+        **{f"the tension of {name}": value for name, value in (*theirs.tensions.items(), *theirs.needed.items())},
+        **{f"the shortening of {name}": value for name, value in theirs.shortenings.items()},
+        **{f"the pose of {name}": np.hstack([np.ravel(one) for one in pose]) for name, pose in theirs.plates.items()},
+        **{f"the shape of {name}": value for name, value in theirs.points.items()},
+    }
+    if lost := [what for what, value in numbers.items() if not np.isfinite(value).all()]:
+        raise SimulationError(f"The engine gives no finite number of {', '.join(lost)}.")
 
 
 def _moved(robot: Robot, outcome: EngineState) -> dict[str, Floats]:

@@ -26,12 +26,20 @@ from softcal.executors.executor import (
     register_executor,
 )
 from softcal.executors.shared import Parcel, UnableError, one_at_a_time, packed
-from softcal.plugins.cluster.dask_client import Cluster, code_hash, dask_client, dask_silenced, require_same_code
+from softcal.plugins.cluster.dask_client import (
+    ANSWER,
+    Cluster,
+    code_hash,
+    dask_client,
+    dask_silenced,
+    require_same_code,
+)
 
 if TYPE_CHECKING:
     import distributed
 
-_FRESH = 1.0  # [s] for which what the scheduler said of its workers is believed
+_LOOK = 1.0  # [s] between two questions to the scheduler for its workers
+SILENCE = 300.0  # [s] without an answer of the scheduler after which it is given up
 _LARGEST = "1GB"  # of what is shared, before Dask warns of its size
 
 
@@ -43,7 +51,7 @@ class RefusedError(Exception):
         self.worker, self.why, self.foreign = worker, why, foreign
 
 
-@dataclass
+@dataclass(eq=False)
 class _Call:
     """A call, until its outcome is told.
 
@@ -103,9 +111,14 @@ class DaskExecutor(Executor):
         self._suspects: deque[_Call] = deque()
         self._foreign: set[str] = set()
         self._closing = False
-        self._seen: tuple[float, dict[str, dict[str, Any]]] = (-_FRESH, {})
+        self._there: dict[str, dict[str, Any]] = {}
+        self._open: set[_Call] = set()
         self._lock = threading.Lock()
         self._done: Counter[str] = Counter()
+        self._over = threading.Event()
+        with contextlib.suppress(Exception):
+            self._look()
+        threading.Thread(target=self._watch, daemon=True).start()
 
     @classmethod
     def at(cls, address: str, workers: int | None) -> DaskExecutor:
@@ -130,7 +143,7 @@ class DaskExecutor(Executor):
 
     @property
     def count(self) -> int:
-        return max(1, len(self._there()))
+        return max(1, len(self._there))
 
     @property
     def told(self) -> str:
@@ -138,7 +151,7 @@ class DaskExecutor(Executor):
 
     @property
     def workers(self) -> Sequence[WorkerState]:
-        there = self._there()
+        there = self._there
         states = [
             WorkerState(name, "busy" if held.get("metrics", {}).get("executing") else "idle", self._done[name])
             for name, held in there.items()
@@ -156,25 +169,30 @@ class DaskExecutor(Executor):
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> concurrent.futures.Future[Any]:
         one = _Call(partial(fn, **kwargs) if kwargs else fn, args)
+        self._open.add(one)
+        one.outcome.add_done_callback(lambda told: self._open.discard(one))
         self._try(one)
         return one.outcome
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Leave the cluster; calls that were not finished are cancelled."""
         self._closing = True
-        with contextlib.suppress(Exception):  # a scheduler that is gone has nothing left to cancel
-            self._client.cancel([*self._awaited, *self._kept.values()])
+        self._over.set()
         with self._silenced:
-            self._client.close()
+            with contextlib.suppress(Exception):  # a scheduler that is gone has nothing left to cancel
+                self._look()  # nor has one that is silent, which would be waited for for ever
+                self._client.cancel([*self._awaited, *self._kept.values()])
+            with contextlib.suppress(TimeoutError):
+                self._client.close()
             if self._cluster is not None:
                 self._cluster.close()
 
     def _try(self, one: _Call) -> bool:
         """Have a call made, by a worker that has not refused it; False where none can be asked any more."""
         avoided = {worker for worker, _ in one.refused} | self._foreign
-        others = [name for name in self._there() if name not in avoided] if avoided else []
+        others = [name for name in self._there if name not in avoided] if avoided else []
         options: dict[str, Any] = {"workers": others, "allow_other_workers": True} if others else {}
-        if self._client.status != "running":  # it would take the call, and never tell of it
+        if self._over.is_set() or self._client.status != "running":  # it would take the call, and never tell of it
             self._tell(one, error=self._meaning(None))
             return False
         asked = _Asked(code_hash(), self._client.id, self._patience, self._longest)
@@ -185,16 +203,32 @@ class DaskExecutor(Executor):
         future.add_done_callback(partial(self._ended, one))
         return True
 
-    def _there(self) -> dict[str, dict[str, Any]]:
-        """What the scheduler knows of its workers, by address; nothing where it is gone, which the calls tell."""
-        when, known = self._seen
-        if time.monotonic() - when < _FRESH:
-            return known
-        found: dict[str, dict[str, Any]] = {}
-        with contextlib.suppress(OSError, RuntimeError, TimeoutError):
-            found = self._client.scheduler_info(n_workers=-1).get("workers", {})
-        self._seen = (time.monotonic(), found)
-        return found
+    def _look(self) -> None:
+        """Ask the scheduler what it knows of its workers, by address.
+
+        Raises
+        ------
+        Exception
+            Dask's own, which have no common class, where it does not answer in time.
+        """
+        client: Any = self._client
+        self._there = client.sync(client.scheduler.identity, n_workers=-1, callback_timeout=ANSWER)["workers"]
+
+    def _watch(self) -> None:
+        """Keep up with the workers until the end, and give up a scheduler that is connected and says nothing more: Dask
+        would wait for it for ever.
+        """
+        answered = time.monotonic()
+        while not self._over.wait(_LOOK):
+            try:
+                self._look()
+                answered = time.monotonic()
+            except Exception:  # noqa: BLE001  of one that is gone; the calls tell
+                self._there = {}
+            if time.monotonic() - answered > SILENCE:
+                self._over.set()
+                for one in list(self._open):
+                    self._tell(one, error=self._meaning(None))
 
     def _ended(self, one: _Call, future: distributed.Future[Any]) -> None:
         """Told by Dask, in a thread of its own, that a call is over in whatever way."""
@@ -243,7 +277,7 @@ class DaskExecutor(Executor):
         if isinstance(error, RefusedError):
             if error.foreign:
                 self._foreign.add(error.worker)
-                if any(name not in self._foreign for name in self._there()):
+                if any(name not in self._foreign for name in self._there):
                     return "elsewhere"
                 error = ExecutorLost(f"Every worker has another softcal; {error.worker}: {error.why}.")
             else:

@@ -35,7 +35,7 @@ from pydantic import Field
 
 from softcal.calibration.results.file_lock import hold_in
 from softcal.calibration.results.store import write_text
-from softcal.calibration.results.stored import Amount, Record, read_bytes, read_record
+from softcal.calibration.results.stored import Amount, Record, read_bytes, read_record, sealed
 from softcal.calibration.search.outcome import installed_versions
 from softcal.calibration.statistics.estimate import Estimate
 from softcal.csv_text import csv_text
@@ -115,7 +115,7 @@ def begin_fleet(table: FleetTable, settings: Mapping[str, Any], folder: Path) ->
             (part / SPECIMENS).mkdir()
         except OSError as error:
             raise unwritable(folder, error) from error
-        write_text(part / FLEET, _text(_plan(table, settings, datetime.now(UTC).isoformat(timespec="seconds"))))
+        write_text(part / FLEET, sealed(_plan(table, settings, datetime.now(UTC).isoformat(timespec="seconds"))))
 
 
 @contextmanager
@@ -263,7 +263,7 @@ def write_specimen(one: Specimen, folder: Path) -> None:
         "warnings": list(one.warnings),
         "hashes": dict(one.hashes),
     }
-    write_text(_specimen_file(folder, one.name), _text(held))
+    write_text(_specimen_file(folder, one.name), sealed(held))
 
 
 def read_specimen(folder: Path, name: str) -> Specimen | None:
@@ -308,7 +308,7 @@ def finish_fleet(
         Where a file cannot be written.
     """
     text = fleet_csv(specimens, list(table.factors))
-    told = _text({**_plan(table, settings, _record(folder).created), "statement": asdict(statement)})
+    told = sealed({**_plan(table, settings, _record(folder).created), "statement": asdict(statement)})
     if (folder / REPORT[0]).is_file():
         before = json.loads(read_bytes(folder / FLEET, "the record of the fleet")).get("statement")
         same = (folder / CSV).is_file() and read_bytes(folder / CSV, "the table of the fleet") == text.encode()
@@ -360,7 +360,3 @@ def _record(folder: Path) -> _FleetRecord:
     if not path.is_file():
         raise StorageError(Fault("there is no fleet here", str(folder), f"no {FLEET}", "a folder of softcal fleet"))
     return read_record(_FleetRecord, path, "the record of the fleet", FORMAT)
-
-
-def _text(held: Mapping[str, Any]) -> str:
-    return json.dumps(held, indent=2, allow_nan=False) + "\n"

@@ -138,6 +138,8 @@ FAULTS = {
         {r"^# method: .*": f"# method: {'x' * 5000}"},
         "the name of the method is too long; got 5000 characters",
     ),
+    "underscore": ({r"^(m1_u005,)[^,]*": r"\g<1>2_2"}, "1 value(s) of M1.x are no such number; got m1_u005: '2_2'"),
+    "another script": ({r"^(m1_u005,)[^,]*": r"\g<1>２"}, "1 value(s) of M1.x are no such number; got m1_u005: '２'"),
     "not a number": ({r"^(m1_u005,)[^,]*": r"\1nan"}, "1 value(s) of M1.x are no such number"),
     "decimal commas": ({r"^(m1_u005,[^,]*)[.]": r"\1,"}, "1 row(s) have more or fewer cells; got m1_u005"),
     "a cell too few": ({r"^(m1_u005,.*),.*$": r"\1"}, "1 row(s) have more or fewer cells; got m1_u005"),

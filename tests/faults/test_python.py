@@ -109,6 +109,14 @@ def floating() -> object:
     return api.simulate(replace(robot, bodies=bodies), api.pull(robot, "front", "shortening", 0.006))
 
 
+def moving(tension: float, *, time_step: float, ramp: float = 1.0, hold: float | None = None) -> object:
+    """A robot with a mass in time."""
+    robot = bar_robot()
+    heavy = replace(robot, bodies=tuple(replace(body, density=1000.0) for body in robot.bodies))
+    settings = api.TimeSettings(time_step=time_step, hold=hold)
+    return api.simulate_in_time(heavy, api.ramp({"front": ("tension", tension)}, duration=ramp), settings)
+
+
 # Where arrays come in.
 PLACES: Mapping[str, Callable[[Any], object]] = {
     "a command": lambda a: api.Command("tension", a),
@@ -156,6 +164,12 @@ CALLS: Mapping[str, Callable[[], object]] = {
     "a tension beyond all": lambda: api.LiveTwin(bar_robot(), "tension").at({"front": 1e300}),
     "fifty million samples": lambda: api.Command("tension", np.broadcast_to(0.5, (49_999_999,))),
     "a robot that floats": floating,
+    "a plate on no body": lambda: api.simulate(
+        replace(bar_robot(), plates=(*bar_robot().plates, api.Plate("p", {"nobody": [1]}, [0.0, 0.0, 0.0]))),
+        api.pull(bar_robot(), "front", "shortening", 0.006),
+    ),
+    "a motion of a trillion steps": lambda: moving(0.0, time_step=1e-6, ramp=1e6),
+    "a motion that waits for a trillion steps": lambda: moving(1.0, time_step=1e-6, hold=1e6),
     "a helix of two nodes": lambda: api.helix((0, 0, 0), (0, 0, 1), diameter=0.02, pitch=0.01, turns=20.0, at=2),
     "an uncertainty below zero": lambda: api.UncertainParameter("bar.youngs_modulus", "Pa", -1.0),
     "no project to validate": lambda: api.validate({}),

@@ -74,6 +74,10 @@ def test_driven_by_shortening_tension_and_pitch_are_compared_and_the_other_way_r
     assert fake_experiment(drive="tension").compared == ("shortening", "pitch")
 
 
+def test_a_channel_that_is_named_twice_counts_once() -> None:
+    assert replace(fake_experiment(), compared=("pitch", "tension", "pitch")).compared == ("pitch", "tension")
+
+
 def test_slack_is_taken_off_and_leaves_a_cable_longer_than_at_rest() -> None:
     experiment = fake_experiment(reach=0.04, n_samples=5)
     told = commands(experiment, {**experiment.rig_values(), "front.slack": 0.015})["front"]

@@ -199,19 +199,20 @@ class _Sieve:
 def _same(cell: str, wanted: str) -> bool:
     if cell == wanted.strip():
         return True
-    return _float(cell.replace(",", ".")) == _float(wanted.replace(",", "."))
+    return number_in(cell.replace(",", ".")) == number_in(wanted.replace(",", "."))
 
 
 def _floats(cells: list[str]) -> Floats:
-    """The cells as numbers, NaN if not a number: Python's syntax without underscores and non-ASCII digits."""
+    """The cells as by `number_in`."""
     text = "".join(cells)
     if text.isascii() and "_" not in text:
         with contextlib.suppress(ValueError):
             return np.array(cells, dtype=np.float64)
-    return np.array([_float(cell) for cell in cells], dtype=np.float64)
+    return np.array([number_in(cell) for cell in cells], dtype=np.float64)
 
 
-def _float(cell: str) -> float:
+def number_in(cell: str) -> float:
+    """The number in a cell, NaN if not a number: Python's syntax without underscores and non-ASCII digits."""
     try:
         return float(cell) if cell.isascii() and "_" not in cell else math.nan
     except ValueError:

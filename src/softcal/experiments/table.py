@@ -20,6 +20,8 @@ WHITESPACE = " "
 DELIMITERS = (";", "\t", ",", WHITESPACE)
 
 _COMMENTS = ("#", "%", "!", "//")
+# Of a spreadsheet, in the first cell of a row: "#N/A", "#DIV/0!", "#NAME?", "#WERT!". The row is no comment.
+_ERROR = re.compile(r"#(?:N/[AD]|NV|[A-ZÀ-Ý0-9/_¡¿]+[!?])\s*[,;\t]")
 _HEADER_SEARCH_LINES = 1000
 _BEGINNING = 2000  # non-empty lines used to detect the format
 _CELL = re.compile(r'"[^"]*"|\S+')
@@ -225,7 +227,7 @@ def _beginning(file: TextFile, skip_rows: int, last: int, least: int) -> list[tu
 
 
 def _is_comment(line: str) -> bool:
-    return line.lstrip().startswith(_COMMENTS)
+    return line.lstrip().startswith(_COMMENTS) and not _ERROR.match(line.lstrip())
 
 
 def _uncomment(line: str) -> str:

@@ -70,7 +70,7 @@ def simulate_in_time(
     ParameterError
         For a cable that the robot does not have, a command that it cannot follow, or a robot without mass.
     InputError
-        For a settling point that the robot does not have.
+        For a settling point that the robot does not have, or too many steps.
     MeshError
         For a robot that cannot be built.
     """
@@ -85,6 +85,8 @@ def simulate_in_time(
                 faults.append(Fault(what, cable.name, got, "scheme: converged", attempt))
     if faults:
         raise ParameterError(faults)
+    after = settings.settle.longest if settings.settle else settings.hold or 0.0
+    LIMITS["time steps"].check(1 + (schedule.times[-1] + after) / settings.time_step)
     schedule = schedule.completed(robot)
     schedule = schedule.held(settings.hold) if settings.hold else schedule
     settling = settings.settle

@@ -396,6 +396,9 @@ class Robot(Checked):
         if not self.bodies and not self.rods:
             raise InputError(Fault("the robot has nothing that bends", got="no body and no rod", allowed="one or more"))
         n_points = {body.name: body.mesh.n_points for body in self.bodies}
+        for plate in self.plates:
+            if others := [body for body in plate.nodes if body not in n_points]:
+                raise InputError(unknown("there is no such body", f"{plate.name}.nodes", others[0], n_points))
         for body, numbers, where in self._numbered:
             require_below(n_points.get(body, np.inf), numbers, where)
         for cable in self.cables:

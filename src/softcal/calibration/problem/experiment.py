@@ -91,7 +91,7 @@ class Experiment(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "compared", self.compared or self._comparable())
+        object.__setattr__(self, "compared", tuple(dict.fromkeys(self.compared or self._comparable())))
         faults = [
             Fault(f"no channel '{channel}'", self.name, allowed=", ".join(self.dataset.channels))
             for channel in (*self.drives, *self.compared)

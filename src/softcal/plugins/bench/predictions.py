@@ -25,6 +25,7 @@ from softcal.checks import Floats
 from softcal.csv_text import csv_text, plain
 from softcal.declare import shown
 from softcal.errors import DatasetError, Fault, SoftcalError, nearest
+from softcal.experiments.columns import number_in
 from softcal.experiments.text_file import open_text
 from softcal.plugins.bench.record import PREDICT, SPLITS, CaseRecord, Split
 from softcal.units import format_quantity, parse_quantity
@@ -266,8 +267,7 @@ def _values(
         cell = row[place].strip() if place < len(row) else ""
         if not cell and (name.startswith(BAND) or not needed[name][i]):
             continue
-        with suppress(ValueError):
-            found[i] = scale * float(cell)
+        found[i] = scale * number_in(cell)
         if not abs(found[i]) <= LARGEST or (name.startswith(BAND) and found[i] < 0.0):
             wrong.append(f"{row[0].strip()[:SHORT]}: '{cell[:SHORT]}'")
     if wrong:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -17,6 +16,7 @@ from softcal.errors import DatasetError, Fault, SimulationError
 from softcal.executors.chosen import executor_of
 from softcal.executors.each import results
 from softcal.executors.executor import Executor
+from softcal.experiments.columns import number_in
 from softcal.experiments.text_file import open_text
 from softcal.geometry.centreline import spaced, straight
 from softcal.geometry.section import RoundBar
@@ -156,8 +156,7 @@ def _table(rows: Sequence[tuple[int, list[str]]], where: str) -> Floats:
             )
             continue
         for place, cell in enumerate(row[1:]):
-            with suppress(ValueError):
-                table[k, place] = float(cell)
+            table[k, place] = number_in(cell)
         if wrong := [row[place + 1] for place in np.flatnonzero(~np.isfinite(table[k]))]:
             faults.append(Fault("cells are no numbers", f"{where}, line {number}", repr(wrong[0]), "a finite number"))
     labels = [row[0].rpartition("_") for _, row in rows]

@@ -69,8 +69,8 @@ def test_displacements_at_every_state_are_read(ccx, tmp_path):
         (printing(1, 2)[: -len("E+00\n\nEND") - 20] + "\nEND", r".*; it reached 1 of 2 states"),
         (printing(1, 2)[:-4] + "         4  0.0  0.0  0.0\nEND", r".*; it reached 1 of 2 states"),
         (
-            printing(1, 2).replace("cat >", "printf '\\377' > robot.dat; cat >>") + "\nexit 3",
-            r"\(exit code 3\); it reached 2",
+            printing(1).replace("cat >", "printf '\\377' > robot.dat; cat >>") + "\nexit 3",
+            r"\(exit code 3\); it reached 1 of 2 states",
         ),
         (printing(1, 2).replace("2.000000E-01", "٢.000000E-01"), r".*; it reached 0 of 2 states"),
         ("kill -SEGV $$", r"\(it crashed: SIGSEGV\)"),

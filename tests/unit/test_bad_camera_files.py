@@ -276,9 +276,7 @@ def test_a_tiff_that_is_to_be_shown_turned_is_refused(orientation: int, tmp_path
     """Of the other formats, the pixels are read as the sensor has them."""
     image = Image.fromarray(np.arange(48 * 64, dtype=np.uint8).reshape(48, 64))
     image.save(tmp_path / "a.tif", tiffinfo={274: orientation})
-    with pytest.raises(
-        StorageError, match=r"a\.tif: the image states that it is turned\. Try: save it without"
-    ):
+    with pytest.raises(StorageError, match=r"a\.tif: the image states that it is turned\. Try: save it without"):
         read_image(tmp_path / "a.tif")
     turned = Image.Exif()
     turned[274] = orientation

@@ -531,6 +531,17 @@ def flagged(**data):
             INP.replace("held\n1", "held, GENERATE\n3, 1, -1"),
             r"got numbers from 3 down to 1 under \*NSET in",
         ),
+        (
+            "line.inp",
+            INP.replace("4, 0., 0., 1.", "4, 0., 0., 1_0."),
+            r"got letters in the place of numbers under \*NODE in line 1;",
+        ),
+        (
+            "arabic.inp",
+            INP.replace("2, 1, 2, 3, 4", "2, 1, 2, 3, \u0664"),
+            r"got letters in the place of numbers under \*ELEMENT in line 6",
+        ),
+        ("names.msh", MSH.replace('0 1 "tip"', '2 1 "tip"'), "got two names of group 1 of dimension 2"),
         ("label.inp", INP.replace("\n2, 1, 2", "\n1, 1, 2"), "got number 1 of two elements"),
         (
             "row.inp",

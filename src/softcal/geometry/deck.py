@@ -76,6 +76,10 @@ def read_deck(path: Path) -> Any:
     for what in (*makers, *options):
         raise DeckError(f"{what}, which is not followed: list all nodes and elements, where they are")
     nodes, elements = ([card for card in cards if card.name == name] for name in ("NODE", "ELEMENT"))
+    for card in (*nodes, *elements):
+        text = "".join(card.rows)
+        if "_" in text or not text.isascii():  # which Python takes for digits
+            raise DeckError(f"letters in the place of numbers under {card}")
     points: list[list[str]] = []
     for card in nodes:
         cells = [row.split(",") for row in card.rows]

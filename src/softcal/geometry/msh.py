@@ -59,7 +59,8 @@ def read_msh(path: Path) -> Any:
     names: dict[tuple[int, int], str] = {}
     for line in _counted("PhysicalNames", sections.get("PhysicalNames", ["0"])):
         dimension, tag, name = shlex.split(line)
-        names[int(dimension), int(tag)] = name
+        if names.setdefault((int(dimension), int(tag)), name) != name:
+            raise DeckError(f"two names of group {tag} of dimension {dimension}")
     numbers, points, rows = (_read_4 if is_4 else _read_2)(sections, kinds, sizes)
     cells = [
         (kind, common._gmsh_to_meshio_order(kind, places_of(numbers, nodes, f"{kind} cells, which no node has")))  # noqa: SLF001

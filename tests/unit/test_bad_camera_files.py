@@ -269,3 +269,16 @@ def test_an_image_of_several_is_refused(tmp_path: Path) -> None:
         pages[0].save(tmp_path / name, save_all=True, append_images=pages[1:])
         with pytest.raises(StorageError, match="the file holds several images; got 2; allowed: one image a file"):
             read_image(tmp_path / name)
+
+
+@pytest.mark.parametrize("orientation", [3, 6])
+def test_a_tiff_that_is_to_be_shown_turned_is_refused(orientation: int, tmp_path: Path) -> None:
+    """Of the other formats, the pixels are read as the sensor has them."""
+    image = Image.fromarray(np.arange(48 * 64, dtype=np.uint8).reshape(48, 64))
+    image.save(tmp_path / "a.tif", tiffinfo={274: orientation})
+    with pytest.raises(StorageError, match=r"a\.tif: the image states that it is turned\. Try: save it without"):
+        read_image(tmp_path / "a.tif")
+    turned = Image.Exif()
+    turned[274] = orientation
+    image.save(tmp_path / "a.png", exif=turned)
+    np.testing.assert_array_equal(read_image(tmp_path / "a.png"), np.asarray(image))

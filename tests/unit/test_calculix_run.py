@@ -67,9 +67,27 @@ def test_displacements_at_every_state_are_read(ccx, tmp_path):
         (printing(1, 2).replace("2.000000E-01", "NaN"), r".*; it reached 0 of 2 states"),
         (printing(1, 2).replace("2.000000E-01", "************"), r".*; it reached 0 of 2 states"),
         (printing(1, 2)[: -len("E+00\n\nEND") - 20] + "\nEND", r".*; it reached 1 of 2 states"),
+        (printing(1, 2)[:-4] + "         4  0.0  0.0  0.0\nEND", r".*; it reached 1 of 2 states"),
+        (
+            printing(1).replace("cat >", "printf '\\377' > robot.dat; cat >>") + "\nexit 3",
+            r"\(exit code 3\); it reached 1 of 2 states",
+        ),
+        (printing(1, 2).replace("2.000000E-01", "٢.000000E-01"), r".*; it reached 0 of 2 states"),
         ("kill -SEGV $$", r"\(it crashed: SIGSEGV\)"),
     ],
-    ids=["diverged", "cut back", "unknown", "a node is missing", "NaN", "stars", "cut off", "crashed"],
+    ids=[
+        "diverged",
+        "cut back",
+        "unknown",
+        "a node is missing",
+        "NaN",
+        "stars",
+        "cut off",
+        "a node more",
+        "no text",
+        "other digits",
+        "crashed",
+    ],
 )
 def test_an_end_before_the_full_load_is_told(ccx, tmp_path, script, sentence):
     ccx(script)

@@ -289,6 +289,69 @@ def cells_changed(old, new):
     return write
 
 
+def packed(old, new, form="gmsh22"):
+    """Writes a binary file of Gmsh in which some bytes are others."""
+
+    def write(path):
+        with contextlib.redirect_stderr(io.StringIO()):  # meshio warns of missing groups
+            meshio.Mesh(np.eye(5, 3), [("tetra", [[0, 1, 2, 3], [1, 2, 3, 4]])]).write(path, form, binary=True)
+        assert old in path.read_bytes()
+        path.write_bytes(path.read_bytes().replace(old, new, 1))
+
+    return write
+
+
+def numbers(kind, *values):
+    return np.array(values, dtype=kind).tobytes()
+
+
+def appended(mesh, sets):
+    """A .vtu as ParaView writes it: arrays of binary numbers behind the text, one after another."""
+    arrays = [
+        ("Points", "Float64", mesh.points),
+        ("connectivity", "Int64", mesh.tets),
+        ("offsets", "Int64", 4 * np.arange(1, mesh.n_tets + 1)),
+        ("types", "UInt8", np.full(mesh.n_tets, 10, np.uint8)),
+        *((f"element set {k}", "UInt8", np.isin(np.arange(mesh.n_tets), v).astype(np.uint8)) for k, v in sets.items()),
+    ]
+    tags, raw = [], b""
+    for name, kind, values in arrays:
+        width = ' NumberOfComponents="3"' if name == "Points" else ""
+        tags.append(f'<DataArray type="{kind}" Name="{name}"{width} format="appended" offset="{len(raw)}"/>')
+        raw += np.uint32(values.nbytes).tobytes() + values.tobytes()
+    text = (
+        '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian"><UnstructuredGrid>'
+        f'<Piece NumberOfPoints="{mesh.n_points}" NumberOfCells="{mesh.n_tets}"><Points>{tags[0]}</Points>'
+        f"<Cells>{''.join(tags[1:4])}</Cells><CellData>{''.join(tags[4:])}</CellData></Piece></UnstructuredGrid>"
+        '<AppendedData encoding="raw">_'
+    )
+    return text.encode() + raw + b"\n</AppendedData></VTKFile>"
+
+
+@pytest.mark.parametrize("boxes", [(6, 3, 2), (3, 2, 2), (5, 1, 1)])
+def test_sets_of_a_file_of_paraview_are_not_interchanged(tmp_path, boxes):
+    mesh, rng = box_mesh((1, 1, 1), boxes), np.random.default_rng(0)
+    sets = {f"s{k}": np.flatnonzero(rng.random(mesh.n_tets) < 0.5) for k in range(40)}
+    (tmp_path / "a.vtu").write_bytes(appended(mesh, sets))
+    found = read_mesh(tmp_path / "a.vtu")
+    assert np.array_equal(found.tets, mesh.tets)
+    assert np.array_equal(found.points, mesh.points)
+    assert all(np.array_equal(found.element_sets[name], rows) for name, rows in sets.items())
+
+
+@pytest.mark.parametrize("form", ["gmsh22", "gmsh"])
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_binary_file_of_gmsh_is_read_as_its_text(tmp_path, form, order):
+    mesh = box_mesh((0.1, 0.2, 0.3), (2, 1, 2), order=order)
+    groups = {"gmsh:physical": [np.arange(mesh.n_tets) % 3], "gmsh:geometrical": [np.ones(mesh.n_tets, int)]}
+    names = {"a": np.array([1, 3]), "b": np.array([2, 3])}
+    raw = meshio.Mesh(mesh.points, [(mesh.cell.meshio, mesh.tets)], cell_data=groups, field_data=names)
+    for binary in (False, True):
+        raw.write(tmp_path / f"{binary}.msh", form, binary=binary)
+    assert_same(*(read_mesh(tmp_path / f"{binary}.msh") for binary in (False, True)))
+    assert np.array_equal(read_mesh(tmp_path / "True.msh").points, mesh.points)
+
+
 def fractions(path):
     cells_changed(r'"Int64" (Name="connectivity"[^>]*>\s*)0', r'"Float64" \g<1>0.7')(path)
 
@@ -309,6 +372,44 @@ def flagged(**data):
         ("cut.inp", "*NODE\n1, 0., 0.\n*ELEMENT, TYPE=C3D4\n1, 1, 2\n", "cannot be read"),
         ("neck.obj", "v 0 0 0", r"got '\.obj'; allowed: \.msh, \.vtk, \.vtu, \.inp"),
         ("neck.stl", "solid", "mesh_file"),
+        (
+            "old.msh",
+            MSH.replace("2.2 0", "4.0 0"),
+            "got version 4.0 of the format; 2 and 4.1 are read, which Gmsh",
+        ),
+        ("oldest.msh", "$NOD\n1\n1 0 0 0\n$ENDNOD\n", r"got no \$MeshFormat; 2 and 4.1 are read, which Gmsh writes by"),
+        ("half a node.msh", MSH.replace("4 0 0 1", "4.7 0 0 1"), "got a word in the place of a number"),
+        ("large.msh", MSH.replace("4 0 0 1", f"{2**63 + 5} 0 0 1").replace(" 4\n", f" {2**64}\n"), "that is too large"),
+        ("level.msh", MSH4.replace("3 1 4 2\n", "2 1 4 2\n"), "got tetra cells of an entity of dimension 2"),
+        (
+            "zero, binary.msh",
+            packed(numbers("<i4", 1, 2, 3, 4), numbers("<i4", 0, 2, 3, 4)),
+            "got number 0 under tetra cells, which no node has",
+        ),
+        (
+            "zero, binary 4.msh",
+            packed(numbers("<u8", 1, 1, 2, 3, 4), numbers("<u8", 1, 0, 2, 3, 4), "gmsh"),
+            "got number 0 under tetra cells, which no node has",
+        ),
+        (
+            "total, binary 4.msh",
+            packed(numbers("<u8", 1, 5, 1, 5), numbers("<u8", 1, 6, 1, 5), "gmsh"),
+            r"got other numbers of lines in \$Nodes than it",
+        ),
+        ("end, binary.msh", packed(b"$EndElements", b"$EndElem"), r"got \$Elements without an end"),
+        ("more, binary.msh", packed(b"\n$EndNodes", b"more\n$EndNodes"), r"got 4 bytes too many in \$Nodes"),
+        ("order, binary.msh", packed(b"\1\0\0\0\n", b"\0\0\0\1\n"), "got binary numbers of another kind or order of"),
+        (
+            "byte.vtu",
+            cells_changed(r'"Int64" (Name="connectivity"[^>]*>\s*)0', r'"UInt8" \g<1>256'),
+            "got numbers from 1 to 256 in an array of UInt8",
+        ),
+        (
+            "ends twice.vtu",
+            cells_changed(r'(?s)(<DataArray[^>]*"offsets".*?</DataArray>)', r"\1\1"),
+            "got two arrays 'offsets'",
+        ),
+        ("poly.vtu", cells_changed('type="UnstructuredGrid"', 'type="PolyData"'), "got a file of type 'PolyData'"),
         ("lid.vtu", triangles_only, "no tetrahedra; got 3 points, 1 triangle; allowed: tetra"),
         ("two.vtu", two_orders, "mixes linear and quadratic"),
         (
@@ -316,11 +417,11 @@ def flagged(**data):
             bricks_too,
             "other solid elements beside tetrahedra; got 8 points, 1 tetra, 1 hexahedron; allowed",
         ),
-        ("pieces.vtu", two_pieces, "several pieces; got 2; allowed: one"),
+        ("pieces.vtu", two_pieces, "got 2 pieces in place of one: merge them"),
         (
             "nodes.vtu",
             cells_changed(r'(?s)(<DataArray[^>]*"connectivity".*?</DataArray>)', r"\1\1"),
-            "several lists of nodes; got 2",
+            "got two arrays 'connectivity'",
         ),
         ("ends.vtu", cells_changed(r"\n4\n8\n", r"\n3\n8\n"), "got cell 0 of type 10 with 3 nodes"),
         ("back.vtu", cells_changed(r"\n4\n8\n", r"\n8\n4\n"), "got cell 0 of type 10 with 8 nodes"),
@@ -430,6 +531,17 @@ def flagged(**data):
             INP.replace("held\n1", "held, GENERATE\n3, 1, -1"),
             r"got numbers from 3 down to 1 under \*NSET in",
         ),
+        (
+            "line.inp",
+            INP.replace("4, 0., 0., 1.", "4, 0., 0., 1_0."),
+            r"got letters in the place of numbers under \*NODE in line 1;",
+        ),
+        (
+            "arabic.inp",
+            INP.replace("2, 1, 2, 3, 4", "2, 1, 2, 3, \u0664"),
+            r"got letters in the place of numbers under \*ELEMENT in line 6",
+        ),
+        ("names.msh", MSH.replace('0 1 "tip"', '2 1 "tip"'), "got two names of group 1 of dimension 2"),
         ("label.inp", INP.replace("\n2, 1, 2", "\n1, 1, 2"), "got number 1 of two elements"),
         (
             "row.inp",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import json
+import math
 import pickle
 import re
 from dataclasses import replace
@@ -135,9 +137,41 @@ def test_a_run_that_fails_says_why_and_keeps_what_was_reached(engine, monkeypatc
     np.testing.assert_allclose(response.channels["front.tension"], [tension(0.01)])
 
 
+def state(**changed):
+    """The third record with these parts in place of its own, or without those of None."""
+
+    def change(lines):
+        record = {name: value for name, value in {**json.loads(lines[2]), **changed}.items() if value is not None}
+        return [*lines[:2], json.dumps(record), *lines[3:]]
+
+    return change
+
+
+def posed(*at):
+    return state(plates={"plate": list(at)})
+
+
+def cabled(**cable):
+    return state(cables={"front": {"tension": 2.8, "shortening": 0.02, "points": [[0, 0, 0], [0, 0, 1]], **cable}})
+
+
 @pytest.mark.parametrize(
     "change",
     [
+        *(state(**{name: None}) for name in ("plates", "cables", "markers", "dt", "time", "steps")),
+        *(
+            posed(*at)
+            for at in ([0] * 6, [0] * 7, [0] * 8, [0, 0, 0, 0, 0, 0, 2], [0, 0, 1e200, 0, 0, 0, 1], [None] * 7)
+        ),
+        *(cabled(tension=value) for value in (None, "2.8", True, [2.8], 1e308, math.inf, 10**400)),
+        cabled(points=[[0, 0]]),
+        *(state(plates=value) for value in ([], 5, {"other": [0] * 7})),
+        *(state(steps=value) for value in ("12", -12)),
+        *(state(time=value) for value in (-1.0, 0.0)),
+        *(state(dt=value) for value in (0.0, -0.01)),
+        lambda lines: [*lines[:2], "[" * 100_000, *lines[2:]],
+        lambda lines: [*lines[:2], "\0", *lines[2:]],
+        lambda lines: [*lines[:2], '{"done": true, "steps": "x"}'],
         lambda lines: [*lines[:2], "5", *lines[2:]],
         lambda lines: [*lines[:2], lines[2].replace('"tension": 2.8', '"tension": NaN'), *lines[3:]],
         lambda lines: [*lines[:2], *lines[3:]],
@@ -147,6 +181,13 @@ def test_a_run_that_fails_says_why_and_keeps_what_was_reached(engine, monkeypatc
         lambda lines: [*lines[:2], lines[-1]],
     ],
     ids=[
+        *(f"no {name}" for name in ("plates", "cables", "markers", "dt", "time", "steps")),
+        *(f"a pose of {what}" for what in ("6", "zeros", "8", "a long quaternion", "a planet", "null")),
+        *(f"a tension of {what}" for what in ("null", "text", "true", "a list", "a star", "infinity", "400 digits")),
+        "a point in a plane",
+        *(f"plates of {what}" for what in ("a list", "a number", "another name")),
+        *("steps as text", "steps below zero", "a time below zero", "a time that goes back", "no step", "a step back"),
+        *("brackets", "NUL", "an end with a word"),
         "a number",
         "NaN",
         "a state is missing",
@@ -168,6 +209,17 @@ def test_an_answer_that_is_not_whole_counts_up_to_there(engine, monkeypatch, cha
     assert not response.succeeded
     assert response.status.startswith("SOFA: State 2 of 3: SOFA ended with exit code 0")
     np.testing.assert_allclose(response.channels["front.tension"], [tension(0.01)])
+
+
+def test_shapes_of_other_bodies_are_none(engine, monkeypatch):
+    def altered(command, folder, log, **options):
+        code = exit_code(command, folder, log, **options)
+        answer = folder / process.ANSWER
+        answer.write_text("\n".join(state(points={"neck": [[0, 0, 0]]})(answer.read_text().splitlines())))
+        return code
+
+    monkeypatch.setattr(process, "exit_code", altered)
+    assert not engine(column(), pulled(0.01, 0.02), snapshots=True).succeeded
 
 
 def test_a_crash_is_not_tried_again_and_a_restless_run_is(engine, monkeypatch):

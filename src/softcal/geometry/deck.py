@@ -7,6 +7,7 @@ leaves out, without a word, numbers with a blank before the comma, names of sets
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -75,6 +76,10 @@ def read_deck(path: Path) -> Any:
     for what in (*makers, *options):
         raise DeckError(f"{what}, which is not followed: list all nodes and elements, where they are")
     nodes, elements = ([card for card in cards if card.name == name] for name in ("NODE", "ELEMENT"))
+    for card in (*nodes, *elements):
+        text = "".join(card.rows)
+        if "_" in text or not text.isascii():  # which Python takes for digits
+            raise DeckError(f"letters in the place of numbers under {card}")
     points: list[list[str]] = []
     for card in nodes:
         cells = [row.split(",") for row in card.rows]
@@ -119,6 +124,27 @@ def _cards(path: Path) -> list[_Card]:
         elif cards:
             cards[-1].rows.append(line.rstrip(","))
     return cards
+
+
+def numbers_in(text: str, kind: type[np.int64 | np.float64]) -> Any:
+    """The numbers of a text.
+
+    Raises
+    ------
+    ValueError
+        For a word that is none.
+    OverflowError
+        For a whole number beyond 64 bits.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)
+        try:
+            numbers = np.fromstring(text, dtype=kind, sep=" ") if text.strip() else np.zeros(0, dtype=kind)
+        except DeprecationWarning as error:
+            raise ValueError(str(error)) from error
+    if kind is np.int64 and (abs(numbers) == np.iinfo(np.int64).max).any():  # also of any beyond
+        raise OverflowError
+    return numbers
 
 
 def numbers_of(parts: Sequence[Ints], what: str) -> Ints:

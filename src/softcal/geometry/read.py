@@ -1,13 +1,12 @@
-"""Reading mesh files (.msh, .vtk, .vtu by meshio, .inp), with their named groups."""
+"""Reading mesh files (.msh, .vtu, .inp, and .vtk by meshio), with their named groups."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import re
-import shlex
 import threading
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -20,8 +19,9 @@ from softcal.declare import checked_arguments
 from softcal.errors import Fault, MeshError
 from softcal.geometry.deck import DeckError, read_deck
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.msh import is_msh_text, read_msh
+from softcal.geometry.msh import read_msh
 from softcal.geometry.surface import matching_faces
+from softcal.geometry.vtu import read_vtu, vtk_cells
 from softcal.limits import LIMITS
 from softcal.units import unit_factor
 
@@ -55,8 +55,6 @@ SUMMARY = "Error: Couldn't read file"
 # Time [s] and memory [B] to read a file, and more for each of its bytes: a mesh of a million tets takes half as much.
 MOST_SECONDS, MOST_BYTES, SECONDS_EACH, BYTES_EACH = 5.0, 5e8, 1e-6, 20.0
 _reading = threading.Lock()
-# Added by meshio to the sets of a .msh file.
-NOT_A_GROUP = "gmsh:bounding_entities"
 
 
 @checked_arguments
@@ -102,12 +100,6 @@ def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
 
 
 def _read(path: Path, factor: float) -> TetMesh:
-    if path.suffix.lower() == ".vtu":
-        content = path.read_bytes()
-        for what, pattern in (("pieces", rb"<Piece"), ("lists of nodes", rb"Name\s*=\s*.connectivity\b")):
-            if (count := len(re.findall(pattern, content))) > 1:  # meshio keeps the last
-                attempt = "merge them, such as by ParaView's filter Clean to Grid"
-                raise MeshError(Fault(f"the file holds several {what}", str(path), str(count), "one", attempt))
     if path.suffix.lower() == ".vtk":
         content = path.read_bytes()
         stated = re.findall(rb"^(POINTS|CELLS|CELL_TYPES)[ \t]+(\d+)", content, re.MULTILINE | re.IGNORECASE)
@@ -199,10 +191,17 @@ def _read_raw(path: Path) -> Any:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
             if path.suffix.lower() == ".inp":
                 return read_deck(path)
-            if path.suffix.lower() == ".msh" and is_msh_text(path):
+            if path.suffix.lower() == ".msh":
                 return read_msh(path)
-            with _offsets_checked():
-                return meshio.read(path)
+            if path.suffix.lower() == ".vtu":
+                return read_vtu(path)
+            reader: Any = import_module("meshio.vtk._vtk_51")
+            with _reading:
+                original, reader.vtk_cells_from_data = reader.vtk_cells_from_data, vtk_cells
+                try:
+                    return meshio.read(path)
+                finally:
+                    reader.vtk_cells_from_data = original
     except MemoryError:
         raise
     except (Exception, SystemExit) as error:  # its readers raise arbitrary exceptions for a damaged file
@@ -215,35 +214,6 @@ def _read_raw(path: Path) -> Any:
                 attempt="write it again with the program that made it",
             )
         ) from error
-
-
-@contextlib.contextmanager
-def _offsets_checked() -> Generator[None]:
-    """Check where the cells of a .vtu and a .vtk begin and end; meshio takes the nodes before the end alone."""
-    common = import_module("meshio._vtk_common")
-
-    def checked(connectivity: Ints, offsets: Ints, types: Ints, data: Any) -> Any:
-        kinds, row = np.unique(types, return_inverse=True)
-        names = [common.vtk_to_meshio_type.get(int(kind), "") for kind in kinds]
-        sizes = np.diff(offsets.astype(np.int64), prepend=0)
-        # Of a kind without a number of nodes, such as polygons, any number is right.
-        wanted = np.array([common.num_nodes_per_cell.get(name, -bool(name)) for name in names])[row]
-        if len(bad := np.flatnonzero((sizes != wanted) & (wanted >= 0))):
-            raise DeckError(f"cell {bad[0]} of type {types[bad[0]]} with {sizes[bad[0]]} nodes")
-        if len(offsets) and offsets[-1] != len(connectivity):
-            raise DeckError(f"{len(connectivity)} nodes of cells that end at {offsets[-1]}")
-        return original(connectivity, offsets, types, data)
-
-    original = common.vtk_cells_from_data
-    modules: list[Any] = [import_module(name) for name in ("meshio.vtu._vtu", "meshio.vtk._vtk_51")]
-    with _reading:
-        for module in modules:
-            module.vtk_cells_from_data = checked
-        try:
-            yield
-        finally:
-            for module in modules:
-                module.vtk_cells_from_data = original
 
 
 def _reason(error: BaseException, said: str) -> str:
@@ -326,15 +296,12 @@ def _groups(path: Path, raw: Any, blocks: list[tuple[str, Ints]]) -> Iterator[tu
         found.setdefault((name, dimension), {}).setdefault(i, set()).update(rows.tolist())
 
     for name, by_block in raw.cell_sets.items():
-        for i, rows in enumerate(by_block if name != NOT_A_GROUP else ()):
+        for i, rows in enumerate(by_block):
             if rows is not None:
                 add(name, i, _numbers(rows, f"{path}, group '{name}'").ravel())
-    by_number = raw.cell_data.get("gmsh:physical", ())  # of the .msh that meshio has read
-    names = _physical_names(path) if by_number and path.suffix.lower() == ".msh" else {}
-    for i, tags in enumerate(by_number):
+    for i, tags in enumerate(raw.cell_data.get("gmsh:physical", ())):  # of a .vtu that meshio has made of a .msh
         for tag in np.unique(tags[np.asarray(tags) != 0]).tolist():
-            name = names.get((DIMENSION.get(blocks[i][0], -1), abs(int(tag))), str(int(tag)))
-            add(name, i, np.flatnonzero(tags == tag))
+            add(str(int(tag)), i, np.flatnonzero(tags == tag))
     for key, by_block in raw.cell_data.items():
         prefix = next((prefix for prefix in CELL_SETS if key.startswith(prefix)), None)
         for i, flags in enumerate(by_block if prefix else ()):
@@ -350,24 +317,6 @@ def _flagged(flags: Any, where: str) -> Ints:
         got = f"numbers from {np.min(flags):g} to {np.max(flags):g} in an array {np.shape(flags)}"
         raise MeshError(Fault("this is no set", where, got, "0 or 1 for each node or cell"))
     return np.flatnonzero(flags)
-
-
-def _physical_names(path: Path) -> dict[tuple[int, int], str]:
-    """(dimension, number) -> name; meshio loses one of two groups of different dimension that share a name."""
-    names: dict[tuple[int, int], str] = {}
-    with path.open("rb") as file:
-        for line in file:
-            if line.strip() == b"$PhysicalNames":
-                try:
-                    for _ in range(int(next(file))):
-                        dimension, tag, name = shlex.split(next(file).decode())
-                        names[int(dimension), int(tag)] = name
-                except (ValueError, StopIteration) as error:
-                    what, allowed = "its physical groups cannot be read", 'lines of dimension, number and "name"'
-                    got = f"after {len(names)} of them another line"
-                    raise MeshError(Fault(what, f"{path}, $PhysicalNames", got, allowed)) from error
-                break
-    return names
 
 
 def _numbers(values: Any, where: str) -> Ints:

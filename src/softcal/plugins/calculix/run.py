@@ -60,7 +60,7 @@ def _displacements(path: Path, n_nodes: int) -> list[Floats]:
     """Displacements of the reached states in order, up to a table that is not whole; they end at the times 1, 2, …"""
     if not path.is_file():
         return []
-    _, *tables = re.split(r"displacements .* for set ALL and time\s+", path.read_text(encoding="utf-8"))
+    _, *tables = re.split(r"displacements .* for set ALL and time\s+", path.read_text("ascii", "replace"))
     states: list[Floats] = []
     for table in tables:
         time, *lines = table.splitlines()
@@ -73,7 +73,8 @@ def _displacements(path: Path, n_nodes: int) -> list[Floats]:
             )
         except ValueError:
             break
-        if rows.shape != (max(len(rows), n_nodes), 4) or not np.isfinite(rows).all():
+        n = len(states[0]) if states else max(len(rows), n_nodes)
+        if rows.shape != (n, 4) or not np.isfinite(rows).all():
             break
         if (rows[:, 0] != np.arange(1, len(rows) + 1)).any():
             break

@@ -37,6 +37,8 @@ _TAIL = 2**16  # bytes at the end of a JPEG file that are searched for its end m
 _MOST_PIXELS = 2**26  # of an image, of which some decoders take eight bytes each
 _FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP", "PPM")  # Pillow's names of those of SUFFIXES
 
+_ORIENTATION = 274  # a tag's number
+
 _NUMBERED = re.compile(r"(?P<group>.*[^\W_].*?)[-_ ]+(?P<number>\d+)")
 
 
@@ -106,7 +108,10 @@ def read_image(path: Path) -> Image:
     data = np.frombuffer(raw, dtype=np.uint8)
     # A photo's orientation tag is not applied: the calibration refers to the sensor's pixels.
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION | cv2.IMREAD_ANYDEPTH
-    n_images = _n_images(raw)
+    n_images, is_turned = _stated(raw)
+    if is_turned:  # which OpenCV applies whatever the flags say
+        attempt = "save it without its tag of orientation, such as .png"
+        raise StorageError(Fault("the image states that it is turned", str(path), attempt=attempt))
     if n_images > 1:
         raise StorageError(Fault("the file holds several images", str(path), str(n_images), "one image a file"))
     with _error_output() as said:
@@ -150,9 +155,9 @@ def _error_output() -> Generator[list[bytes]]:
         os.close(kept)
 
 
-def _n_images(raw: bytes) -> int:
-    """How many images a file says that it has, 0 where their size cannot be decoded; OpenCV takes the memory that any
-    names.
+def _stated(raw: bytes) -> tuple[int, bool]:
+    """How many images a file says that it has, 0 where their size cannot be decoded (OpenCV takes the memory that any
+    names), and whether it is a .tiff that is to be shown turned.
     """
     from PIL import Image
 
@@ -161,10 +166,11 @@ def _n_images(raw: bytes) -> int:
             with Image.open(io.BytesIO(raw), formats=_FORMATS) as image:
                 # A telephone's MPO is a JPEG with a preview behind it.
                 n = 1 if image.format == "MPO" else getattr(image, "n_frames", 1)
+                is_turned = image.format == "TIFF" and image.getexif().get(_ORIENTATION, 1) != 1
                 image.verify()  # that the parts of a PNG are whole
-                return n if image.width * image.height <= _MOST_PIXELS else 0
+                return n if image.width * image.height <= _MOST_PIXELS else 0, is_turned
         except Exception:  # noqa: BLE001 (whatever the reader of a format raises)
-            return 0
+            return 0, False
 
 
 def _images(path: Path) -> list[Path]:

@@ -10,13 +10,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from softcal.plugins.sofa.install import Sofa
 from softcal.plugins.sofa.robot import LinearRobot
 from softcal.plugins.sofa.scene import scene_parameters, write_scene
 from softcal.plugins.sofa.settings import SofaSettings
 from softcal.processes import exit_code
 from softcal.twin.protocol import Protocol
+from softcal.twin.robot import Robot
 
+POSE = (7,)  # position and unit quaternion
+LARGEST, TURNED = 1e9, 1e-3  # numbers of a state [SI]; difference of a quaternion's length from one
 JOB, ANSWER, LOG = "job.json", "answer.jsonl", "sofa.log"
 
 
@@ -61,28 +66,65 @@ def run_states(
             ended = f"was ended after {settings.timeout:g} s without an answer"
         elif code < 0:
             ended = f"crashed ({signal.Signals(-code).name})"
-        lines = [] if not (folder / ANSWER).is_file() else (folder / ANSWER).read_text(encoding="utf-8").splitlines()
+        raw = (folder / ANSWER).read_bytes() if (folder / ANSWER).is_file() else b""
         said = (folder / LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
     answers: list[dict[str, Any]] = []
-    for line in lines:
+    state = _state(linear.robot, shapes=shapes)
+    for number, line in enumerate(raw.decode(errors="replace").splitlines(), start=1):
+        answer: dict[str, Any] = {}
         try:
-            answer = json.loads(line, parse_constant=int)  # a ValueError for NaN
-        except ValueError:  # the last one may be cut off
-            break
-        if not isinstance(answer, dict) or answer.get("state", len(answers)) != len(answers):
+            answer = json.loads(line)
+            is_whole = _holds(answer, state if "state" in answer else {"steps": ()}) and answer["steps"] >= 0
+            if "state" in answer:
+                begun = answers[-1]["time"] if answers else 0.0
+                is_next = answer["state"] == len(answers) <= len(states)
+                is_whole = is_whole and is_next and answer["time"] >= begun and answer["dt"] > 0.0
+        except (ValueError, TypeError, RecursionError):  # the last one may be cut off
+            is_whole = False
+        if not is_whole:
+            ended += f"; line {number} of its answer is not whole"
             break
         answers.append(answer)
+        if "state" not in answer:
+            break
     records = tuple(answer for answer in answers if "state" in answer)
     last = answers[-1] if answers else {}
     steps = int(last.get("steps", 0)) if "state" not in last else sum(int(record["steps"]) for record in records)
-    if last.get("done") and len(records) > len(states):
+    if last.get("done") is True and len(records) == len(states) + 1:
         return ProcessOutcome(records, "", steps)
     where = f"State {len(records)} of {len(states)}: " if records else "The rest state with slack cables: "
     if "failed" in last:
-        return ProcessOutcome(records, f"{where}{last['failed']}", steps)
+        return ProcessOutcome(records, where + str(last["failed"]).encode(errors="replace").decode(), steps)
     good = f"; the last good time is {float(records[-1]['time']):.6g} s" if records else ""
     error = _last_error(said)
     return ProcessOutcome(records, f"{where}SOFA {ended}{good}" + (f": {error}" if error else ""), steps)
+
+
+def _state(robot: Robot, *, shapes: bool) -> dict[str, Any]:
+    """The shape of each number in the record of a state."""
+    record: dict[str, Any] = {
+        **dict.fromkeys(("time", "dt", "steps"), ()),
+        "cables": {cable.name: {"tension": (), "shortening": (), "points": (None, 3)} for cable in robot.cables},
+        "plates": {plate.name: POSE for plate in robot.plates},
+        "markers": {marker.name: (3,) for marker in robot.markers},
+    }
+    if shapes:
+        record["points"] = {body.name: (body.mesh.n_points, 3) for body in robot.bodies}
+        record["rods"] = {rod.name: (len(rod.centreline.nodes), 3) for rod in robot.rods}
+    return record
+
+
+def _holds(answer: Any, wanted: Any) -> bool:
+    """Whether numbers have these shapes, None for any, and are as large as those of a robot; poses are turned ones."""
+    if isinstance(wanted, dict):
+        return isinstance(answer, dict) and all(
+            name in answer and _holds(answer[name], wanted[name]) for name in wanted
+        )
+    numbers = np.array(answer)
+    if numbers.dtype.kind not in "iuf" or not (np.abs(numbers) < LARGEST).all():
+        return False
+    fits = numbers.ndim == len(wanted) and all(n in (None, m) for n, m in zip(wanted, numbers.shape, strict=True))
+    return fits and (wanted != POSE or abs(float(np.linalg.norm(numbers[3:])) - 1.0) < TURNED)
 
 
 def _last_error(lines: list[str]) -> str:

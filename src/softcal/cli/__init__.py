@@ -2,7 +2,7 @@
 
 import os
 
-from softcal.calibration.search.interrupts import stop_signals_raised
+from softcal.calibration.search.interrupts import exit_code, stop_signals_raised, stoppable
 from softcal.cli.app import app
 from softcal.cli.printing import any_terminal
 
@@ -13,5 +13,10 @@ def main(argv: list[str] | None = None) -> None:
     0 success; 1 failure; 2 invalid input; 128 plus the signal's number: 130 Ctrl-C, 143 SIGTERM, 129 SIGHUP.
     """
     os.environ["MPLBACKEND"] = "agg"  # charts are drawn into files, whatever the user's own programs draw on
-    with stop_signals_raised(), any_terminal():
-        app(args=argv)
+    with stop_signals_raised(), stoppable() as stop, any_terminal():
+        try:
+            app(args=argv)
+        except SystemExit as ended:  # Typer's own, of a signal before the command has begun, is that of Ctrl-C
+            raise (
+                SystemExit(exit_code(stop.by)) if stop.by and ended.code == exit_code(KeyboardInterrupt()) else ended
+            )

@@ -17,6 +17,7 @@ import typer
 from softcal.calibration.search.interrupts import exit_code
 from softcal.catalogue import Catalogue, FunctionMember
 from softcal.cli.printing import echo, shown_path
+from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, SoftcalError, unknown
 
 P = ParamSpec("P")
@@ -96,6 +97,7 @@ def _faults(command: ConsoleCommand, _: Mapping[str, ConsoleCommand]) -> list[Fa
 COMMANDS: Catalogue[ConsoleCommand] = Catalogue("command", "softcal.commands", _faults, home="softcal.cli.commands")
 
 
+@checked_arguments
 def register_command(part: Part, place: int = LAST) -> Callable[[C], C]:
     """Add a command to `softcal`: a function as Typer takes it, or a group of commands (`typer.Typer` with a name).
 
@@ -117,6 +119,8 @@ def register_command(part: Part, place: int = LAST) -> Callable[[C], C]:
 
     Raises
     ------
+    InputError
+        Where it is written without its brackets.
     ParameterError
         Where another command has the name, there is no such part, or the function has no docstring.
     """

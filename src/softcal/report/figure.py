@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 from softcal.catalogue import Catalogue, FunctionMember
+from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.report.content import ReportContent
@@ -118,6 +119,7 @@ FIGURES: Catalogue[ReportFigure] = Catalogue(
 F = TypeVar("F", bound=Callable[[ReportContent], Iterable[Drawing]])
 
 
+@checked_arguments
 def register_figure(section: str, place: int = LAST) -> Callable[[F], F]:
     """Add a figure: reports and `softcal report --figures` then accept its name.
 
@@ -140,6 +142,8 @@ def register_figure(section: str, place: int = LAST) -> Callable[[F], F]:
 
     Raises
     ------
+    InputError
+        Where it is written without its brackets.
     ParameterError
         Where another figure has the name, there is no such section, or the function says nowhere what it shows.
     """

@@ -8,7 +8,7 @@ from typing import ClassVar, TypeVar
 
 from softcal.calibration.statistics.estimate import Remark
 from softcal.catalogue import Catalogue, FunctionMember
-from softcal.declare import Checked
+from softcal.declare import Checked, checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault
 from softcal.report.content import ReportContent
@@ -109,6 +109,7 @@ SECTIONS: Catalogue[ReportSection] = Catalogue("section", "softcal.sections", _f
 F = TypeVar("F", bound=Function)
 
 
+@checked_arguments
 def register_section(title: str, place: int = LAST) -> Callable[[F], F]:
     """Add a section: reports then show it, with the figures that name it, where it has anything to show.
 
@@ -129,6 +130,8 @@ def register_section(title: str, place: int = LAST) -> Callable[[F], F]:
 
     Raises
     ------
+    InputError
+        Where it is written without its brackets.
     ParameterError
         Where another section has the name, or it has no title.
     """

@@ -217,9 +217,12 @@ def register_export(*files: str, pulled: bool = True, hint: str = "", **options:
 
     Raises
     ------
+    InputError
+        Where it is written without its brackets.
     ParameterError
         Where another export has the name, an option is no parameter of the function, or it says nowhere what it writes.
     """
+    as_annotated(files, tuple[str, ...], "files")
     return EXPORTS.decorator(lambda function: Export(function.__name__, function, files, options, pulled, hint))
 
 

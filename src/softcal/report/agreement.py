@@ -13,7 +13,7 @@ from softcal.analysis.trend import ENOUGH, Trend, trends
 from softcal.calibration.results.digits import display_unit, half_width, interval_text, shown, value_text, with_unit
 from softcal.calibration.results.result import ExperimentFit, SearchResult
 from softcal.calibration.statistics.estimate import Estimate, Remark
-from softcal.calibration.statistics.random_effects import WORDS, Spread
+from softcal.calibration.statistics.random_effects import DIFFERS, WORDS, Spread
 from softcal.calibration.statistics.residuals import SHOWN, ResidualRecord
 from softcal.experiments.dataset import Dataset
 from softcal.report.format import estimate_scale, few, joined, number, parameter_label, result_label, worst
@@ -57,7 +57,7 @@ def _jointly(one: Agreement, names: Sequence[str], results: Mapping[str, SearchR
         others = [parameter_label(name, names) for name in names if name != one.name and name in result.parameters]
         at = f"with {joined(others)} at {'their' if len(others) > 1 else 'its'} joint value{'s' * (len(others) > 1)}"
         verb = "differ" if spread.differs else "do not differ"
-        differ = f"the tests {verb} ({_chance_text(spread.chance)}{_holm(result)})"
+        differ = f"the tests {verb} ({_spread_chance(spread)}{_holm(result)})"
         if not others:
             return f" In the joint fit {differ}."
         return f" Here each test has its own {joined(others)} too; {at}, in the joint fit, {differ}."
@@ -92,7 +92,7 @@ def agreement_text(one: Agreement, name: str) -> str:
         return f"The separate fits give {name} from {lowest} to {highest}{_in_all_intervals(one)}."
     text = f"{name} differs between the separate fits by {size_text(one)}, from {lowest} to {highest}"
     freedom = f"{one.dof} degree{'s' * (one.dof > 1)} of freedom"
-    test = f"(Cochran's Q = {number(one.q)}, {freedom}, {chance_text(one)})"
+    test = f"(Cochran's Q = {number(one.q)} without the errors that all fits share, {freedom}, {chance_text(one)})"
     left = f" Excluded, having no standard error: {joined(few(map(result_label, one.uncounted)))}."
     left = left if one.uncounted else ""
     if one.differs:
@@ -131,9 +131,9 @@ def spread_sentences(result: SearchResult, records: Mapping[str, Dataset] | None
         alike = [name for name, one in result.spreads.items() if one.kind == kind and not one.differs]
         if not alike:
             continue
-        chances = [result.spreads[name].chance for name in alike]
-        least = _chance_text(min(chances))
-        more = " or more" if _chance_text(max(chances)) != least else ""
+        chances, n = zip(*((result.spreads[name].chance, result.spreads[name].dof + 1) for name in alike), strict=True)
+        least = _chance_text(min(chances), min(n))
+        more = " or more" if _chance_text(max(chances), min(n)) != least else ""
         labels = joined(parameter_label(name, names) for name in alike)
         verb = "do not differ" if len(alike) > 1 else "does not differ"
         what = f"{labels} {verb} between the {WORDS[kind]} by more than their noise explains"
@@ -158,7 +158,7 @@ def trend_sentences(result: SearchResult, records: Mapping[str, Dataset] | None 
 
 def _trend_text(one: Trend, estimate: Estimate) -> str:
     corrected = f", corrected for {one.tested} conditions" if one.tested > 1 else ""
-    chance = f"({_chance_text(one.chance)}{corrected})" if one.n_tests >= ENOUGH else f"({one.n_tests} tests: a hint)"
+    chance = f"({_chance_text(one.chance, one.n_tests)}{corrected})" if one.n_tests >= ENOUGH else f"({one.n_tests} tests: a hint)"
     text = f"{'rises' if one.power > 0 else 'falls'} with the {one.condition} of the tests {chance}"
     if one.along:
         return (
@@ -177,7 +177,7 @@ def _trend_text(one: Trend, estimate: Estimate) -> str:
 def _spread_text(result: SearchResult, name: str, label: str) -> str:
     one, estimate = result.spreads[name], result.parameters[name]
     fixed = ", with the other shared parameters at their joint values" if len(result.spreads) > 1 else ""
-    chance, scale, who = f"{_chance_text(one.chance)}{_holm(result)}", estimate_scale(estimate), WORDS[one.kind]
+    chance, scale, who = f"{_spread_chance(one)}{_holm(result)}", estimate_scale(estimate), WORDS[one.kind]
     values, others = _own_values(one, estimate.value, lambda v: rounded(v / scale.factor, one.spread / scale.factor))
     text = (
         f"{label} differs between the {who} by more than their noise explains ({chance}): "
@@ -279,11 +279,20 @@ def _outliers_text(experiment: str, channel: str, one: ResidualRecord) -> str:
 
 
 def chance_text(one: Agreement) -> str:
-    """The p-value: "p = 0.31", "p < 1e-10"."""
-    return "p unknown" if one.chance is None else _chance_text(one.chance)
+    """The p-value: "p = 0.31", "p < 1e-10"; of few fits "at the 5 % level"."""
+    return "p unknown" if one.chance is None else _chance_text(one.chance, one.dof + 1)
 
 
-def _chance_text(chance: float) -> str:
+def _spread_chance(one: Spread) -> str:
+    return _chance_text(one.chance, one.dof + 1)
+
+
+def _chance_text(chance: float, n: int) -> str:
+    """The p-value of a comparison of n tests. Of few the level at which they are compared: far below it, a p depends on
+    the tails of errors that they do not show.
+    """
+    if n < ENOUGH:
+        return f"at the {100 * DIFFERS:.0f} % level"
     return f"p < {_TINY:.0e}" if chance < _TINY else f"p = {number(chance, 2)}"
 
 

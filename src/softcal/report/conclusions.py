@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from softcal.analysis.agreement import agreements
+from softcal.calibration.results.digits import half_width
 from softcal.calibration.results.result import SearchResult
 from softcal.calibration.search.outcome import beyond_text, saturated_note
 from softcal.calibration.statistics.estimate import Estimate, Remark, Tone
@@ -284,12 +285,17 @@ def _plausible(content: ReportContent) -> Iterable[Remark]:
         name = find_parameter(result.parameters, "youngs_modulus")
         if name is None:
             continue
-        inside = least <= result.parameters[name].value <= most
+        estimate = result.parameters[name]
+        half = half_width(estimate) or 0.0
+        low, high = estimate.interval or (estimate.value - half, estimate.value + half)
+        inside, reached = least <= estimate.value <= most, low <= most and least <= high
+        where = "inside" if inside else "above" if estimate.value > most else "below"
         text = (
-            f"E is {'inside' if inside else 'outside'} the range that is plausible for the print's infill, "
-            f"{number(least / 1e6)} to {number(most / 1e6)} MPa ({100 * content.print_infill.infill:.3g} % infill)."
+            f"E is {where} the range that is plausible for the print's infill, {number(least / 1e6)} to "
+            f"{number(most / 1e6)} MPa ({100 * content.print_infill.infill:.3g} % infill)"
         )
-        yield Remark(_of(label, content.judged, text), "good" if inside else "warning")
+        text += ", which the 95 % interval of E reaches." if reached and not inside else "."
+        yield Remark(_of(label, content.judged, text), "good" if inside else "note" if reached else "warning")
 
 
 def _stability(content: ReportContent) -> Iterable[Remark]:

@@ -301,8 +301,7 @@ def test_what_its_bound_keeps_from_the_data_is_said_in_the_first_line(capsys: py
 
     want = (
         "is at its lower bound of {}: the best fit is beyond it, by about 27 standard errors; model and bounds "
-        "contradict the data, and all 95 % intervals of this fit are widened by the largest such number of standard "
-        "errors."
+        "contradict the data, so that the errors of this fit are multiplied by the largest such number."
     )
     held = content(at(27.0))
     assert want.format("0.4") in verdict(held).text

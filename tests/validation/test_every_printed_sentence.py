@@ -466,8 +466,7 @@ def at_bound(case: Case, labels: list[str], told: Told) -> None:
 
 
 @sentence(
-    r"model and bounds contradict the data, and all 95 % intervals of this fit are widened by the "
-    r"largest such number of standard errors"
+    r"model and bounds contradict the data, so that the errors of this fit are multiplied by the largest such number"
 )
 def widened(case: Case, labels: list[str], told: Told) -> None:
     """The intervals with that factor are those of the table (`interval_cell`); it is the largest, and above one."""

@@ -158,7 +158,11 @@ def trend_sentences(result: SearchResult, records: Mapping[str, Dataset] | None 
 
 def _trend_text(one: Trend, estimate: Estimate) -> str:
     corrected = f", corrected for {one.tested} conditions" if one.tested > 1 else ""
-    chance = f"({_chance_text(one.chance, one.n_tests)}{corrected})" if one.n_tests >= ENOUGH else f"({one.n_tests} tests: a hint)"
+    chance = (
+        f"({_chance_text(one.chance, one.n_tests)}{corrected})"
+        if one.n_tests >= ENOUGH
+        else f"({one.n_tests} tests: a hint)"
+    )
     text = f"{'rises' if one.power > 0 else 'falls'} with the {one.condition} of the tests {chance}"
     if one.along:
         return (

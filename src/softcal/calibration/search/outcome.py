@@ -35,8 +35,7 @@ NOT_A_MINIMUM = (
 )
 BEYOND_THE_BOUNDS = "the best fit is beyond it"
 CONTRADICTED = (
-    "model and bounds contradict the data, and all 95 % intervals of this fit are widened by the largest such number "
-    "of standard errors"
+    "model and bounds contradict the data, so that the errors of this fit are multiplied by the largest such number"
 )
 NOMINAL_FRICTION = (
     "Tensions and their errors are those on the robot's side of the pulleys, computed with the nominal friction, so "

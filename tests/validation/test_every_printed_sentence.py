@@ -235,8 +235,8 @@ def values_of(text: str) -> dict[str, str]:
 @sentence(
     r"(?P<what>\S+) differs between the separate fits by (?P<size>[\d.]+) %, from (?P<low>[\d.]+) "
     r"(?P<unit>\w+) \((?P<least>\w+)\) to (?P<high>[\d.]+) (?P<unit_too>\w+) \((?P<most>\w+)\): "
-    r"(?P<verdict>more|no more) than their noise explains \(Cochran's Q = (?P<q>[\d.]+) without the errors that all fits share, "
-    rf"(?P<dof>\d+) degrees? of freedom, {P}\)(?P<conflict>\. One value does not describe "
+    r"(?P<verdict>more|no more) than their noise explains \(Cochran's Q = (?P<q>[\d.]+) without the errors "
+    rf"that all fits share, (?P<dof>\d+) degrees? of freedom, {P}\)(?P<conflict>\. One value does not describe "
     r"all tests)?"
 )
 def spread_of_fits(case: Case, _: list[str], told: Told) -> None:
@@ -465,9 +465,7 @@ def at_bound(case: Case, labels: list[str], told: Told) -> None:
             assert beyond <= 2 * (1 + CLOSE)
 
 
-@sentence(
-    r"model and bounds contradict the data, so that the errors of this fit are multiplied by the largest such number"
-)
+@sentence(r"model and bounds contradict the data: the errors of this fit are multiplied by the largest such number")
 def widened(case: Case, labels: list[str], told: Told) -> None:
     """The intervals with that factor are those of the table (`interval_cell`); it is the largest, and above one."""
     assert all(case.estimator(label).factor == case.estimator(label).beyond.max() > 1 for label in labels)

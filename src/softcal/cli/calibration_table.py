@@ -225,9 +225,7 @@ def _vagueness(estimate: Estimate | None) -> float:
 
 
 def _range_text(estimates: Sequence[Estimate]) -> str:
-    """The least and the largest of several values, which no reader takes for an interval, to the digits of the least
-    certain.
-    """
+    """The least and the largest of several values and their number, to the digits of the least certain."""
     from softcal.calibration.results.digits import shown, with_unit
 
     if len(estimates) < 2:

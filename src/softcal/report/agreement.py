@@ -57,7 +57,7 @@ def _jointly(one: Agreement, names: Sequence[str], results: Mapping[str, SearchR
         others = [parameter_label(name, names) for name in names if name != one.name and name in result.parameters]
         at = f"with {joined(others)} at {'their' if len(others) > 1 else 'its'} joint value{'s' * (len(others) > 1)}"
         verb = "differ" if spread.differs else "do not differ"
-        differ = f"the tests {verb} ({_spread_chance(spread)}{_holm(result)})"
+        differ = f"the tests {verb} ({chance_text(spread)}{_holm(result)})"
         if not others:
             return f" In the joint fit {differ}."
         return f" Here each test has its own {joined(others)} too; {at}, in the joint fit, {differ}."
@@ -131,9 +131,9 @@ def spread_sentences(result: SearchResult, records: Mapping[str, Dataset] | None
         alike = [name for name, one in result.spreads.items() if one.kind == kind and not one.differs]
         if not alike:
             continue
-        chances, n = zip(*((result.spreads[name].chance, result.spreads[name].dof + 1) for name in alike), strict=True)
-        least = _chance_text(min(chances), min(n))
-        more = " or more" if _chance_text(max(chances), min(n)) != least else ""
+        spreads = sorted((result.spreads[name] for name in alike), key=lambda one: one.chance)
+        least = chance_text(spreads[0])
+        more = " or more" if chance_text(spreads[-1]) != least else ""
         labels = joined(parameter_label(name, names) for name in alike)
         verb = "do not differ" if len(alike) > 1 else "does not differ"
         what = f"{labels} {verb} between the {WORDS[kind]} by more than their noise explains"
@@ -158,11 +158,7 @@ def trend_sentences(result: SearchResult, records: Mapping[str, Dataset] | None 
 
 def _trend_text(one: Trend, estimate: Estimate) -> str:
     corrected = f", corrected for {one.tested} conditions" if one.tested > 1 else ""
-    chance = (
-        f"({_chance_text(one.chance, one.n_tests)}{corrected})"
-        if one.n_tests >= ENOUGH
-        else f"({one.n_tests} tests: a hint)"
-    )
+    chance = f"({_chance_text(one.chance)}{corrected})" if one.n_tests >= ENOUGH else f"({one.n_tests} tests: a hint)"
     text = f"{'rises' if one.power > 0 else 'falls'} with the {one.condition} of the tests {chance}"
     if one.along:
         return (
@@ -181,7 +177,7 @@ def _trend_text(one: Trend, estimate: Estimate) -> str:
 def _spread_text(result: SearchResult, name: str, label: str) -> str:
     one, estimate = result.spreads[name], result.parameters[name]
     fixed = ", with the other shared parameters at their joint values" if len(result.spreads) > 1 else ""
-    chance, scale, who = f"{_spread_chance(one)}{_holm(result)}", estimate_scale(estimate), WORDS[one.kind]
+    chance, scale, who = f"{chance_text(one)}{_holm(result)}", estimate_scale(estimate), WORDS[one.kind]
     values, others = _own_values(one, estimate.value, lambda v: rounded(v / scale.factor, one.spread / scale.factor))
     text = (
         f"{label} differs between the {who} by more than their noise explains ({chance}): "
@@ -282,21 +278,14 @@ def _outliers_text(experiment: str, channel: str, one: ResidualRecord) -> str:
     return f"{joined([*rows, f'{more} more'] if more > 0 else rows)} of {channel} of {experiment}"
 
 
-def chance_text(one: Agreement) -> str:
-    """The p-value: "p = 0.31", "p < 1e-10"; of few fits "at the 5 % level"."""
-    return "p unknown" if one.chance is None else _chance_text(one.chance, one.dof + 1)
-
-
-def _spread_chance(one: Spread) -> str:
-    return _chance_text(one.chance, one.dof + 1)
-
-
-def _chance_text(chance: float, n: int) -> str:
-    """The p-value of a comparison of n tests. Of few the level at which they are compared: far below it, a p depends on
-    the tails of errors that they do not show.
-    """
-    if n < ENOUGH:
+def chance_text(one: Agreement | Spread) -> str:
+    """As "p = 0.31", "p < 1e-10"; of few tests, which do not show the tails of their errors, the level compared at."""
+    if one.chance is not None and one.dof + 1 < ENOUGH:
         return f"at the {100 * DIFFERS:.0f} % level"
+    return "p unknown" if one.chance is None else _chance_text(one.chance)
+
+
+def _chance_text(chance: float) -> str:
     return f"p < {_TINY:.0e}" if chance < _TINY else f"p = {number(chance, 2)}"
 
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from softcal.analysis.agreement import agreements
-from softcal.calibration.results.digits import half_width
 from softcal.calibration.results.result import SearchResult
 from softcal.calibration.search.outcome import beyond_text, saturated_note
 from softcal.calibration.statistics.estimate import Estimate, Remark, Tone
@@ -286,16 +285,15 @@ def _plausible(content: ReportContent) -> Iterable[Remark]:
         if name is None:
             continue
         estimate = result.parameters[name]
-        half = half_width(estimate) or 0.0
-        low, high = estimate.interval or (estimate.value - half, estimate.value + half)
-        inside, reached = least <= estimate.value <= most, low <= most and least <= high
+        inside, (low, high) = least <= estimate.value <= most, estimate.interval or (estimate.value,) * 2
         where = "inside" if inside else "above" if estimate.value > most else "below"
         text = (
             f"E is {where} the range that is plausible for the print's infill, {number(least / 1e6)} to "
             f"{number(most / 1e6)} MPa ({100 * content.print_infill.infill:.3g} % infill)"
         )
-        text += ", which the 95 % interval of E reaches." if reached and not inside else "."
-        yield Remark(_of(label, content.judged, text), "good" if inside else "note" if reached else "warning")
+        tone: Tone = "good" if inside else "note" if low <= most and least <= high else "warning"
+        text += ", which the 95 % interval of E reaches." if tone == "note" else "."
+        yield Remark(_of(label, content.judged, text), tone)
 
 
 def _stability(content: ReportContent) -> Iterable[Remark]:

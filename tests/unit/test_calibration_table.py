@@ -90,7 +90,7 @@ def test_of_many_tests_the_ten_worst_have_a_line_and_the_others_are_counted(caps
     short = capsys.readouterr().out
     assert len(short.splitlines()) < 25
     (line,) = [line for line in short.splitlines() if "front.tension_offset" in line]
-    assert " 0 to 0.199 N" in line
+    assert " 0 to 0.199 N (200 values)" in line  # which is no interval
     (line,) = [line for line in short.splitlines() if "RMSE of tension" in line]
     assert "at most 0.199 N" in line
     print_results({"joint": many}, verbose=True)
@@ -145,4 +145,15 @@ def test_a_fit_without_the_values_of_other_tests_has_an_empty_cell(capsys):
     joint = replace(one, experiments=fits, parameters={**one.parameters, **slacks})
     print_results({"t11": alone, "joint": joint}, verbose=True)
     (line,) = [line for line in capsys.readouterr().out.splitlines() if "front.slack, 2 more" in line]
-    assert [cell.strip() for cell in line.split("│")[2:4]] == ["", "1.00 to 1.00 mm"]
+    assert [cell.strip() for cell in line.split("│")[2:4]] == ["", "1.00 mm (2 values)"]
+
+
+def test_whose_intervals_include_the_mesh_is_in_the_table(capsys):
+    one = tpe_result([bench_experiment("20mm", 0.02, 1.2e6)], 1.2e6, 0.45, n_trials=12)
+    estimate = replace(one.parameters[E_NAME], shares={"noise": 0.4, "mesh": 0.6})
+    joint = replace(one, parameters={**one.parameters, E_NAME: estimate})
+    print_results({"a": one, "joint": joint})
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "error of the mesh" in line]
+    assert [cell.strip() for cell in line.split("│")[2:4]] == ["not included", "included"]
+    print_results({"a": one, "b": one})
+    assert "error of the mesh" not in capsys.readouterr().out

@@ -160,16 +160,21 @@ def test_lists_and_file_names_in_words():
     assert file_stem("ν") == "unnamed"
 
 
-def fits(low: float, high: float, unit: str, chance: float | None) -> Agreement:
+def fits(low: float, high: float, unit: str, chance: float | None, n: int = 2) -> Agreement:
     estimates = {name: Estimate(v, unit, False, 0.0, 1e9) for name, v in (("a", low), ("b", high))}
-    return Agreement("neck.x", estimates, None, 1, chance)
+    return Agreement("neck.x", estimates, None, n - 1, chance)
 
 
 @pytest.mark.parametrize(
     ("chance", "text"), [(None, "p unknown"), (0.314, "p = 0.31"), (2e-9, "p = 2.0e-09"), (1e-11, "p < 1e-10")]
 )
 def test_a_probability_by_chance(chance: float | None, text: str):
-    assert chance_text(fits(1e6, 2e6, "Pa", chance)) == text
+    assert chance_text(fits(1e6, 2e6, "Pa", chance, 5)) == text
+
+
+@pytest.mark.parametrize("chance", [0.314, 1e-11])
+def test_below_five_tests_a_comparison_has_a_level_and_no_probability(chance: float):
+    assert chance_text(fits(1e6, 2e6, "Pa", chance, 4)) == "at the 5 % level"
 
 
 def test_how_far_fits_are_apart():

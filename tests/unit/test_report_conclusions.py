@@ -97,7 +97,8 @@ def test_moduli_of_the_shipped_neck_differ_far_beyond_noise() -> None:
     assert "E differs between the separate fits by 9.4 %" in warning
     assert "from 3.197 MPa (test3) to 3.5130 MPa (test1)" in warning
     assert "more than their noise explains" in warning
-    assert ", 2 degrees of freedom, p < 1e-10" in warning
+    assert "(Cochran's Q = " in warning
+    assert " without the errors that all fits share, 2 degrees of freedom, at the 5 % level)" in warning
     first = verdict(report)
     assert "E = 3.294 ± 0.005 MPa, from 3 tests." in first.text
     assert "E differs between the separate fits by 9.4 %" in first.text
@@ -223,10 +224,16 @@ def test_findings_of_separate_fits_are_told_with_their_label() -> None:
 
 def test_every_separate_modulus_is_held_against_the_infill() -> None:
     infill = PrintInfill((8e6, 12e6), 0.3, (1.2, 1.6))
-    report = content(separate((2.3, 0.1), (5.0, 0.1)), print_infill=infill)
-    sentence = "E is {} the range that is plausible for the print's infill, 1.17 to 2.83 MPa"
-    assert f"test2: {sentence.format('outside')}" in told(report, "warning")
-    assert f"test1: {sentence.format('inside')}" in told(report, "good")
+    fits = separate((2.3, 0.1), (5.0, 0.1), (2.92, 0.3), (0.5, 0.1))
+    wide = replace(fits["test3"].parameters[E_NAME], interval=(2.4e6, 3.8e6))
+    fits["test3"] = replace(fits["test3"], parameters={E_NAME: wide})
+    report = content(fits, print_infill=infill)
+    sentence = "E is {} the range that is plausible for the print's infill, 1.17 to 2.83 MPa (30 % infill)"
+    assert f"test1: {sentence.format('inside')}." in told(report, "good")
+    assert f"test2: {sentence.format('above')}." in told(report, "warning")
+    assert f"test4: {sentence.format('below')}." in told(report, "warning")
+    reached = f"test3: {sentence.format('above')}, which the 95 % interval of E reaches."
+    assert reached in told(report, "note")
 
 
 # How the search ended.
@@ -297,8 +304,7 @@ def test_what_its_bound_keeps_from_the_data_is_said_in_the_first_line(capsys: py
 
     want = (
         "is at its lower bound of {}: the best fit is beyond it, by about 27 standard errors; model and bounds "
-        "contradict the data, and all 95 % intervals of this fit are widened by the largest such number of standard "
-        "errors."
+        "contradict the data: the errors of this fit are multiplied by the largest such number."
     )
     held = content(at(27.0))
     assert want.format("0.4") in verdict(held).text

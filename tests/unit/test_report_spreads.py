@@ -144,9 +144,14 @@ def test_what_is_alike_is_one_sentence_with_its_correction() -> None:
     )
     assert remark.tone == "good"
     assert remark.text == (
-        "E and μ do not differ between the tests by more than their noise explains (p = 0.21 or more, "
+        "E and μ do not differ between the tests by more than their noise explains (at the 5 % level, "
         "Holm's correction for 2 comparisons)."
     )
+    many = replace(one, values={f"test{i}": 1e6 for i in range(5)}, dof=4)
+    (remark,) = spread_sentences(
+        replace(result, parameters=parameters, spreads={E: many, other: replace(many, chance=0.21)})
+    )
+    assert "explains (p = 0.21 or more, Holm's correction for 2 comparisons)." in remark.text
     found = spread_sentences(replace(result, parameters=parameters, spreads={E: one, other: replace(one, chance=0.01)}))
     assert [remark.tone for remark in found] == ["warning", "good"]
     assert all("Holm's correction for 2 comparisons)" in remark.text for remark in found)

@@ -179,6 +179,9 @@ def _result_table(results: Mapping[str, CalibrationResult], *, verbose: bool) ->
 
     table = Table("", *results)
     _add_parameters(table, [result.parameters for result in results.values()], verbose=verbose)
+    meshes = [_includes_mesh(result) for result in results.values()]
+    if any(meshes) and not all(meshes):
+        table.add_row("error of the mesh", *("included" if one else "not included" for one in meshes))
     _add_errors(table, "", [result.experiments for result in results.values()], verbose=verbose)
     held_out = [{name: held.fit for name, held in result.held_out.items()} for result in results.values()]
     _add_errors(table, "held out: ", held_out, verbose=verbose)
@@ -222,14 +225,15 @@ def _vagueness(estimate: Estimate | None) -> float:
 
 
 def _range_text(estimates: Sequence[Estimate]) -> str:
-    """The least and the largest of several values, to the digits of the least certain."""
+    """The least and the largest of several values and their number, to the digits of the least certain."""
     from softcal.calibration.results.digits import shown, with_unit
 
     if len(estimates) < 2:
         return "".join(map(value_text, estimates))
     values = [estimate.value for estimate in estimates]
     vaguest = max(estimates, key=_vagueness)
-    return with_unit(vaguest, f"{shown(vaguest, min(values))} to {shown(vaguest, max(values))}")
+    ends = dict.fromkeys(shown(vaguest, pick(values)) for pick in (min, max))
+    return f"{with_unit(vaguest, ' to '.join(ends))} ({len(values)} values)"
 
 
 def _add_errors(table: Table, lead: str, fits: Sequence[Mapping[str, ExperimentFit]], *, verbose: bool) -> None:

@@ -13,7 +13,7 @@ from softcal.analysis.trend import ENOUGH, Trend, trends
 from softcal.calibration.results.digits import display_unit, half_width, interval_text, shown, value_text, with_unit
 from softcal.calibration.results.result import ExperimentFit, SearchResult
 from softcal.calibration.statistics.estimate import Estimate, Remark
-from softcal.calibration.statistics.random_effects import WORDS, Spread
+from softcal.calibration.statistics.random_effects import DIFFERS, WORDS, Spread
 from softcal.calibration.statistics.residuals import SHOWN, ResidualRecord
 from softcal.experiments.dataset import Dataset
 from softcal.report.format import estimate_scale, few, joined, number, parameter_label, result_label, worst
@@ -57,7 +57,7 @@ def _jointly(one: Agreement, names: Sequence[str], results: Mapping[str, SearchR
         others = [parameter_label(name, names) for name in names if name != one.name and name in result.parameters]
         at = f"with {joined(others)} at {'their' if len(others) > 1 else 'its'} joint value{'s' * (len(others) > 1)}"
         verb = "differ" if spread.differs else "do not differ"
-        differ = f"the tests {verb} ({_chance_text(spread.chance)}{_holm(result)})"
+        differ = f"the tests {verb} ({chance_text(spread)}{_holm(result)})"
         if not others:
             return f" In the joint fit {differ}."
         return f" Here each test has its own {joined(others)} too; {at}, in the joint fit, {differ}."
@@ -92,7 +92,7 @@ def agreement_text(one: Agreement, name: str) -> str:
         return f"The separate fits give {name} from {lowest} to {highest}{_in_all_intervals(one)}."
     text = f"{name} differs between the separate fits by {size_text(one)}, from {lowest} to {highest}"
     freedom = f"{one.dof} degree{'s' * (one.dof > 1)} of freedom"
-    test = f"(Cochran's Q = {number(one.q)}, {freedom}, {chance_text(one)})"
+    test = f"(Cochran's Q = {number(one.q)} without the errors that all fits share, {freedom}, {chance_text(one)})"
     left = f" Excluded, having no standard error: {joined(few(map(result_label, one.uncounted)))}."
     left = left if one.uncounted else ""
     if one.differs:
@@ -131,9 +131,9 @@ def spread_sentences(result: SearchResult, records: Mapping[str, Dataset] | None
         alike = [name for name, one in result.spreads.items() if one.kind == kind and not one.differs]
         if not alike:
             continue
-        chances = [result.spreads[name].chance for name in alike]
-        least = _chance_text(min(chances))
-        more = " or more" if _chance_text(max(chances)) != least else ""
+        spreads = sorted((result.spreads[name] for name in alike), key=lambda one: one.chance)
+        least = chance_text(spreads[0])
+        more = " or more" if chance_text(spreads[-1]) != least else ""
         labels = joined(parameter_label(name, names) for name in alike)
         verb = "do not differ" if len(alike) > 1 else "does not differ"
         what = f"{labels} {verb} between the {WORDS[kind]} by more than their noise explains"
@@ -177,7 +177,7 @@ def _trend_text(one: Trend, estimate: Estimate) -> str:
 def _spread_text(result: SearchResult, name: str, label: str) -> str:
     one, estimate = result.spreads[name], result.parameters[name]
     fixed = ", with the other shared parameters at their joint values" if len(result.spreads) > 1 else ""
-    chance, scale, who = f"{_chance_text(one.chance)}{_holm(result)}", estimate_scale(estimate), WORDS[one.kind]
+    chance, scale, who = f"{chance_text(one)}{_holm(result)}", estimate_scale(estimate), WORDS[one.kind]
     values, others = _own_values(one, estimate.value, lambda v: rounded(v / scale.factor, one.spread / scale.factor))
     text = (
         f"{label} differs between the {who} by more than their noise explains ({chance}): "
@@ -278,8 +278,10 @@ def _outliers_text(experiment: str, channel: str, one: ResidualRecord) -> str:
     return f"{joined([*rows, f'{more} more'] if more > 0 else rows)} of {channel} of {experiment}"
 
 
-def chance_text(one: Agreement) -> str:
-    """The p-value: "p = 0.31", "p < 1e-10"."""
+def chance_text(one: Agreement | Spread) -> str:
+    """As "p = 0.31", "p < 1e-10"; of few tests, which do not show the tails of their errors, the level compared at."""
+    if one.chance is not None and one.dof + 1 < ENOUGH:
+        return f"at the {100 * DIFFERS:.0f} % level"
     return "p unknown" if one.chance is None else _chance_text(one.chance)
 
 

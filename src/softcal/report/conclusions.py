@@ -284,12 +284,16 @@ def _plausible(content: ReportContent) -> Iterable[Remark]:
         name = find_parameter(result.parameters, "youngs_modulus")
         if name is None:
             continue
-        inside = least <= result.parameters[name].value <= most
+        estimate = result.parameters[name]
+        inside, (low, high) = least <= estimate.value <= most, estimate.interval or (estimate.value,) * 2
+        where = "inside" if inside else "above" if estimate.value > most else "below"
         text = (
-            f"E is {'inside' if inside else 'outside'} the range that is plausible for the print's infill, "
-            f"{number(least / 1e6)} to {number(most / 1e6)} MPa ({100 * content.print_infill.infill:.3g} % infill)."
+            f"E is {where} the range that is plausible for the print's infill, {number(least / 1e6)} to "
+            f"{number(most / 1e6)} MPa ({100 * content.print_infill.infill:.3g} % infill)"
         )
-        yield Remark(_of(label, content.judged, text), "good" if inside else "warning")
+        tone: Tone = "good" if inside else "note" if low <= most and least <= high else "warning"
+        text += ", which the 95 % interval of E reaches." if tone == "note" else "."
+        yield Remark(_of(label, content.judged, text), tone)
 
 
 def _stability(content: ReportContent) -> Iterable[Remark]:

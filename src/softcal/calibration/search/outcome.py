@@ -34,10 +34,7 @@ NOT_A_MINIMUM = (
     "No standard errors and no intervals: they exist only at a minimum of the loss, and the search did not converge."
 )
 BEYOND_THE_BOUNDS = "the best fit is beyond it"
-CONTRADICTED = (
-    "model and bounds contradict the data, and all 95 % intervals of this fit are widened by the largest such number "
-    "of standard errors"
-)
+CONTRADICTED = "model and bounds contradict the data: the errors of this fit are multiplied by the largest such number"
 NOMINAL_FRICTION = (
     "Tensions and their errors are those on the robot's side of the pulleys, computed with the nominal friction, so "
     "that the fitted friction does not scale the errors."

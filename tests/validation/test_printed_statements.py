@@ -21,6 +21,21 @@ def printed(example: str, folder: Path, *options: str) -> str:
     return " ".join(done.stdout.split())
 
 
+@pytest.mark.slow  # a minute
+def test_the_answer_stands_within_the_last_six_of_at_most_forty_lines(tmp_path: Path):
+    words = [
+        "calibrate",
+        str(ROOT / "examples" / "neck" / "project.yaml"),
+        "--no-report",
+        "--out",
+        str(tmp_path / "run"),
+    ]
+    done = subprocess.run([sys.executable, "-m", "softcal", *words], capture_output=True, text=True, check=True)
+    lines = done.stdout.splitlines() + done.stderr.splitlines()
+    assert len(lines) <= 40
+    assert INTERVAL.search("\n".join(done.stdout.splitlines()[-6:]))
+
+
 def quoted(example: str) -> str:
     """The statement in the README of an example: its one quotation that begins with E or a doubt of it, in one line."""
     text = (ROOT / "examples" / example / "README.md").read_text(encoding="utf-8")

@@ -16,7 +16,8 @@ def main(argv: list[str] | None = None) -> None:
     with stop_signals_raised(), stoppable() as stop, any_terminal():
         try:
             app(args=argv)
-        except SystemExit as ended:  # Typer's own, of a signal before the command has begun, is that of Ctrl-C
-            raise (
-                SystemExit(exit_code(stop.by)) if stop.by and ended.code == exit_code(KeyboardInterrupt()) else ended
-            )
+        except SystemExit as ended:
+            # Typer's own, of a signal before the command has begun, is that of Ctrl-C.
+            if stop.by is not None and ended.code == exit_code(KeyboardInterrupt()):
+                raise SystemExit(exit_code(stop.by)) from None
+            raise

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import cache
 
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.materials.flow import Flow
@@ -58,6 +59,7 @@ def history_of(names: Sequence[str], where: str = "history", *, of_rod: bool = F
     return History(tuple(part for name, part in PARTS.items() if name in names))
 
 
-def history_constants() -> dict[str, Parameter]:
+@cache
+def history_constants() -> Mapping[str, Parameter]:
     """The constants of every part, by name."""
     return {one.name: one for one in History(tuple(PARTS.values())).parameters}

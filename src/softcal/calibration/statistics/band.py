@@ -33,13 +33,18 @@ def half_width(loss: Loss, block: Block, slopes: Floats, covariance: Floats, fou
     found
         The estimator of all experiments: their noise, and how they differ.
     """
-    differing = [one for one in found.between if one.effects.differs and np.any(slopes[:, one.column])]
-    variance = np.einsum("ni,ij,nj->n", slopes, covariance, slopes)
-    for one in differing:
-        variance = variance + (one.effects.spread * slopes[:, one.column]) ** 2
-    noise = noise_of(loss, block, found)
-    dof = min((float(one.effects.dof) for one in differing), default=np.inf)
-    return float(student(np.array([dof]))[0]) * np.sqrt(variance + noise**2)
+    mean = np.einsum("ni,ij,nj->n", slopes, covariance, slopes)
+    variance, scatter = mean + noise_of(loss, block, found) ** 2, np.zeros(len(slopes))
+    for one in found.between:
+        if one.effects.differs:
+            # As of a further experiment's own value: the share of the differences in the mean is as uncertain as they.
+            square, j = slopes[:, one.column] ** 2, one.column
+            between = found.variances.get(one.kind, np.zeros(j + 1))
+            further, of_mean = square * one.effects.spread**2, square * between[j]
+            variance = variance + further
+            scatter += ((of_mean + further) ** 2 - of_mean**2) / one.effects.dof + mean**2 / found.dof[j]
+    dof = np.divide(variance**2, scatter, out=np.full(len(slopes), np.inf), where=scatter > 0)
+    return student(dof) * np.sqrt(variance)
 
 
 def noise_of(loss: Loss, block: Block, found: Estimator) -> Floats | float:

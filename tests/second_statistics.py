@@ -465,7 +465,7 @@ class Estimator:
                     sources.append(Source(source, [row], [e], [row]))
             alone[e] = blocks, sources
         while True:
-            compared = {j: one for j in left if (one := self._compared(j, alone, serves, own, k)) is not None}
+            compared = {j: one for j in left if (one := self._compared(j, alone, serves, own, k, found)) is not None}
             for one in compared.values():
                 one.p_least, one.p_most = (min(1.0, len(compared) * p) for p in (one.p_least, one.p_most))
             first = min(compared, key=lambda j: compared[j].p_most, default=None)
@@ -476,7 +476,8 @@ class Estimator:
             own = own.copy()
             own[first] = True
 
-    def _compared(self, j: int, alone: Any, serves: Any, own: np.ndarray, k: int) -> Between | None:
+    def _compared(self, j: int, alone: Any, serves: Any, own: np.ndarray, k: int, found: Any) -> Between | None:
+        inside: dict[str, bool] = {}
         steps, variances, dof, responses = {}, {}, {}, {}
         for e, (blocks, sources) in alone.items():
             over = [j, *(int(c) for c in np.flatnonzero(serves[e] & own) if c != j)]
@@ -491,11 +492,14 @@ class Estimator:
             response[over] = np.linalg.inv(normal)[0] / scale[0] / scale
             parts = [sum(float(np.sum((row @ response) ** 2)) for row in s.rows) for s in sources]
             scatter = sum(2 * part**2 / s.dof for part, s in zip(parts, sources, strict=True))
-            steps[e] = -float(response @ np.sum([b.pull.T @ b.r for b in blocks], axis=0))
+            pulled = np.sum([b.pull.T @ b.r for b in blocks], axis=0)[over]
+            moved = dict(zip(over, -np.linalg.solve(normal, pulled / scale) / scale, strict=True))
+            steps[e] = float(moved[j])
+            inside[e] = all(0.0 <= self.fit.z[c] + moved.get(c, 0.0) <= 1.0 for c in (j, *found))
             variances[e], responses[e] = sum(parts), response
             dof[e] = 2 * sum(parts) ** 2 / scatter if scatter > 0 else math.inf
         clear = [e for e in steps if variances[e] < 1e6 * min(variances.values())]
-        if len(clear) < 2 or not all(0.0 <= self.fit.z[j] + steps[e] <= 1.0 for e in clear):
+        if len(clear) < 2 or not all(inside[e] for e in clear):
             return None
         y, v, n = (np.array([of[e] for e in clear]) for of in (steps, variances, dof))
         tau2 = between_variance(y, v)

@@ -11,7 +11,8 @@ import typer
 from own_module import brought
 from typer.testing import CliRunner
 
-from softcal import ParameterError, register_command
+import softcal
+from softcal import InputError, ParameterError
 from softcal.cli import app
 from softcal.cli.command import COMMANDS, PARTS, ConsoleCommand
 
@@ -121,7 +122,7 @@ def test_what_is_no_command_is_refused() -> None:
         pass
 
     with pytest.raises(ParameterError) as error:
-        register_command("middle")(unexplained)  # type: ignore[arg-type]
+        COMMANDS.add(ConsoleCommand("unexplained", unexplained, "middle"))  # type: ignore[arg-type]
     told = str(error.value)
     assert "command unexplained: the command has no description" in told
     assert "softcal --help has no such part; got 'middle'" in told
@@ -129,3 +130,9 @@ def test_what_is_no_command_is_refused() -> None:
         COMMANDS.add(ConsoleCommand("calibrate", typer.echo, "start"))
     with pytest.raises(ParameterError, match="this is not a command"):
         COMMANDS.add(unexplained)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("family", ["command", "export", "figure", "section"])
+def test_a_decorator_without_its_brackets_registers_nothing_and_says_so(family: str) -> None:
+    with pytest.raises(InputError, match="this is of the wrong kind; got <function"):
+        getattr(softcal, f"register_{family}")(lambda: None)

@@ -55,6 +55,27 @@ def test_one_difference_is_not_counted_in_two_parameters() -> None:
     assert [(one.column, one.effects.differs) for one in found.between] == [(1, True), (0, False)]
 
 
+def test_a_difference_of_which_another_one_would_leave_the_box_is_not_compared() -> None:
+    """Two parameters that nearly trade off: as differences of both, the second would move by 1.2 of its search range,
+    the first by a fiftieth of that, and every interval would be long.
+    """
+    bent, K0 = 0.02, np.eye(K)
+    shared = np.column_stack([50.0 * PLACES, PLACES + bent * np.sin(6.0 * PLACES)])
+    jacobians = [np.column_stack([shared, np.tile(K0[i], (N, 1))]) for i in range(K)]
+    apart = 1.2 * np.array([1.0, -1.0, 1.0, -1.0])
+    chance = np.random.default_rng(9)
+    noise = [
+        SIGMA * chance.standard_normal(N) - shared @ [-one / 50.0, one] - 0.1 * one * shared[:, 1] for one in apart
+    ]
+    step = np.linalg.lstsq(np.concatenate(jacobians), -np.concatenate(noise), rcond=None)[0]
+    blocks = [
+        Block(name, "tension", 5.0 - (e + J @ step), e + J @ step, SIGMA, J)
+        for name, e, J in zip(NAMES, noise, jacobians, strict=True)
+    ]
+    found = estimator(LOSS, Z, np.ones(2 + K), blocks, SERVES)
+    assert [(one.column, one.effects.differs) for one in found.between] == [(1, True)]
+
+
 def test_alike_experiments_leave_the_estimator_as_it_is() -> None:
     found, _ = found_with(np.zeros(K))
     assert not any(one.effects.differs for one in found.between)

@@ -99,13 +99,15 @@ class Alone:
 class OwnStep:
     """One experiment's own step, its variance by the noise within the experiment, and that variance's dof.
 
-    response: of the step to the pull of the experiment's residuals, shape (size,).
+    response: of the step to the pull of the experiment's residuals, shape (size,); beside: the steps (size,) of all
+    parameters with it.
     """
 
     value: float
     variance: float
     dof: float
     response: Floats
+    beside: Floats
 
 
 class Apart:
@@ -126,7 +128,8 @@ def between_experiments(
 ) -> tuple[Between, ...]:
     """The shared parameters that can be compared between two experiments or more, those that differ first.
 
-    A parameter cannot be what differs where an experiment's own value of it would lie outside the search box.
+    A parameter cannot be what differs where an experiment's own value of it, or of one in which they differ already,
+    would lie outside the search box.
 
     Parameters
     ----------
@@ -160,8 +163,8 @@ def between_experiments(
     ]
     found: list[Between] = []
     while True:
-        compared = [one for j in left if (one := _compared(every, own, j, apart)) is not None]
-        compared = [one for one in compared if all(0.0 <= z[one.column] + step <= 1.0 for step in one.steps.values())]
+        among = [one.column for one in found]
+        compared = [one for j in left if (one := _compared(every, own, j, apart, z, among)) is not None]
         compared = [replace(one, effects=one.effects.among(len(compared))) for one in compared]
         clearest = min(compared, key=lambda one: one.effects.chance, default=None)
         if clearest is None or not clearest.effects.differs:
@@ -255,11 +258,17 @@ def _alone(
     return None if spent else Alone(name, parts, on, found)
 
 
-def _compared(every: Sequence[Alone], own: np.ndarray, j: int, apart: Apart) -> Between | None:
+def _compared(
+    every: Sequence[Alone], own: np.ndarray, j: int, apart: Apart, z: Floats, among: Sequence[int]
+) -> Between | None:
+    """How experiments differ in parameter j; None where fewer than two show it, or where an experiment's own value of
+    one `among` the parameters would lie outside the box.
+    """
     steps = {one.name: step for one in every if one.serves[j] and (step := own_step(one, own, j, apart)) is not None}
     clearest = min((step.variance for step in steps.values()), default=0.0)
     steps = {name: step for name, step in steps.items() if step.variance < _BLURRED**2 * clearest}
-    if len(steps) < 2:
+    within = [(0.0 <= z[k] + step.beside[k] <= 1.0) for step in steps.values() for k in (j, *among)]
+    if len(steps) < 2 or not all(within):
         return None
     values, variances, dof = (np.array([getattr(s, k) for s in steps.values()]) for k in ("value", "variance", "dof"))
     return Between(
@@ -300,10 +309,9 @@ def _own_step(alone: Alone, j: int, own: tuple[int, ...]) -> OwnStep | None:
         answers = [(one.pull if one.alone is None else one.alone) @ response[:, None] for one in source.records]
         variance += float(source.variances(answers)[0])
         scatter += float(source.scatter(answers)[0])
-    value = -float(response @ sum(part.pulled for part in alone.parts))
-    return (
-        OwnStep(value, variance, 2 * variance**2 / scatter if scatter > 0 else np.inf, response) if variance else None
-    )
+    steps = -inverse @ sum(part.pulled for part in alone.parts)
+    dof = 2 * variance**2 / scatter if scatter > 0 else np.inf
+    return OwnStep(float(steps[j]), variance, dof, response, steps) if variance else None
 
 
 def _least_inverse(sums: Sequence[Sums], columns: Ints, size: int) -> Floats:

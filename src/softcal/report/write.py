@@ -91,6 +91,8 @@ def write_files(files: Mapping[Path, bytes]) -> None:
     folder = min((path.parent for path in files), key=lambda parent: len(parent.parts))
     if out := sorted({str(path.parent) for path in files if not is_inside(path.parent, folder)}):
         raise StorageError([Fault("a link leads out of the folder", place, allowed="a folder in it") for place in out])
+    if taken := [path for path in files if path.is_dir()]:
+        raise StorageError([Fault("a folder is in the place of a file", str(path)) for path in taken])
     for path, data in files.items():
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

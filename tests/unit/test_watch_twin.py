@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from changed_trials import undigested
 from project_case import bar_robot, write_project
 from watch_case import add_trials
 
@@ -227,7 +228,7 @@ def test_a_shape_of_an_earlier_best_says_so(tmp_path: Path):
 
 def made_up(run: Path, change: Callable[[dict[str, Any]], None]) -> str:
     """What the page says of the twin of a run whose record was changed by hand."""
-    record = json.loads((run / "run.json").read_text())
+    record = undigested(json.loads((run / "run.json").read_text()))
     change(record)
     record["hashes"]["project.yaml"] = sha256(run / "project.yaml")
     (run / "run.json").write_text(json.dumps(record))

@@ -118,7 +118,7 @@ def _plain(value: Any) -> Any:
         return {key: _plain(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(one) for one in value]
-    return float(value) if type(value) is int and abs(value) < 2**53 else value
+    return float(value) if type(value) is int and value.bit_length() < 1024 else value
 
 
 def require_unchanged(path: Path, what: str) -> None:

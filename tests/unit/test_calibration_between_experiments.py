@@ -7,6 +7,7 @@ import pytest
 
 from softcal.calibration.problem.loss import Block
 from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.statistics.band import half_width
 from softcal.calibration.statistics.estimator import Estimator, estimator
 
 N, K = 40, 4
@@ -74,6 +75,28 @@ def test_a_difference_of_which_another_one_would_leave_the_box_is_not_compared()
     ]
     found = estimator(LOSS, Z, np.ones(2 + K), blocks, SERVES)
     assert [(one.column, one.effects.differs) for one in found.between] == [(1, True)]
+
+
+def test_the_band_contains_a_further_experiment_and_is_no_longer_than_that_takes() -> None:
+    """Student's t by the differences of four experiments alone, 3.2, would be for errors that are all theirs."""
+    inside, lengths = [], []
+    J = np.column_stack([SHARED, np.zeros((N, K))])
+    for seed in range(40):
+        chance = np.random.default_rng([seed, 3])
+        *own, further = 5.0 * SIGMA * chance.standard_normal(K + 1)
+        found, _ = found_with(np.array(own), seed)
+        measured = SHARED[:, 0] * further + SIGMA * chance.standard_normal(N)
+        residual = SHARED @ (found.minimum[:2] - Z[:2]) - measured
+        half = half_width(
+            LOSS, Block("further", "tension", measured, residual, SIGMA, J), J, found.within_bounds, found
+        )
+        variance = np.einsum("ni,ij,nj->n", J, found.within_bounds, J) + SIGMA**2
+        for one in found.between:
+            variance += (one.effects.differs * one.effects.spread * J[:, one.column]) ** 2
+        inside.append(np.mean(np.abs(residual) <= half))
+        lengths.append(np.mean(half / np.sqrt(variance)))
+    assert 0.88 < np.mean(inside) < 0.99  # 94 % of 150 such sets
+    assert 1.96 < np.mean(lengths) < 3.0
 
 
 def test_alike_experiments_leave_the_estimator_as_it_is() -> None:

@@ -9,6 +9,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from changed_trials import undigested
 from project_case import write_project
 
 import softcal
@@ -81,7 +82,7 @@ def test_the_report_shows_it_while_the_bounds_are_the_same(studied: Path, tmp_pa
     other = tmp_path / "run"
     shutil.copytree(studied, other)
     path = other / IMPORTANCE.folder / IMPORTANCE.file
-    record = json.loads(path.read_text(encoding="utf-8"))
+    record = undigested(json.loads(path.read_text(encoding="utf-8")))
     record["study"]["ranges"][E]["upper"] *= 2
     path.write_text(json.dumps(record), encoding="utf-8")
     content = report_content(load_run(other))

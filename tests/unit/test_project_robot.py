@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from changed_trials import undigested
 from project_case import write_project
 from robot_case import MANIPULATOR, write_robot
 
@@ -322,7 +323,7 @@ def test_a_run_whose_generated_mesh_is_not_known_to_be_the_same_is_refused(
     project, folder = load(write_robot(tmp_path)), tmp_path / "run"
     begin_run(project, project.calibration, ["pull"], folder)
     reopen_run(project, folder)
-    record, mesh = json.loads((folder / RECORD).read_text()), folder / "inputs" / "meshes" / "upper.vtu"
+    record, mesh = undigested(json.loads((folder / RECORD).read_text())), folder / "inputs" / "meshes" / "upper.vtu"
     as_made = mesh.read_bytes()
     mesh.write_bytes(as_made + b"\n")
     with pytest.raises(StorageError, match=r"^\S*upper\.vtu: the file was changed after the calibration"):

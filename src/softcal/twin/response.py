@@ -209,7 +209,7 @@ class Response(ReadOnly):
         held = next((len(values) for values in self.channels.values()), 0)
         if held == n_samples:
             return self
-        rows = list(range(held)) if self.samples is None else list(self.samples)
+        rows, rates = list(range(held)) if self.samples is None else list(self.samples), self.sensitivities
 
         def spread(values: Floats) -> Floats:
             out = np.full((n_samples, *values.shape[1:]), np.nan)
@@ -219,7 +219,7 @@ class Response(ReadOnly):
         return replace(
             self,
             channels={name: spread(values) for name, values in self.channels.items()},
-            sensitivities=replace(self.sensitivities, rates=spread(self.sensitivities.rates)),
+            sensitivities=replace(rates, rates=spread(rates.rates)) if rates.parameters else Derivatives(),
             slopes={name: spread(values) for name, values in self.slopes.items()},
             samples=None,
         )

@@ -126,7 +126,7 @@ class StorageUrl:
                 return open_journal(self.file)
         opened: list[optuna.storages.BaseStorage] = []
         failed: list[BaseException] = []
-        answered = threading.Event()
+        answered, joined = threading.Event(), threading.Event()
 
         def connect() -> None:
             try:
@@ -134,6 +134,7 @@ class StorageUrl:
 
                 engine = sqlalchemy.create_engine(self.url, poolclass=sqlalchemy.NullPool)
                 engine.connect().close()
+                joined.set()
                 answered.set()
                 opened.append(_database(self.url))
             except MemoryError:
@@ -152,14 +153,14 @@ class StorageUrl:
             thread.join(_TABLES)
         if not opened and not failed:
             raise self._silent(f"its tables are not there after {_TABLES:.0f} s")
-        with self.answering():
+        with self.answering(joined=joined.is_set()):
             if failed:
                 raise failed[0]
         return opened[0]
 
     @contextlib.contextmanager
-    def answering(self) -> Generator[None]:
-        """Turn what is raised where the storage fails into a sentence.
+    def answering(self, *, joined: bool = True) -> Generator[None]:
+        """Turn what is raised where the storage fails into a sentence; joined: whether it has answered before.
 
         Raises
         ------
@@ -180,7 +181,7 @@ class StorageUrl:
             if isinstance(error, BROKEN) and self.file is not None:
                 raise StorageError(Fault(f"{NO_JOURNAL}, or it is damaged", str(self.file), attempt=ANOTHER)) from None
             got = (self._without_secret(_reason(error)).splitlines() or [""])[0].rstrip(".") or type(error).__name__
-            if isinstance(error, BROKEN):  # of what it holds; it has answered
+            if isinstance(error, BROKEN) and joined:  # of what it holds
                 what = "the shared study cannot be read"
                 raise StorageError(Fault(what, self.shown, got, attempt="another database")) from None
             kind = UnansweredError if self.url and known else StorageError

@@ -169,10 +169,7 @@ def crosscheck(
                 still.append(name)
                 continue
             theirs = engine.solve(own, end, response.snapshots[-1], running)
-            _require_comparable(ours, theirs)
-            differences = tuple(_differences(own, ours, theirs))
-            if lost := [one.quantity for one in differences if not np.isfinite(one.absolute)]:
-                raise SimulationError(f"There is no finite number of {', '.join(lost)}.")
+            differences = tuple(_compared(own, ours, theirs))
         except (InputError, SimulationError) as error:
             failed[name] = str(error)
             continue
@@ -189,13 +186,14 @@ def crosscheck(
     return Crosscheck(tuple(comparisons), absent, refused, failed, tuple(still))
 
 
-def _require_comparable(ours: EngineState, theirs: EngineState) -> None:
-    """Raise unless an engine gives every body and rod as softcal does, in finite numbers: none agrees with NaN.
+def _compared(own: Robot, ours: EngineState, theirs: EngineState) -> list[Difference]:
+    """The differences of an engine that gives every body and rod as softcal does, in finite numbers: none agrees with
+    NaN.
 
     Raises
     ------
     SimulationError
-        As said.
+        Where it does not.
     """
     for name, points in ours.points.items():
         if name not in theirs.points or np.shape(theirs.points[name]) != points.shape:
@@ -208,6 +206,10 @@ def _require_comparable(ours: EngineState, theirs: EngineState) -> None:
     }
     if lost := [what for what, value in numbers.items() if not np.isfinite(value).all()]:
         raise SimulationError(f"The engine gives no finite number of {', '.join(lost)}.")
+    differences = _differences(own, ours, theirs)
+    if lost := [one.quantity for one in differences if not np.isfinite(one.absolute)]:
+        raise SimulationError(f"There is no finite number of {', '.join(lost)}.")
+    return differences
 
 
 def _moved(robot: Robot, outcome: EngineState) -> dict[str, Floats]:

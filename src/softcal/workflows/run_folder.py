@@ -279,7 +279,7 @@ def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
             )
     _require_project(folder, project, settings, results)
     if (headline := folder / RESULT).is_file():
-        require_unchanged(headline, "the result")
+        require_unchanged(read_bytes(headline, "the result"), headline, "the result")
     about = (folder, project, settings, record.versions, record.hashes, record.created)
     calibrations = {label: result for label, result in results.items() if isinstance(result, CalibrationResult)}
     match list(results.values()):

@@ -163,18 +163,16 @@ def _slopes(
     known = response.sensitivities
     by_control = {str(experiment.twin_channel(c)): _controls(experiment, rig, c)[1] for c in experiment.drives}
     slopes = np.zeros((len(response.channels[channels[0]][samples]), len(channels), len(names)))
+    # Where one cable alone is driven, its response has the slopes along the path in the place of derivatives by it.
+    along = np.column_stack([response.slopes[channel] for channel in channels])[samples] if response.slopes else None
     for k, name in enumerate(names):
         if name in known.parameters:  # by way of the commands, too, where the robot remembers those before
             slopes[:, :, k] = known.by(name, channels)[samples]
             continue
         for control, changed in by_control.items():
-            if name not in changed:
-                continue
-            if response.slopes:  # one cable alone is driven or held
-                along = np.column_stack([response.slopes[channel] for channel in channels])
-            else:
-                along = known.by(control, channels)
-            slopes[:, :, k] += along[samples] * changed[name][:, None]
+            if name in changed:
+                by = known.by(control, channels)[samples] if along is None else along
+                slopes[:, :, k] += by * changed[name][:, None]
     return slopes
 
 

@@ -20,10 +20,11 @@ from softcal.calibration.results.stored import (
     Amount,
     Count,
     Record,
+    as_document,
     as_record,
     contradiction,
     damaged,
-    read_document,
+    read_bytes,
     read_rows,
     require_unchanged,
 )
@@ -50,7 +51,8 @@ def load_result(folder: Path) -> CalibrationResult | SweepResult:
         raise StorageError(
             Fault("there is no result", where=str(path), attempt="softcal calibrate with this folder, or --resume")
         )
-    document = read_document(path, _WHAT)
+    text = read_bytes(path, _WHAT)
+    document = as_document(text, path, _WHAT)
     if missing := [f"{key}: field required" for key in _ALWAYS if key not in document]:
         raise contradiction(path, _WHAT, ", ".join(missing))
     kind = _record(document)
@@ -84,7 +86,7 @@ def load_result(folder: Path) -> CalibrationResult | SweepResult:
     header, _ = read_rows(folder / TRIALS, _WHAT)
     if others := {f"{name} [{one.unit}]" for name, one in result.parameters.items()} - {*header}:
         raise contradiction(path, _WHAT, f"{TRIALS} has no {min(others)}")
-    require_unchanged(path, _WHAT)
+    require_unchanged(text, path, _WHAT)
     return result
 
 

@@ -2,9 +2,9 @@
 
 A record is the JSON of a frozen dataclass, which is its schema both ways (pydantic): its own types and no others, no
 NaN, no infinity; keys that it does not name are left alone, for readers. A table is CSV with the same number of cells
-in every row. A record has the SHA-256 of what it says and of the tables beside it, so that a number that somebody
-changed in either is told: a fit and its interval would be shown that nobody computed. That is no signature: it holds
-against a slip, an editor and a script, and not against who computes it anew.
+in every row. A record has the SHA-256 of its content and of the tables beside it, so that a number that somebody
+changed in either is refused: a fit and its interval would be shown that nobody computed. That is no signature: it
+protects from a slip, an editor and a script, and not from somebody who computes it anew.
 """
 
 from __future__ import annotations
@@ -82,8 +82,9 @@ def read_record(kind: type[R], path: Path, what: str, form: int | None = None) -
     path
         The file.
     """
-    record = as_record(kind, read_bytes(path, what), path, what, form)
-    require_unchanged(path, what)
+    text = read_bytes(path, what)
+    record = as_record(kind, text, path, what, form)
+    require_unchanged(text, path, what)
     return record
 
 
@@ -121,20 +122,22 @@ def _plain(value: Any) -> Any:
     return float(value) if type(value) is int and value.bit_length() < 1024 else value
 
 
-def require_unchanged(path: Path, what: str) -> None:
+def require_unchanged(text: bytes, path: Path, what: str) -> None:
     """Raise unless a record and the tables beside it are as they were written; one without a digest is an earlier one.
 
     Parameters
     ----------
+    text
+        The JSON of the record.
     path, what
-        The file, and its name as in "the result".
+        Its file, and its name as in "the result".
 
     Raises
     ------
     StorageError
         With every file that is another one.
     """
-    held = read_document(path, what)
+    held = as_document(text, path, what)
     if (before := held.pop(_DIGEST, None)) is None:
         return
     changed = [] if digest(held) == before else [path]
@@ -184,10 +187,10 @@ def as_record(kind: type[R], text: bytes, path: Path, what: str, form: int | Non
         raise damaged(path, what, error) from error
 
 
-def read_document(path: Path, what: str) -> dict[str, Any]:
-    """The mapping in a JSON file, before its schema is known; arguments and errors as of `read_record`."""
+def as_document(text: bytes, path: Path, what: str) -> dict[str, Any]:
+    """The mapping of a record, before its schema is known; arguments and errors as of `as_record`."""
     try:
-        return _DOCUMENT.validate_json(read_bytes(path, what))
+        return _DOCUMENT.validate_json(text)
     except ValidationError as error:
         raise damaged(path, what, error) from error
 

@@ -151,7 +151,7 @@ def searched_together(
         if stopped:
             status = f"Stopped by {stopped} after {n} of {tally.total} trials, {mine}; this is the best so far."
         if study.impossible:
-            status += f" Left out, since their values are none of the search: {study.impossible} that others enqueued."
+            status += f" Left out, since out of the search space: {study.impossible} that others enqueued."
         account = Account(
             TpeOptimiser.name,
             search.settings["seed"],

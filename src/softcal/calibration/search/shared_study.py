@@ -121,7 +121,7 @@ class SharedStudy:
     Attributes
     ----------
     impossible
-        Number of trials that waited in the study, and were left out since their values are none of the search.
+        Number of trials that waited in the study, and were left out since their values are not in its search space.
 
     Raises
     ------

@@ -181,7 +181,7 @@ class StorageUrl:
             if isinstance(error, BROKEN) and self.file is not None:
                 raise StorageError(Fault(f"{NO_JOURNAL}, or it is damaged", str(self.file), attempt=ANOTHER)) from None
             got = (self._without_secret(_reason(error)).splitlines() or [""])[0].rstrip(".") or type(error).__name__
-            if isinstance(error, BROKEN) and joined:  # of what it holds
+            if isinstance(error, BROKEN) and joined:  # by a record in it
                 what = "the shared study cannot be read"
                 raise StorageError(Fault(what, self.shown, got, attempt="another database")) from None
             kind = UnansweredError if self.url and known else StorageError

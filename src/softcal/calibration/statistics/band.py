@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from softcal.calibration.problem.loss import Block, Loss
+from softcal.calibration.statistics.between_experiments import Between
 from softcal.calibration.statistics.estimator import Estimator
 from softcal.calibration.statistics.intervals import student
 from softcal.checks import Floats
@@ -37,14 +38,30 @@ def half_width(loss: Loss, block: Block, slopes: Floats, covariance: Floats, fou
     variance, scatter = mean + noise_of(loss, block, found) ** 2, np.zeros(len(slopes))
     for one in found.between:
         if one.effects.differs:
-            # As of a further experiment's own value: the share of the differences in the mean is as uncertain as they.
-            square, j = slopes[:, one.column] ** 2, one.column
-            between = found.variances.get(one.kind, np.zeros(j + 1))
-            further, of_mean = square * one.effects.spread**2, square * between[j]
-            variance = variance + further
-            scatter += ((of_mean + further) ** 2 - of_mean**2) / one.effects.dof + mean**2 / found.dof[j]
+            further, uncertain = further_variance(one, found, slopes[:, one.column] ** 2, mean)
+            variance, scatter = variance + further, scatter + uncertain
     dof = np.divide(variance**2, scatter, out=np.full(len(slopes), np.inf), where=scatter > 0)
     return student(dof) * np.sqrt(variance)
+
+
+def further_variance(one: Between, found: Estimator, square: Floats, mean: Floats) -> tuple[Floats, Floats]:
+    """The variance (n,) of a further experiment around the mean of all, and S (n,), by which the sum V of both
+    variances has V**2 / S degrees of freedom (Satterthwaite).
+
+    Parameters
+    ----------
+    one, found
+        How the experiments differ in a parameter, and the estimator of all.
+    square
+        Square (n,) of the derivative of a prediction by that parameter; 1 for its own value.
+    mean
+        The variance (n,) of the prediction at the mean.
+    """
+    j = one.column
+    further = square * one.effects.spread**2
+    # The share of the differences in the variance of the mean is as uncertain as they are.
+    of_mean = square * found.variances[one.kind][j] if one.kind in found.variances else 0.0
+    return further, ((of_mean + further) ** 2 - of_mean**2) / one.effects.dof + mean**2 / found.dof[j]
 
 
 def noise_of(loss: Loss, block: Block, found: Estimator) -> Floats | float:

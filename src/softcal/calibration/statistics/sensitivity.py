@@ -17,7 +17,7 @@ from softcal.calibration.problem.experiment import rig_kind
 from softcal.calibration.problem.loss import Block, Loss, fitted_exactly, rms
 from softcal.calibration.problem.parameters import SearchSpace
 from softcal.calibration.problem.uncertain import MESH_ERROR, UncertainParameter
-from softcal.calibration.statistics.band import bands, repeat_bands
+from softcal.calibration.statistics.band import bands, further_variance, repeat_bands
 from softcal.calibration.statistics.between_experiments import Between
 from softcal.calibration.statistics.between_markers import MARKERS, n_markers, with_markers
 from softcal.calibration.statistics.estimate import Estimate, Remark
@@ -338,21 +338,12 @@ def spread(space: SearchSpace, z: Floats, between: Between, found: Estimator, kn
         further = np.zeros((1, len(known)))
         further[0, at] = effects.spread
         root = np.concatenate([found.root[:, known], further])
-        dof = np.where(np.arange(len(known)) == at, _dof(between, found), found.dof[known])
+        mean = np.array([sum(float(part[j]) for part in found.variances.values())])
+        own, scatter = further_variance(between, found, np.ones(1), mean)
+        of_own = (mean + own) ** 2 / scatter if scatter > 0 else np.inf
+        dof = np.where(np.arange(len(known)) == at, of_own, found.dof[known])
         low, high = box_intervals(z[known], found.minimum[known], root, dof)[0][at]
         ends = (model(low), model(high))
     size = effects.spread * abs(float(space.jacobian(z)[j]))
     values = {name: model(z[j] + step) for name, step in between.steps.items()}
     return Spread(values, effects.q, len(values) - 1, effects.chance, size, ends, between.weights, between.kind)
-
-
-def _dof(between: Between, found: Estimator) -> float:
-    """Degrees of freedom of the variance of a further experiment's own value (Satterthwaite): the variance of the mean,
-    and that between the experiments, which is in both and has one less than there are experiments.
-    """
-    j, further = between.column, between.effects.spread**2
-    mean = sum(float(part[j]) for part in found.variances.values())
-    between_them = float(found.variances.get(between.kind, np.zeros(j + 1))[j])
-    scatter = ((between_them + further) ** 2 - between_them**2) / between.effects.dof
-    scatter += mean**2 / float(found.dof[j])
-    return (mean + further) ** 2 / scatter if scatter > 0 else np.inf

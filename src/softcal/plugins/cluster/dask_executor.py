@@ -53,7 +53,7 @@ class RefusedError(Exception):
 
 @dataclass(eq=False)
 class _Call:
-    """A call, until its outcome is told.
+    """A call without an outcome yet.
 
     refused: by which workers, and why. tries: how often it ended its worker. gone: how often its result was lost with
     its worker. alone: whether it is made with no other beside it.

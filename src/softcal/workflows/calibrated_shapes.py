@@ -64,18 +64,24 @@ def _moved(rest: Snapshot, shape: Snapshot) -> float:
     return max(float(np.linalg.norm(now - then, axis=1).max()) for now, then in parts)
 
 
-def furthest_response(project: Project, result: SearchResult) -> Response:
+def furthest_response(project: Project, result: SearchResult, *, after_search: bool = False) -> Response:
     """Response of the calibrated twin, with shapes, in the result's experiment with the largest drive.
 
-    It is simulated with the project's own robot, whose twin keeps the load paths of the search; without contact where
-    the engine of the search leaves it out.
+    It is simulated with the project's own robot; without contact where the engine of the search leaves it out.
+
+    Parameters
+    ----------
+    project, result
+        The project, and a result of its calibration.
+    after_search
+        Whether the search was in this process: its twin keeps load paths then, from which this one follows sooner.
     """
     at_values = calibrated(project, result)
     name = furthest_experiment(at_values, list(result.experiments))
     theta = parameter_values(robot_in(at_values, name))
     left_out = left_out_sentence(result.hashes.get("engine", SOFTCAL), project.robot)
     robot = replace(project.robot, contact=None) if left_out else project.robot
-    return simulate_robot(robot, protocol_of(at_values, name), theta, snapshots=True, shared=True)
+    return simulate_robot(robot, protocol_of(at_values, name), theta, snapshots=True, shared=after_search)
 
 
 def furthest_experiment(project: Project, experiments: Sequence[str]) -> str:
@@ -89,6 +95,8 @@ def furthest_experiment(project: Project, experiments: Sequence[str]) -> str:
 
 
 def furthest_responses(project: Project, results: Mapping[str, SearchResult]) -> dict[str, Response]:
-    """The furthest response of the joint calibration, or of each calibration if there is no joint one."""
+    """The furthest response of the joint calibration, or of each calibration if there is no joint one, after their
+    search.
+    """
     chosen = {JOINT: results[JOINT]} if JOINT in results else results
-    return {label: furthest_response(project, result) for label, result in chosen.items()}
+    return {label: furthest_response(project, result, after_search=True) for label, result in chosen.items()}

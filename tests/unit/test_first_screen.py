@@ -18,6 +18,7 @@ import softcal
 from softcal.analysis.mesh_changes import Change
 from softcal.analysis.mesh_study import Finer, MeshStudy
 from softcal.calibration.problem.uncertain import MESH_ERROR
+from softcal.calibration.results.digits import interval_share
 from softcal.calibration.results.result import CalibrationResult, Distance, ExperimentFit
 from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.calibration.statistics.random_effects import Spread
@@ -32,7 +33,7 @@ from softcal.report.first_screen import FirstScreen, budget_note, three_sentence
 from softcal.report.headline import headline
 from softcal.report.html import key_numbers, render_page
 from softcal.report.page import marks, moment, unbroken
-from softcal.report.statement import SOURCES, interval_share, legend, percent, source_of, statement
+from softcal.report.statement import SOURCES, legend, percent, source_of, statement
 from softcal.twin.finer import Size
 
 AROUND = (1.861e6, 1.981e6)

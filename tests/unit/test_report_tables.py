@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from report_example import E_NAME, NU_NAME, column_mesh, example_content, tpe_result, twin_view
 
+from softcal.calibration.results.digits import interval_share
 from softcal.calibration.results.result import CalibrationResult, ExperimentFit, Trial
 from softcal.calibration.search.outcome import bound_note
 from softcal.calibration.statistics.estimate import Estimate, Remark
@@ -28,7 +29,6 @@ from softcal.report.format import (
 )
 from softcal.report.html import render_page
 from softcal.report.section import all_tables
-from softcal.report.statement import interval_share
 from softcal.report.tables import (
     errors_table,
     grouped_failures,

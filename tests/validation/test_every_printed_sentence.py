@@ -141,12 +141,16 @@ def covers(case: Case, label: str, name: str) -> float:
 def value_cell(case: Case, label: str, told: Told, text: str) -> None:
     fit, name = case.fits[label], told[0]
     j = fit.names.index(name)
-    unit = next((u for u in UNITS if u and text.replace(" (at a bound)", "").endswith(f" {u}")), "")
-    value, _, error = text.removesuffix(" (at a bound)").removesuffix(unit).strip().partition(" ± ")
+    text, _, doubt = text.removesuffix(")").partition(" (")
+    unit = next((u for u in UNITS if u and text.endswith(f" {u}")), "")
+    value, _, error = text.removesuffix(unit).strip().partition(" ± ")
     column = next(c for c in fit.best if c.split(" [")[0] == name or c.startswith(f"{name} ["))
     like(value, float(fit.best[column]) / UNITS[unit], tens=True)
     nearest_bound = min(abs(fit.z[j]), abs(fit.z[j] - 1.0))
-    assert text.endswith(" (at a bound)") == (nearest_bound < 1e-6) == (not error)
+    covered = covers(case, label, name)
+    assert (doubt == "at a bound") == (nearest_bound < 1e-6)
+    assert (doubt == "not determined") == (nearest_bound >= 1e-6 and covered >= 0.9) or abs(covered - 0.9) < 0.02
+    assert bool(doubt) == (not error)
     if error:
         _, _, own = case.estimator(label).interval(name)
         like(error, own / math.sqrt(1 - case.mesh(label, name)) / UNITS[unit], case.within(label, name), tens=True)

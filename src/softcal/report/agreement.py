@@ -10,14 +10,21 @@ from dataclasses import replace
 
 from softcal.analysis.agreement import Agreement, agreements
 from softcal.analysis.trend import ENOUGH, Trend, trends
-from softcal.calibration.results.digits import display_unit, half_width, interval_text, shown, value_text, with_unit
+from softcal.calibration.results.digits import (
+    display_unit,
+    half_width,
+    interval_text,
+    is_determined,
+    shown,
+    value_text,
+    with_unit,
+)
 from softcal.calibration.results.result import ExperimentFit, SearchResult
 from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.calibration.statistics.random_effects import DIFFERS, WORDS, Spread
 from softcal.calibration.statistics.residuals import SHOWN, ResidualRecord
 from softcal.experiments.dataset import Dataset
 from softcal.report.format import estimate_scale, few, joined, number, parameter_label, result_label, worst
-from softcal.report.statement import WHOLE, interval_share
 from softcal.units import format_quantity, rounded
 
 MISFIT = "The residuals are a curve that the model misses, not noise"
@@ -86,7 +93,7 @@ def agreement_text(one: Agreement, name: str) -> str:
         text = f"{name} is the same in all {len(one.estimates)} separate fits, {value_text(low)}"
         return f"{text}: a bound, which does not show that they agree." if low.at_bound else f"{text}."
     lowest, highest = (f"{value_text(e)} ({result_label(label)})" for label, e in (one.least, one.largest))
-    if all((interval_share(estimate) or 0.0) >= WHOLE for estimate in one.estimates.values()):
+    if all(not is_determined(estimate) for estimate in one.estimates.values()):
         return f"No separate fit determines {name}."
     if one.q is None or one.chance is None:
         return f"The separate fits give {name} from {lowest} to {highest}{_in_all_intervals(one)}."

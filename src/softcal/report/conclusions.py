@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from softcal.analysis.agreement import agreements
+from softcal.calibration.results.digits import interval_share
 from softcal.calibration.results.result import SearchResult
 from softcal.calibration.search.outcome import beyond_text, saturated_note
 from softcal.calibration.statistics.estimate import Estimate, Remark, Tone
@@ -35,7 +36,6 @@ from softcal.report.headline import headline
 from softcal.report.left_out import left_out_sentence
 from softcal.report.positions import fit_sentence, prediction_sentence
 from softcal.report.record import record_sentence
-from softcal.report.statement import interval_share
 from softcal.report.tables import grouped_failures
 from softcal.sensing.channel import channel_name
 from softcal.twin.parameter_name import parameter_name

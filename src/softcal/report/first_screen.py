@@ -11,7 +11,7 @@ import numpy as np
 
 from softcal.analysis.agreement import agreements
 from softcal.analysis.mesh_study import MeshStudy
-from softcal.calibration.results.digits import half_width, shown, value_text, with_unit
+from softcal.calibration.results.digits import half_width, interval_share, shown, value_text, with_unit
 from softcal.calibration.results.result import SearchResult, SweepResult
 from softcal.calibration.statistics.budget import BOUNDS
 from softcal.calibration.statistics.random_effects import WORDS, Spread
@@ -28,7 +28,7 @@ from softcal.report.format import (
     result_label,
 )
 from softcal.report.positions import fitted_distance
-from softcal.report.statement import MESH, ErrorSource, Statement, interval_share, source_of, statement
+from softcal.report.statement import MESH, ErrorSource, Statement, source_of, statement
 from softcal.sensing.channel import readings
 from softcal.twin.parameter_name import parameter_name
 from softcal.units import format_quantity, plain

@@ -13,7 +13,14 @@ from dataclasses import dataclass, replace
 
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.calibration.problem.uncertain import EACH
-from softcal.calibration.results.digits import NORMAL_95, estimate_text, half_width, interval_text, value_text
+from softcal.calibration.results.digits import (
+    NORMAL_95,
+    estimate_text,
+    half_width,
+    interval_text,
+    is_determined,
+    value_text,
+)
 from softcal.calibration.statistics.between_markers import MARKERS
 from softcal.calibration.statistics.budget import BOUNDS
 from softcal.calibration.statistics.estimate import Estimate
@@ -23,8 +30,6 @@ from softcal.twin.parameter_name import parameter_name
 from softcal.units import format_range
 
 MESH = "mesh"
-WHOLE = 0.9
-"""An interval with this share of the allowed range leaves the parameter anywhere in it."""
 
 
 @dataclass(frozen=True)
@@ -108,8 +113,7 @@ class Statement:
     @property
     def is_determined(self) -> bool:
         """Whether the 95 % interval excludes more than a tenth of the allowed range; True where there is none."""
-        share = interval_share(self.estimate)
-        return share is None or share < WHOLE
+        return is_determined(self.estimate)
 
     @property
     def value(self) -> str:
@@ -212,21 +216,6 @@ def percent(share: float) -> str:
 def legend(statements: Iterable[Statement]) -> list[ErrorSource]:
     """The sources that occur in the budgets."""
     return list(dict.fromkeys(source for one in statements for source, *_ in one.shares))
-
-
-def interval_share(estimate: Estimate) -> float | None:
-    """Ratio of the 95 % interval to the allowed range, both on the scale of the search; None if unknown."""
-    error, half = estimate.standard_error, half_width(estimate)
-    if estimate.upper <= estimate.lower:
-        return None
-    if error is not None and not math.isfinite(error):
-        return math.inf
-    if half is None and error is None:
-        return None
-    low, high = estimate.interval or (estimate.value - (half or 0.0), estimate.value + (half or 0.0))
-    if estimate.scale == "log" and low > 0:
-        return math.log(high / low) / math.log(estimate.upper / estimate.lower)
-    return (high - low) / (estimate.upper - estimate.lower)
 
 
 def _shift(name: str, estimate: Estimate, study: MeshStudy) -> float | None:

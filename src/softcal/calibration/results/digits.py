@@ -21,6 +21,7 @@ from softcal.units import (
 )
 
 NORMAL_95 = 1.959964  # half-width of a 95 % interval in standard errors
+_WHOLE = 0.9  # share of the allowed range with which an interval leaves the parameter anywhere in it
 ESTIMATE = ("value", "95 % interval", "bounds")
 """The heads of `estimate_cells`."""
 
@@ -31,6 +32,27 @@ def half_width(estimate: Estimate) -> float | None:
     if estimate.interval is not None:
         return 0.5 * (estimate.interval[1] - estimate.interval[0])
     return NORMAL_95 * error if error and math.isfinite(error) else None
+
+
+def interval_share(estimate: Estimate) -> float | None:
+    """Ratio of the 95 % interval to the allowed range, both on the scale of the search; None if unknown."""
+    error, half = estimate.standard_error, half_width(estimate)
+    if estimate.upper <= estimate.lower:
+        return None
+    if error is not None and not math.isfinite(error):
+        return math.inf
+    if half is None and error is None:
+        return None
+    low, high = estimate.interval or (estimate.value - (half or 0.0), estimate.value + (half or 0.0))
+    if estimate.scale == "log" and low > 0:
+        return math.log(high / low) / math.log(estimate.upper / estimate.lower)
+    return (high - low) / (estimate.upper - estimate.lower)
+
+
+def is_determined(estimate: Estimate) -> bool:
+    """Whether the 95 % interval excludes more than a tenth of the allowed range; True where there is none."""
+    share = interval_share(estimate)
+    return share is None or share < _WHOLE
 
 
 def shown(estimate: Estimate, value: float, unit: str = "") -> str:
@@ -76,9 +98,11 @@ def value_text(estimate: Estimate) -> str:
 
 
 def value_and_error(estimate: Estimate) -> str:
-    """The value with its standard error, if it has one: "1.983 ± 0.021"."""
+    """The value with its standard error, if it has one and the data determine it: "1.983 ± 0.021"."""
     text, error = shown(estimate, estimate.value), estimate.standard_error
-    return f"{text} ± {difference(estimate, error)}" if error and math.isfinite(error) else text
+    if not error or not math.isfinite(error) or not is_determined(estimate):
+        return text
+    return f"{text} ± {difference(estimate, error)}"
 
 
 def estimate_text(estimate: Estimate) -> str:

@@ -490,6 +490,11 @@ def converged(case: Case, labels: list[str], told: Told) -> None:
     assert minimum_distance(fit, case.estimator(labels[0])) <= float(told[2]) * 2 + 0.005
 
 
+@sentence(r"(\d+) trials in all")
+def all_trials(case: Case, labels: list[str], told: Told) -> None:
+    assert int(told[1]) == len(case.fits[labels[0]].trials)
+
+
 @sentence(
     r"(\d+) trials in all, including those of an additional first start with (\S+) in the middle of "
     r"the range, where elements do not lock"

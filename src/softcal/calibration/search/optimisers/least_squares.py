@@ -105,26 +105,21 @@ class LeastSquaresOptimiser(Optimiser):
 
     @property
     def status(self) -> str:
-        sentence = self._best.status + self._told_of_the_extra_start()
+        begun = [descent for wave in self._waves for descent in wave if descent.evaluations]
+        status, n = self._best.status, sum(descent.evaluations for descent in begun)
+        if not all(descent in self._descents for descent in begun):
+            named = " and ".join(self._in_the_middle)
+            status += f" {counted(n)} in all, including those of an additional first start with {named} in the middle of "
+            status += "the range, where elements do not lock."
+        elif n > self._best.evaluations:
+            status += f" {counted(n)} in all."
         n_starts = len(self._descents)
         if n_starts == 1:
-            return sentence
+            return status
         n_spared = sum(descent.left for descent in self._descents[1:])
         if not n_spared:
-            return f"{sentence} {sum(descent.converged for descent in self._descents)} of {n_starts} starts converged."
-        return f"{sentence} {n_spared} of {n_starts} starts were abandoned: no lower minimum was predicted from them."
-
-    def _told_of_the_extra_start(self) -> str:
-        """Sentence on a start in addition to the requested ones, and the total cost; "" where there was none."""
-        begun = [descent for wave in self._waves for descent in wave if descent.evaluations]
-        if all(descent in self._descents for descent in begun):
-            return ""
-        named = " and ".join(self._in_the_middle)
-        n = counted(sum(descent.evaluations for descent in begun))
-        return (
-            f" {n} in all, including those of an additional first start with {named} in the middle of the range, "
-            "where elements do not lock."
-        )
+            return f"{status} {sum(descent.converged for descent in self._descents)} of {n_starts} starts converged."
+        return f"{status} {n_spared} of {n_starts} starts were abandoned: no lower minimum was predicted from them."
 
     @property
     def converged(self) -> bool:

@@ -36,7 +36,20 @@ def check_fleet(
     executor: Executor,
     show: Callable[[str, int, int, int], None],
 ) -> None:
-    """Raise with the faults of the table and of all specimens' projects; known: those of the table by itself.
+    """Raise with the faults of the table and of all specimens' projects.
+
+    Parameters
+    ----------
+    table
+        The fleet's table and template.
+    order
+        Settings of the calibrations.
+    known
+        Faults of the table by itself.
+    executor
+        Where the projects are read.
+    show
+        Called with "checked", and the numbers of specimens in all, checked, and failed (0).
 
     Raises
     ------

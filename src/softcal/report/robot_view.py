@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.geometry.faces import all_faces, outer_faces
+from softcal.geometry.cell import all_faces, outer_faces
 from softcal.geometry.pose import Pose
 from softcal.geometry.ring import across, ring_points
 from softcal.geometry.surface import border, boundary

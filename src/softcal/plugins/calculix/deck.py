@@ -17,8 +17,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
-from softcal.export.cable_faults import cable_faults
-from softcal.export.history_faults import history_faults
+from softcal.export.engine import cable_faults, history_faults
 from softcal.export.left_out_contact import contact_faults, not_exported
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import ELEMENTS, P1, P2

@@ -12,8 +12,7 @@ from softcal.executors.each import results
 from softcal.executors.executor import Executor
 from softcal.experiments.read import line_numbers
 from softcal.names import JOINT
-from softcal.plugins.fleet.table import FleetRow, FleetTable, missing_files, row_project
-from softcal.project.alike_faults import merged
+from softcal.plugins.fleet.table import FleetRow, FleetTable, merged, missing_files, row_project
 from softcal.project.yaml_file import read_document
 from softcal.workflows.calibration import plan
 

@@ -372,10 +372,7 @@ def _unreadable(value: object, si_unit: str, where: str, attempt: str = "") -> U
 
 
 def _shown(value: object) -> str:
-    text = f"{value:.6g}" if isinstance(value, float) else _digits(value) if isinstance(value, int) else repr(value)
+    if isinstance(value, int) and abs(value) >= 10**30:  # Python refuses to write more than some thousand digits
+        return "a whole number of more than 30 digits"
+    text = f"{value:.6g}" if isinstance(value, float) else repr(value)
     return text if len(text) <= 60 else text[:57] + "…"
-
-
-def _digits(value: int) -> str:
-    """An integer as text; Python refuses to write more than some thousand digits."""
-    return str(value) if abs(value) < 10**30 else "a whole number of more than 30 digits"

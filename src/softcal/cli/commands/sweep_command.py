@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -13,9 +13,6 @@ from softcal.cli.commands.calibrate_commands import report_run
 from softcal.cli.printing import echo, print_table, print_warnings, shown_path
 from softcal.cli.running import executor_told, page_beside
 from softcal.cli.values import LOCAL, On, Values, WithPage, WithReport, Workers, names, parsed_pairs, parsed_values
-
-if TYPE_CHECKING:
-    pass
 
 OVER = "NAME=VALUES, such as springs.youngs_modulus=10GPa:1GPa:1GPa"
 

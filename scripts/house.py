@@ -23,7 +23,8 @@ SMALL = 60  # lines
 # The picture: lines per inch, least width for each letter of a name and height of a room [in], colours of folders.
 LINES_PER_INCH, PER_LETTER, HEIGHT = 1800.0, 0.07, 0.42
 COLOURS = {f"{PLUGINS}/": "#fde68a", "calibration/": "#bfdbfe", "mechanics": "#bbf7d0", "twin": "#bbf7d0"}
-ARGUMENTS = 3  # from so many on, a public function has a section `Parameters`
+ARGUMENTS = 3  # from so many on, a public function has a section `Parameters`; a command has its help by argument
+COMMANDS = ("register_command", "exit_on_error")  # the decorators of commands
 
 
 @dataclass(frozen=True)
@@ -121,6 +122,9 @@ def _public(tree: ast.Module | ast.ClassDef, before: str = "") -> Iterator[tuple
 
 
 def _is_short(function: ast.FunctionDef) -> bool:
+    decorators = (one.func if isinstance(one, ast.Call) else one for one in function.decorator_list)
+    if any(isinstance(one, ast.Name) and one.id in COMMANDS for one in decorators):
+        return False
     arguments = function.args
     names = [one.arg for one in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
     n = len([name for name in names if name not in ("self", "cls")])

@@ -129,7 +129,17 @@ class Catalogue(Mapping[str, T], Generic[T]):
         return self[name]
 
     def unknown(self, name: str, where: str = "", among: Sequence[str] = ()) -> Fault:
-        """The fault of a name without a member; among: the names that are allowed, where not just all members'."""
+        """The fault of a name without a member.
+
+        Parameters
+        ----------
+        name
+            The name.
+        where
+            Where it is stated.
+        among
+            The names that are allowed, where these are not all members.
+        """
         return unknown(f"there is no such {self.what}", where, name, among or sorted(self))
 
     def add(self, member: T) -> None:
@@ -159,8 +169,14 @@ class Catalogue(Mapping[str, T], Generic[T]):
     ) -> Callable[[M], M]:
         """The public function that adds a member and returns it, so that it decorates a class or encloses a call.
 
-        name: the function's; summary: the first sentence of its docstring; require: raises an InputError for what is
-        wrong with a member that takes too long to look for in every package's.
+        Parameters
+        ----------
+        name
+            Of the function.
+        summary
+            First sentence of its docstring.
+        require
+            Raises an InputError for faults of a member that take too long to look for in every package's.
 
         Raises
         ------

@@ -24,9 +24,18 @@ def is_number(text: str) -> bool:
 def frozen_floats(
     values: ArrayLike, *, name: str, shape: tuple[int | None, ...] | None = None, missing: bool = False
 ) -> Floats:
-    """A read-only float64 copy of `values`; None in `shape` allows any length of an axis.
+    """A read-only float64 copy of numbers.
 
-    missing: whether NaN is allowed for missing values.
+    Parameters
+    ----------
+    values
+        Numbers in an array or nested lists.
+    name
+        Of the argument, for errors.
+    shape
+        Lengths of the axes; None as a length allows any.
+    missing
+        NaN is allowed, for missing values.
 
     Raises
     ------
@@ -47,9 +56,14 @@ def frozen_floats(
 def frozen_ints(
     values: ArrayLike, *, name: str, shape: tuple[int | None, ...] | None = None, below: float | None = None
 ) -> Ints:
-    """A read-only int64 copy of `values`, checked as in `frozen_floats`.
+    """A read-only int64 copy of numbers.
 
-    below: how many there are of what they count from 0, such as the points of a mesh, or infinity.
+    Parameters
+    ----------
+    values, name, shape
+        As in `frozen_floats`.
+    below
+        Number of the things that are counted from 0, such as the points of a mesh, or infinity; None allows any number.
 
     Raises
     ------
@@ -65,6 +79,15 @@ def frozen_ints(
 
 def require_below(n: float, numbers: Ints, name: str) -> None:
     """Check that numbers count some of n things from 0.
+
+    Parameters
+    ----------
+    n
+        How many things there are.
+    numbers
+        The numbers, of any shape.
+    name
+        Of the argument, for errors.
 
     Raises
     ------

@@ -157,6 +157,15 @@ class FixedMapping(dict[Any, Any]):
 def as_annotated(value: Any, hint: Any, where: str) -> Any:
     """A value [SI] of Python's, as a field of an annotation keeps it.
 
+    Parameters
+    ----------
+    value
+        The value.
+    hint
+        Type of the field, with its annotation.
+    where
+        Name of the field, for errors.
+
     Raises
     ------
     InputError
@@ -409,7 +418,20 @@ def member_of(family: Family) -> Check:
 
 
 def require_one(declared: object, keys: Sequence[str], what: str, *, nothing: str = "neither", allowed: str) -> None:
-    """Check that just one of the fields is given; `what` is wrong where it is `nothing`, or several.
+    """Check that just one of some fields is given.
+
+    Parameters
+    ----------
+    declared
+        The object with the fields.
+    keys
+        Names of the fields.
+    what
+        Sentence of the fault.
+    nothing
+        The fault's word for none of them.
+    allowed
+        What is allowed, for the fault.
 
     Raises
     ------
@@ -449,9 +471,22 @@ def read_mapping(
     read: Callable[[dict[str, Any]], Any],
     errors: Collection[InitErrorDetails] = (),
 ) -> Any:
-    """What `read` makes of the known keys of a mapping; errors: what was found wrong with it before.
+    """What `read` makes of the known keys of a mapping.
 
     A fault that `read` raises is reported at the key that its `where` names (`base.height`), or at the mapping.
+
+    Parameters
+    ----------
+    title
+        Name of the mapping, for errors.
+    given
+        The mapping.
+    known
+        Its keys that are allowed.
+    read
+        Called with the entries of the known keys.
+    errors
+        Faults that were seen before.
 
     Raises
     ------

@@ -111,8 +111,24 @@ def unknown(
 ) -> Fault:
     """The fault of a name that does not exist, with the names that do: all where they are few, else the nearest three.
 
-    among: those of the known names that come first as the one that was meant; got: how the name is shown, by default
-    quoted; more: what is allowed beside the names; none: what is said where there is no name at all.
+    Parameters
+    ----------
+    what
+        What is wrong.
+    where
+        Where the name is stated.
+    name
+        The name.
+    known
+        The names that exist.
+    among
+        Those of the known names that come first as the one that was meant.
+    got
+        How the name is shown; None for quoted.
+    more
+        What is allowed beside the names.
+    none
+        What is said where there is no name at all.
     """
     names = list(dict.fromkeys(known))
     if len(names) <= FEW:

@@ -31,7 +31,19 @@ def html_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
 
 
 def summary(title: str, header: Sequence[str], rows: Sequence[Sequence[object]], sentences: Iterable[str] = ()) -> str:
-    """A heading, a table, and sentences below it."""
+    """A heading, a table, and sentences below it.
+
+    Parameters
+    ----------
+    title
+        Text of the heading.
+    header
+        Head of each column.
+    rows
+        Cells of each row.
+    sentences
+        Paragraphs below the table.
+    """
     return "".join([heading(title), html_table(header, rows), *map(paragraph, sentences)])
 
 

@@ -26,8 +26,20 @@ _WATCH = "import os, signal, sys; sys.stdin.read(); os.killpg(0, signal.SIGKILL)
 def exit_code(
     command: Sequence[str], folder: Path, log: Path, *, timeout: float, environment: Mapping[str, str] | None = None
 ) -> int | None:
-    """Run a program in a folder with its output in a file: its exit code (negative for a signal), or None on timeout
-    after `timeout` [s].
+    """Run a program in a folder with its output in a file: its exit code (negative for a signal), or None on timeout.
+
+    Parameters
+    ----------
+    command
+        Program and arguments.
+    folder
+        Where it runs.
+    log
+        File for its output.
+    timeout
+        Limit [s].
+    environment
+        Its environment; None for that of this process.
 
     Raises
     ------
@@ -61,6 +73,19 @@ def run(
 ) -> subprocess.CompletedProcess[str]:
     """Run a program with text on its standard input: its exit code and output.
 
+    Parameters
+    ----------
+    command
+        Program and arguments.
+    timeout
+        Limit [s].
+    told
+        Text on its standard input.
+    folder
+        Where it runs; None for the present one.
+    environment
+        As in `exit_code`.
+
     Raises
     ------
     OSError
@@ -76,6 +101,15 @@ def run(
 
 def run_module(module: str, *arguments: str, timeout: float, told: str = "") -> subprocess.CompletedProcess[str]:
     """As `run`, of a module of softcal as `python -m`.
+
+    Parameters
+    ----------
+    module
+        Name of the module.
+    arguments
+        Its arguments.
+    timeout, told
+        As in `run`.
 
     Raises
     ------

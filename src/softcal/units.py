@@ -186,7 +186,16 @@ def by_pint(unit: str) -> tuple[float, str] | None:
 
 
 def unit_factor(unit: str, si_unit: str, *, where: str = "") -> float:
-    """Conversion factor from `unit` to `si_unit`.
+    """Conversion factor from a unit to another of its dimension.
+
+    Parameters
+    ----------
+    unit
+        The unit, such as "MPa".
+    si_unit
+        The other one, of SI.
+    where
+        Where the unit is stated, for errors.
 
     Raises
     ------
@@ -221,6 +230,15 @@ _MOST_DECIMALS = 8
 
 def parse_quantity(value: object, si_unit: str, *, where: str = "") -> float:
     """A number in `si_unit` from text such as "2.3 MPa"; a plain number only if `si_unit` is "1" or it is 0.
+
+    Parameters
+    ----------
+    value
+        Text such as "2.3 MPa"; a plain number only if `si_unit` is "1" or it is 0.
+    si_unit
+        Unit of the number that is returned.
+    where
+        Where the value is stated, for errors.
 
     Raises
     ------
@@ -262,14 +280,36 @@ def _as_float(value: float) -> float:
 
 
 def format_quantity(value: float, si_unit: str, unit: str | None = None, *, digits: int = 4) -> str:
-    """Text such as "2.3 MPa" for a number in `si_unit`."""
+    """Text such as "2.3 MPa" for a number in `si_unit`.
+
+    Parameters
+    ----------
+    value
+        The number in `si_unit`.
+    si_unit
+        Its unit.
+    unit
+        Unit of the text; None for one that suits the size.
+    digits
+        Significant digits.
+    """
     shown = unit or readable_unit(value, si_unit)
     text = plain(value / unit_factor(shown, si_unit), digits)
     return text if shown == "1" else f"{text} {shown}"
 
 
 def format_range(low: float, high: float, si_unit: str, *, digits: int = AS_WRITTEN) -> str:
-    """Text such as "50 kPa to 10 MPa" or "0 to 3 mm" for a range in `si_unit`."""
+    """Text such as "50 kPa to 10 MPa" or "0 to 3 mm" for a range in `si_unit`.
+
+    Parameters
+    ----------
+    low, high
+        Ends of the range in `si_unit`.
+    si_unit
+        Their unit.
+    digits
+        Significant digits.
+    """
     above = readable_unit(high, si_unit)
     below = readable_unit(low, si_unit) if low else above
     first = format_quantity(low, si_unit, below, digits=digits)
@@ -291,7 +331,12 @@ def plain(number: float, digits: int = 4) -> str:
 def rounded(value: float, uncertainty: float | None, least: int = 0) -> str:
     """A number to the second significant digit of its uncertainty; to three digits where that is not known.
 
-    least: significant digits that are shown however large the uncertainty is.
+    Parameters
+    ----------
+    value, uncertainty
+        In the same unit.
+    least
+        Significant digits that are shown however large the uncertainty is.
     """
     if not value or uncertainty is None or not 0.0 < uncertainty < math.inf or not math.isfinite(value):
         return plain(value or 0.0, 3)
@@ -327,10 +372,7 @@ def _unreadable(value: object, si_unit: str, where: str, attempt: str = "") -> U
 
 
 def _shown(value: object) -> str:
-    text = f"{value:.6g}" if isinstance(value, float) else _digits(value) if isinstance(value, int) else repr(value)
+    if isinstance(value, int) and abs(value) >= 10**30:  # Python refuses to write more than some thousand digits
+        return "a whole number of more than 30 digits"
+    text = f"{value:.6g}" if isinstance(value, float) else repr(value)
     return text if len(text) <= 60 else text[:57] + "…"
-
-
-def _digits(value: int) -> str:
-    """An integer as text; Python refuses to write more than some thousand digits."""
-    return str(value) if abs(value) < 10**30 else "a whole number of more than 30 digits"

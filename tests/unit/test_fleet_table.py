@@ -8,8 +8,7 @@ import pytest
 from fleet_case import FILE, write_fleet
 
 from softcal.errors import Fault, InputError
-from softcal.plugins.fleet.table import FleetTable, parse_fleet, read_fleet, row_project
-from softcal.project.alike_faults import merged
+from softcal.plugins.fleet.table import FleetTable, merged, parse_fleet, read_fleet, row_project
 from softcal.project.project import load
 
 GOOD = f"specimen,{FILE},filament,infill [%]\none,p1.csv,A,20\ntwo,p2.csv,B,40\n"

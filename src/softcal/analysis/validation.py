@@ -59,7 +59,10 @@ class Validation:
             for model, predictions in self.models.items()
             for one in predictions
             for experiment, held in one.held_out.items()
-            for cells in _error_cells(held.fit)
+            for cells in [
+                (name, format_quantity(error, "m" if name == "distance" else held.fit.units[name], digits=3))
+                for name, error in pooled_errors([held.fit]).items()
+            ]
         ]
         return summary("Predictions of what was left out", ["model", "left out", "experiment", "of", "RMS error"], rows)
 
@@ -85,14 +88,6 @@ def pooled_errors(fits: Sequence[ExperimentFit]) -> dict[str, float]:
             squares[channel] = squares.get(channel, 0.0) + n * fit.rmse[channel] ** 2
             counts[channel] = counts.get(channel, 0) + n
     return {name: math.sqrt(squares[name] / counts[name]) for name in squares}
-
-
-def _error_cells(fit: ExperimentFit) -> list[tuple[str, str]]:
-    """Channels that were predicted, each with its error as text."""
-    return [
-        (name, format_quantity(error, "m" if name == "distance" else fit.units[name], digits=3))
-        for name, error in pooled_errors([fit]).items()
-    ]
 
 
 def folds_of(problem: Problem, wanted: Sequence[Sequence[str]] = ()) -> list[tuple[str, ...]]:

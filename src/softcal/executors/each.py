@@ -93,6 +93,11 @@ def results(
 ) -> Generator[Any]:
     """As `each`, where every call must have a result.
 
+    Parameters
+    ----------
+    executor, function, shared, calls
+        As in `each`.
+
     Raises
     ------
     WorkerLost

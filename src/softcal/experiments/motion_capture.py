@@ -112,17 +112,12 @@ def _parse(raw: bytes) -> tuple[list[str], str, float, Floats]:
     frames = np.array(found, dtype=np.float64).reshape(len(found), -1, 5)
     parameter = reader.get("POINT:UNITS")
     unit = "" if parameter is None else str(parameter.string_value).strip("\0 ")
-    return _labels(reader), unit, float(reader.point_rate), frames
-
-
-def _labels(reader: Any) -> list[str]:
-    """The labels, trimmed; with more than 255 points they continue in POINT:LABELS2, …"""
     labels: list[str] = []
-    number = 1
+    number = 1  # with more than 255 points they continue in POINT:LABELS2, …
     while (parameter := reader.get("POINT:LABELS" if number == 1 else f"POINT:LABELS{number}")) is not None:
         labels += [str(label).strip("\0 ") for label in np.ravel(parameter.string_array)]
         number += 1
-    return labels
+    return labels, unit, float(reader.point_rate), frames
 
 
 def _columns(path: Path, labels: list[str], markers: Mapping[str, str]) -> dict[str, int]:

@@ -143,3 +143,40 @@ def state_of(response: Response) -> EngineState:
 
 def _last(response: Response, kind: ChannelKind, cables: Iterable[str]) -> dict[str, float]:
     return {name: float(response.channels[str(ChannelName(kind, name))][-1]) for name in cables}
+
+
+def cable_faults(robot: Robot, program: str) -> list[Fault]:
+    """Faults of friction along cables, and of their stretch and pretension; program: such as "SOFA".
+
+    Without a friction coefficient the preload and the speed of friction have no effect, and are no fault.
+    """
+    faults: list[Fault] = []
+    for cable in robot.cables:
+        if (mu := cable.friction_coefficient) > 0.0:
+            parts = [name for name in ("friction_preload", "friction_speed") if getattr(cable.line, name) is not None]
+            faults.append(
+                Fault(f"a cable in {program} has no friction", cable.name, ", ".join([f"{mu:g}", *parts]), "0")
+            )
+        if cable.line.friction_memory:
+            where, got, allowed = f"{cable.name}.line", "friction_memory: true", "friction_memory: false"
+            faults.append(Fault(f"friction of a cable in {program} has no memory", where, got, allowed))
+        elastic = [name for name in cable.properties if name not in ("presliding", "friction_preload")]
+        if elastic:
+            got, allowed = ", ".join(elastic), "a cable without stretch"
+            faults.append(Fault(f"a cable in {program} does not stretch", f"{cable.name}.line", got, allowed))
+    return faults
+
+
+def history_faults(robot: Robot, program: str) -> list[Fault]:
+    """Faults of materials that relax, soften or flow; program: such as "SOFA"."""
+    return [
+        Fault(
+            f"the history of a material is not exported to {program}",
+            f"{part.name}.history",
+            ", ".join(part.history),
+            "an elastic material",
+            "a project without history, with the moduli after a long time",
+        )
+        for part in robot.deformable
+        if part.history
+    ]

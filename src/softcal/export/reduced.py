@@ -24,7 +24,7 @@ from scipy.interpolate import CubicSpline
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError, SimulationError, unknown
 from softcal.export import reduced_model as evaluator
-from softcal.export.history_faults import history_faults
+from softcal.export.engine import history_faults
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Robot

@@ -1,4 +1,6 @@
-"""The two kinds of tetrahedra that meshes are made of, linear and quadratic, and all that depends on the kind."""
+"""The two kinds of tetrahedra that meshes are made of, linear and quadratic, all that depends on the kind, and their
+triangular faces by connectivity alone.
+"""
 
 from __future__ import annotations
 
@@ -100,3 +102,22 @@ CELLS: Mapping[int, Cell] = {cell.order: cell for cell in (LINEAR, QUADRATIC)}
 def cell_of(tets: Ints) -> Cell:
     """The kind of a connectivity (n_tets, 4 or 10)."""
     return next(cell for cell in CELLS.values() if cell.n_nodes == tets.shape[1])
+
+
+def all_faces(tets: Ints) -> Ints:
+    """Four faces of each tet in order, (4 n_tets, 3 or 6)."""
+    faces = cell_of(tets).faces
+    return tets[:, faces].reshape(-1, len(faces[0]))
+
+
+def outer_faces(tets: Ints) -> Ints:
+    """Rows (k,) of `all_faces(tets)` that belong to a single tet, ascending."""
+    keys = face_keys(all_faces(tets), int(tets.max(initial=-1)) + 1)
+    _, first, count = np.unique(keys, return_index=True, return_counts=True)
+    return np.sort(first[count == 1])
+
+
+def face_keys(faces: Ints, n_points: int) -> Ints:
+    """A number for each face (k,), equal for equal corners."""
+    low, middle, high = np.sort(faces[:, :3], axis=1).T
+    return (low * n_points + middle) * n_points + high

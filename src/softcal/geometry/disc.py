@@ -15,7 +15,7 @@ from softcal.declare import Declared
 from softcal.errors import Fault, MeshError
 from softcal.geometry.generate import OPTIONS, run_gmsh, target_of
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.primitive import Filled
+from softcal.geometry.primitives import Filled
 from softcal.geometry.ring import ring_points
 from softcal.geometry.surface import boundary_faces
 from softcal.limits import LIMITS

@@ -15,8 +15,7 @@ from softcal.checks import Floats, Ints, require_below
 from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import Fault, MeshError
-from softcal.geometry.cell import CELLS, Cell, cell_of
-from softcal.geometry.faces import outer_faces
+from softcal.geometry.cell import CELLS, Cell, cell_of, outer_faces
 
 ROUNDING = 1e-8  # of a tet's extent
 

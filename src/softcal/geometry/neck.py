@@ -14,7 +14,7 @@ from softcal.declare import ByShape
 from softcal.errors import Fault, MeshError
 from softcal.geometry.generate import OPTIONS, run_gmsh, target_of
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.primitive import Filled
+from softcal.geometry.primitives import Filled
 from softcal.geometry.quadratic import of_order
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.sweep import sweep

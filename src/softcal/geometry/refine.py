@@ -123,17 +123,13 @@ def _pieces(X: Floats) -> Ints:
     lengths = np.stack([np.linalg.norm(X[:, a] - X[:, b], axis=1) for (a, b), _ in _DIAGONALS], axis=1)
     # Among diagonals equal up to rounding the first, so that the division does not depend on the position of the mesh.
     shortest = np.argmax(lengths <= (1.0 + 1e-9) * lengths.min(axis=1, keepdims=True), axis=1)
-    return _tables()[shortest]
-
-
-def _tables() -> Ints:
-    """The nodes of all pieces for each choice of the diagonal, (3, 8, 4), positively oriented."""
     places = QUADRATIC.nodes[:, 1:]
+    # For each choice of the diagonal the nodes of all pieces (3, 8, 4), positively oriented.
     tables: list[list[tuple[int, ...]]] = []
     for (a, b), around in _DIAGONALS:
         inner = [(a, b, *pair) for pair in pairwise((*around, around[0]))]
         tables.append([*_AT_CORNERS, *(_upright(tet, places) for tet in inner)])
-    return np.array(tables, dtype=np.int64)
+    return np.array(tables, dtype=np.int64)[shortest]
 
 
 def _upright(tet: tuple[int, ...], places: Floats) -> tuple[int, ...]:

@@ -20,7 +20,7 @@ from softcal.geometry.disc import SolidDisc
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.neck import Neck
 from softcal.geometry.placement import Placement
-from softcal.geometry.primitive import Primitive
+from softcal.geometry.primitives import Primitive
 from softcal.geometry.quadratic import numbered_edges
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.wire import SolidRod

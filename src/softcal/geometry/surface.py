@@ -6,8 +6,7 @@ import numpy as np
 
 from softcal.checks import Ints
 from softcal.errors import Fault, MeshError
-from softcal.geometry.cell import cell_of
-from softcal.geometry.faces import all_faces, face_keys, outer_faces
+from softcal.geometry.cell import all_faces, cell_of, face_keys, outer_faces
 from softcal.geometry.mesh import TetMesh
 
 

@@ -15,7 +15,7 @@ from softcal.geometry.cell import TET_EDGES
 from softcal.geometry.centreline import Centreline, straight
 from softcal.geometry.coil import Coil
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.primitive import Primitive
+from softcal.geometry.primitives import Primitive
 from softcal.geometry.quadratic import numbered_edges, of_order
 from softcal.geometry.quality import require_sound
 from softcal.geometry.surface import boundary_faces

@@ -14,6 +14,7 @@ from softcal.materials.components import NO_DIRECTION
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis, shown_configurations
 from softcal.project.bench import build_bench
 from softcal.project.bench_fit import check_test, held_rig, held_robot
+from softcal.project.calibration_schema import SweepSection
 from softcal.project.candidate_schema import build_candidates
 from softcal.project.document import Document, Findings
 from softcal.project.files import InputFiles, sha256
@@ -23,7 +24,6 @@ from softcal.project.project import Project
 from softcal.project.robot import build_robot
 from softcal.project.search import build_search, held_values, names_held, rig_value, untied
 from softcal.project.sections import Sections
-from softcal.project.sweep_schema import SweepSection
 from softcal.project.uncertain import build_uncertain
 from softcal.twin.parameters import ParameterInfo, robot_parameters
 from softcal.twin.robot import Robot

@@ -1,4 +1,4 @@
-"""Schema of the `parameters` and `calibration` sections of a project file."""
+"""Schema of the `parameters`, `calibration` and `sweep` sections of a project file."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from softcal.calibration.problem.parameters import FreeParameter, Scale
 from softcal.calibration.search.optimiser import OPTIMISERS
 from softcal.calibration.search.settings import SearchSettings
 from softcal.declare import listed, member_of
+from softcal.errors import Fault, InputError
 from softcal.limits import LIMITS
-from softcal.project.section import Given, Section, read_quantities
+from softcal.project.section import Given, Section, numbered, read_quantities
 
 
 class PriorSection(Section):
@@ -83,3 +84,25 @@ class CalibrationSection(Section):
         """Settings of a search; `mesh_error` applies to the result that is reported first."""
         options = {option.name: self.options[option.name] for option in OPTIMISERS[self.method].options}
         return SearchSettings(self.method, self.trials, self.seed, tuple(self.hold_out), options=options)
+
+
+class SweepSection(Section):
+    """A grid over parameters: the values of each, and the experiments that it is judged by (all by default).
+
+    show: configurations of the twin to draw side by side, by name; omitted parameters are nominal.
+    """
+
+    over: Annotated[
+        Mapping[str, Annotated[list[Given], BeforeValidator(numbered), Field(min_length=1)]], Field(min_length=1)
+    ]
+    experiments: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
+    show: Mapping[str, Mapping[str, Given]] = Field(default_factory=dict)
+
+    def _check(self) -> None:
+        for name, values in self.show.items():
+            others = [key for key in values if key not in self.over]
+            if others:
+                got, allowed = f"{', '.join(others)} in {name}", ", ".join(self.over)
+                raise InputError(
+                    Fault("a configuration to show has a parameter that is not swept", got=got, allowed=allowed)
+                )

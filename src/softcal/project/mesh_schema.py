@@ -13,7 +13,7 @@ from softcal.errors import Fault, InputError, unknown
 from softcal.geometry.disc import SolidDisc
 from softcal.geometry.generate import require_target
 from softcal.geometry.neck import Neck
-from softcal.geometry.primitive import Filled, Primitive
+from softcal.geometry.primitives import Filled, Primitive
 from softcal.geometry.regions import Box, Cylinder, Named, Plane, Region, Sphere
 from softcal.geometry.shape import DrawnShape
 from softcal.geometry.wire import SolidRod, SolidSpring

@@ -9,7 +9,7 @@ from typing import Literal
 
 from softcal.geometry.generate import mesh_file
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.primitive import Filled, Primitive
+from softcal.geometry.primitives import Filled, Primitive
 from softcal.geometry.read import read_mesh
 from softcal.limits import LIMITS
 from softcal.project.files import InputFiles, sha256

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from softcal.geometry.mesh import TetMesh
     from softcal.geometry.quality import MeshReport
     from softcal.materials.infill import PrintInfill
-    from softcal.project.calibration_schema import CalibrationSection
-    from softcal.project.sweep_schema import SweepSection
+    from softcal.project.calibration_schema import CalibrationSection, SweepSection
     from softcal.twin.parameters import ParameterInfo
     from softcal.twin.robot import Robot
     from softcal.twin.time_settings import TimeSettings
@@ -112,9 +111,38 @@ class Project:
         return {**robot_parameters(self.robot), **rig_parameters(self.experiments.values())}
 
     def _repr_html_(self) -> str:
-        from softcal.project.project_html import project_html
+        """Parts, experiments with their samples and channels, parameters with their bounds or values, warnings."""
+        from softcal.html_text import heading, html_table, paragraph, picture
+        from softcal.pictures import pictures_of
+        from softcal.units import format_quantity, format_range
 
-        return project_html(self)
+        robot = self.robot
+        counts = {
+            "body": len(robot.bodies),
+            "rod": len(robot.rods),
+            "plate": len(robot.plates),
+            "cable": len(robot.cables),
+        }
+        named = {"body": "bodies"}
+        parts = [f"{n} {kind if n == 1 else named.get(kind, f'{kind}s')}" for kind, n in counts.items() if n]
+        experiments = [
+            [name, one.dataset.n_samples, ", ".join(one.drives) or "–", ", ".join(one.compared)]
+            for name, one in self.experiments.items()
+        ]
+        known = self.parameters
+        free = () if self.space is None else self.space.parameters
+        rows = [
+            [p.label, format_range(p.lower, p.upper, unit), p.scale]
+            for p in free
+            for unit in [known[p.targets[0]].unit if p.targets[0] in known else "1"]
+        ]
+        held = [[name, format_quantity(value, known[name].unit)] for name, value in self.held.items() if name in known]
+        found = [heading(self.name), paragraph(", ".join(parts))]
+        found += [html_table(["experiment", "samples", "driven", "compared"], experiments)] if experiments else []
+        found += [html_table(["free parameter", "bounds", "scale"], rows)] if rows else []
+        found += [html_table(["fixed parameter", "value"], held)] if held else []
+        found += [paragraph(f"Warning: {warning}") for warning in self.warnings]
+        return "".join([*found, *(picture(png, "robot") for png in pictures_of(self.robot))])
 
 
 ProjectSource = Project | str | Path

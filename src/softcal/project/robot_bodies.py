@@ -10,7 +10,7 @@ import numpy as np
 from softcal.checks import Ints
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.placement import Placement, placed_mesh
-from softcal.geometry.primitive import Primitive
+from softcal.geometry.primitives import Primitive
 from softcal.geometry.quality import MeshReport, check_quality, require_sound
 from softcal.geometry.regions import Named, select_elements, select_faces, select_nodes
 from softcal.geometry.shape import BodyShape, PrimitiveShape

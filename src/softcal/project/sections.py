@@ -19,7 +19,7 @@ from softcal.names import RESERVED_OF_TESTS, folded, name_fault
 from softcal.project.bench_names import experiments_named
 from softcal.project.bench_plan import check_headers, plan_bench
 from softcal.project.bench_schema import ExperimentSection
-from softcal.project.calibration_schema import CalibrationSection, ParameterSection, UncertainSection
+from softcal.project.calibration_schema import CalibrationSection, ParameterSection, SweepSection, UncertainSection
 from softcal.project.candidate_schema import CandidateSection
 from softcal.project.document import Document, Findings, KeyPath
 from softcal.project.files import InputFiles
@@ -30,7 +30,6 @@ from softcal.project.robot_schema import BodySection, RobotSection
 from softcal.project.search import Wanted, build_search, check_kinds, check_owners, wanted_by
 from softcal.project.section import entries, validated
 from softcal.project.sensor_schema import check_sensors
-from softcal.project.sweep_schema import SweepSection
 from softcal.project.uncertain import build_uncertain
 from softcal.twin.time_settings import Settling, TimeSettings
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.analysis.sweep import ALL, BestCell, improvement, reduction
-from softcal.calibration.results.result import ExperimentFit, SearchResult
+from softcal.calibration.results.result import ExperimentFit
 from softcal.calibration.results.result_files import fits_of
 from softcal.checks import Floats
 from softcal.report.content import ReportContent
@@ -137,24 +137,21 @@ def improvement_table(content: ReportContent) -> ReportTable:
         row: list[Cell] = [one.name, one.nominal, one.tuned, one.unit, one.reduction, one.improvement]
         if one.best is not None:
             row += [one.best.trial.theta[name] / scale.factor for name, scale in scales.items()]
-            row.append(joined(_ends(result, one.best)) or "none")
+            ends: list[str] = []
+            for name, p in result.parameters.items():
+                value = one.best.trial.theta[name]
+                if value in (p.lower, p.upper):
+                    side = "lowest" if value == p.lower else "highest"
+                    ends.append(
+                        f"{parameter_label(name, result.parameters)} at its {side}, {format_quantity(value, p.unit)}"
+                    )
+            row.append(joined(ends) or "none")
         rows.append(tuple(row))
     note = (
         "Errors are root mean squares over all states. An error that was halved is reduced by 50 %; nominal / tuned "
         "- 1, which is also called the improvement, is then 100 %."
     )
     return ReportTable("improvement", first.gains_title, tuple(columns), tuple(rows), note)
-
-
-def _ends(result: SearchResult, best: BestCell) -> list[str]:
-    """The parameters of a cell that are at the first or last of their values, in words."""
-    ends: list[str] = []
-    for name, p in result.parameters.items():
-        value = best.trial.theta[name]
-        if value in (p.lower, p.upper):
-            side = "lowest" if value == p.lower else "highest"
-            ends.append(f"{parameter_label(name, result.parameters)} at its {side}, {format_quantity(value, p.unit)}")
-    return ends
 
 
 def _state_labels(content: ReportContent, name: str, n: int) -> list[str]:

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.geometry.faces import all_faces, outer_faces
+from softcal.geometry.cell import all_faces, outer_faces
 from softcal.geometry.pose import Pose
 from softcal.geometry.ring import across, ring_points
 from softcal.geometry.surface import border, boundary
@@ -147,7 +147,17 @@ def plate_parts(
         From 0 to 1.
     """
     if plate.disc is not None:
-        disc = _disc(plate, plate.disc, pose, colour, opacity)
+        holes = np.array([*plate.holes.values()] if plate.disc.hole_diameter > 0.0 else []).reshape(-1, 3)
+        disc = FlatDisc(
+            pose.apply(plate.disc.centre - plate.reference),
+            pose.rotation @ plate.disc.axis,
+            0.5 * plate.disc.diameter,
+            plate.disc.thickness,
+            holes=pose.apply(holes - plate.reference),
+            hole_radius=0.5 * plate.disc.hole_diameter,
+            colour=colour,
+            opacity=opacity,
+        )
         return [disc], pose.apply(0.97 * (_rim(plate.disc) - plate.disc.centre) + plate.disc.centre - plate.reference)
     bonded = [pose.apply(path - plate.reference) for path in _bonded(robot, plate)]
     carried = [via.at for cable in robot.cables for via in cable.via_points if via.on == plate.name]
@@ -176,20 +186,6 @@ def _bonded(robot: Robot, plate: Plate) -> list[Floats]:
             ring = ring_points(at, along, across(along), 0.55 * rod.section.at(share).outer_diameter, RIM)
             found.append(np.concatenate([ring, ring[:1]]))
     return found
-
-
-def _disc(plate: Plate, disc: Disc, pose: Pose, colour: str, opacity: float) -> FlatDisc:
-    holes = np.array([*plate.holes.values()] if disc.hole_diameter > 0.0 else []).reshape(-1, 3)
-    return FlatDisc(
-        pose.apply(disc.centre - plate.reference),
-        pose.rotation @ disc.axis,
-        0.5 * disc.diameter,
-        disc.thickness,
-        holes=pose.apply(holes - plate.reference),
-        hole_radius=0.5 * disc.hole_diameter,
-        colour=colour,
-        opacity=opacity,
-    )
 
 
 def _rim(shape: Disc) -> Floats:

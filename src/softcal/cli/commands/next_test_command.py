@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -11,11 +11,6 @@ from softcal.cli.command import register_command
 from softcal.cli.printing import echo, print_table, shown_path
 from softcal.cli.running import executor_told
 from softcal.cli.values import LOCAL, On, Workers
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from softcal.analysis.next_test import NextTests
 
 
 @register_command("plan", 1)
@@ -46,13 +41,23 @@ def next_test(
 
     if out is not None:
         require_free_folder(out)
+    from rich.table import Table
+
     from softcal.analysis.next_test_verdict import verdict
+    from softcal.calibration.results.digits import format_interval
     from softcal.workflows.next_test import NEXT_TEST, rank, run_source
 
     source = run_source(run, calibration)
     with executor_told(on, workers) as executor:
         tests = rank(source, parameter, workers=executor)
-    print_table(_table(tests))
+    table = Table("candidate", f"{tests.parameter}, 95 %", "length", "all parameters")
+    table.add_row("(at present)", format_interval(tests.interval, tests.unit) if tests.interval else "none", "1", "1")
+    table.add_section()
+    for outlook in tests.outlooks:
+        if not outlook.failure:
+            interval = format_interval(outlook.interval, tests.unit) if outlook.interval else "none"
+            table.add_row(outlook.candidate.name, interval, _share(outlook.share), _share(outlook.joint))
+    print_table(table)
     for outlook in tests.outlooks:
         if outlook.failure:
             echo(f"Not possible, {outlook.candidate.name}: {outlook.failure}")
@@ -62,22 +67,6 @@ def next_test(
     if out is not None:
         NEXT_TEST.write(tests, source.project, source.calibration, out)
         echo(f"Wrote {shown_path(out)}")
-
-
-def _table(tests: NextTests) -> Table:
-    """A line per candidate that can be simulated, the present state first."""
-    from rich.table import Table
-
-    from softcal.calibration.results.digits import format_interval
-
-    table = Table("candidate", f"{tests.parameter}, 95 %", "length", "all parameters")
-    table.add_row("(at present)", format_interval(tests.interval, tests.unit) if tests.interval else "none", "1", "1")
-    table.add_section()
-    for outlook in tests.outlooks:
-        if not outlook.failure:
-            interval = format_interval(outlook.interval, tests.unit) if outlook.interval else "none"
-            table.add_row(outlook.candidate.name, interval, _share(outlook.share), _share(outlook.joint))
-    return table
 
 
 def _share(value: float | None) -> str:

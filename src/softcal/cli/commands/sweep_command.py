@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -13,11 +13,6 @@ from softcal.cli.commands.calibrate_commands import report_run
 from softcal.cli.printing import echo, print_table, print_warnings, shown_path
 from softcal.cli.running import executor_told, page_beside
 from softcal.cli.values import LOCAL, On, Values, WithPage, WithReport, Workers, names, parsed_pairs, parsed_values
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from softcal.workflows.sweep import Swept
 
 OVER = "NAME=VALUES, such as springs.youngs_modulus=10GPa:1GPa:1GPa"
 
@@ -69,7 +64,18 @@ def sweep(  # noqa: PLR0913 (one argument for each option)
                     workers=executor,
                     progress=bars.show,
                 )
-            print_table(_table(swept))
+            from rich.table import Table
+
+            from softcal.units import format_quantity
+
+            result = swept.result
+            table = Table("best for", *result.parameters, "error", "nominal", "reduced by")
+            for best in swept.best:
+                cells = [format_quantity(best.trial.theta[name], p.unit) for name, p in result.parameters.items()]
+                gain = best.reduction
+                errors = [*map(best.section.text, (best.error, best.nominal)), "" if gain is None else f"{gain:.0f} %"]
+                table.add_row(best.section.name, *cells, *errors)
+            print_table(table)
             echo(swept.result.status)
             if swept.nominal.loss is None:
                 echo(f"Note: the nominal values could not be simulated: {swept.nominal.failure}")
@@ -80,19 +86,3 @@ def sweep(  # noqa: PLR0913 (one argument for each option)
         echo(f"Sweep: {shown_path(folder)}")
         if report:
             report_run(folder, None)
-
-
-def _table(swept: Swept) -> Table:
-    """A line for the best cell of all sections together and of each section."""
-    from rich.table import Table
-
-    from softcal.units import format_quantity
-
-    result = swept.result
-    table = Table("best for", *result.parameters, "error", "nominal", "reduced by")
-    for best in swept.best:
-        cells = [format_quantity(best.trial.theta[name], p.unit) for name, p in result.parameters.items()]
-        gain = best.reduction
-        errors = [*map(best.section.text, (best.error, best.nominal)), "" if gain is None else f"{gain:.0f} %"]
-        table.add_row(best.section.name, *cells, *errors)
-    return table

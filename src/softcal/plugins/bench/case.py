@@ -108,7 +108,18 @@ class BenchmarkCase(ABC):
     ) -> Predictions:
         """softcal's own predictions of all samples: fitted to those of the fit alone.
 
-        store: run folder of the fit, new or empty, where there is one; resume: go on with the fit in it.
+        Parameters
+        ----------
+        data
+            File of further samples to predict in the place of the case's own; None for these.
+        workers
+            Number of processes, or an executor.
+        store
+            Run folder of the fit, new or empty; None for a fit without a folder.
+        resume
+            Go on with the fit in that folder.
+        progress
+            Called with a sentence on each stage.
 
         Raises
         ------

@@ -92,7 +92,18 @@ class Predictions:
 
 
 def read_predictions(path: Path, record: CaseRecord, method: str = "", *, aligned: bool = False) -> Predictions:
-    """Predictions of a record from a file; aligned: whether the score takes the mean error off the positions.
+    """Predictions of a record from a file.
+
+    Parameters
+    ----------
+    path
+        Table with a row for each sample and a column for each channel.
+    record
+        Samples and channels of the case.
+    method
+        Name of the method; "" for that in the file, or the file's own.
+    aligned
+        The score takes the mean error off the positions, so that their origin does not count.
 
     Raises
     ------
@@ -128,7 +139,11 @@ def read_predictions(path: Path, record: CaseRecord, method: str = "", *, aligne
     values = {
         name: _values(rows, place, scale, name, needed, str(path), faults) for name, (place, scale) in columns.items()
     }
-    evaluations = _count(facts.get("evaluations"), str(path), faults)
+    evaluations, text = None, facts.get("evaluations")
+    if text is not None and text.isdecimal() and len(text) <= MOST_DIGITS:
+        evaluations = int(text)
+    elif text is not None:
+        faults.append(Fault("the number of evaluations is no count", str(path), shown(text), "such as 12"))
     wall = _seconds(facts.get("wall"), str(path), faults)
     name = method or facts.get("method") or path.stem
     texts = [("the name of the method", name)]
@@ -183,7 +198,19 @@ def _rows(path: Path, record: CaseRecord, comments: list[str]) -> list[list[str]
 
 
 def require_matching(record: CaseRecord, found: Predictions, where: str, *, aligned: bool = False) -> list[Fault]:
-    """The faults of predictions whose positions are in another unit or frame than the record's."""
+    """The faults of predictions whose positions are in another unit or frame than the record's.
+
+    Parameters
+    ----------
+    record
+        Measured positions.
+    found
+        Predicted ones.
+    where
+        File of the predictions, for the faults.
+    aligned
+        As in `read_predictions`.
+    """
     chosen = [sample for sample, fit in zip(record.samples, record.is_fit, strict=True) if not fit]
     chosen = [sample for sample in chosen if sample in set(found.samples)]
     measured = np.array([record.samples.index(sample) for sample in chosen], dtype=np.int64)
@@ -276,15 +303,6 @@ def _values(
     return found
 
 
-def _count(text: str | None, where: str, faults: list[Fault]) -> int | None:
-    if text is None:
-        return None
-    if not text.isdecimal() or len(text) > MOST_DIGITS:
-        faults.append(Fault("the number of evaluations is no count", where, shown(text), "such as 12"))
-        return None
-    return int(text)
-
-
 def _seconds(text: str | None, where: str, faults: list[Fault]) -> float | None:
     if text is None:
         return None
@@ -307,12 +325,19 @@ SCALES = {1e3: "mm written as m", 1e-3: "m written as mm", 1e2: "cm written as m
 
 
 def frame_faults(measured: Floats, predicted: Floats, where: str, *, aligned: bool = False) -> list[Fault]:
-    """Faults of predicted positions (n, 3) [m] that are in another unit or frame than the measured ones (n, 3).
+    """Faults of predicted positions that are in another unit or frame than the measured ones.
 
     A similarity (Umeyama, 1991) is fitted between the two. It is a fault only where it is unmistakable: the positions
     agree far better after a rotation by a large angle, or a change of scale by a power of ten.
 
-    aligned: whether the score takes the mean error off, so that any origin will do.
+    Parameters
+    ----------
+    measured, predicted
+        Positions (n, 3) [m].
+    where
+        File of the predictions.
+    aligned
+        As in `read_predictions`.
     """
     extent = float(np.linalg.norm(np.ptp(measured, axis=0)))
     near = predicted - (predicted - measured).mean(axis=0) if aligned else predicted

@@ -38,8 +38,18 @@ def run_case(
 ) -> Ran:
     """softcal's predictions of a case, fitted to the samples of the fit alone, with their score.
 
-    Writes `predictions.csv` and `score.json` into a folder that is new or empty, beside `fit`, the run folder of the
-    fit, where the case has one. resume: go on with the fit of a run of the same case that was stopped.
+    Writes `predictions.csv` and `score.json`, beside `fit`, the run folder of the fit, where the case has one.
+
+    Parameters
+    ----------
+    name
+        Case of `softcal bench list`.
+    out
+        Folder that is new or empty, or that of the run to be resumed.
+    data, workers, progress
+        As in `BenchmarkCase.run`.
+    resume
+        Go on with the fit of a run of the same case that was stopped.
 
     Raises
     ------
@@ -70,7 +80,18 @@ def run_case(
 def score_file(
     name: str, predictions: Path, *, data: Path | None = None, method: str = "", out: Path | None = None
 ) -> Score:
-    """The score of a table of predictions, by any program; `out`: a folder for its files, new or empty.
+    """The score of a table of predictions, by any program.
+
+    Parameters
+    ----------
+    name
+        Case of `softcal bench list`.
+    predictions, method
+        As in `read_predictions`.
+    data
+        As in `BenchmarkCase.run`.
+    out
+        Folder for the files of the score, new or empty; None to write nothing.
 
     Raises
     ------

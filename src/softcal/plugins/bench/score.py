@@ -84,8 +84,18 @@ class Score(Schema):
 def score(case: str, record: CaseRecord, predictions: Predictions, *, aligned: bool, data: str = "") -> Score:
     """The score of predictions that `require_matching` has accepted.
 
-    aligned: whether one translation per split, the mean error, is taken off the positions first. data: name of the file
-    with the samples, where they are not the case's own.
+    Parameters
+    ----------
+    case
+        Name of the case.
+    record
+        Its samples as measured.
+    predictions
+        The same samples as predicted.
+    aligned
+        One translation per split, the mean error, is taken off the positions first.
+    data
+        Name of the file with the samples; "" for the case's own.
     """
     splits: dict[Split, SplitScore] = {
         split: _split_score(record, predictions, record.of(split), aligned=aligned)
@@ -132,8 +142,15 @@ def _split_score(record: CaseRecord, predictions: Predictions, chosen: np.ndarra
 def distances_of(
     record: CaseRecord, predictions: Predictions, chosen: np.ndarray, *, aligned: bool
 ) -> tuple[dict[str, Floats], Floats]:
-    """Point -> distance (k,) [m] of its predicted from its measured position in the chosen samples, NaN where one is
-    missing; and the translation (3,) [m] that is taken off first, zero unless `aligned`.
+    """Point -> distance (k,) [m] of its predicted from its measured position, NaN where one is missing; and the
+    translation (3,) [m] that is taken off first, zero unless `aligned`.
+
+    Parameters
+    ----------
+    record, predictions, aligned
+        As in `score`.
+    chosen
+        Samples of the record that count (n_samples,), as flags.
     """
     rows = predictions.rows(np.array(record.samples)[chosen])
     offsets = {point: predictions.positions(point)[rows] - record.positions(point)[chosen] for point in record.points}

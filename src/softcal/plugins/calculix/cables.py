@@ -37,7 +37,17 @@ class CableLines:
 
 
 def cable_lines(twin: Twin, shapes: Sequence[Snapshot], node: int, element: int) -> CableLines:
-    """Lines of all cables that are taut in any of the shapes; node, element: the last numbers in use."""
+    """Lines of all cables that are taut in any of the shapes.
+
+    Parameters
+    ----------
+    twin
+        The robot as a system.
+    shapes
+        Its shapes with the tensions [N] of its cables.
+    node, element
+        The last numbers in use.
+    """
     nodes: list[str] = []
     springs: list[str] = []
     equations: list[str] = []

@@ -139,8 +139,20 @@ def crosscheck(
 ) -> Crosscheck:
     """Compare the furthest state of a protocol with other engines.
 
-    engines: names in `ENGINES`; `softcal`, the reference, is ignored. timeout [s]: of each process, by default the
-    engine's own. stated: the settings of engines that a project states. progress: called with the name of each engine.
+    Parameters
+    ----------
+    robot
+        The robot, of any law and feature.
+    protocol
+        Its commands.
+    engines
+        Names in `ENGINES`; `softcal`, the reference, is ignored.
+    timeout
+        Limit [s] of each process; None for the engine's own.
+    stated
+        Engine -> settings that a project states.
+    progress
+        Called with the name of each engine.
     """
     end = furthest_state(protocol)
     comparisons: list[EngineComparison] = []

@@ -17,8 +17,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
-from softcal.export.cable_faults import cable_faults
-from softcal.export.history_faults import history_faults
+from softcal.export.engine import cable_faults, history_faults
 from softcal.export.left_out_contact import contact_faults, not_exported
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import ELEMENTS, P1, P2
@@ -88,7 +87,14 @@ def _in_its_law(body: Body) -> Body:
 def calculix_deck(robot: Robot, shapes: Sequence[Snapshot], notes: Sequence[str] = ()) -> Deck:
     """The deck of a robot under the loads and cable tensions of its shapes, one after the other; see `load_path`.
 
-    robot: of `in_its_law`; notes: sentences for the header.
+    Parameters
+    ----------
+    robot
+        Of `in_its_law`.
+    shapes
+        Shapes with the tensions [N] of the cables.
+    notes
+        Sentences for the header.
 
     Raises
     ------
@@ -143,7 +149,14 @@ def deck_faults(robot: Robot) -> list[Fault]:
 def write_calculix(robot: Robot, shape: Snapshot, folder: Path, *, given: Robot | None = None) -> list[Path]:
     """Write the deck and a README into an existing folder.
 
-    given: the robot before `in_its_law`, to document the changes.
+    Parameters
+    ----------
+    robot, shape
+        The robot of `in_its_law`, and its shape under load.
+    folder
+        Where to write.
+    given
+        The robot before `in_its_law`, to document the changes.
 
     Raises
     ------

@@ -25,7 +25,16 @@ def find_calculix() -> str | None:
 
 
 def run_calculix(deck: Deck, folder: Path, *, timeout: float = TIMEOUT) -> Floats:
-    """Displacements of all nodes at every state of the deck (n_states, n, 3) [m]; CalculiX's files stay in the folder.
+    """Displacements of all nodes at every state of the deck (n_states, n, 3) [m].
+
+    Parameters
+    ----------
+    deck
+        What CalculiX is to solve.
+    folder
+        Where CalculiX's files are made, and stay.
+    timeout
+        Limit [s] of the process.
 
     Raises
     ------

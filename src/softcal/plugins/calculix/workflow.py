@@ -33,10 +33,22 @@ def crosscheck_project(
     workers: Workers = 1,
     progress: Callable[[str, str], None] = lambda state, engine: None,
 ) -> dict[str, Crosscheck]:
-    """Case name -> cross-check of its furthest state in the engines (default: all); see `crosscheck`.
+    """Case name -> cross-check of its furthest state in the engines; see `crosscheck`.
 
-    timeout [s]: limit of each engine's process, by default the engine's own. workers: an executor, or a number of
-    processes: a state for each. progress: called with state and engine, or with each state as it is done by others.
+    Parameters
+    ----------
+    project
+        The project, for the settings of its engines.
+    cases
+        Robots with their protocols.
+    engines
+        Names in `ENGINES`; all by default.
+    timeout
+        Limit [s] of each engine's process; None for the engine's own.
+    workers
+        An executor, or a number of processes: a state for each.
+    progress
+        Called with state and engine, or with each state as it is done by others.
 
     Raises
     ------
@@ -95,8 +107,17 @@ def _crosschecked(asked: _CrosscheckCall, k: int) -> Crosscheck:
 
 
 def write_crosscheck(project: Project, found: Mapping[str, Crosscheck], folder: Path) -> None:
-    """Write all differences (`differences.csv`), and the verdicts with their settings (`crosscheck.json`), into a new
-    folder, completely or not at all.
+    """Write all differences (`differences.csv`), and the verdicts with their settings (`crosscheck.json`), completely
+    or not at all.
+
+    Parameters
+    ----------
+    project
+        The project that was compared.
+    found
+        Case name -> cross-check.
+    folder
+        New or empty.
 
     Raises
     ------

@@ -130,7 +130,21 @@ class FittedMaterial:
 def fitted_material(
     constants: FreeConstants, values: Floats, found: Estimator, slopes: Floats, *, has_intervals: bool
 ) -> FittedMaterial:
-    """The material of a fit; found: its estimator in the unit box, slopes: d constant / d z (size,) there."""
+    """The material of a fit.
+
+    Parameters
+    ----------
+    constants
+        The constants that were fitted, and their law.
+    values
+        Their values (size,) [SI].
+    found
+        Estimator of the fit in the unit box.
+    slopes
+        d constant / d z (size,) [SI] there.
+    has_intervals
+        Every fitted constant has an interval.
+    """
     differing = [one for one in found.between if one.effects.differs]
     spread = np.zeros(len(values))
     for one in differing:

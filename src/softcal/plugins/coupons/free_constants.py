@@ -106,6 +106,15 @@ class FreeConstants:
 def free_constants(law: Law, poissons_ratio: float = POISSONS_RATIO, history: Sequence[str] = ()) -> FreeConstants:
     """The constants of a law that tests of incompressible coupons determine, and those of a history.
 
+    Parameters
+    ----------
+    law
+        Law of the material.
+    poissons_ratio
+        That of the body, which coupons do not determine [-].
+    history
+        Parts of the material's history, such as `softening`.
+
     Raises
     ------
     ParameterError

@@ -40,7 +40,16 @@ def best_values(problem: CouponProblem, start: Floats | None = None) -> Floats:
 
 
 def fitted_with_history(problem: CouponProblem, start: Floats | None = None, starts: int = STARTS) -> Floats:
-    """The constants (size,) [SI] of least loss; start: where to begin besides the other starts.
+    """The constants (size,) [SI] of least loss.
+
+    Parameters
+    ----------
+    problem
+        Laws and coupons.
+    start
+        Constants (size,) [SI] to begin at besides the other starts; None for those alone.
+    starts
+        Number of the other starts.
 
     Raises
     ------

@@ -81,7 +81,15 @@ class CouponKind:
 
 
 def principal_states(first: Floats, second: Floats, n_measured: int) -> CouponStates:
-    """The states of stretches (n,) along two axes, of which the stresses of the first one or two are measured."""
+    """The states of a coupon that is stretched along two axes.
+
+    Parameters
+    ----------
+    first, second
+        Stretches (n,) along the axes [-].
+    n_measured
+        Number of axes whose stress is measured: 1, the first, or 2.
+    """
     stretches = np.stack([first, second, 1.0 / (first * second)], axis=1)
     by_stress = np.zeros((n_measured, len(first), 6))
     for i in range(n_measured):

@@ -94,7 +94,16 @@ class LawFit(ReadOnly):
 
 
 def fit_law(constants: FreeConstants, coupons: Sequence[Coupon], reach: float) -> LawFit:
-    """Fit a law to coupon tests; reach: the stretch up to which its stability is looked at.
+    """Fit a law to coupon tests.
+
+    Parameters
+    ----------
+    constants
+        The constants to fit, and their law.
+    coupons
+        The tests.
+    reach
+        Stretch [-] up to which the law's stability is looked at.
 
     Raises
     ------
@@ -128,7 +137,17 @@ def fit_law(constants: FreeConstants, coupons: Sequence[Coupon], reach: float) -
 
 
 def relative_errors(loss: CouponLoss, coupons: Sequence[Coupon], predicted: Sequence[Floats]) -> dict[str, float]:
-    """Kind of test -> root-mean-square error of its predicted stresses over its scale [-]."""
+    """Kind of test -> root-mean-square error of its predicted stresses over its scale [-].
+
+    Parameters
+    ----------
+    loss
+        The loss of the fit, which has the scales of the stresses.
+    coupons
+        The tests.
+    predicted
+        Nominal stresses (n, k) [Pa] of each test by the law.
+    """
     squares: dict[str, list[Floats]] = {}
     for coupon, stress in zip(coupons, predicted, strict=True):
         squares.setdefault(coupon.test, []).append(

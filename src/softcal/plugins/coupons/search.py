@@ -28,7 +28,12 @@ _FAR = 1e6  # a residual over the scale that no search accepts
 
 
 def fitted_values(problem: CouponProblem, start: Floats | None = None, starts: int = STARTS) -> Floats:
-    """The constants (size,) [SI] of least loss; start: where to begin besides the other starts.
+    """The constants (size,) [SI] of least loss.
+
+    Parameters
+    ----------
+    problem, start, starts
+        As in `fitted_with_history`.
 
     Raises
     ------

@@ -52,8 +52,18 @@ class Stability:
 
 
 def stability(constants: FreeConstants, values: Floats, coupons: Sequence[Coupon], reach: float) -> Stability:
-    """Where the law is stable at the values of its fitted constants; reach: the stretch up to which to look, or the
-    largest measured one where that is larger.
+    """Where the law is stable at the values of its fitted constants.
+
+    Parameters
+    ----------
+    constants
+        The fitted constants, and their law.
+    values
+        Their values (size,) [SI].
+    coupons
+        The tests.
+    reach
+        Stretch [-] up to which to look; the largest measured one where that is larger.
     """
     stretches: list[Floats] = [np.linalg.svd(c.states.points.F, compute_uv=False).astype(float) for c in coupons]
     size = max(float(np.linalg.norm(np.log(one), axis=1).max()) for one in stretches)

@@ -125,7 +125,17 @@ def constants_table(one: ComparedLaw) -> ReportTable:
 
 
 def tests_table(law: str, fitted: Sequence[PredictedCoupon], predicted: Sequence[PredictedCoupon]) -> ReportTable:
-    """A row for each test: errors of the law, also after the factor that would fit this specimen best."""
+    """A row for each test: errors of the law, also after the factor that would fit this specimen best.
+
+    Parameters
+    ----------
+    law
+        Name of the law.
+    fitted
+        The fitted tests as the law predicts them.
+    predicted
+        Tests that were not fitted.
+    """
     labels = [f"tests by {law}", "use", "error", "NMAD", "in the band"]
     labels += ["factor of the stresses, that would fit best", "NMAD by it"]
     rows: list[tuple[Cell, ...]] = []

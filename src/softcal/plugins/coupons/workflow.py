@@ -42,9 +42,16 @@ PAGE, BLOCK, CONSTANTS, LAWS_TABLE, STRESSES, PREDICTIONS = (
 def all_coupons(
     files: Sequence[Path], tests: Sequence[str], predicted: Sequence[Path] = ()
 ) -> tuple[list[Coupon], list[Coupon]]:
-    """The tests of some files, and those of files that are to be predicted, in which stresses may be missing.
+    """The tests of some files, and those of files that are to be predicted.
 
-    tests: the kind of test of all of them, or of each, those that are predicted last.
+    Parameters
+    ----------
+    files
+        Tables of tests to be fitted.
+    tests
+        Kind of all tests, or of each one, those to be predicted last.
+    predicted
+        Tables of tests to be predicted, in which stresses may be missing.
 
     Raises
     ------
@@ -75,7 +82,16 @@ def all_coupons(
 
 
 def write_predictions(predicted: Sequence[PredictedCoupon], name: str, folder: Path) -> None:
-    """Write predictions into a new folder: `predictions.json`, a table and a chart. name: of the law.
+    """Write predictions into a new folder: `predictions.json`, a table and a chart.
+
+    Parameters
+    ----------
+    predicted
+        The tests as predicted.
+    name
+        Of the law.
+    folder
+        New or empty.
 
     Raises
     ------
@@ -110,7 +126,20 @@ def write_comparison(
 ) -> None:
     """Write a comparison into a new folder: a page (`report.html`), `coupon.json`, tables, a chart of the three best
     laws and of each law with its band, and for the recommended law the block of a project file (`material.yaml`); and
-    what the law that is shown predicts of further tests. files: of the fitted tests, which the page names.
+    what the law that is shown predicts of further tests.
+
+    Parameters
+    ----------
+    found
+        The comparison.
+    body
+        Name of the body in the block.
+    folder
+        New or empty.
+    predicted
+        Further tests.
+    files
+        Files of the fitted tests, which the page names.
 
     Raises
     ------

@@ -12,8 +12,7 @@ from softcal.executors.each import results
 from softcal.executors.executor import Executor
 from softcal.experiments.read import line_numbers
 from softcal.names import JOINT
-from softcal.plugins.fleet.table import FleetRow, FleetTable, missing_files, row_project
-from softcal.project.alike_faults import merged
+from softcal.plugins.fleet.table import FleetRow, FleetTable, merged, missing_files, row_project
 from softcal.project.yaml_file import read_document
 from softcal.workflows.calibration import plan
 
@@ -36,7 +35,20 @@ def check_fleet(
     executor: Executor,
     show: Callable[[str, int, int, int], None],
 ) -> None:
-    """Raise with the faults of the table and of all specimens' projects; known: those of the table by itself.
+    """Raise with the faults of the table and of all specimens' projects.
+
+    Parameters
+    ----------
+    table
+        The fleet's table and template.
+    order
+        Settings of the calibrations.
+    known
+        Faults of the table by itself.
+    executor
+        Where the projects are read.
+    show
+        Called with "checked", and the numbers of specimens in all, checked, and failed (0).
 
     Raises
     ------

@@ -27,7 +27,17 @@ _SHIFT = 0.012  # of the logarithm of the infill, between specimens of one infil
 
 
 def draw_specimens(one: Population, specimens: Sequence[Specimen], found: FleetStatement) -> Figure:
-    """The estimates of a parameter with their 95 % intervals, in order, with mean and spread of the population."""
+    """The estimates of a parameter with their 95 % intervals, in order, with mean and spread of the population.
+
+    Parameters
+    ----------
+    one
+        Mean and spread of the parameter.
+    specimens
+        The fleet's specimens.
+    found
+        What they say together.
+    """
     held = [s for s in specimens if one.label in s.parameters]
     held.sort(key=lambda s: s.parameters[one.label].value)
     scale = scale_of(one.unit, one.mean)
@@ -64,7 +74,17 @@ def draw_specimens(one: Population, specimens: Sequence[Specimen], found: FleetS
 
 
 def draw_infill(law: InfillLaw, specimens: Sequence[Specimen], found: FleetStatement) -> Figure:
-    """The estimates of a modulus against the infill, and the law with its 95 % band."""
+    """The estimates of a modulus against the infill, and the law with its 95 % band.
+
+    Parameters
+    ----------
+    law
+        The law of the modulus against the infill.
+    specimens
+        The fleet's specimens.
+    found
+        What they say together.
+    """
     held = [s for s in specimens if law.label in s.parameters and isinstance(s.factors.get(INFILL), float)]
     scale = scale_of(law.unit, law.bulk)
     by = next((e.factor for e in found.effects if e.factor != INFILL and e.label == law.label), "")

@@ -104,6 +104,15 @@ def require_new_fleet(folder: Path) -> None:
 def begin_fleet(table: FleetTable, settings: Mapping[str, Any], folder: Path) -> None:
     """Write a new folder with what is to be done.
 
+    Parameters
+    ----------
+    table
+        The fleet's table and template.
+    settings
+        Arguments of `calibrate`, the same for all specimens.
+    folder
+        New or empty.
+
     Raises
     ------
     StorageError
@@ -137,6 +146,13 @@ def held_fleet(folder: Path) -> Generator[None]:
 
 def reopen_fleet(table: FleetTable, settings: Mapping[str, Any], folder: Path) -> None:
     """Check that a fleet can be resumed.
+
+    Parameters
+    ----------
+    table, settings
+        As in `begin_fleet`.
+    folder
+        That of the fleet.
 
     Raises
     ------
@@ -221,6 +237,15 @@ def _listed(factors: Mapping[str, Factor]) -> str:
 def set_aside(name: str, folder: Path, why: Literal["failed", "changed"]) -> None:
     """Move the run of a specimen, and its record, to a free NAME.failed-N or NAME.changed-N, so that it can begin anew.
 
+    Parameters
+    ----------
+    name
+        Of the specimen.
+    folder
+        That of the fleet.
+    why
+        Word of the new name.
+
     Raises
     ------
     StorageError
@@ -301,6 +326,17 @@ def finish_fleet(
     folder: Path,
 ) -> None:
     """Write what the specimens say together; fleet.json last.
+
+    Parameters
+    ----------
+    table, settings
+        As in `begin_fleet`.
+    specimens
+        All of them, as calibrated.
+    statement
+        What they say together.
+    folder
+        That of the fleet.
 
     Raises
     ------

@@ -94,7 +94,19 @@ class FleetPage:
 def render_fleet_page(
     page: FleetPage, specimens: Sequence[Specimen], found: FleetStatement, pictures: Sequence[Picture]
 ) -> str:
-    """The page as text."""
+    """The page as text.
+
+    Parameters
+    ----------
+    page
+        Name of the fleet, and when it was begun.
+    specimens
+        The fleet's specimens.
+    found
+        What they say together.
+    pictures
+        The figures.
+    """
     sentences = fleet_sentences(specimens, found)
     seconds = sum(one.seconds for one in specimens)
     text = f"{found.done} calibrated"

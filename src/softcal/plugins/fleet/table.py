@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -28,12 +28,12 @@ from typing import Any
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, ProjectFileError, StorageError, nearest, unknown
 from softcal.experiments.columns import decimals_fault
+from softcal.experiments.read import line_numbers
 from softcal.experiments.table import Table, is_unit, load_table, split_header, uses_decimal_comma
 from softcal.experiments.table_format import TableFormat
 from softcal.experiments.text_file import open_text
 from softcal.limits import LIMITS
 from softcal.names import folded, name_fault
-from softcal.project.alike_faults import merged
 from softcal.project.document import Document, Entry, dotted, key_path
 from softcal.project.files import InputFiles, sha256
 from softcal.project.project import Project, load
@@ -437,3 +437,27 @@ class CellReader:
         """The value of a factor: a number where the cell is one, else text."""
         written = cell if _SERIAL.match(cell) else self.written(cell, unit)
         return float(written) if isinstance(written, (int, float)) and not isinstance(written, bool) else str(written)
+
+
+_LINE = re.compile(r", line (\d+)$")
+_N_LINES = 5  # named in a fault of many rows
+
+
+def merged(faults: Iterable[Fault]) -> list[Fault]:
+    """Merge faults that differ only in the row into one that names the rows; other faults appear once each."""
+    groups: dict[tuple[str, ...], list[tuple[int, Fault]]] = {}
+    for one in dict.fromkeys(faults):
+        match = _LINE.search(one.where)
+        line = int(match[1]) if match else 0
+        where = one.where[: match.start()] if match else one.where
+        got = "" if match else one.got
+        groups.setdefault((where, one.what, one.allowed, got), []).append((line, one))
+    found: list[Fault] = []
+    for (where, *_), held in groups.items():
+        first = held[0][1]
+        if len(held) > 1:
+            lines = line_numbers([line for line, _ in held[:_N_LINES]], len(held))
+            got = ", ".join(dict.fromkeys(one.got for _, one in held[:_N_LINES]))
+            first = replace(first, where=f"{where}, {lines}", got=got)
+        found.append(first)
+    return found

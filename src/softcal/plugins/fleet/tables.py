@@ -14,7 +14,17 @@ from softcal.units import plain
 
 
 def fleet_tables(specimens: Sequence[Specimen], found: FleetStatement, most: int = 40) -> list[ReportTable]:
-    """The tables of a fleet; most: of specimens that are listed."""
+    """The tables of a fleet.
+
+    Parameters
+    ----------
+    specimens
+        The fleet's specimens.
+    found
+        What they say together.
+    most
+        Number of specimens that are listed at most.
+    """
     return [populations_table(found), effects_table(found), laws_table(found), specimens_table(specimens, most)]
 
 

@@ -36,9 +36,8 @@ from softcal.plugins.fleet.folder import (
 )
 from softcal.plugins.fleet.specimen import Specimen, State
 from softcal.plugins.fleet.statement import FleetStatement, fleet_statement
-from softcal.plugins.fleet.table import FleetRow, FleetTable, parse_fleet, row_project
+from softcal.plugins.fleet.table import FleetRow, FleetTable, merged, parse_fleet, row_project
 from softcal.plugins.fleet.verdict import fleet_sentences
-from softcal.project.alike_faults import merged
 from softcal.workflows.calibration import calibrate
 from softcal.workflows.outcome import Outcome
 from softcal.workflows.run_folder import inputs_changed

@@ -39,6 +39,17 @@ class Detection:
 def detect_markers(image: Image, dictionary: str, camera: Camera, *, where: str = "image") -> Detection:
     """Find the markers of a dictionary.
 
+    Parameters
+    ----------
+    image
+        Grey image (height, width).
+    dictionary
+        Name of the markers' dictionary.
+    camera
+        The camera of the image.
+    where
+        Name of the image, for errors.
+
     Raises
     ------
     DatasetError

@@ -233,9 +233,18 @@ def square_corners(size: float) -> Floats:
 
 
 def pose_candidates(camera: Camera, points: Floats, pixels: Floats) -> tuple[PoseCandidate, ...]:
-    """Poses that project points (n, 3) [m] to pixels (n, 2), best first; empty if there is none.
+    """Poses that project points to pixels, best first; empty if there is none.
 
     A square or another planar set has up to two, mirrored about the line of sight, any other set one.
+
+    Parameters
+    ----------
+    camera
+        The camera of the image.
+    points
+        Points (n, 3) [m].
+    pixels
+        Where they are in the image (n, 2) [px].
     """
     import cv2
 

@@ -67,7 +67,17 @@ class Calibration:
 
 
 def find_board(image: Image, board: CharucoBoard, name: str) -> BoardView | None:
-    """The board in a grey image; None if it is not found, or too few of its corners."""
+    """The board in a grey image; None if it is not found, or too few of its corners.
+
+    Parameters
+    ----------
+    image
+        Grey image (height, width).
+    board
+        The board to look for.
+    name
+        Of the image.
+    """
     import cv2
 
     pattern = board.opencv()
@@ -85,7 +95,14 @@ def find_board(image: Image, board: CharucoBoard, name: str) -> BoardView | None
 
 
 def calibrate_camera(views: Sequence[BoardView], width: int, height: int) -> Calibration:
-    """The camera [px] with the least reprojection error over all views of the board.
+    """The camera with the least reprojection error over all views of the board.
+
+    Parameters
+    ----------
+    views
+        The board's corners in each image.
+    width, height
+        Of the images [px].
 
     Raises
     ------

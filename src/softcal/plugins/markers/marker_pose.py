@@ -83,6 +83,15 @@ class MarkerPoses:
 def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimpse]) -> MarkerPoses:
     """Poses of all markers relative to the base, estimated from all images together.
 
+    Parameters
+    ----------
+    camera
+        The camera of all images.
+    markers
+        Sizes [m] of the markers, and those that are the base.
+    glimpses
+        The markers' corners in each image.
+
     Raises
     ------
     DatasetError

@@ -36,7 +36,17 @@ class GroupStart:
 
 
 def view_candidates(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimpse]) -> tuple[PoseCandidate, ...]:
-    """Poses (base frame to camera frame) of one viewpoint, from the base in all its images; best first."""
+    """Poses (base frame to camera frame) of one viewpoint, from the base in all its images; best first.
+
+    Parameters
+    ----------
+    camera
+        The camera of the images.
+    markers
+        Sizes [m] of the markers, and those that are the base.
+    glimpses
+        The images of the viewpoint.
+    """
     seen = [(number, one.corners[number]) for one in glimpses for number in markers.base if number in one.corners]
     if not seen:
         return ()

@@ -26,7 +26,16 @@ def board_sheet(board: CharucoBoard) -> str:
 
 
 def marker_sheet(dictionary: str, ids: Sequence[int], size: float) -> str:
-    """SVG of markers with their numbers; `size` is the side of the black square [m]. Cut along the grey lines.
+    """SVG of markers with their numbers. Cut along the grey lines.
+
+    Parameters
+    ----------
+    dictionary
+        Name of the markers' dictionary.
+    ids
+        Their numbers.
+    size
+        Side of the black square [m].
 
     Raises
     ------

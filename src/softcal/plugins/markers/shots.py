@@ -69,7 +69,13 @@ def find_shots(given: Sequence[str | Path], group_by: Grouping = "name") -> tupl
     faults: list[Fault] = []
     paths: dict[Path, None] = {}
     for one in given:
-        found = _images(Path(one).expanduser())
+        path = Path(one).expanduser()
+        if os.path.isfile(path):  # unlike Path.is_file, False for a path that the system cannot handle
+            found = [path]
+        elif os.path.isdir(path):
+            found = _pictures(path.glob("*")) or _pictures(path.glob("*/*"))
+        else:
+            found = _pictures(Path(entry) for entry in glob.glob(str(path), recursive=True))
         if not found:
             kinds = ", ".join(suffix.lstrip(".") for suffix in SUFFIXES)
             faults.append(Fault("there is no image", str(one), allowed=f"a file, folder or pattern of {kinds}"))
@@ -171,14 +177,6 @@ def _stated(raw: bytes) -> tuple[int, bool]:
                 return n if image.width * image.height <= _MOST_PIXELS else 0, is_turned
         except Exception:  # noqa: BLE001 (whatever the reader of a format raises)
             return 0, False
-
-
-def _images(path: Path) -> list[Path]:
-    if os.path.isfile(path):  # unlike Path.is_file, False for a path that the system cannot handle
-        return [path]
-    if os.path.isdir(path):
-        return _pictures(path.glob("*")) or _pictures(path.glob("*/*"))
-    return _pictures(Path(entry) for entry in glob.glob(str(path), recursive=True))
 
 
 def _pictures(entries: Iterable[Path]) -> list[Path]:

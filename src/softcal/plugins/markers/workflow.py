@@ -47,6 +47,17 @@ def make_camera_file(
 ) -> CameraRun:
     """Calibrate a camera from images of a ChArUco board and write its camera file.
 
+    Parameters
+    ----------
+    images
+        Files, folders or patterns of images.
+    board
+        The board in them.
+    out
+        The camera file, new.
+    progress
+        Called with the number of images that are done, and of all.
+
     Raises
     ------
     DatasetError

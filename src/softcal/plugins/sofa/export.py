@@ -32,6 +32,15 @@ def write_scene(project: Project, cases: Mapping[str, Case], folder: Path) -> li
     """The scene, whose schedule is the protocol of the case with the largest pull.
 
     It uses the project's `dynamics`, and `run.py` its `engines`.
+
+    Parameters
+    ----------
+    project
+        The project, whose `dynamics` the scene uses, and whose `engines` `run.py` does.
+    cases
+        Robots with their protocols.
+    folder
+        Existing one to write into.
     """
     from softcal.plugins.sofa.settings import SofaSettings
     from softcal.plugins.sofa.writing import furthest, write_sofa

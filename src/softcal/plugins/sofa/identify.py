@@ -74,6 +74,15 @@ class Identified:
 def identify(robot: Robot, linear: LinearRobot, protocol: Protocol) -> Identified:
     """Identify the parameters of the bodies that SOFA does not support; the other bodies are unchanged.
 
+    Parameters
+    ----------
+    robot
+        The robot with its own laws.
+    linear
+        The robot with those that SOFA has.
+    protocol
+        Commands over which the two are compared.
+
     Raises
     ------
     ParameterError

@@ -18,7 +18,6 @@ from softcal.plugins.sofa.scene import scene_parameters, write_scene
 from softcal.plugins.sofa.settings import SofaSettings
 from softcal.processes import exit_code
 from softcal.twin.protocol import Protocol
-from softcal.twin.robot import Robot
 
 POSE = (7,)  # position and unit quaternion
 LARGEST, TURNED = 1e9, 1e-3  # numbers of a state [SI]; difference of a quaternion's length from one
@@ -53,7 +52,23 @@ def run_states(
     *,
     shapes: bool = False,
 ) -> ProcessOutcome:
-    """Run every state to rest in one process, limited to `timeout`."""
+    """Run every state to rest in one process.
+
+    Parameters
+    ----------
+    sofa
+        The installed program.
+    linear
+        The robot with laws that SOFA has.
+    protocol
+        Its commands, for the controls of the cables.
+    states
+        Cable -> shortening [m] or tension [N], of each state.
+    settings
+        The limits of the run, and when the robot is at rest.
+    shapes
+        The points of bodies and rods are recorded too.
+    """
     job = {"states": [dict(state) for state in states], "rest": settings.rest, "shapes": shapes, "out": ANSWER}
     with tempfile.TemporaryDirectory(prefix="softcal-sofa-") as name:
         folder = Path(name)
@@ -69,7 +84,16 @@ def run_states(
         raw = (folder / ANSWER).read_bytes() if (folder / ANSWER).is_file() else b""
         said = (folder / LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
     answers: list[dict[str, Any]] = []
-    state = _state(linear.robot, shapes=shapes)
+    # Of each number in the record of a state its shape.
+    state: dict[str, Any] = {
+        **dict.fromkeys(("time", "dt", "steps"), ()),
+        "cables": {cable.name: {"tension": (), "shortening": (), "points": (None, 3)} for cable in linear.robot.cables},
+        "plates": {plate.name: POSE for plate in linear.robot.plates},
+        "markers": {marker.name: (3,) for marker in linear.robot.markers},
+    }
+    if shapes:
+        state["points"] = {body.name: (body.mesh.n_points, 3) for body in linear.robot.bodies}
+        state["rods"] = {rod.name: (len(rod.centreline.nodes), 3) for rod in linear.robot.rods}
     for number, line in enumerate(raw.decode(errors="replace").splitlines(), start=1):
         answer: dict[str, Any] = {}
         try:
@@ -98,20 +122,6 @@ def run_states(
     good = f"; the last good time is {float(records[-1]['time']):.6g} s" if records else ""
     error = _last_error(said)
     return ProcessOutcome(records, f"{where}SOFA {ended}{good}" + (f": {error}" if error else ""), steps)
-
-
-def _state(robot: Robot, *, shapes: bool) -> dict[str, Any]:
-    """The shape of each number in the record of a state."""
-    record: dict[str, Any] = {
-        **dict.fromkeys(("time", "dt", "steps"), ()),
-        "cables": {cable.name: {"tension": (), "shortening": (), "points": (None, 3)} for cable in robot.cables},
-        "plates": {plate.name: POSE for plate in robot.plates},
-        "markers": {marker.name: (3,) for marker in robot.markers},
-    }
-    if shapes:
-        record["points"] = {body.name: (body.mesh.n_points, 3) for body in robot.bodies}
-        record["rods"] = {rod.name: (len(rod.centreline.nodes), 3) for rod in robot.rods}
-    return record
 
 
 def _holds(answer: Any, wanted: Any) -> bool:

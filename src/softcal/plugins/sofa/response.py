@@ -75,7 +75,20 @@ def along_one_cable(
 ) -> SofaSamples:
     """The samples of the driven cable, interpolated by a cubic spline between states along its control.
 
-    The first record is the robot with all cables slack. Nothing moves until the cable becomes taut.
+    Nothing moves until the cable becomes taut.
+
+    Parameters
+    ----------
+    twin
+        The robot as a system.
+    protocol
+        Its commands.
+    cable
+        The driven cable.
+    states
+        Its control in each state (n_states,) [m] or [N].
+    records
+        What SOFA reached; first the robot with all cables slack.
     """
     i = [one.name for one in twin.robot.cables].index(cable)
     command = protocol.commands[cable]
@@ -106,7 +119,15 @@ def along_one_cable(
 
 
 def row_by_row(twin: Twin, protocol: Protocol, records: Sequence[Record]) -> SofaSamples:
-    """One record per sample, after that of the slack robot."""
+    """One record per sample, after that of the slack robot.
+
+    Parameters
+    ----------
+    twin, protocol
+        The robot as a system, and its commands.
+    records
+        What SOFA reached; first the robot with all cables slack.
+    """
     rows = table(twin, records)[1:]
     for cable, command in protocol.commands.items():
         rows[:, twin.column(cable, kinds()[command.control])] = command.values[: len(rows)]
@@ -116,7 +137,15 @@ def row_by_row(twin: Twin, protocol: Protocol, records: Sequence[Record]) -> Sof
 def shapes(
     twin: Twin, protocol: Protocol, records: Sequence[Record], states: Sequence[Mapping[str, float]]
 ) -> tuple[Snapshot, ...]:
-    """The records as shapes; the one at rest first."""
+    """The records as shapes; the one at rest first.
+
+    Parameters
+    ----------
+    twin, protocol, records
+        As in `row_by_row`.
+    states
+        Cable -> shortening [m] or tension [N], of each state after the first.
+    """
     commanded: list[Mapping[str, float]] = [dict.fromkeys(protocol.commands, 0.0), *states]
     found: list[Snapshot] = []
     for record, controls in zip(records, commanded, strict=False):

@@ -48,8 +48,16 @@ def scene_parameters(
 ) -> dict[str, Any]:
     """Content of parameters.json: all numbers of the robot, in SI.
 
-    protocol: the cables pulled by tension or shortening; the others are slack. motion: time step and damping of the
-    scene, paper A's by default; settings: those of run.py.
+    Parameters
+    ----------
+    linear
+        The robot with laws that SOFA has.
+    protocol
+        The cables pulled by tension or shortening; the others are slack.
+    motion
+        Time step and damping of the scene; None for those of `TimeSettings()`.
+    settings
+        Those of run.py; None for the usual ones.
     """
     motion = motion or TimeSettings()
     robot = linear.robot.as_clamped
@@ -89,8 +97,18 @@ def scene_parameters(
 
 
 def write_scene(linear: LinearRobot, parameters: Mapping[str, Any], folder: Path, package: str = PACKAGE) -> list[Path]:
-    """Write the scene's files into an existing folder, and the robot's sources, meshes and parameters into a package
-    in it.
+    """Write the scene's files into a folder, and the robot's sources, meshes and parameters into a package in it.
+
+    Parameters
+    ----------
+    linear
+        The robot with laws that SOFA has.
+    parameters
+        Those of `scene_parameters`.
+    folder
+        Existing one to write into.
+    package
+        Name of the package.
     """
     written = write_sources(folder, package)
     for body in linear.robot.as_clamped.bodies:

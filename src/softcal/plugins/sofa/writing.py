@@ -51,8 +51,21 @@ def write_sofa(
 
     Bodies that SOFA does not support become linear tets with re-identified parameters; see `identify`. Contact is left
     out, and the notes say so.
-    experiment: name of the protocol's experiment, if selected among several; slack [m]: by cable, travel on the bench
-    minus shortening; both for the README. motion: time step and damping of the scene; settings: those of run.py.
+
+    Parameters
+    ----------
+    robot, protocol
+        The robot, and its commands.
+    folder
+        Existing one to write into.
+    name
+        Of the project.
+    experiment
+        Name of the protocol's experiment, if selected among several; for the README.
+    slack
+        Cable -> travel on the bench minus shortening [m]; for the README.
+    motion, settings
+        As in `scene_parameters`.
 
     Raises
     ------

@@ -22,9 +22,16 @@ MOST = 6  # experiments
 def fits_at(
     at_values: Project, names: Sequence[str], known: Mapping[str, Response]
 ) -> tuple[dict[str, ExperimentFit], str]:
-    """The fits of the first of these experiments at the project's values, and sentences on those that have none.
+    """The fits of the first of some experiments at the project's values, and sentences on those that have none.
 
-    known: experiment -> response that need not be solved again.
+    Parameters
+    ----------
+    at_values
+        The project at these values.
+    names
+        Of the experiments.
+    known
+        Experiment -> response that need not be solved again.
     """
     fits: dict[str, ExperimentFit] = {}
     told: list[str] = []
@@ -52,7 +59,17 @@ def _fit(at_values: Project, name: str, known: Response | None) -> ExperimentFit
 
 
 def fit_drawings(project: Project, label: str, fits: Mapping[str, ExperimentFit]) -> Iterator[Drawing]:
-    """The figures of fits of the calibration of this label."""
+    """The figures of fits.
+
+    Parameters
+    ----------
+    project
+        The project of the run.
+    label
+        Of the calibration.
+    fits
+        Experiment -> fit.
+    """
     if not fits:
         return
     # The figures of a fit read the fits alone.

@@ -32,7 +32,17 @@ class FleetReader:
         self._known: dict[str, tuple[int, WatchedSearch]] = {}
 
     def read(self, record: Mapping[str, Any], name: str, in_work: ReadSearch) -> WatchedRun:
-        """The fleet of a record `fleet.json`, in the folder of that name."""
+        """The fleet of a folder.
+
+        Parameters
+        ----------
+        record
+            Content of its `fleet.json`.
+        name
+            Of the folder.
+        in_work
+            Reads the run of a specimen that is not finished.
+        """
         faults: list[str] = []
         live = self._live(faults)
         found = self._specimens(record, live, in_work, faults)
@@ -46,7 +56,15 @@ class FleetReader:
         return WatchedRun(name, "fleet", found, created, report, figures=figures, live=live, unreadable=tuple(faults))
 
     def specimens(self, record: Mapping[str, Any], in_work: ReadSearch, faults: list[str]) -> tuple[WatchedSearch, ...]:
-        """The specimens of a record; what of them cannot be read becomes a fault."""
+        """The specimens of a fleet.
+
+        Parameters
+        ----------
+        record, in_work
+            As in `read`.
+        faults
+            Takes a sentence on each one that cannot be read.
+        """
         return self._specimens(record, self._live(faults), in_work, faults)
 
     def _at(self, name: str) -> str:

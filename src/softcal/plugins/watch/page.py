@@ -62,11 +62,60 @@ class RunPage:
     """The elements of one browser's page, and what they show."""
 
     def __init__(self, watch: Watch) -> None:
+        from nicegui import ui
+
         self._watch = watch
         self._chosen: str | None = None
         self._drawn: object = None
         self._specimens: object = None
-        self._build()
+        with ui.element("main").classes("sc-page"):
+            with ui.element("header").classes("sc-head"):
+                self._name = ui.label().classes("sc-name").mark("name")
+                self._state = ui.label("Reading").classes("sc-state").mark("state")
+                self._stage = ui.label().classes("sc-stage").mark("stage")
+                self._report = ui.link("Open the report", "report", new_tab=True).classes(f"sc-report {_HIDDEN}")
+            self._faults = ui.label().classes(f"sc-12 sc-note sc-warn {_HIDDEN}")
+            with ui.element("div").classes("sc-bar") as self._bar:
+                self._fill = ui.element("div").classes("sc-fill")
+            with _card("sc-12") as self._fleet:
+                ui.label("The specimens' first parameter, with 95 % intervals").classes("sc-title")
+                self._fleet_chart = ui.echart({"series": []}).classes("sc-chart")
+            self._searches = _table(
+                "Calibrations",
+                {"label": "name", "state": "state", "trials": "trials", "best": "best loss", "failed": "failed"},
+                key="place",
+            )
+            self._searches.table.on("rowClick", self._choose)
+            with ui.element("div").classes("sc-facts") as facts:
+                self._trials, self._method = _fact("Trials", "trials")
+                self._best, self._best_note = _fact("Best loss", "best")
+                self._failed, _ = _fact("Failed", "failed")
+                self._time, self._time_left = _fact("Time", "time")
+            with _card("sc-7") as losses:
+                ui.label("Loss against trials").classes("sc-title")
+                self._losses = ui.echart({"series": []}).classes("sc-chart")
+            with _card("sc-5") as twin:
+                self._twin = TwinPanel()
+            with _card(f"sc-12 {_HIDDEN}") as fits:
+                self._fits = FigurePanel(fits, "Measured and simulated at the best trial")
+            with _card("sc-7") as parameters:
+                ui.label("Parameters of the trials").classes("sc-title")
+                self._parameters = ui.echart({"series": []}).classes("sc-chart")
+            with ui.element("div").classes("sc-5 sc-stack"):
+                self._values = _table("Values", {"name": "parameter", "value": "value", "range": "range"})
+                with self._values.card:
+                    self._notes = ui.label().classes(f"sc-note {_HIDDEN}")
+                self._workers = _table("Workers", {"name": "worker", "state": "state", "done": "trials done"})
+            self._failures = _table("Failed trials", {"trial": "trial", "reason": "reason", "at": "parameters"})
+            self._scores = _table(
+                "Scores",
+                {name: name for name in ("case", "method", "split", "of", "rms", "mean", "largest")},
+                key="key",
+            )
+            with _card(f"sc-12 {_HIDDEN}") as figures:
+                self._figures = FigurePanel(figures, "Figures of the report")
+        self._of_search = (facts, losses, twin, parameters)
+        ui.timer(EVERY, self.refresh)
 
     async def refresh(self) -> None:
         """Read what is new, and show it."""
@@ -144,58 +193,6 @@ class RunPage:
 
     def _choose(self, event: Any) -> None:
         self._chosen = event.args[1].get("label")
-
-    def _build(self) -> None:
-        from nicegui import ui
-
-        with ui.element("main").classes("sc-page"):
-            with ui.element("header").classes("sc-head"):
-                self._name = ui.label().classes("sc-name").mark("name")
-                self._state = ui.label("Reading").classes("sc-state").mark("state")
-                self._stage = ui.label().classes("sc-stage").mark("stage")
-                self._report = ui.link("Open the report", "report", new_tab=True).classes(f"sc-report {_HIDDEN}")
-            self._faults = ui.label().classes(f"sc-12 sc-note sc-warn {_HIDDEN}")
-            with ui.element("div").classes("sc-bar") as self._bar:
-                self._fill = ui.element("div").classes("sc-fill")
-            with _card("sc-12") as self._fleet:
-                ui.label("The specimens' first parameter, with 95 % intervals").classes("sc-title")
-                self._fleet_chart = ui.echart({"series": []}).classes("sc-chart")
-            self._searches = _table(
-                "Calibrations",
-                {"label": "name", "state": "state", "trials": "trials", "best": "best loss", "failed": "failed"},
-                key="place",
-            )
-            self._searches.table.on("rowClick", self._choose)
-            with ui.element("div").classes("sc-facts") as facts:
-                self._trials, self._method = _fact("Trials", "trials")
-                self._best, self._best_note = _fact("Best loss", "best")
-                self._failed, _ = _fact("Failed", "failed")
-                self._time, self._time_left = _fact("Time", "time")
-            with _card("sc-7") as losses:
-                ui.label("Loss against trials").classes("sc-title")
-                self._losses = ui.echart({"series": []}).classes("sc-chart")
-            with _card("sc-5") as twin:
-                self._twin = TwinPanel()
-            with _card(f"sc-12 {_HIDDEN}") as fits:
-                self._fits = FigurePanel(fits, "Measured and simulated at the best trial")
-            with _card("sc-7") as parameters:
-                ui.label("Parameters of the trials").classes("sc-title")
-                self._parameters = ui.echart({"series": []}).classes("sc-chart")
-            with ui.element("div").classes("sc-5 sc-stack"):
-                self._values = _table("Values", {"name": "parameter", "value": "value", "range": "range"})
-                with self._values.card:
-                    self._notes = ui.label().classes(f"sc-note {_HIDDEN}")
-                self._workers = _table("Workers", {"name": "worker", "state": "state", "done": "trials done"})
-            self._failures = _table("Failed trials", {"trial": "trial", "reason": "reason", "at": "parameters"})
-            self._scores = _table(
-                "Scores",
-                {name: name for name in ("case", "method", "split", "of", "rms", "mean", "largest")},
-                key="key",
-            )
-            with _card(f"sc-12 {_HIDDEN}") as figures:
-                self._figures = FigurePanel(figures, "Figures of the report")
-        self._of_search = (facts, losses, twin, parameters)
-        ui.timer(EVERY, self.refresh)
 
 
 def _card(width: str) -> Any:

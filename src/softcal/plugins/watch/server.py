@@ -32,9 +32,18 @@ _NOT_THE_PAGE_S = (LookupError, TypeError, ValueError, AttributeError)
 
 
 def serve(folder: Path, *, host: str = LOOPBACK, port: int | None = None, ready: Callable[[str], None]) -> None:
-    """Serve the page of a folder until Ctrl-C or another signal; ready: told its address when it answers.
+    """Serve the page of a folder until Ctrl-C or another signal.
 
-    port: a free one from 8085 on where None, any free one where 0.
+    Parameters
+    ----------
+    folder
+        The run.
+    host
+        Address of this machine.
+    port
+        Any free one where 0; None for the first free one from 8085 on.
+    ready
+        Called with the page's address when it answers.
 
     Raises
     ------

@@ -160,7 +160,17 @@ class TwinKeeper:
 
 
 def simulated_twin(folder: Path, search: WatchedSearch, patience: float = PATIENCE) -> tuple[dict[str, Any], bytes]:
-    """What the process of `twin_worker` answers with its `fits`, and the GLB file, empty where there is none."""
+    """What the process of `twin_worker` answers with its `fits`, and the GLB file, empty where there is none.
+
+    Parameters
+    ----------
+    folder
+        The run.
+    search
+        The calibration whose best trial is simulated.
+    patience
+        Limit [s] of the process.
+    """
     best = search.best
     run_folder = (folder / run_of(search)).resolve()
     if not run_folder.is_relative_to(folder.resolve()):

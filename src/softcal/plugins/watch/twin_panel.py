@@ -39,7 +39,17 @@ class TwinPanel:
         self._scene.props["fps"] = rate
 
     def show(self, search: WatchedSearch, shape: TwinShape | None, *, busy: bool) -> None:
-        """Show a shape, or say why there is none."""
+        """Show a shape, or say why there is none.
+
+        Parameters
+        ----------
+        search
+            The calibration.
+        shape
+            The twin at its best trial; None where there is none.
+        busy
+            A newer shape is in work.
+        """
         if shape is None:
             self._note.set_text(
                 "Simulating the twin …" if busy else "" if search.best else "No trial was completed yet."

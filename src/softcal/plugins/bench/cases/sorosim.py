@@ -183,15 +183,11 @@ def _positions_of(robots: Sequence[Robot], k: int) -> Floats:
     return np.array([[response.channels[f"{point}.{axis}"][0] for axis in "xyz"] for point in POINTS])
 
 
-def _chain(elements: int, mean: float, most_95: float, largest: float) -> Published:
-    """The rival's row: a chain of rigid links."""
-    told = f"tip: mean {mean:g} %, 95 % below {most_95:g} %, largest {largest:g} % of the length"
-    source = "its figure sorosim_statics_error.png, all 500 shapes"
-    return Published(f"OpenCR-MuJoCo, {elements} links", source, note=told)
-
-
 def _chains(*rows: tuple[int, float, float, float]) -> Sequence[Published]:
-    return tuple(_chain(*row) for row in rows)
+    """The rival's rows, chains of rigid links: their number, and mean, 95 % and largest error [% of the length]."""
+    source = "its figure sorosim_statics_error.png, all 500 shapes"
+    tip = "tip: mean {:g} %, 95 % below {:g} %, largest {:g} % of the length"
+    return tuple(Published(f"OpenCR-MuJoCo, {n} links", source, note=tip.format(*errors)) for n, *errors in rows)
 
 
 @register_case

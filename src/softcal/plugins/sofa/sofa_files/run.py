@@ -199,7 +199,21 @@ def below(node):
 
 
 def run(states, parameters, rest, tell, shapes=False):
-    """The rest state with all cables slack, then every state; `tell` takes each record. Whether all were reached."""
+    """Reach the rest state with all cables slack, then every state. False where one was not reached.
+
+    Parameters
+    ----------
+    states
+        Cable -> shortening [m] or tension [N], of each state.
+    parameters
+        Content of parameters.json.
+    rest
+        When the robot is at rest, as `rest` of parameters.json.
+    tell
+        Takes each record.
+    shapes
+        Record the points of bodies and rods, too.
+    """
     began = time.time()
     it = SofaRun(parameters, rest)
     try:

@@ -27,7 +27,17 @@ def createScene(root, seen=True):
 
 
 def build(root, parameters, seen=False):
-    """Gravity, time step, loop and constraint solver at the root, and the robot below it."""
+    """Gravity, time step, loop and constraint solver at the root, and the robot below it.
+
+    Parameters
+    ----------
+    root
+        The scene's node.
+    parameters
+        Content of parameters.json.
+    seen
+        Add surfaces and markers to look at.
+    """
     root.gravity = parameters["gravity"]
     root.dt = parameters["time"]["dt"]
     root.addObject("RequiredPlugin", name="plugins", pluginName=PLUGINS)

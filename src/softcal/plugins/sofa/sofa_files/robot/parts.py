@@ -21,7 +21,19 @@ def add_fixed(node, indices):
 
 
 def put_together(node, parents, pairs, template="Vec3"):
-    """The node's points or frames, each (number of the parent, number of its point)."""
+    """Put the points or frames of a node together from those of others.
+
+    Parameters
+    ----------
+    node
+        The node, with its degrees of freedom.
+    parents
+        The other nodes.
+    pairs
+        (number of the parent, number of its point), of each point of the node.
+    template
+        Kind of the points, of SOFA.
+    """
     node.addObject(
         "SubsetMultiMapping",
         template=template + "," + template,
@@ -32,7 +44,21 @@ def put_together(node, parents, pairs, template="Vec3"):
 
 
 def carried_points(parts, on, name, points, **shown):
-    """A node with points that ride on a plate or in a body."""
+    """A node with points that ride on a plate or in a body.
+
+    Parameters
+    ----------
+    parts
+        The robot's nodes by kind and name.
+    on
+        Name of the plate or body.
+    name
+        Of the new node.
+    points
+        Positions (n, 3) [m].
+    shown
+        How SOFA draws the points.
+    """
     if on in parts["plates"]:
         node = parts["plates"][on].addChild(name)
         node.addObject("MechanicalObject", name="dofs", template="Vec3", position=points, **shown)

@@ -50,11 +50,21 @@ class Placed:
 
 
 def add_robot(parent, name="robot", seen=True, parameters=None):
-    """The robot below a node of any scene, as a child called `name`.
+    """The robot below a node of any scene.
 
     The scene above it has the gravity, the time step, a FreeMotionAnimationLoop and a constraint solver; the robot
-    brings its own time integration and linear solver. seen: with surfaces and markers. parameters: those of
-    parameters.json by default.
+    brings its own time integration and linear solver.
+
+    Parameters
+    ----------
+    parent
+        The node of the scene.
+    name
+        Of the robot's node, a child of it.
+    seen
+        Add surfaces and markers to look at.
+    parameters
+        Those of parameters.json by default.
     """
     parameters = parameters or read_parameters()
     robot = parent.addChild(name)
@@ -98,7 +108,15 @@ def build(robot, parameters):
 
 
 def add_plate(robot, name, plate):
-    """A rigid frame at the plate's centre of mass."""
+    """A rigid frame at the plate's centre of mass.
+
+    Parameters
+    ----------
+    robot, name
+        The robot's node, and the name of the plate's.
+    plate
+        Its entry in parameters.json.
+    """
     node = robot.addChild(name)
     node.addObject(
         "MechanicalObject",
@@ -129,7 +147,17 @@ def ties_of(parameters, body):
 
 
 def add_body(robot, name, parameters, parts):
-    """A deformable body of linear tetrahedra; nodes on plates and other bodies follow them, the rest is free."""
+    """A deformable body of linear tetrahedra; nodes on plates and other bodies follow them, the rest is free.
+
+    Parameters
+    ----------
+    robot, name
+        The robot's node, and the body's name.
+    parameters
+        Content of parameters.json.
+    parts
+        The robot's nodes by kind and name, those of plates and of the bodies that it is tied to.
+    """
     body = parameters["bodies"][name]
     mesh = os.path.join(HERE, body["mesh"])
     points = read_points(mesh)
@@ -163,7 +191,17 @@ def add_body(robot, name, parameters, parts):
 
 
 def add_solid(node, mesh, body):
-    """Mesh, mass and law of a body."""
+    """Mesh, mass and law of a body.
+
+    Parameters
+    ----------
+    node
+        The body's node.
+    mesh
+        Path of its mesh.
+    body
+        Its entry in parameters.json.
+    """
     constants = body.get("constants")
     if constants is None:
         E, nu = body["youngs_modulus"], body["poissons_ratio"]
@@ -185,7 +223,15 @@ def add_solid(node, mesh, body):
 
 
 def add_load(name, load, parts):
-    """A dead force at a point, or dead forces on nodes of a body."""
+    """A dead force at a point, or dead forces on nodes of a body.
+
+    Parameters
+    ----------
+    name, load
+        The load's name, and its entry in parameters.json.
+    parts
+        The robot's nodes by kind and name.
+    """
     if "at" in load:
         node = carried_points(parts, load["on"], name, [load["at"]])
         node.addObject("ConstantForceField", indices=[0], forces=[load["force"]])
@@ -198,6 +244,15 @@ def add_cable(robot, name, cable, parts):
     """A cable through its points, from the pull point on, or from the first point where none is fixed in space.
 
     It is pulled by a displacement [m], and never pushes, or by a force, which SOFA takes as an impulse [N s].
+
+    Parameters
+    ----------
+    robot, name
+        The robot's node, and the cable's name.
+    cable
+        Its entry in parameters.json.
+    parts
+        The robot's nodes by kind and name.
     """
     points, pull_point = cable["points"], cable["pull_point"]
     by_carrier = {}
@@ -232,7 +287,15 @@ def add_cable(robot, name, cable, parts):
 
 
 def ground_points(robot, name, points):
-    """Points fixed in space."""
+    """Points fixed in space.
+
+    Parameters
+    ----------
+    robot, name
+        The robot's node, and the name of that of the points.
+    points
+        Positions (n, 3) [m].
+    """
     node = robot.addChild(name)
     node.addObject("MechanicalObject", name="dofs", template="Vec3", position=points)
     add_fixed(node, list(range(len(points))))

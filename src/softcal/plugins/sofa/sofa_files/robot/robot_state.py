@@ -4,14 +4,32 @@ import numpy as np
 
 
 def pull(parts, parameters, values, dt):
-    """Tell cables their shortening [m] or tension [N], by name. A force is an impulse in SOFA: tension times step."""
+    """Give cables their shortening or tension. A force is an impulse in SOFA: tension times step.
+
+    Parameters
+    ----------
+    parts, parameters, dt
+        As in `read_state`.
+    values
+        Cable -> shortening [m] or tension [N].
+    """
     for name, value in values.items():
         is_tension = parameters["cables"][name]["control"] == "tension"
         parts["cables"][name].cable.value.value = [float(value * dt if is_tension else value)]
 
 
 def read_state(parts, parameters, dt):
-    """Tension and shortening of cables; position and quaternion (x, y, z, w) of plates' references; markers."""
+    """Tension and shortening of cables; position and quaternion (x, y, z, w) of plates' references; markers.
+
+    Parameters
+    ----------
+    parts
+        The robot's nodes by kind and name.
+    parameters
+        Content of parameters.json.
+    dt
+        Time step [s].
+    """
     return {
         "cables": {name: read_cable(node, parameters["cables"][name], dt) for name, node in parts["cables"].items()},
         "plates": {name: read_plate(name, plate, parts) for name, plate in parameters["plates"].items()},
@@ -20,6 +38,15 @@ def read_state(parts, parameters, dt):
 
 
 def read_cable(node, cable, dt):
+    """Tension [N], shortening [m] and points (n, 3) [m] of a cable.
+
+    Parameters
+    ----------
+    node, cable
+        The cable's node, and its entry in parameters.json.
+    dt
+        Time step [s].
+    """
     points = np.array(node.dofs.position.value, dtype=float)
     if cable["pull_point"] is not None:
         points = np.vstack([cable["pull_point"], points])
@@ -38,12 +65,30 @@ def read_rods(parts, parameters):
 
 
 def read_plate(name, plate, parts):
+    """Position [m] of a plate's reference, and its quaternion (x, y, z, w).
+
+    Parameters
+    ----------
+    name, plate
+        The plate's name, and its entry in parameters.json.
+    parts
+        The robot's nodes by kind and name.
+    """
     if plate["fixed"]:
         return plate["reference"] + [0.0, 0.0, 0.0, 1.0]
     return carried(plate["reference"], name, plate, parts) + frame_of(name, parts)[3:].tolist()
 
 
 def read_marker(marker, parameters, parts):
+    """Position (3,) [m] of a marker.
+
+    Parameters
+    ----------
+    marker
+        Its entry in parameters.json.
+    parameters, parts
+        As in `read_state`.
+    """
     if not marker["on"]:
         return marker["at"]
     if marker["on"] in parts["plates"]:
@@ -58,7 +103,17 @@ def frame_of(name, parts):
 
 
 def carried(at, name, plate, parts):
-    """Where a plate has taken a point that was at `at`."""
+    """Where a plate has taken a point [m].
+
+    Parameters
+    ----------
+    at
+        The point at rest [m].
+    name, plate
+        The plate's name, and its entry in parameters.json.
+    parts
+        The robot's nodes by kind and name.
+    """
     frame = frame_of(name, parts)
     return (frame[:3] + turned(frame[3:], np.array(at) - np.array(plate["centre_of_mass"]))).tolist()
 

@@ -11,7 +11,17 @@ UNTURNED = [0.0, 0.0, 0.0, 1.0]
 
 
 def add_rod(robot, name, rod, parts):
-    """A rod whose nodes on plates follow them, whose fixed ones stay, and whose others are free."""
+    """A rod whose nodes on plates follow them, whose fixed ones stay, and whose others are free.
+
+    Parameters
+    ----------
+    robot, name
+        The robot's node, and the rod's name.
+    rod
+        Its entry in parameters.json.
+    parts
+        The robot's nodes by kind and name, those of plates.
+    """
     nodes = rod["nodes"]
     if not rod["plates"]:
         node = robot.addChild(name)
@@ -51,7 +61,15 @@ def frames(points):
 
 
 def add_beams(node, name, rod):
-    """Every element twice, from either end, with half its stiffness."""
+    """Every element twice, from either end, with half its stiffness.
+
+    Parameters
+    ----------
+    node, name
+        The rod's node and name.
+    rod
+        Its entry in parameters.json.
+    """
     n = len(rod["nodes"]) - 1
     edges = [edge for k in range(n) for edge in ([k, k + 1], [k + 1, k])]
     node.addObject("EdgeSetTopologyContainer", name="topology", edges=edges)
@@ -68,7 +86,17 @@ def add_beams(node, name, rod):
 
 
 def add_mass(node, name, nodes, group):
-    """The mass of some of the rod's nodes: a component of SOFA's has one for all."""
+    """The mass of some of the rod's nodes: a component of SOFA's has one for all.
+
+    Parameters
+    ----------
+    node, name
+        The rod's node, and the name of that of the mass.
+    nodes
+        All points (n, 3) [m] of the rod.
+    group
+        Numbers of the points that have the mass, the mass [kg] of each, and its inertia per mass [m^2].
+    """
     some = node.addChild(name)
     some.addObject(
         "MechanicalObject", name="dofs", template="Rigid3", position=frames([nodes[k] for k in group["nodes"]])
@@ -91,7 +119,15 @@ class Stiffness(Sofa.Core.Controller):
 
 
 def require_stiffness(beams, name, rod):
-    """Whether the beams have the stiffness that they were given. What `init` above raises SOFA only reports."""
+    """Check that the beams have taken their stiffness. What `init` above raises SOFA only reports.
+
+    Parameters
+    ----------
+    beams
+        SOFA's force field.
+    name, rod
+        The rod's name, and its entry in parameters.json.
+    """
     there, wanted = (np.array(numbers(text)) for text in (beams.beamsData.getValueString(), beams_data(rod)))
     # SOFA writes six digits.
     if there.shape != wanted.shape or abs(there - wanted).max() > 1e-5 * abs(wanted).max():

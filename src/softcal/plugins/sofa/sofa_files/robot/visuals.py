@@ -23,7 +23,17 @@ def add_view(root, parameters):
 
 
 def add_surfaces(robot, parameters, parts):
-    """What there is to see of the robot; without OpenGL no surfaces."""
+    """What there is to see of the robot; without OpenGL no surfaces.
+
+    Parameters
+    ----------
+    robot
+        The robot's node.
+    parameters
+        Content of parameters.json.
+    parts
+        The robot's nodes by kind and name.
+    """
     shown = parameters["visual"]
     for node in parts["cables"].values():
         node.cable.color.value = CABLE
@@ -46,7 +56,17 @@ def add_surfaces(robot, parameters, parts):
 
 
 def add_surface(robot, name, surface, parts):
-    """The surface of a part, which moves with it, or of a plate that stands still."""
+    """The surface of a part, which moves with it, or of a plate that stands still.
+
+    Parameters
+    ----------
+    robot, name
+        The robot's node, and the name of the body, rod or plate.
+    surface
+        Its entry in parameters.json.
+    parts
+        The robot's nodes by kind and name.
+    """
     kind = next((kind for kind in COLOURS if name in parts[kind]), "plates")
     node = (parts[kind].get(name) or robot.addChild(name)).addChild("visual")
     node.addObject("MeshOBJLoader", name="loader", filename=os.path.join(HERE, surface["file"]))

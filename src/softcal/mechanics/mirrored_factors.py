@@ -33,8 +33,12 @@ class MirroredPattern:
         self._whole: TouchedPattern | None = None
 
     def factorise(self, data: Floats, touch: Any, near: Callable[[], Any]) -> Factors:
-        """The factors of the planned entries `data` (nnz,) and of `touch`, a sparse upper triangle, or None; `near`:
-        see `TouchedPattern.factorise`.
+        """The factors of a tangent with contact.
+
+        Parameters
+        ----------
+        data, touch, near
+            As of `TouchedPattern.factorise`.
 
         Raises
         ------

@@ -31,8 +31,16 @@ class TouchedPattern:
         self._factors: Factorisation | None = None
 
     def factorise(self, data: Floats, touch: Any, near: Callable[[], Any]) -> Factorisation:
-        """The factors of the planned entries `data` (nnz,) and of `touch`, a sparse upper triangle, or None. Where that
-        has new entries, the pattern also gets those that `near` gives.
+        """The factors of a tangent with contact.
+
+        Parameters
+        ----------
+        data
+            The planned entries (nnz,).
+        touch
+            Those of contact, a sparse upper triangle; None where nothing touches.
+        near
+            The entries of all that is near, which the pattern also gets where `touch` has new ones.
 
         Raises
         ------

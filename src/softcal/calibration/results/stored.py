@@ -188,7 +188,13 @@ def as_record(kind: type[R], text: bytes, path: Path, what: str, form: int | Non
 
 
 def as_document(text: bytes, path: Path, what: str) -> dict[str, Any]:
-    """The mapping of a record, before its schema is known; arguments and errors as of `as_record`."""
+    """The mapping of a record, before its schema is known; errors as of `as_record`.
+
+    Parameters
+    ----------
+    text, path, what
+        As of `as_record`.
+    """
     try:
         return _DOCUMENT.validate_json(text)
     except ValidationError as error:

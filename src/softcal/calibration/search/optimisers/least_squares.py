@@ -109,7 +109,9 @@ class LeastSquaresOptimiser(Optimiser):
         status, n = self._best.status, sum(descent.evaluations for descent in begun)
         if not all(descent in self._descents for descent in begun):
             named = " and ".join(self._in_the_middle)
-            status += f" {counted(n)} in all, including those of an additional first start with {named} in the middle of "
+            status += (
+                f" {counted(n)} in all, including those of an additional first start with {named} in the middle of "
+            )
             status += "the range, where elements do not lock."
         elif n > self._best.evaluations:
             status += f" {counted(n)} in all."

@@ -61,7 +61,11 @@ def test_a_path_at_another_modulus_costs_nothing(robot: Robot, monkeypatch: pyte
 
 
 def test_shapes_at_another_modulus_have_the_forces_of_a_fresh_path():
-    robot, samples, theta = touching(grooved(element="P2P1", across=COARSE)), (1e-3, 3e-3), {"block.youngs_modulus": 0.37e6}
+    robot, samples, theta = (
+        touching(grooved(element="P2P1", across=COARSE)),
+        (1e-3, 3e-3),
+        {"block.youngs_modulus": 0.37e6},
+    )
     simulate(robot, pulled(*samples), snapshots=True)
     again, fresh = (simulate(one, pulled(*samples), theta, snapshots=True) for one in (robot, afresh(robot)))
     assert len(again.snapshots) == len(fresh.snapshots) > 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,7 +21,6 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.section import RectangularBar, RoundBar
 from softcal.materials.catalogue import LAWS
-from softcal.mechanics import attachment
 from softcal.mechanics.cable import CableTerm
 from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.damping import Damping
@@ -47,6 +46,7 @@ from softcal.twin.masses import robot_inertia
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.robot import Body, Cable, Moment, Robot, Rod, ViaPoint
 
+pytestmark = pytest.mark.usefixtures("small_balls")
 STEP = 1e-4  # of the moves: central differences are right to its square
 
 
@@ -152,14 +152,6 @@ def blocks(friction: float = 0.0) -> Robot:
     below = Body("low", low, low.node_sets["z0"], elastic(), element="P1", density=1000.0)
     above = Body("high", high, [], elastic(), element="P1", density=1000.0)
     return Robot((below, above), contact=Contact(stiffness=1e5, friction_coefficient=friction, depth=gap))
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _few_points_in_a_ball() -> Generator[None]:
-    """A point in a body is a sum over a ball around it, whose derivative is exact of however many points it is."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(attachment, "BALL_POINTS", 40)
-        yield
 
 
 def rough(layout: Layout, size: float = 1e-3, seed: int = 0) -> Floats:

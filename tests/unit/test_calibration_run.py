@@ -171,8 +171,8 @@ def test_where_every_evaluation_ends_its_worker_the_search_is_over() -> None:
 
 
 def test_an_evaluation_that_ends_its_worker_each_time_is_a_failed_trial() -> None:
-    found = calibrate(problem_of(soft_necks_end_their_worker), method="grid", trials=9, workers=2)
-    alone = calibrate(problem_of(soft_necks_fail), method="grid", trials=9)
+    found = calibrate(problem_of(soft_necks_end_their_worker), method="grid", trials=4, workers=2)
+    alone = calibrate(problem_of(soft_necks_fail), method="grid", trials=4)
     assert [trial.state for trial in found.trials] == [trial.state for trial in alone.trials]
     assert [trial.loss for trial in found.trials] == [trial.loss for trial in alone.trials]
     reasons = {trial.reason for trial in found.trials if trial.state == "FAILED"}

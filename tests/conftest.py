@@ -55,6 +55,14 @@ def _kernels_of_one_signature() -> Generator[None]:
     assert not several
 
 
+@pytest.fixture(scope="module")
+def small_balls() -> Generator[None]:
+    """A point in a body is a sum over a ball around it: here of fewer points, of which derivatives are as exact."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("softcal.mechanics.attachment.BALL_POINTS", 40)
+        yield
+
+
 @pytest.fixture(scope="session")
 def repository() -> Path:
     """The root of the repository."""

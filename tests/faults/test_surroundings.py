@@ -99,8 +99,17 @@ def masked() -> None:
     without_rights()
 
 
-def variable(name: str, *values: str | None) -> dict[str, Around]:
-    return {f"{name} {'not set' if value is None else repr(value[:30])}": Around({name: value}) for value in values}
+def variables(**values: tuple[str | None, ...]) -> dict[str, Around]:
+    """Surroundings with the first value of each variable, with the second, and so on, while there is one.
+
+    Those of one call act on different things, so that none hides another.
+    """
+    rows = ({n: own[k] for n, own in values.items() if k < len(own)} for k in range(max(map(len, values.values()))))
+    return {", ".join(map(_shown, row, row.values())): Around(row) for row in rows}
+
+
+def _shown(name: str, value: str | None) -> str:
+    return f"{name} {'not set' if value is None else repr(value[:30])}"
 
 
 CHECK = ("check", "project.yaml", "--no-solve", "--no-pictures")
@@ -110,60 +119,70 @@ UNSAID: Mapping[str, tuple[End, ...]] = {"check": ("failed",), "calibrate": ("fa
 ANY: Mapping[str, tuple[End, ...]] = dict.fromkeys(("check", "calibrate"), ("solved", "refused", "failed"))
 REFUSED: Mapping[str, tuple[End, ...]] = {"check": ("refused",), "calibrate": ("refused",)}
 SURROUNDINGS: Mapping[str, Around] = {
-    **variable("HOME", None, "", "/etc/passwd", "/proc/nobody", "relative", "/dev/null/x", "\udcff"),
-    **variable("TMPDIR", "/nowhere", "", "/etc/passwd", "relative"),
-    **variable("PATH", None, "", "/etc/passwd", "."),
-    **variable("LC_ALL", "C", "POSIX", "nobody.nothing", "tr_TR.UTF-8"),
-    **variable("PYTHONIOENCODING", "ascii", "latin-1", "utf-16"),
-    **variable("TERM", None, "", "nobody", "dumb"),
-    **variable("COLUMNS", "0", "-1", "1", "x", "9" * 30),
-    **variable("LINES", "0", "x"),
-    **variable("FORCE_COLOR", "1"),
-    **variable("TTY_COMPATIBLE", "1"),
-    **variable("SOFTCAL", "/dev/zero", "nobody"),
-    **variable("SOFA_ROOT", "/dev/zero", "nobody", ""),
-    **variable("MPLCONFIGDIR", "/etc/passwd", "/dev/null/x", "", "/proc"),
-    **variable("MATPLOTLIBRC", "/dev/null", "/nowhere", "nobody"),
-    **variable("MPLBACKEND", "nobody", "TkAgg", ""),
-    **variable("PYTHONOPTIMIZE", "2"),
-    **variable("PYTHONWARNINGS", "error", "nobody"),
-    **variable("PYTHONDONTWRITEBYTECODE", "1"),
-    **variable("PYTHONSAFEPATH", "1"),
-    **variable("PYTHONUTF8", "0"),
-    **variable("PYTHONDEVMODE", "1"),
-    **variable("OMP_NUM_THREADS", "x", "0", "-1", "99999"),
-    **variable("MKL_NUM_THREADS", "x", "0"),
-    **variable("NUMBA_NUM_THREADS", "99999"),
+    **variables(
+        HOME=(None, "", "/etc/passwd", "/proc/nobody", "relative", "/dev/null/x", "\udcff"),
+        OMP_NUM_THREADS=("x", "0", "-1", "99999"),
+    ),
+    **variables(MPLCONFIGDIR=("/etc/passwd", "/dev/null/x", "", "/proc"), MKL_NUM_THREADS=("x", "0")),
+    **variables(MATPLOTLIBRC=("/dev/null", "/nowhere", "nobody"), NUMBA_CACHE_DIR=("/etc/passwd", "/dev/null/x")),
+    **variables(MPLBACKEND=("nobody", "TkAgg", ""), NUMBA_NUM_THREADS=("99999",)),
+    **variables(
+        TMPDIR=("/nowhere", "", "/etc/passwd", "relative"),
+        COLUMNS=("0", "-1", "1", "x", "9" * 30),
+        SOFA_ROOT=("/dev/zero", "nobody", ""),
+        PYTHONWARNINGS=("error", "nobody"),
+        TZ=("Nobody/Nowhere",),
+    ),
+    **variables(
+        PATH=(None, "", "/etc/passwd", "."),
+        LC_ALL=("C", "POSIX", "nobody.nothing", "tr_TR.UTF-8"),
+        LINES=("0", "x"),
+        SOFTCAL=("/dev/zero", "nobody"),
+        DISPLAY=("nobody:99",),
+    ),
+    **variables(
+        TERM=(None, "", "nobody", "dumb"),
+        PYTHONIOENCODING=("ascii", "latin-1", "utf-16"),
+        PYTHONSAFEPATH=("1",),
+        XDG_CACHE_HOME=("/etc/passwd",),
+    ),
+    **variables(FORCE_COLOR=("1",), PYTHONDONTWRITEBYTECODE=("1",)),
+    **variables(TTY_COMPATIBLE=("1",), PYTHONUTF8=("0",)),
+    **variables(COLORTERM=("nobody",), PYTHONDEVMODE=("1",)),
+    **variables(PYTHONOPTIMIZE=("2",)),
     **{f"{n!r} threads of Numba": Around({"NUMBA_NUM_THREADS": n}, ends=REFUSED) for n in ("0", "-3", "x", "")},
-    **variable("NUMBA_CACHE_DIR", "/etc/passwd", "/dev/null/x"),
-    **variable("XDG_CACHE_HOME", "/etc/passwd"),
-    **variable("DISPLAY", "nobody:99"),
-    **variable("TZ", "Nobody/Nowhere"),
-    **variable("COLORTERM", "nobody"),
     "ASCII without UTF-8": Around({"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}),
-    **{
-        f"{name} beside the project": Around(files={name: OWNED})
-        for name in (
-            "numpy.py", "yaml.py", "sitecustomize.py", "usercustomize.py", "matplotlib.py", "json.py",
-            "ruamel.py", "pint.py", "numba/__init__.py", "softcal/cli.py", "typer.py",
-            "pyvista.py",
-            "vtkmodules/__init__.py", "optuna/__init__.py", "scipy/__init__.py", "encodings/__init__.py", "site.py",
+    "modules beside the project": Around(
+        files=dict.fromkeys(
+            (
+                "numpy.py", "yaml.py", "sitecustomize.py", "usercustomize.py", "matplotlib.py", "json.py",
+                "ruamel.py", "pint.py", "numba/__init__.py", "softcal/cli.py", "typer.py",
+                "pyvista.py",
+                "vtkmodules/__init__.py", "optuna/__init__.py", "scipy/__init__.py", "encodings/__init__.py", "site.py",
+            ),
+            OWNED,
         )
-    },
+    ),
     # `python -m softcal` runs these before any line of softcal; the command `softcal` does not (docs/security.md).
     **{
         f"{name} beside the project": Around(files={name: OWNED}, options=("-P",))
         for name in ("softcal.py", "softcal/__init__.py")
     },
-    "settings of pytest beside": Around(files={"conftest.py": OWNED, "pyproject.toml": "[[["}),
+    "settings of pytest, Dask and Python beside": Around(
+        files={
+            "conftest.py": OWNED,
+            "pyproject.toml": "[[[",
+            "dask.yaml": "[[[",
+            "pyvenv.cfg": "home = /nowhere\n",
+            "python._pth": "x\n",
+        }
+    ),
     "settings of Matplotlib beside": Around(files={"matplotlibrc": "backend: nobody\ntext.usetex: True\n"}),
     "settings of Matplotlib of noise": Around(files={"matplotlibrc": "\x00\x01: \x02\n" * 50}),
     **{
         f"settings of Numba beside, {text[:20]!r}": Around(files={".numba_config.yaml": text}, ends=REFUSED)
         for text in ("disable_jit: [1\nnum_threads: x\n", "cache_dir: ./kernels\n")  # which are pickles
     },
-    "settings of Dask beside": Around(files={"dask.yaml": "[[["}),
-    "settings of Python beside": Around(files={"pyvenv.cfg": "home = /nowhere\n", "python._pth": "x\n"}),
     "a folder that is read only": Around(before=read_only, ends=NOT_KEPT),
     "a mask of all rights": Around(before=masked, ends={"calibrate": ("solved", "refused", "failed")}),
     "a folder that is gone": Around(before=gone, ends=REFUSED),
@@ -208,6 +227,13 @@ def beside(files: Mapping[str, str]) -> Callable[[Path], object]:
     return write
 
 
+def commands(what: str, around: Around) -> tuple[tuple[str, ...], ...]:
+    """Both where they may end differently: else a calibration does all that a check without solving does."""
+    if not MATTERS.search(what):
+        return (CHECK,)
+    return (CHECK, CALIBRATE) if around.ends else (CALIBRATE,)
+
+
 CASES = [
     Case(
         "environment",
@@ -218,7 +244,7 @@ CASES = [
         keeps="run",
     )
     for what, around in SURROUNDINGS.items()
-    for words in ((CHECK, CALIBRATE) if MATTERS.search(what) else (CHECK,))
+    for words in commands(what, around)
 ]  # fmt: skip
 
 

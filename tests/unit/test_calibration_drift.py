@@ -87,17 +87,17 @@ def stated(problem: Problem, *uncertain: UncertainParameter) -> Problem:
 
 @pytest.mark.parametrize("loss", LOSSES.values(), ids=LOSSES)
 def test_the_intervals_contain_the_truth_where_instruments_drift_by_what_the_noise_conceals(loss: Loss) -> None:
-    def coverage(given: dict[str, float]) -> float:
+    def coverage(given: dict[str, float], n: int) -> float:
         contained = 0
-        for seed in range(40):
+        for seed in range(n):
             problem = linear_problem(loss, n=200, seed=seed, settings=given, drift=0.49 * (-1) ** seed)
-            one = calibrate(problem).parameters[E]
+            one = calibrate(problem, starts=1).parameters[E]  # of a linear twin, which has one minimum
             assert one.interval is not None
             contained += one.interval[0] <= TRUE[E] <= one.interval[1]
-        return contained / 40
+        return contained / n
 
-    assert coverage({}) >= 0.9
-    assert coverage(STEADY) < 0.9
+    assert coverage({}, 40) >= 0.9
+    assert coverage(STEADY, 20) < 0.9
 
 
 def test_the_notes_name_it_where_it_counts() -> None:

@@ -32,7 +32,7 @@ from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.results.result_reading import load_result
 from softcal.calibration.results.trial_journal import stored_trials
 from softcal.calibration.run import calibrate
-from softcal.calibration.search import outcome
+from softcal.calibration.search import evaluator, outcome
 from softcal.calibration.search.search import Progress
 from softcal.errors import CalibrationError, InputError, StorageError
 from softcal.twin.protocol import Protocol
@@ -164,15 +164,16 @@ def test_tpe_is_the_same_search_for_any_number_of_workers() -> None:
     assert alone.extra["batch"] == 4
 
 
-def test_where_every_evaluation_ends_its_worker_the_search_is_over() -> None:
-    told = "first 5 evaluations ended their workers.*tried 3 times.*fewer workers than 2"
+def test_where_every_evaluation_ends_its_worker_the_search_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(evaluator, "_HOPELESS", 2)
+    told = "first 2 evaluations ended their workers.*tried 3 times.*fewer workers than 2"
     with pytest.raises(CalibrationError, match=told):
         calibrate(problem_of(dying_twin), method="grid", trials=9, workers=2)
 
 
 def test_an_evaluation_that_ends_its_worker_each_time_is_a_failed_trial() -> None:
-    found = calibrate(problem_of(soft_necks_end_their_worker), method="grid", trials=9, workers=2)
-    alone = calibrate(problem_of(soft_necks_fail), method="grid", trials=9)
+    found = calibrate(problem_of(soft_necks_end_their_worker), method="grid", trials=4, workers=2)
+    alone = calibrate(problem_of(soft_necks_fail), method="grid", trials=4)
     assert [trial.state for trial in found.trials] == [trial.state for trial in alone.trials]
     assert [trial.loss for trial in found.trials] == [trial.loss for trial in alone.trials]
     reasons = {trial.reason for trial in found.trials if trial.state == "FAILED"}

@@ -28,7 +28,7 @@ from softcal.twin.proportional import at_own_moduli
 from softcal.twin.response import Response
 from softcal.twin.robot import PointLoad, Robot
 from softcal.twin.simulate import simulate
-from tests.verification.test_closing_grooves import EXAMPLES, grooved, pulled, touching
+from tests.verification.test_closing_grooves import COARSE, EXAMPLES, grooved, pulled, touching
 
 NAMES = ("block.youngs_modulus", "block.poissons_ratio")
 
@@ -38,7 +38,7 @@ def afresh(robot: Robot) -> Robot:
     return replace(robot)
 
 
-@pytest.mark.parametrize("robot", [grooved(), touching(grooved())], ids=["bends", "touches itself"])
+@pytest.mark.parametrize("robot", [grooved(), touching(grooved(across=COARSE))], ids=["bends", "touches itself"])
 def test_a_path_at_another_modulus_costs_nothing(robot: Robot, monkeypatch: pytest.MonkeyPatch):
     """And gives the same to the last digits, with its derivatives, as one that is followed there."""
     samples = np.linspace(0.5e-3, 4e-3, 40)
@@ -61,7 +61,11 @@ def test_a_path_at_another_modulus_costs_nothing(robot: Robot, monkeypatch: pyte
 
 
 def test_shapes_at_another_modulus_have_the_forces_of_a_fresh_path():
-    robot, samples, theta = touching(grooved(element="P2P1")), (1e-3, 3e-3), {"block.youngs_modulus": 0.37e6}
+    robot, samples, theta = (
+        touching(grooved(element="P2P1", across=COARSE)),
+        (1e-3, 3e-3),
+        {"block.youngs_modulus": 0.37e6},
+    )
     simulate(robot, pulled(*samples), snapshots=True)
     again, fresh = (simulate(one, pulled(*samples), theta, snapshots=True) for one in (robot, afresh(robot)))
     assert len(again.snapshots) == len(fresh.snapshots) > 2
@@ -76,7 +80,7 @@ def test_shapes_at_another_modulus_have_the_forces_of_a_fresh_path():
 
 def test_other_samples_are_those_of_a_fresh_path():
     """Of linear tets the walls of the groove rest at several places, and which depends on the nodes before."""
-    robot, samples = touching(grooved(element="P2P1")), np.linspace(0.2e-3, 4e-3, 60)
+    robot, samples = touching(grooved(element="P2P1", across=(8, 1))), np.linspace(0.2e-3, 4e-3, 25)
     simulate(robot, pulled(*samples), sensitivities=NAMES)
     later = pulled(*(samples - 0.13e-3))
     again, fresh = (simulate(one, later, sensitivities=NAMES) for one in (robot, afresh(robot)))
@@ -113,7 +117,7 @@ def require_close(response: Response, other: Response, share: float) -> None:
 
 def test_shared_paths_in_contact_have_the_same_nodes(monkeypatch: pytest.MonkeyPatch):
     """To whichever shortening, and at other parameters those of the robot's own, whatever was simulated before."""
-    robot, samples = touching(grooved()), np.linspace(0.2e-3, 4e-3, 20)
+    robot, samples = touching(grooved(across=COARSE)), np.linspace(0.2e-3, 4e-3, 20)
     shared = simulate(robot, pulled(*samples), SOFTER, sensitivities=NAMES, shared=True)
     require_close(shared, simulate(afresh(robot), pulled(*samples), SOFTER, curve_tolerance=0.0), AT_REST)
     other = afresh(robot)
@@ -144,7 +148,7 @@ def test_a_shared_path_in_contact_takes_fewer_factorisations():
 
 def test_a_path_of_another_shape_is_followed_by_itself():
     """Beside states of the own shape, its surfaces might have passed through each other."""
-    robot = grooved()
+    robot = grooved(across=COARSE)
     (body,) = robot.bodies
     robot = touching(replace(robot, bodies=(replace(body, shape=DrawnShape()),)))
     samples, wider = np.linspace(0.2e-3, 4e-3, 20), {"block.scale": 1.02}
@@ -153,7 +157,7 @@ def test_a_path_of_another_shape_is_followed_by_itself():
 
 
 def test_a_shared_path_goes_on_by_itself_where_that_at_the_own_parameters_is_no_guide(monkeypatch: pytest.MonkeyPatch):
-    robot, samples = touching(grooved()), np.linspace(0.2e-3, 4e-3, 20)
+    robot, samples = touching(grooved(across=COARSE)), np.linspace(0.2e-3, 4e-3, 20)
     guided = list[Node]()
     monkeypatch.setattr(path._Continuation, "_beside", lambda self, there: guided.append(there))
     shared, again = (simulate(robot, pulled(*samples), SOFTER, shared=True) for _ in range(2))
@@ -164,7 +168,7 @@ def test_a_shared_path_goes_on_by_itself_where_that_at_the_own_parameters_is_no_
 
 def test_a_shared_path_in_contact_ends_at_its_samples_where_the_robot_gets_no_further(monkeypatch: pytest.MonkeyPatch):
     """And does not go beyond again for later samples."""
-    robot, samples = touching(grooved()), np.linspace(0.2e-3, 4e-3, 20)
+    robot, samples = touching(grooved(across=COARSE)), np.linspace(0.2e-3, 4e-3, 20)
     own = simulate(afresh(robot), pulled(*samples))
     beyond = list[float]()
     follow = EquilibriumPath.follow
@@ -198,7 +202,7 @@ def test_a_shared_path_ends_at_its_samples_where_the_robot_gets_no_further():
 
 
 def test_derivatives_at_another_modulus_are_those_of_finite_differences():
-    robot, protocol, E = touching(grooved(element="P2P1")), pulled(1e-3, 3e-3), 3.1e6
+    robot, protocol, E = touching(grooved(element="P2P1", across=COARSE)), pulled(1e-3, 3e-3), 3.1e6
     at = {"block.youngs_modulus": E}
     exact = simulate(robot, protocol, at, sensitivities=NAMES)
     for name, value in zip(NAMES, (E, 0.4), strict=True):

@@ -18,6 +18,7 @@ from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Cable, ViaPoint
 from softcal.twin.simulate import simulate
 
+pytestmark = pytest.mark.usefixtures("small_balls")
 OFFSET = "front.routing_offset"
 ANGLE = "front.routing_angle"
 TWIST = "front.routing_twist"

@@ -17,6 +17,7 @@ from softcal.twin.robot import Cable, Marker, Robot, Rod, ViaPoint
 from softcal.twin.routing import bored
 from softcal.twin.simulate import simulate
 
+pytestmark = pytest.mark.usefixtures("small_balls")
 AXES = [f"front.base.{axis}_offset" for axis in "xyz"] + [f"front.end.{axis}_offset" for axis in "xy"]
 
 

@@ -17,7 +17,7 @@ from project_case import write_project
 
 from softcal.cli import main
 from softcal.errors import InputError, MeshError
-from softcal.geometry import faces
+from softcal.geometry import cell
 from softcal.geometry.bore import wall_around
 from softcal.geometry.generate import mesh_file
 from softcal.geometry.locate import barycentric_in, distances_to_triangles, nearest_tets, tets_holding
@@ -86,7 +86,7 @@ def test_the_faces_of_a_mesh_are_searched_once(monkeypatch: pytest.MonkeyPatch):
     def outer_faces(tets: np.ndarray) -> np.ndarray:
         nonlocal n
         n += 1
-        return faces.outer_faces(tets)
+        return cell.outer_faces(tets)
 
     monkeypatch.setattr("softcal.geometry.mesh.outer_faces", outer_faces)
     for z in (0.01, 0.02, 0.03):

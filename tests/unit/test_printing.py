@@ -70,9 +70,11 @@ def rows(lines: list[str], n_columns: int) -> list[list[str]]:
 
 
 def with_intervals(result: CalibrationResult) -> CalibrationResult:
+    """Intervals of a tenth about the moduli, and of less about what has nearer bounds."""
     sure = {
-        name: replace(p, standard_error=0.0123 * p.value, interval=(0.9 * p.value, 1.1 * p.value))
+        name: replace(p, standard_error=0.0123 * p.value, interval=((1 - reach) * p.value, (1 + reach) * p.value))
         for name, p in result.parameters.items()
+        for reach in [0.1 if p.unit == "Pa" else 0.02]
     }
     return replace(result, parameters=sure)
 

@@ -115,11 +115,8 @@ def attach_directions(mesh: TetMesh, point: Floats, *, where: str = "") -> tuple
     MeshError
         Where no element is near.
     """
-    tets, barycentric = locate_points(mesh, point[None, :], tolerance=np.inf, where=where)
-    nodes = mesh.tets[tets[0]]
-    gradients = mesh.cell.gradients(_within(barycentric))[0]
-    local = gradients[:, 1:] - gradients[:, :1]
-    return nodes, local @ np.linalg.inv(mesh.points[nodes].T @ local)
+    nodes, rates = _directions(mesh, *locate_points(mesh, point[None, :], tolerance=np.inf, where=where))
+    return nodes[0], rates[0]
 
 
 def attach_rate(
@@ -146,18 +143,12 @@ def attach_rate(
     MeshError
         Where the point lies outside the material, such as in a bore, or in an element that is curved.
     """
-    _require_inside(mesh, point, where)
+    nodes, rates = _directions(mesh, *_located_inside(mesh, point[None, :], where))
     ball = _ball(mesh, point, radius, where=where)
     if ball is None:
-        nodes, rates = attach_directions(mesh, point, where=where)
-        return nodes, rates @ way
-    summed: Floats = np.zeros(mesh.n_points)
-    for share, at in zip(ball.shares, ball.points, strict=True):
-        _require_inside(ball.mesh, at, where)
-        nodes, rates = attach_directions(ball.mesh, at, where=where)
-        summed[nodes] += share * (rates @ way)
-    nodes = np.flatnonzero(summed)
-    return nodes, summed[nodes]
+        return nodes[0], rates[0] @ way
+    nodes, rates = _directions(ball.mesh, *_located_inside(ball.mesh, ball.points, where))
+    return _summed(ball.shares, nodes, rates @ way, least=0.0)
 
 
 def attach_ball(mesh: TetMesh, centre: Floats, radius: float | None = None, *, where: str = "") -> Attachment:
@@ -233,21 +224,33 @@ def _connected(mesh: TetMesh, centre: Floats, radius: float, seed: Ints) -> TetM
             return TetMesh(mesh.points, tets[joins])
 
 
-def _require_inside(mesh: TetMesh, point: Floats, where: str) -> None:
-    """Refuse a point (3,) [m] outside the material, or in an element that is curved."""
-    tets, barycentric = locate_points(mesh, point[None, :], tolerance=np.inf, where=where)
-    X = mesh.points[mesh.tets[tets[0]]]
-    edge = float(np.linalg.norm(X[1] - X[0]))
-    off = float(np.linalg.norm(mesh.cell.functions(barycentric)[0] @ X - point))
-    if barycentric.min() < -STRAIGHT or off > STRAIGHT * edge:
+def _located_inside(mesh: TetMesh, points: Floats, where: str) -> tuple[Ints, Floats]:
+    """The tets of points (n, 3) [m] and their barycentric coordinates; refuses a point outside the material, or in an
+    element that is curved.
+    """
+    tets, barycentric = locate_points(mesh, points, tolerance=np.inf, where=where)
+    X = mesh.points[mesh.tets[tets]]
+    edges = np.linalg.norm(X[:, 1] - X[:, 0], axis=1)
+    off = np.linalg.norm(np.einsum("na,nai->ni", mesh.cell.functions(barycentric), X) - points, axis=1)
+    outside = (barycentric.min(axis=1) < -STRAIGHT) | (off > STRAIGHT * edges)
+    if outside.any():
         raise MeshError(
             Fault(
                 "a via point that an offset moves must lie inside its body, in an element that is not curved",
                 where=where,
-                got="(" + ", ".join(f"{1e3 * x:.6g}" for x in point) + ") mm",
+                got="(" + ", ".join(f"{1e3 * x:.6g}" for x in points[outside.argmax()]) + ") mm",
                 allowed="a point in the material; one in a bore goes with the bore",
             )
         )
+    return tets, barycentric
+
+
+def _directions(mesh: TetMesh, tets: Ints, barycentric: Floats) -> tuple[Ints, Floats]:
+    """Nodes (n, k) of the elements of points, and the rates (n, k, 3) [1/m] of `attach_directions`."""
+    nodes = mesh.tets[tets]
+    gradients = mesh.cell.gradients(_within(barycentric))
+    local = gradients[:, :, 1:] - gradients[:, :, :1]
+    return nodes, local @ np.linalg.inv(mesh.points[nodes].transpose(0, 2, 1) @ local)
 
 
 def _smallest_shares(conditions: Floats) -> Floats:
@@ -258,12 +261,12 @@ def _smallest_shares(conditions: Floats) -> Floats:
     return np.asarray(shares, dtype=np.float64)
 
 
-def _summed(shares: Floats, nodes: Ints, weights: Floats) -> tuple[Ints, Floats]:
-    """The nodes and weights of a sum, with shares (n,), of points by nodes and weights (n, k)."""
+def _summed(shares: Floats, nodes: Ints, weights: Floats, *, least: float = NO_WEIGHT) -> tuple[Ints, Floats]:
+    """The nodes and weights of a sum, with shares (n,), of points by nodes and weights (n, k); those above `least`."""
     unique, place = np.unique(nodes, return_inverse=True)
     summed: Floats = np.zeros(len(unique))
     np.add.at(summed, place.ravel(), (shares[:, None] * weights).ravel())
-    kept = np.abs(summed) > NO_WEIGHT
+    kept = np.abs(summed) > least
     return unique[kept], summed[kept]
 
 

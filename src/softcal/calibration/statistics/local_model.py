@@ -66,8 +66,11 @@ class LocalModel:
         self._below = np.flatnonzero(below)
         self._w, slopes = self._coordinates(here.z)
         factors = space.jacobian(here.z) / slopes
-        self._derived = [_Derived.of(block, factors, modulus, load) for block in here.blocks]
-        self._along, self._bends = np.zeros(space.size), [np.zeros(len(block.residual)) for block in here.blocks]
+        alike: dict[tuple[str, bool], list[int]] = {}
+        for number, block in enumerate(here.blocks):
+            alike.setdefault((block.experiment, block.grows_with_moduli), []).append(number)
+        self._stacks = [_Stack.of(here.blocks, numbers, factors, modulus, load) for numbers in alike.values()]
+        self._along, self._bends = np.zeros(space.size), [np.zeros(len(one.residual)) for one in self._stacks]
 
     def bend(self, to: Point) -> None:
         """Add a curvature along the line to another simulated point, so that the model reproduces its values too.
@@ -78,48 +81,51 @@ class LocalModel:
         w, _ = self._coordinates(to.z)
         way = w - self._w
         felt = np.zeros(self._space.size)
-        for block, one in zip(self._here.blocks, self._derived, strict=True):
-            squares = (one.derivatives**2).sum(axis=0)
-            felt[one.columns] += squares / max(float(block.measured @ block.measured), 1e-300)
+        size, missed = 0.0, []
+        for one, (residual, _) in zip(self._stacks, self._residuals(to.z)[0], strict=True):
+            weights = 1.0 / one.squares(self._here.blocks)
+            felt[one.columns] += weights @ one.derivatives**2
+            missed.append(np.concatenate([to.blocks[number].residual for number in one.numbers]) - residual)
+            size += float(missed[-1] ** 2 @ (1.0 / one.squares(to.blocks)))
         felt[self._moduli] = 0.0
         length = float(way @ (felt * way))
-        missed = [b.residual - r for b, (r, _) in zip(to.blocks, self._residuals(to.z)[0], strict=True)]
-        size = sum(
-            float(m @ m) / max(float(b.measured @ b.measured), 1e-300) for m, b in zip(missed, to.blocks, strict=True)
-        )
         # An error above half of the predicted change is not a curvature.
         if 0.0 < size <= 0.25 * length:
             self._along = felt * way / length
-            scales = [one.scale(way[one.columns]) if one.is_force else 1.0 for one in self._derived]
+            scales = [one.scale(way[one.columns]) if one.is_force else 1.0 for one in self._stacks]
             self._bends = [m / s for m, s in zip(missed, scales, strict=True)]
 
     def loss(self, x: Floats) -> float:
         """The modelled loss."""
-        blocks = zip(self._here.blocks, self._residuals(x)[0], strict=True)
-        summed = self._share * sum(self._loss.block_value(block, residual) for block, (residual, _) in blocks)
+        found = zip(self._stacks, self._residuals(x)[0], strict=True)
+        parts = ((self._here.blocks[n], part) for one, (residual, _) in found for n, part in one.of_each(residual))
+        summed = self._share * sum(self._loss.block_value(block, residual) for block, residual in parts)
         return math.sqrt(summed) if self._loss.rooted else summed
 
     def missed(self, at: Point) -> float:
         """The share of the residuals' change to another simulated point that the model does not predict, at most 1."""
         error, change = 0.0, 1e-300
-        for here, there, (residual, _) in zip(self._here.blocks, at.blocks, self._residuals(at.z)[0], strict=True):
-            weights = self._loss.square_weights(here, here.residual)
-            error += float(weights @ (there.residual - residual) ** 2)
-            change += float(weights @ (there.residual - here.residual) ** 2)
+        for one, (residual, _) in zip(self._stacks, self._residuals(at.z)[0], strict=True):
+            weights = self._weights(one, one.residual)
+            there = np.concatenate([at.blocks[number].residual for number in one.numbers])
+            error += float(weights @ (there - residual) ** 2)
+            change += float(weights @ (there - one.residual) ** 2)
         return min(1.0, math.sqrt(error / change))
 
     def reproduces(self) -> bool:
         """Whether it has the value and the first derivative of the twin at its own point, to nine digits."""
         slopes = self._space.jacobian(self._here.z)
         found, _ = self._residuals(self._here.z)
-        for block, one, (residual, jacobian) in zip(self._here.blocks, self._derived, found, strict=True):
-            exact = (jacobian_of(block) * slopes)[:, one.columns]
-            size = max(rms(block.measured), rms(block.residual))
-            if not float(np.abs(residual - block.residual).max()) <= _REPRODUCED * size:
-                return False
-            off = np.abs(jacobian()[:, :-1] - exact)
-            if not float(off.max(initial=0.0)) <= _REPRODUCED * float(np.abs(exact).max(initial=0.0)):
-                return False
+        for one, (residuals, jacobian) in zip(self._stacks, found, strict=True):
+            for (number, residual), (_, J) in zip(one.of_each(residuals), one.of_each(jacobian()), strict=True):
+                block = self._here.blocks[number]
+                exact = (jacobian_of(block) * slopes)[:, one.columns]
+                size = max(rms(block.measured), rms(block.residual))
+                if not float(np.abs(residual - block.residual).max()) <= _REPRODUCED * size:
+                    return False
+                off = np.abs(J[:, :-1] - exact)
+                if not float(off.max(initial=0.0)) <= _REPRODUCED * float(np.abs(exact).max(initial=0.0)):
+                    return False
         return True
 
     def minimise(
@@ -147,8 +153,8 @@ class LocalModel:
         for _ in range(max_iterations):
             rows: list[Floats] = []
             found, turn = self._residuals(x)
-            for block, one, (residual, jacobian) in zip(self._here.blocks, self._derived, found, strict=True):
-                root = np.sqrt(self._loss.square_weights(block, residual))
+            for one, (residual, jacobian) in zip(self._stacks, found, strict=True):
+                root = np.sqrt(self._weights(one, residual))
                 own = triangle(root[:, None] * np.column_stack([jacobian(), -residual]))
                 whole = np.column_stack([np.outer(own[:, -2], turn), own[:, -1]])
                 whole[:, one.columns] += own[:, :-2]
@@ -194,8 +200,13 @@ class LocalModel:
             w[j], slopes[j] = 1.0 / distance, slopes[j] / distance**2
         return w, slopes
 
+    def _weights(self, one: _Stack, residual: Floats) -> Floats:
+        """The weights (n,) of the squares of a stack's residual (n,) in the loss."""
+        parts = one.of_each(residual)
+        return np.concatenate([self._loss.square_weights(self._here.blocks[number], part) for number, part in parts])
+
     def _residuals(self, x: Floats) -> tuple[list[tuple[Floats, Callable[[], Floats]]], Floats]:
-        """Of every block: its residual (n,), and what computes the jacobian by x in the columns of its own, and by its
+        """Of every stack: its residual (n,), and what computes the jacobian by x in the columns of its own, and by its
         bend as the last (n, k + 1). Then the turn (size,) by x of all bends.
         """
         w, slopes = self._coordinates(x)
@@ -203,18 +214,21 @@ class LocalModel:
         t = float(self._along @ moved)
         near = min(max(t, -_BEND_REACH), _BEND_REACH)
         square, turn = near * (2 * t - near), 2 * near * self._along
-        blocks = zip(self._derived, self._bends, strict=True)
-        return [one.at(moved[one.columns], slopes[one.columns], bend, square) for one, bend in blocks], turn * slopes
+        stacks = zip(self._stacks, self._bends, strict=True)
+        return [one.at(moved[one.columns], slopes[one.columns], bend, square) for one, bend in stacks], turn * slopes
 
 
 @dataclass(frozen=True)
-class _Derived:
-    """A block with its derivatives (n, k) by w in the columns (k,) of the parameters that have an effect on it.
+class _Stack:
+    """The blocks of an experiment that moduli scale alike, one below the other: their numbers, the ends of their rows,
+    their residuals (n,), and derivatives (n, k) by w in the columns (k,) of the parameters that have an effect on them.
 
-    moduli, scaled, fixed: which of them are moduli, which multiply what moduli scale, and which do not (k,). shares: of
-    the moduli in the factor of what is proportional to them.
+    moduli, scaled, fixed: which of them are moduli, which multiply what moduli scale, and which do not (k,). shares (n,
+    number of moduli): of the moduli in the factor of what is proportional to them.
     """
 
+    numbers: Sequence[int]
+    ends: Ints
     residual: Floats
     is_force: bool
     columns: Ints
@@ -225,22 +239,38 @@ class _Derived:
     shares: Floats
 
     @classmethod
-    def of(cls, block: Block, factors: Floats, modulus: np.ndarray, load: np.ndarray) -> _Derived:
+    def of(
+        cls, blocks: Sequence[Block], numbers: Sequence[int], factors: Floats, modulus: np.ndarray, load: np.ndarray
+    ) -> _Stack:
         """factors: d theta / d w (size,); modulus, load: which parameters are such (size,)."""
-        jacobian, is_force = jacobian_of(block), block.grows_with_moduli
+        members = [blocks[number] for number in numbers]
+        jacobian, is_force = np.concatenate([jacobian_of(block) for block in members]), members[0].grows_with_moduli
         columns = np.flatnonzero(np.any(jacobian, axis=0))
         derivatives = jacobian[:, columns] * factors[columns]
         moduli, loads = modulus[columns], load[columns]
         others = ~moduli & ~loads
-        size = (derivatives[:, moduli] ** 2).sum(axis=0)
-        shares = size / size.sum() if size.sum() > 0 else np.zeros(len(size))
+        lengths = [len(block.residual) for block in members]
+        ends = np.cumsum(lengths)
+        sizes = np.array([(part**2).sum(axis=0) for part in np.split(derivatives[:, moduli], ends[:-1])])
+        shares = sizes / np.maximum(sizes.sum(axis=1, keepdims=True), 1e-300)
         scaled, fixed = (others, loads) if is_force else (loads, others)
-        return cls(block.residual, is_force, columns, derivatives, moduli, scaled, fixed, shares)
+        residual = np.concatenate([block.residual for block in members])
+        of_rows = np.repeat(shares, lengths, axis=0)
+        return cls(numbers, ends, residual, is_force, columns, derivatives, moduli, scaled, fixed, of_rows)
 
-    def scale(self, moved: Floats) -> float:
-        """Factor by which the moduli multiply what is proportional to them or to one over them."""
-        power = (1.0 if self.is_force else -1.0) * float(self.shares @ moved[self.moduli])
-        return math.exp(min(max(power, -_LARGEST_LOG), _LARGEST_LOG))
+    def of_each(self, rows: Floats) -> list[tuple[int, Floats]]:
+        """The number of every block, and its part of (n,) or (n, k)."""
+        return list(zip(self.numbers, np.split(rows, self.ends[:-1]), strict=True))
+
+    def squares(self, blocks: Sequence[Block]) -> Floats:
+        """The sum of the squares of what was measured in the block of every row (n,)."""
+        each = [max(float(blocks[number].measured @ blocks[number].measured), 1e-300) for number in self.numbers]
+        return np.repeat(np.array(each), np.diff(self.ends, prepend=0))
+
+    def scale(self, moved: Floats) -> Floats:
+        """Factors (n,) by which the moduli multiply what is proportional to them or to one over them."""
+        power = (1.0 if self.is_force else -1.0) * self.shares @ moved[self.moduli]
+        return np.exp(np.clip(power, -_LARGEST_LOG, _LARGEST_LOG))
 
     def at(self, moved: Floats, slopes: Floats, bend: Floats, square: float) -> tuple[Floats, Callable[[], Floats]]:
         """The residual after a step of w (k,), with a bend that counts by `square`, and its jacobian by x and the bend;
@@ -254,8 +284,8 @@ class _Derived:
         rest = self.derivatives @ (moved * self.fixed) + (0.0 if self.is_force else bent * square)
 
         def jacobian() -> Floats:
-            by_w = self.derivatives * np.where(self.scaled, scale, 1.0)
-            by_w[:, self.moduli] = g * scales + sign * np.outer(changed, self.shares)
+            by_w = self.derivatives * np.where(self.scaled, scale[:, None], 1.0)
+            by_w[:, self.moduli] = g * scales + sign * changed[:, None] * self.shares
             return np.column_stack([by_w * slopes, bent])
 
         return self.residual + sign * g @ (scales - 1.0) + changed + rest, jacobian

@@ -69,7 +69,7 @@ class LocalModel:
         alike: dict[tuple[str, bool], list[int]] = {}
         for number, block in enumerate(here.blocks):
             alike.setdefault((block.experiment, block.grows_with_moduli), []).append(number)
-        self._stacks = [_Stack.of(here.blocks, numbers, factors, modulus, load) for numbers in alike.values()]
+        self._stacks = [_AlikeBlocks.of(here.blocks, numbers, factors, modulus, load) for numbers in alike.values()]
         self._along, self._bends = np.zeros(space.size), [np.zeros(len(one.residual)) for one in self._stacks]
 
     def bend(self, to: Point) -> None:
@@ -200,7 +200,7 @@ class LocalModel:
             w[j], slopes[j] = 1.0 / distance, slopes[j] / distance**2
         return w, slopes
 
-    def _weights(self, one: _Stack, residual: Floats) -> Floats:
+    def _weights(self, one: _AlikeBlocks, residual: Floats) -> Floats:
         """The weights (n,) of the squares of a stack's residual (n,) in the loss."""
         parts = one.of_each(residual)
         return np.concatenate([self._loss.square_weights(self._here.blocks[number], part) for number, part in parts])
@@ -219,7 +219,7 @@ class LocalModel:
 
 
 @dataclass(frozen=True)
-class _Stack:
+class _AlikeBlocks:
     """The blocks of an experiment that moduli scale alike, one below the other: their numbers, the ends of their rows,
     their residuals (n,), and derivatives (n, k) by w in the columns (k,) of the parameters that have an effect on them.
 
@@ -241,7 +241,7 @@ class _Stack:
     @classmethod
     def of(
         cls, blocks: Sequence[Block], numbers: Sequence[int], factors: Floats, modulus: np.ndarray, load: np.ndarray
-    ) -> _Stack:
+    ) -> _AlikeBlocks:
         """factors: d theta / d w (size,); modulus, load: which parameters are such (size,)."""
         members = [blocks[number] for number in numbers]
         jacobian, is_force = np.concatenate([jacobian_of(block) for block in members]), members[0].grows_with_moduli

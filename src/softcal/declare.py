@@ -471,7 +471,7 @@ def read_mapping(
     read: Callable[[dict[str, Any]], Any],
     errors: Collection[InitErrorDetails] = (),
 ) -> Any:
-    """What `read` makes of the known keys of a mapping.
+    """The values that `read` returns for the known keys of a mapping.
 
     A fault that `read` raises is reported at the key that its `where` names (`base.height`), or at the mapping.
 

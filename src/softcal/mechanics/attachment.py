@@ -148,7 +148,7 @@ def attach_rate(
     if ball is None:
         return nodes[0], rates[0] @ way
     nodes, rates = _directions(ball.mesh, *_located_inside(ball.mesh, ball.points, where))
-    return _summed(ball.shares, nodes, rates @ way, least=0.0)
+    return _summed(ball.shares, nodes, rates @ way)
 
 
 def attach_ball(mesh: TetMesh, centre: Floats, radius: float | None = None, *, where: str = "") -> Attachment:
@@ -261,12 +261,12 @@ def _smallest_shares(conditions: Floats) -> Floats:
     return np.asarray(shares, dtype=np.float64)
 
 
-def _summed(shares: Floats, nodes: Ints, weights: Floats, *, least: float = NO_WEIGHT) -> tuple[Ints, Floats]:
-    """The nodes and weights of a sum, with shares (n,), of points by nodes and weights (n, k); those above `least`."""
+def _summed(shares: Floats, nodes: Ints, weights: Floats) -> tuple[Ints, Floats]:
+    """The nodes and weights of a sum, with shares (n,), of points by nodes and weights (n, k)."""
     unique, place = np.unique(nodes, return_inverse=True)
     summed: Floats = np.zeros(len(unique))
     np.add.at(summed, place.ravel(), (shares[:, None] * weights).ravel())
-    kept = np.abs(summed) > least
+    kept = np.abs(summed) > NO_WEIGHT
     return unique[kept], summed[kept]
 
 

@@ -85,7 +85,7 @@ class LocalModel:
         for one, (residual, _) in zip(self._stacks, self._residuals(to.z)[0], strict=True):
             weights = 1.0 / one.squares(self._here.blocks)
             felt[one.columns] += weights @ one.derivatives**2
-            missed.append(np.concatenate([to.blocks[number].residual for number in one.numbers]) - residual)
+            missed.append(one.residuals(to.blocks) - residual)
             size += float(missed[-1] ** 2 @ (1.0 / one.squares(to.blocks)))
         felt[self._moduli] = 0.0
         length = float(way @ (felt * way))
@@ -107,7 +107,7 @@ class LocalModel:
         error, change = 0.0, 1e-300
         for one, (residual, _) in zip(self._stacks, self._residuals(at.z)[0], strict=True):
             weights = self._weights(one, one.residual)
-            there = np.concatenate([at.blocks[number].residual for number in one.numbers])
+            there = one.residuals(at.blocks)
             error += float(weights @ (there - residual) ** 2)
             change += float(weights @ (there - one.residual) ** 2)
         return min(1.0, math.sqrt(error / change))
@@ -206,8 +206,8 @@ class LocalModel:
         return np.concatenate([self._loss.square_weights(self._here.blocks[number], part) for number, part in parts])
 
     def _residuals(self, x: Floats) -> tuple[list[tuple[Floats, Callable[[], Floats]]], Floats]:
-        """Of every stack: its residual (n,), and what computes the jacobian by x in the columns of its own, and by its
-        bend as the last (n, k + 1). Then the turn (size,) by x of all bends.
+        """For every stack the residual (n,), and a function for its jacobian (n, k + 1): by x in the stack's columns,
+        and by the bend in the last one. Then the turn (size,) by x of all bends.
         """
         w, slopes = self._coordinates(x)
         moved = w - self._w
@@ -261,6 +261,10 @@ class _AlikeBlocks:
     def of_each(self, rows: Floats) -> list[tuple[int, Floats]]:
         """The number of every block, and its part of (n,) or (n, k)."""
         return list(zip(self.numbers, np.split(rows, self.ends[:-1]), strict=True))
+
+    def residuals(self, blocks: Sequence[Block]) -> Floats:
+        """The residuals (n,) at another point, from all blocks there."""
+        return np.concatenate([blocks[number].residual for number in self.numbers])
 
     def squares(self, blocks: Sequence[Block]) -> Floats:
         """The sum of the squares of what was measured in the block of every row (n,)."""

@@ -42,7 +42,7 @@ PAGE, BLOCK, CONSTANTS, LAWS_TABLE, STRESSES, PREDICTIONS = (
 def all_coupons(
     files: Sequence[Path], tests: Sequence[str], predicted: Sequence[Path] = ()
 ) -> tuple[list[Coupon], list[Coupon]]:
-    """The tests of some files, and those of files that are to be predicted.
+    """The tests of files to be fitted, and of files to be predicted.
 
     Parameters
     ----------

@@ -18,13 +18,14 @@ SLOW_LIMIT ?= 40m
 # The tests start hundreds of programs: the bytecode of the first serves the others.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test test-slow bench coverage format clean constraints
+.PHONY: help demo test test-slow test-long bench coverage format clean constraints
 .PHONY: lint lint-ruff lint-format lint-types lint-layers lint-licences lint-vulnerabilities
 
 help:
 	@echo "make demo       set up, calibrate the neck on real bench data, print the result, write the report"
-	@echo "make test       set up, run the tests (all but the slow ones)"
+	@echo "make test       set up, run the tests (all but the slow and the long ones)"
 	@echo "make test-slow  run the slow tests, for $(SLOW_LIMIT) at most"
+	@echo "make test-long  run the tests that do at length what others do in part: half an hour"
 	@echo "make bench      run the benchmarks, write benchmarks/RESULTS.md"
 	@echo "make mesh-table compute docs/mesh-table.md anew: ten minutes and 4 GB"
 	@echo "make table-one  compute docs/table-one.md anew: six minutes"
@@ -58,7 +59,10 @@ test: $(DEV)
 
 # pytest's exit code 5: no test is marked slow, which is no failure.
 test-slow: $(DEV)
-	timeout --signal=INT --kill-after=60 $(SLOW_LIMIT) $(PYTEST) -m slow $(PYTEST_ARGS) || [ $$? -eq 5 ]
+	timeout --signal=INT --kill-after=60 $(SLOW_LIMIT) $(PYTEST) -m "slow and not long" $(PYTEST_ARGS) || [ $$? -eq 5 ]
+
+test-long: $(DEV)
+	$(PYTEST) -m long $(PYTEST_ARGS)
 
 bench: $(BENCH)
 	$(PYTHON_IN) -m benchmarks.run

@@ -126,13 +126,16 @@ def faults_of(case: Case, seen: Outcome) -> list[str]:
     return faults
 
 
-def parts(cases: Sequence[Case], every: int = 10) -> list[ParameterSet]:
-    """The cases as parameters of a test: one of so many is in the default suite, the others are slow."""
+def parts(cases: Sequence[Case], every: int = 10, slow: int = 3) -> list[ParameterSet]:
+    """The cases as parameters of a test: one of `every` is in the default suite, of the others one of `slow` is
+    slow, and the rest are long.
+    """
     names = [str(case) for case in cases]
     if again := {name for name in names if names.count(name) > 1}:
         raise ValueError(f"two cases have one name: {', '.join(sorted(again))}")
-    slow = pytest.mark.slow
-    return [pytest.param(c, id=str(c), marks=() if i % every == 0 else slow) for i, c in enumerate(cases)]
+    others = pytest.mark.slow, *[pytest.mark.long] * (slow - 1)
+    marks = [() if i % every == 0 else others[i % slow - 1] for i in range(len(cases))]
+    return [pytest.param(case, id=str(case), marks=mark) for case, mark in zip(cases, marks, strict=True)]
 
 
 def assert_proper(case: Case, folder: Path) -> None:

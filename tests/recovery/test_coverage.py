@@ -25,7 +25,14 @@ OF_SPRINGS = 50  # of the manipulator, whose four springs have an interval each
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["likelihood", "likelihood-understated", "papers", "papers-1000", "distance"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "likelihood",
+        "papers",
+        *(pytest.param(name, marks=pytest.mark.long) for name in ("likelihood-understated", "papers-1000", "distance")),
+    ],
+)
 def test_intervals_hold_the_truth(name: str) -> None:
     studies = OF_SPRINGS if name == "distance" else STUDIES
     found = coverage.coverage(replace(CASES[name], states_drift=True), studies)
@@ -41,7 +48,7 @@ def test_intervals_hold_the_truth(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["papers", "likelihood-steady"])
+@pytest.mark.parametrize("name", ["papers", pytest.param("likelihood-steady", marks=pytest.mark.long)])
 def test_a_drift_that_may_be_makes_intervals_longer_by_less_than_half(name: str) -> None:
     """Of right models, without a statement on drifts: nothing is called a misfit."""
     studies = 40

@@ -68,7 +68,7 @@ def problem_of(project: Project, record: Any) -> Problem:
     return replace(problem, experiments=(replace(experiment, dataset=data),))
 
 
-@pytest.mark.slow  # nine trajectories of 217 samples with nine derivatives each
+@pytest.mark.long  # five minutes: nine trajectories of 217 samples with nine derivatives each
 def test_without_noise_every_constant_is_found(project: Project, truth: dict[str, Any], record: Any) -> None:
     found = calibrate(problem_of(project, record), method="least-squares", starts=1)
     assert found.converged, found.status
@@ -78,7 +78,7 @@ def test_without_noise_every_constant_is_found(project: Project, truth: dict[str
             assert found.parameters[name].value == pytest.approx(value, rel=0.01), name
 
 
-@pytest.mark.slow  # as above
+@pytest.mark.long  # as above
 def test_with_noise_the_intervals_contain_the_constants(project: Project, truth: dict[str, Any]) -> None:
     """The record that is shipped: 1 % of either channel's peak, correlated over three rows."""
     found = calibrate(make_problem(project), method="least-squares", starts=1)

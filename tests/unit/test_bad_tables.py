@@ -195,7 +195,7 @@ print(found.n_samples, float(found.values("tension").sum()), peak.split()[1])
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long  # a minute and a half
 def test_ten_million_rows_take_less_than_one_and_a_half_gigabytes(tmp_path: Path) -> None:
     path, n = tmp_path / "long.csv", 10_000_000
     with path.open("w") as file:

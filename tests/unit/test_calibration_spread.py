@@ -60,7 +60,10 @@ def test_only_what_the_tests_themselves_say_has_few_degrees_of_freedom() -> None
 @pytest.mark.slow  # 100 studies each
 @pytest.mark.parametrize(  # every two values of two of them are together once
     ("tests", "differ", "mesh"),
-    [(3, 0.02, 1e-6), (3, 0.06, 0.06), (4, 0.02, 0.06), (4, 0.06, 1e-6), (8, 0.02, 1e-6), (8, 0.06, 0.06)],
+    [
+        *((3, 0.02, 1e-6), (3, 0.06, 0.06), (4, 0.02, 0.06), (4, 0.06, 1e-6)),
+        *(pytest.param(8, *rest, marks=pytest.mark.long) for rest in ((0.02, 1e-6), (0.06, 0.06))),
+    ],
 )
 def test_it_contains_the_value_of_a_further_test(tests: int, differ: float, mesh: float) -> None:
     found = further_tests(tests, differ, mesh, STUDIES)

@@ -207,7 +207,7 @@ def test_workers_that_are_killed_at_random_change_nothing(tmp_path: Path) -> Non
     assert [trial.number for trial in load_result(folder).trials] == list(range(300))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_processes_of_this_machine_that_are_killed_at_random_change_nothing(tmp_path: Path) -> None:
     options: dict[str, Any] = {"method": "tpe", "trials": 120}
     killed: list[int] = []

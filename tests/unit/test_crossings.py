@@ -223,8 +223,8 @@ def test_no_example_crosses_at_rest(where: str) -> None:
     assert simulate(twin.robot, Protocol({})).crossings == ""
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("where", ["beam", "finger", "fleet", "manipulator", "neck-bench/cycles.yaml"])
+@pytest.mark.slow  # of the other examples: tests/unit/test_documented_commands.py
+@pytest.mark.parametrize("where", ["beam", "neck-bench/cycles.yaml"])
 def test_no_example_without_contact_intersects_itself_within_its_data(where: str, tmp_path: Path) -> None:
     path = ROOT / "examples" / where
     path = path if path.suffix else path / "project.yaml"

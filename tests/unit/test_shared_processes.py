@@ -22,7 +22,13 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shared_study, "GRACE", 2.0)
 
 
-@pytest.fixture(params=["journal", "postgresql", "mysql"])
+def storages(*long: str) -> pytest.MarkDecorator:
+    """A test for each storage, which takes long on these."""
+    marks = {name: pytest.mark.long if name in long else () for name in ("journal", "postgresql", "mysql")}
+    return pytest.mark.parametrize("place", [pytest.param(n, marks=m) for n, m in marks.items()], indirect=True)
+
+
+@pytest.fixture
 def place(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     """A storage without a study."""
     if request.param == "journal":
@@ -34,6 +40,7 @@ def place(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     return url
 
 
+@storages()
 def test_the_trials_of_a_process_that_is_killed_are_tried_again(place: str, tmp_path: Path) -> None:
     folders = [tmp_path / "a", tmp_path / "b"]
     with processes(folders, place, 24, pause=0.1) as (first, second):
@@ -43,6 +50,7 @@ def test_the_trials_of_a_process_that_is_killed_are_tried_again(place: str, tmp_
     require_whole(place, 24, folders[1:])
 
 
+@storages()
 def test_an_outcome_of_any_length_is_there_whole(place: str) -> None:
     """Of a thousand experiments it is longer than a column of MySQL's."""
     with joined(place) as one, joined(place) as other:
@@ -84,6 +92,7 @@ def test_a_database_that_is_started_again_ends_no_process_and_loses_no_trial(tmp
 
 
 @pytest.mark.slow
+@storages("postgresql", "mysql")
 def test_hundreds_of_trials_by_eight_processes_two_of_them_killed(place: str, tmp_path: Path) -> None:
     folders = [tmp_path / str(i) for i in range(8)]
     with processes(folders, place, 400) as begun:
@@ -97,6 +106,7 @@ def test_hundreds_of_trials_by_eight_processes_two_of_them_killed(place: str, tm
 
 
 @pytest.mark.slow
+@storages("journal", "mysql")
 def test_processes_that_are_killed_at_random_and_begun_again_lose_and_double_nothing(
     place: str, tmp_path: Path
 ) -> None:

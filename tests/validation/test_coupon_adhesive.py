@@ -73,7 +73,7 @@ def test_the_printed_constants_predict_what_is_printed(tests: dict[str, Coupon])
     assert material.predict(tests["0.05, one ramp"]).nmad_by_factor < 0.025
 
 
-@pytest.mark.slow  # two minutes: laws with a history, each fitted to both rates and to each
+@pytest.mark.long  # five minutes: laws with a history, each fitted to both rates and to each
 def test_the_printed_fits(tests: dict[str, Coupon]):
     for law, history, *printed in rows(0):
         one = fitted(tests, ["5/60", "1/60"], law, history)
@@ -82,7 +82,7 @@ def test_the_printed_fits(tests: dict[str, Coupon]):
         assert [*found, f"{100 * one.held_out_error:.1f} %"] == printed, (law, history)
 
 
-@pytest.mark.slow  # two minutes: three sets of tests fitted
+@pytest.mark.long  # two minutes: three sets of tests fitted
 def test_the_printed_predictions(tests: dict[str, Coupon]):
     fits: dict[str, ComparedLaw] = {}
     for rates, rate, *printed in rows(1):

@@ -768,21 +768,76 @@ def fault_of(check: Callable[..., None], *of: Any) -> str:
     return ""
 
 
-@pytest.fixture(scope="module", params=["neck", "neck-bench", "finger", "beam", "manipulator"])
-def printed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, list[Check]]:
-    """An example, and every check of what a calibration of it prints."""
+@dataclass(frozen=True)
+class Printed:
+    """What a calibration of an example prints, and every check of it."""
+
+    example: str
+    text: str
+    checks: list[Check]
+
+
+@pytest.fixture(
+    scope="module", params=["neck", "neck-bench", pytest.param("finger", marks=pytest.mark.long), "beam", "manipulator"]
+)
+def printed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Printed:
     project, run = ROOT / "examples" / request.param / "project.yaml", tmp_path_factory.mktemp("run") / "run"
     words = [sys.executable, "-m", "softcal", "calibrate", str(project), "--verbose", "--no-report", "--out", str(run)]
     done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=True, env=WIDE)
-    return request.param, list(checked(Case(run, done.stdout, softcal.load(project))))
+    return Printed(request.param, done.stdout, list(checked(Case(run, done.stdout, softcal.load(project)))))
 
 
 WIDE = {**os.environ, "COLUMNS": "400"}
 
 
 @pytest.mark.slow  # minutes each
-def test_every_cell_and_every_sentence_is_what_is_recomputed(printed: tuple[str, list[Check]]) -> None:
-    _, checks = printed
-    faults = [f"{one.text}\n    {one.fault}" for one in checks if one.fault]
+def test_every_cell_and_every_sentence_is_what_is_recomputed(printed: Printed) -> None:
+    faults = [f"{one.text}\n    {one.fault}" for one in printed.checks if one.fault]
     assert not faults, "\n".join(faults)
-    assert len(checks) > 30
+    assert len(printed.checks) > 30
+
+
+# What the READMEs say of the examples.
+
+
+TRUE = {"neck": (), "neck-bench": (2.07, 2.135), "beam": (263.8, 283.0), "manipulator": (780.0, 860.0)}
+
+
+@pytest.mark.slow  # with the printed sentences above
+@pytest.mark.parametrize("printed", TRUE, indirect=True)
+def test_the_readme_of_an_example_quotes_it(printed: Printed):
+    text = (ROOT / "examples" / printed.example / "README.md").read_text(encoding="utf-8")
+    # The one quotation that begins with E or a doubt of it.
+    (quotation,) = re.findall(r"^> (?:No single E fits .*\n|E = .*\n)(?:> .*\n)*", text, re.MULTILINE)
+    statement = " ".join(quotation.replace("\n> ", " ").removeprefix("> ").split())
+    assert statement in " ".join(printed.text.split())
+    told = re.search(r"E = \S+ \w+ \(95 %: (\S+) to (\S+)", statement)
+    assert told is not None
+    assert all(float(told[1]) < value < float(told[2]) for value in TRUE[printed.example])
+
+
+def quoted_in_the_readme(printed: str) -> None:
+    """The modulus of the joint fit, which is printed last, and the largest share of its variance."""
+    said = " ".join(printed.split())
+    value, interval = re.findall(r"E = (\S+) MPa \(95 %: (\S+ to \S+) MPa\)", said)[-1]
+    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    assert re.search(rf"{re.escape(value)} MPa \((?:95 %: )?{re.escape(interval)}\)", readme), (value, interval)
+    largest = re.findall(r"(\d+) % of the variance of E comes from", said)[-1]
+    assert re.search(rf"\b{largest}(?: %)?(?: of the variance|,| and)", readme), largest
+
+
+@pytest.mark.slow  # with the printed sentences above
+@pytest.mark.parametrize("printed", ["neck"], indirect=True)
+def test_the_readme_says_the_modulus_of_the_neck_with_its_ratio_free(printed: Printed):
+    quoted_in_the_readme(printed.text)
+
+
+@pytest.mark.slow  # a minute
+def test_the_answer_with_the_ratio_fixed_stands_at_the_end_of_at_most_forty_lines_and_in_the_readme(tmp_path: Path):
+    project = ROOT / "examples" / "neck" / "project.yaml"
+    words = ["calibrate", str(project), "--set", "neck.poissons_ratio=0.45", "--no-report", "--out", tmp_path / "run"]
+    done = subprocess.run([sys.executable, "-m", "softcal", *words], capture_output=True, text=True, check=True)
+    assert len(done.stdout.splitlines() + done.stderr.splitlines()) <= 40
+    last_six = "\n".join(done.stdout.splitlines()[-6:])
+    assert re.search(r"E = \S+ \w+ \(95 %: (\S+) to (\S+)", last_six)
+    quoted_in_the_readme(last_six)

@@ -41,17 +41,21 @@ class Module:
         *folders, _ = self.path.relative_to(SOURCE).parts
         return "/".join(folders[: 2 if folders[:1] == [PLUGINS] else 1])
 
+    @cached_property
+    def nodes(self) -> Sequence[ast.AST]:
+        return list(ast.walk(self.tree))
+
     @property
     def n_imports(self) -> int:
         """Lines of import statements, continued ones with all their lines."""
-        nodes = (one for one in ast.walk(self.tree) if isinstance(one, (ast.Import, ast.ImportFrom)))
+        nodes = (one for one in self.nodes if isinstance(one, (ast.Import, ast.ImportFrom)))
         return sum((one.end_lineno or one.lineno) - one.lineno + 1 for one in nodes)
 
     @cached_property
     def n_docstrings(self) -> int:
         """Lines of docstrings."""
         kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-        bodies = (one.body[0] for one in ast.walk(self.tree) if isinstance(one, kinds) and ast.get_docstring(one))
+        bodies = (one.body[0] for one in self.nodes if isinstance(one, kinds) and ast.get_docstring(one))
         return sum((one.end_lineno or one.lineno) - one.lineno + 1 for one in bodies)
 
     @cached_property
@@ -70,7 +74,7 @@ class Module:
         """Private functions and methods without decorators that their own file names at one place alone."""
         helpers = [
             one.name
-            for one in ast.walk(self.tree)
+            for one in self.nodes
             if isinstance(one, (ast.FunctionDef, ast.AsyncFunctionDef))
             and one.name.startswith("_")
             and not one.name.endswith("__")
@@ -78,7 +82,7 @@ class Module:
         ]
         uses = Counter(
             one.id if isinstance(one, ast.Name) else one.attr
-            for one in ast.walk(self.tree)
+            for one in self.nodes
             if isinstance(one, (ast.Name, ast.Attribute))
         )
         return [name for name in helpers if uses[name] == 1]
@@ -97,8 +101,8 @@ class Module:
 
 @cache
 def _classes() -> dict[str, ast.ClassDef]:
-    trees = (ast.parse(path.read_text(encoding="utf-8")) for path in SOURCE.rglob("*.py"))
-    return {one.name: one for tree in trees for one in ast.walk(tree) if isinstance(one, ast.ClassDef)}
+    nodes = (one for module in house().modules for one in module.nodes)
+    return {one.name: one for one in nodes if isinstance(one, ast.ClassDef)}
 
 
 @cache
@@ -162,6 +166,7 @@ class House:
         }
 
 
+@cache
 def house() -> House:
     """The package as it stands."""
     paths = sorted(SOURCE.rglob("*.py"))

@@ -102,6 +102,7 @@ def write_figure(run: Path, stem: str) -> None:
     (run / "figures" / f"{stem}.svg").write_text("<svg/>")
 
 
+@pytest.mark.slow
 def test_a_page_for_other_machines_needs_its_token(tmp_path: Path, serve: Serve, look: Look):
     run = write_run(tmp_path / "run")
     (run / "report.html").write_text("<h1>The report</h1>")

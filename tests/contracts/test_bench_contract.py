@@ -262,6 +262,7 @@ def test_a_further_sample_named_as_one_to_fit_is_refused(tmp_path: Path) -> None
         case.record(path)
 
 
+@pytest.mark.slow
 def test_sorosims_first_shapes_are_within_a_twentieth_of_a_per_cent_on_average(tmp_path: Path) -> None:
     case = CASES["sorosim-tpu"]
     lines = (case.folder / "tpu.csv").read_text().splitlines()
@@ -293,6 +294,7 @@ def test_all_faults_of_a_file_of_shapes_are_told_at_once_and_blank_lines_are_non
         case.record(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "shown"), [("more.csv", "more.csv"), ("more\udcff.csv", "more?.csv")])
 def test_a_score_names_the_file_of_further_samples(name: str, shown: str, tmp_path: Path) -> None:
     case = CASES["tentacle"]
@@ -326,6 +328,7 @@ def test_bad_arguments_are_refused_in_a_sentence(arguments: list[str], message: 
     assert message in " ".join(ran.output.split())
 
 
+@pytest.mark.slow
 def test_a_run_keeps_its_fit_and_is_resumed_after_a_stop(tmp_path: Path) -> None:
     def stop(stage: str) -> None:
         if " 2 trials" in stage:

@@ -86,6 +86,7 @@ def test_a_worker_that_ends_costs_no_call(executor: Executor, tmp_path: Path) ->
     assert list(each(executor, called.ends_the_worker_once, tmp_path, NUMBERS)) == [0, 1, 2, 3, 4, 5]
 
 
+@pytest.mark.slow
 def test_a_call_that_ends_every_worker_is_lost_alone(executor: Executor) -> None:
     found = list(each(executor, called.ends_the_worker, None, NUMBERS))
     assert isinstance(found[2], LostCall)

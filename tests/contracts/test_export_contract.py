@@ -45,6 +45,7 @@ def plates(request, folder, digits=6):
 GIVEN = {"reduced": {"reach": "2mm", "samples": 3}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(EXPORTS))
 def test_it_says_what_it_writes_and_lists_it(name: str, tmp_path: Path) -> None:
     export = EXPORTS[name]

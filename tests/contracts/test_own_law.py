@@ -93,6 +93,7 @@ def test_both_constants_are_calibrated_from_a_project_file(gent: Law, tmp_path: 
     assert result.parameters["bar.limit"].value == pytest.approx(LIMIT, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_workers_know_the_law(gent: Law, tmp_path: Path) -> None:
     project = load(gent_project(tmp_path))
     here, there = (

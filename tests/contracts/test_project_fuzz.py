@@ -130,7 +130,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Path, Any]]:
     return [(path.with_name("changed.yaml"), plain().load(path.read_text(encoding="utf-8"))) for path in paths]
 
 
-@settings(max_examples=200, suppress_health_check=list(HealthCheck))
+@settings(max_examples=80, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_a_small_project_changed_at_random(small: list[tuple[Path, Any]], data: st.DataObject):
     path, document = data.draw(st.sampled_from(small))
@@ -204,6 +204,7 @@ for arguments in json.loads(sys.stdin.read()):
 """
 
 
+@pytest.mark.slow
 def test_commands_refuse_what_cannot_be(tmp_path: Path):
     import json
 

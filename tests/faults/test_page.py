@@ -346,6 +346,7 @@ def shown(page: Page, awaited: str) -> str:
     return "".join(said)
 
 
+@pytest.mark.slow
 def test_a_folder_of_all_that_is_hostile_is_shown(tmp_path: Path) -> None:
     """By one page, which says of which files it cannot read."""
     for place, (files, name) in PLACES.items():
@@ -424,6 +425,7 @@ def test_a_handshake_that_is_none_is_refused(page: Page) -> None:
         assert status in answer(page, request(place), b"", 0)[:20], number[:9]
 
 
+@pytest.mark.slow
 def test_events_that_say_what_the_page_does_not_ask(tmp_path: Path) -> None:
     run_folder(tmp_path / "run")
     with contextlib.contextmanager(served)(tmp_path / "run") as page:
@@ -442,6 +444,7 @@ def test_events_that_say_what_the_page_does_not_ask(tmp_path: Path) -> None:
             assert posted(page, place, sent) == 200
 
 
+@pytest.mark.slow
 def test_pages_that_no_browser_connects(tmp_path: Path) -> None:
     run_folder(tmp_path / "run")
     with contextlib.contextmanager(served)(tmp_path / "run") as page:
@@ -451,6 +454,7 @@ def test_pages_that_no_browser_connects(tmp_path: Path) -> None:
         assert page.largest < MOST // 2, f"the page has taken {page.largest / 1e6:.0f} MB"
 
 
+@pytest.mark.slow
 def test_pages_beyond_those_that_browsers_may_have_open(tmp_path: Path) -> None:
     """They are refused with a sentence, until one of the others is closed."""
     run_folder(tmp_path / "run")

@@ -42,7 +42,8 @@ def test_without_noise_every_modulus_is_found_to_a_thousandth_from_18_load_cases
         assert result.parameters[name].value == pytest.approx(true, abs=2e-5)
 
 
-@pytest.mark.parametrize("loss", [DistanceLoss(LENGTH), LikelihoodLoss()])
+@pytest.mark.slow
+@pytest.mark.parametrize("loss", [DistanceLoss(LENGTH), pytest.param(LikelihoodLoss(), marks=pytest.mark.long)])
 def test_stated_intervals_hold_the_true_moduli_as_often_as_they_say(loss: Loss) -> None:
     # From the true values two or three trajectories suffice; where a search begins does not matter here.
     start = [FreeParameter(p.name, p.unit, p.lower, p.upper, p.scale, start=MODULI[p.name]) for p in FREE]
@@ -60,6 +61,7 @@ def test_stated_intervals_hold_the_true_moduli_as_often_as_they_say(loss: Loss) 
     assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.4
 
 
+@pytest.mark.slow
 def test_experiments_held_out_are_predicted_with_their_own_frames(tmp_path: Path) -> None:
     own = tuple(FreeParameter(p.name, p.unit, p.lower, p.upper, per_experiment=True) for p in FRAMES)
     problem = bench("cable1", "cable3", "cable5", parameters=(*FREE, *own), noise=5e-4)
@@ -77,6 +79,7 @@ def test_experiments_held_out_are_predicted_with_their_own_frames(tmp_path: Path
     assert again.parameters == result.parameters
 
 
+@pytest.mark.slow
 def test_a_modulus_for_each_spring_predicts_better_than_one_for_all() -> None:
     tied = bench("cable1", "cable5", "cable6", parameters=(TIED, *FRAMES), noise=5e-4)
     folds = folds_of(tied, [["cable6"]])

@@ -23,6 +23,7 @@ def calibrated(tmp_path: Path) -> Path:
     return tmp_path / "run"
 
 
+@pytest.mark.slow
 def test_the_truth_that_it_states_is_found(tmp_path: Path):
     found = json.loads((calibrated(tmp_path) / "result.json").read_text())["parameters"]["springs.youngs_modulus"]
     stated = re.search(r"with E ([\d.]+) GPa for all", (tmp_path / "m" / "project.yaml").read_text())

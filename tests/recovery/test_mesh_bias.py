@@ -83,6 +83,7 @@ def test_the_bias_of_linear_tets_is_foretold():
     assert foretold[SLACK] == pytest.approx(actual[SLACK], rel=0.25)
 
 
+@pytest.mark.slow
 def test_two_parameters_that_trade_off_are_foretold_as_a_refit_with_noise_finds_them():
     fine = halved(neck())
     problem = coarse_problem(neck(), measured_on(fine, 1.0), LikelihoodLoss(), (E, NU, SLACK))
@@ -97,6 +98,7 @@ def test_two_parameters_that_trade_off_are_foretold_as_a_refit_with_noise_finds_
     assert on_finer.loss > 20 * refit.loss
 
 
+@pytest.mark.slow
 def test_higher_elements_on_the_same_tets_are_foretold_too():
     experiment = measured_on(elevated(neck(), "P2P1"), 1.0)
     problem = coarse_problem(neck(), experiment, LikelihoodLoss(), (E, SLACK))

@@ -97,6 +97,7 @@ def test_the_force_is_brought_to_the_neck(generator: ModuleType, project: Projec
 # --- the calibration --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_all_tests_jointly_give_the_modulus_within_what_the_mesh_adds(
     joint: CalibrationResult, loading_modulus: float
 ) -> None:
@@ -104,6 +105,7 @@ def test_all_tests_jointly_give_the_modulus_within_what_the_mesh_adds(
     assert 1.0 - MESH_AT_MOST < ratio < 1.0
 
 
+@pytest.mark.slow
 def test_with_the_mesh_counted_the_modulus_is_the_true_one(
     generator: ModuleType, project: Project, true_values: dict[str, float], loading_modulus: float
 ) -> None:
@@ -114,6 +116,7 @@ def test_with_the_mesh_counted_the_modulus_is_the_true_one(
     assert "Converged" in found.status
 
 
+@pytest.mark.slow
 def test_poissons_ratio_hardly_matters(project: Project, joint: CalibrationResult) -> None:
     """Paper A's Table I: E decides. The loss at any other ratio is the same but for some per cent, at another E."""
     assert joint.importance[E] == max(joint.importance.values())
@@ -123,6 +126,7 @@ def test_poissons_ratio_hardly_matters(project: Project, joint: CalibrationResul
     assert there.parameters[E].value == pytest.approx(joint.parameters[E].value, rel=0.05)
 
 
+@pytest.mark.slow
 def test_slack_and_the_lean_of_the_neck_at_rest_are_found(joint: CalibrationResult, truth: dict[str, Any]) -> None:
     for name, test in truth["experiments"].items():
         # Slack and offset make up for the coarser mesh.
@@ -138,12 +142,14 @@ def test_slack_and_the_lean_of_the_neck_at_rest_are_found(joint: CalibrationResu
         assert contains(offset, lean)
 
 
+@pytest.mark.slow
 def test_every_test_is_met_to_the_noise(joint: CalibrationResult) -> None:
     for fit in joint.experiments.values():
         assert fit.rmse["tension"] < 0.02
         assert fit.rmse["pitch"] < math.radians(0.02)
 
 
+@pytest.mark.slow
 def test_by_tension_the_modulus_is_the_same(
     project: Project, true_values: dict[str, float], joint: CalibrationResult
 ) -> None:
@@ -241,6 +247,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return to
 
 
+@pytest.mark.slow
 def test_both_branches_give_the_modulus_and_the_pulleys_friction(folder, generator, truth):
     """From a nominal friction that is wrong by a third. The overstress of both branches cancels, but for 3 %."""
     project = load(folder / "project.yaml")

@@ -140,6 +140,7 @@ def test_while_only_pulled_friction_of_pulleys_and_stiffness_are_said_to_be_inse
     assert found.parameters[FRICTION].standard_error is None
 
 
+@pytest.mark.slow
 def test_cycles_tell_them_apart(project: Project, cycles: ModuleType, truth: dict[str, Any]) -> None:
     found = relaxing(project, cycles, truth, None)
     assert "cannot separate" not in told(found)
@@ -150,6 +151,7 @@ def test_cycles_tell_them_apart(project: Project, cycles: ModuleType, truth: dic
 # --- the files ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_generator_writes_the_record_that_is_kept(
     cycles: ModuleType, truth: dict[str, Any], record: Any, tmp_path: Path
 ) -> None:

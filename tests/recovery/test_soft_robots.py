@@ -48,13 +48,17 @@ def test_a_tentacle_400_mm_before_a_camera(loss: Loss) -> None:
         found(problem, "tentacle.youngs_modulus", start, TENTACLE_E)
 
 
-@pytest.mark.parametrize("loss", [LikelihoodLoss(), PapersLoss()], ids=lambda loss: loss.name)
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "loss", [LikelihoodLoss(), pytest.param(PapersLoss(), marks=pytest.mark.long)], ids=lambda loss: loss.name
+)
 def test_a_finger_on_instruments_whose_offsets_have_one_sign(loss: Loss) -> None:
     problem = finger_problem(loss)
     for start in starts(problem.space.size, seed=2, randoms=1):
         found(problem, "finger.youngs_modulus", start, FINGER_E)
 
 
+@pytest.mark.slow
 def test_a_force_in_the_wrong_unit_leaves_no_search_at_its_start() -> None:
     """mN read as N: nothing fits, and the misfit of the force must not make every start look like the minimum."""
     problem = finger_problem(LikelihoodLoss(), nu=(0.3, 0.499))

@@ -228,6 +228,7 @@ def test_motion_capture_that_is_cut_off_anywhere_is_refused(tmp_path: Path) -> N
             read_c3d(path, MARKERS)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:No analog data found")
 def test_motion_capture_with_changed_bytes_is_read_or_refused(tmp_path: Path) -> None:
     """Every byte of the header and of the parameters in turn, as 0 and as 255."""

@@ -67,6 +67,7 @@ def test_no_wall_surrounds_what_is_beside_the_body(at: list[float]):
     assert wall_around(BAR, np.array(at)) is None
 
 
+@pytest.mark.slow
 def test_points_are_located_as_by_all_tets_and_all_triangles():
     low, high = BAR.points.min(axis=0), BAR.points.max(axis=0)
     points = np.random.default_rng(3).uniform(low - 0.002, high + 0.002, (200, 3))

@@ -142,6 +142,7 @@ def test_crosscheck_ends_with_1_where_calculix_fails(ccx, tmp_path, script, opti
     assert sentence in done.output
 
 
+@pytest.mark.slow
 def test_two_workers_compare_as_one_process_does(ccx, tmp_path):
     ccx("echo ' *ERROR: too many cutbacks'; exit 201")
     project = load(write_project(tmp_path / "project"))

@@ -111,6 +111,7 @@ def test_closed_form_of_a_better_sensor() -> None:
     np.testing.assert_allclose(errors(told), np.sqrt(np.diag(np.linalg.inv(A))), rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", [LIKELIHOOD, PAPERS], ids=["likelihood", "papers"])
 def test_it_is_what_studies_find(loss: Loss) -> None:
     """The expected errors against the mean of those that the calibrations with another test state."""

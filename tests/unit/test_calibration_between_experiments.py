@@ -111,6 +111,7 @@ def test_a_difference_beyond_the_bounds_is_no_explanation() -> None:
     assert all(one.column != 0 for one in found.between)
 
 
+@pytest.mark.slow
 def test_the_interval_holds_the_mean_of_the_experiments() -> None:
     from scipy.stats import t
 

@@ -85,7 +85,10 @@ def stated(problem: Problem, *uncertain: UncertainParameter) -> Problem:
     return make_problem(problem.robot, problem.experiments, *of, uncertain=uncertain)
 
 
-@pytest.mark.parametrize("loss", LOSSES.values(), ids=LOSSES)
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "loss", [LOSSES["likelihood"], pytest.param(LOSSES["papers"], marks=pytest.mark.long)], ids=LOSSES
+)
 def test_the_intervals_contain_the_truth_where_instruments_drift_by_what_the_noise_conceals(loss: Loss) -> None:
     def coverage(given: dict[str, float], n: int) -> float:
         contained = 0

@@ -67,6 +67,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_it_is_the_scatter_of_the_minimum(name: str) -> None:
     loss, stated, true, prior_sd = CASES[name]
@@ -98,6 +99,7 @@ def test_the_inverse_of_the_weighted_squares_would_be_wrong_for_a_sum_of_rmses()
     assert np.max(scatter / by_variance) > 1.5
 
 
+@pytest.mark.slow
 def test_the_noise_is_found_without_bias_and_a_prior_does_not_share_in_the_excess() -> None:
     loss, stated, true, prior_sd = CASES["understated"]
     chance = np.random.default_rng(2)

@@ -51,6 +51,7 @@ def calibrated(
     return calibrate(make_problem(fake_robot(), tests, free, loss, fake_simulate, **how))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", LOSSES.values(), ids=LOSSES)
 def test_data_with_such_an_error_move_the_estimate_by_half_its_interval(loss: Loss) -> None:
     best = calibrated(loss)
@@ -81,6 +82,7 @@ def test_a_parameter_at_its_bound_stays_there(loss: Loss) -> None:
         assert abs(np.log(moved / one.value)) == pytest.approx(half / 50.0, rel=0.1), error
 
 
+@pytest.mark.slow
 def test_what_is_stated_is_not_named() -> None:
     def named(*stated: UncertainParameter) -> set[str]:
         found = calibrated(LOSSES["papers"], uncertain=stated).parameters

@@ -203,6 +203,7 @@ def test_as_many_parameters_as_values_leave_nothing_to_be_sure_of(
         assert any("The intervals include the noise" in note.text for note in result.notes) == (not saturated)
 
 
+@pytest.mark.slow
 def test_a_ratio_at_its_bound_does_not_make_the_modulus_sure() -> None:
     # From pitch and tension with plenty of noise; the likeliest ratio is at a bound or not, by chance alone.
     free = [FreeParameter(E, "Pa", 0.1e6, 40e6, "log"), FreeParameter(NU, "1", 0.4, 0.4999)]

@@ -434,6 +434,7 @@ def test_a_model_that_does_not_reproduce_the_twin_is_dropped(monkeypatch: pytest
     assert descent.best.theta == pytest.approx(TRUE, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_standard_errors_are_those_of_repeated_noise() -> None:
     sigma = 0.02
     found, stated = [], []

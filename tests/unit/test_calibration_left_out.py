@@ -65,6 +65,7 @@ def test_it_is_what_a_fit_without_the_experiment_leaves() -> None:
         assert found[name].rmse["tension"] == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_bands_hold_their_share_of_the_samples() -> None:
     shares = [one.within["tension"] for seed in range(30) for one in predicted(errors(seed, np.zeros(K))).values()]
     assert np.mean(shares) == pytest.approx(0.95, abs=0.02)
@@ -85,6 +86,7 @@ def neck_problem(n: int) -> Problem:
     return make_problem(fake_robot(), tests, free, PapersLoss(), fake_simulate)
 
 
+@pytest.mark.slow
 def test_it_is_close_to_what_is_found_by_holding_out() -> None:
     problem = neck_problem(3)
     result = calibrate(problem)
@@ -132,7 +134,10 @@ def test_the_bands_of_the_fit_are_kept_with_it(tmp_path: Path) -> None:
     assert np.median(result.experiments["t0"].bands["tension"]) == pytest.approx(1.96e-3 * top, rel=0.25)
 
 
-@pytest.mark.parametrize("loss", [PapersLoss(), LikelihoodLoss()], ids=["papers", "likelihood"])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "loss", [pytest.param(PapersLoss(), marks=pytest.mark.long), LikelihoodLoss()], ids=["papers", "likelihood"]
+)
 def test_of_two_bands_one_is_for_samples_of_the_same_set_up_and_one_for_a_new_one(loss: Loss) -> None:
     """Experiments that differ in E: new noise on the same ones, and further ones whose E is drawn anew."""
     names, spread, kinds = ("a", "b", "c", "d", "e", "f"), 1.5e5, ("tension", "pitch")

@@ -47,6 +47,7 @@ def problem_of(coarse: Robot, truth: Robot) -> Problem:
     return make_problem(coarse, (measured_on(truth),), free, LikelihoodLoss())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("element", ["P1", "P2P1"])
 def test_the_interval_reaches_the_finer_mesh(element: str) -> None:
     """On P1 the finer twin has P2P1 on the same tets; on P2P1 every element is halved."""

@@ -138,6 +138,7 @@ def test_friction_needs_both_branches_and_a_jacobian_is_needed() -> None:
     assert max(unfitted.explained.values()) <= 1.0
 
 
+@pytest.mark.slow
 def test_of_right_models_few_are_called_misfits() -> None:
     """Of 200 with white noise, and with noise that is correlated by 0.8, at most one in twenty."""
     for n in (40, 300):

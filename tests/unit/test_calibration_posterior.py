@@ -72,14 +72,14 @@ def test_no_more_draws_are_effective_than_are_made():
     assert 50 < facts["effective draws"] < 200
 
 
-# Beside the first case some ten seconds each.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "samples"),
     [
         ("linear", 10_000),
         # The far end of a density that a bound cuts is at few draws: of 10,000 it errs by a tenth of the deviation.
-        pytest.param("linear, cut by a bound", 40_000, marks=pytest.mark.slow),
-        pytest.param("curved", 10_000, marks=pytest.mark.slow),
+        pytest.param("linear, cut by a bound", 40_000, marks=pytest.mark.long),
+        ("curved", 10_000),
     ],
 )
 def test_the_draws_are_those_of_the_density(name: str, samples: int):

@@ -232,6 +232,7 @@ def test_markers_that_are_off_are_said_to_differ_and_the_same_markers_in_place_a
     assert low < 0.9e9 < high
 
 
+@pytest.mark.slow
 def test_the_intervals_are_those_by_the_markers_where_six_or_more_differ() -> None:
     for offset in (0.0, 3e-3):
         problem = markers(1, offset)

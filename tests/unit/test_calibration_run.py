@@ -164,6 +164,7 @@ def test_tpe_is_the_same_search_for_any_number_of_workers() -> None:
     assert alone.extra["batch"] == 4
 
 
+@pytest.mark.slow
 def test_where_every_evaluation_ends_its_worker_the_search_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(evaluator, "_HOPELESS", 2)
     told = "first 2 evaluations ended their workers.*tried 3 times.*fewer workers than 2"
@@ -171,6 +172,7 @@ def test_where_every_evaluation_ends_its_worker_the_search_is_over(monkeypatch: 
         calibrate(problem_of(dying_twin), method="grid", trials=9, workers=2)
 
 
+@pytest.mark.slow
 def test_an_evaluation_that_ends_its_worker_each_time_is_a_failed_trial() -> None:
     found = calibrate(problem_of(soft_necks_end_their_worker), method="grid", trials=4, workers=2)
     alone = calibrate(problem_of(soft_necks_fail), method="grid", trials=4)
@@ -411,6 +413,7 @@ def test_a_real_ctrl_c_ends_the_workers_and_keeps_every_trial(tmp_path: Path) ->
     assert f"after {len(kept.trials)} of at most 2500" in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM], ids=["killed", "ended"])
 def test_workers_end_with_their_parent_however_it_ends(tmp_path: Path, number: signal.Signals) -> None:
     """The workers share the parent's pipes, so these end when the last of them has."""
@@ -458,14 +461,8 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize(
-    "done",
-    [
-        7,
-        pytest.param(1, marks=pytest.mark.slow),  # each starts three workers, for some seconds
-        pytest.param(33, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("done", [pytest.param(1, marks=pytest.mark.long), 7, pytest.param(33, marks=pytest.mark.long)])
 def test_a_search_by_three_workers_that_is_killed_ends_as_if_it_had_not_been(tmp_path: Path, done: int) -> None:
     here, folder, script = Path(__file__).parent, tmp_path / "run", tmp_path / "search.py"
     script.write_text(_TPE_SCRIPT.format(path=[str(here), str(here.parent)], folder=str(folder)))

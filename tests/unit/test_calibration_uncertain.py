@@ -87,6 +87,7 @@ def held(uncertain: tuple[UncertainParameter, ...]) -> float:
     return hits / n
 
 
+@pytest.mark.slow
 def test_the_interval_holds_the_truth_only_if_the_gain_is_uncertain() -> None:
     assert held(UNCERTAIN) >= 14 / 16
     assert held(()) < 0.6
@@ -99,6 +100,7 @@ def alike(tests: list[Experiment], uncertain: tuple[UncertainParameter, ...]) ->
     return not told.spreads[E].differs
 
 
+@pytest.mark.slow
 def test_an_error_that_each_test_has_by_itself_can_be_why_they_differ() -> None:
     tests = [measured(f"t{i}", seed=i, gain=gain) for i, gain in enumerate((0.98, 1.03, 1.0, 1.01))]
     assert not alike(tests, ())
@@ -157,6 +159,7 @@ def best_of(trials: int, *bounds: tuple[float, float]) -> CalibrationResult:
     return calibrate(problem, method="grid", trials=trials)
 
 
+@pytest.mark.slow
 def test_the_best_trial_of_a_grid_has_the_intervals_of_the_minimum() -> None:
     problem = problem_of(fake_robot(), [measured()], FREE, LikelihoodLoss())
     exact = calibrate(problem)

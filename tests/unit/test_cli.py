@@ -244,6 +244,7 @@ def test_a_run_is_not_gone_on_with_by_other_data(capsys: pytest.CaptureFixture[s
     assert f"{path}: the file was changed after the run began" in err
 
 
+@pytest.mark.slow
 def test_check_shows_a_ratio_that_is_nearly_a_half_as_it_is_written(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     path = write_project(tmp_path / "p")
     text = path.read_text()
@@ -418,6 +419,7 @@ def test_a_stop_keeps_everything_and_resumes(tmp_path: Path, number: signal.Sign
     assert len(found.headline.trials) == n_before + 2
 
 
+@pytest.mark.slow
 def test_a_terminal_that_is_closed_stops_a_calibration_whole(tmp_path: Path):
     """What is written to it from then on is an error, which must not come before the results are kept."""
     fcntl, pty, termios = (pytest.importorskip(name) for name in ("fcntl", "pty", "termios"))

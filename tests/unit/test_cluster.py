@@ -102,6 +102,7 @@ def test_a_tunnel_to_the_scheduler_is_enough(cluster: DaskProcesses) -> None:
     assert not asked & at_work
 
 
+@pytest.mark.slow
 def test_an_address_that_does_not_answer_starts_nothing(tmp_path: Path) -> None:
     project, out = write_project(tmp_path), tmp_path / "run"
     with socket.socket() as silent:  # takes connections, and says nothing
@@ -117,6 +118,7 @@ def test_an_address_that_does_not_answer_starts_nothing(tmp_path: Path) -> None:
     assert taken < 30  # 8 s, and Python's start on a busy machine
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense", "ftp://127.0.0.1:3", "tcp://no.such.host:8786"])
 def test_an_address_of_nobody_is_refused(address: str) -> None:
     with pytest.raises(InputError, match="no Dask scheduler answers there"), executor_on(f"dask:{address}"):
@@ -149,6 +151,7 @@ def test_workers_with_another_softcal_are_refused(tmp_path: Path) -> None:
         assert "the same softcal must be on all machines" in text
 
 
+@pytest.mark.slow
 def test_workers_with_another_softcal_that_come_later_take_no_part(tmp_path: Path) -> None:
     other = copied_softcal(tmp_path / "other")
     with DaskProcesses(tmp_path) as cluster:
@@ -223,6 +226,7 @@ def test_processes_of_this_machine_that_are_killed_at_random_change_nothing(tmp_
     assert not set(children(os.getpid())) & set(killed)
 
 
+@pytest.mark.slow
 def test_the_schedulers_death_costs_nothing_that_was_told(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     options: dict[str, Any] = {"method": "tpe", "trials": 60, "store": folder}
@@ -238,6 +242,7 @@ def test_the_schedulers_death_costs_nothing_that_was_told(tmp_path: Path) -> Non
     same(resumed, calibrate(problem_of(soft_necks_fail), method="tpe", trials=60))
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_falls_silent_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is stopped, not ended: its connection stays, and Dask waits."""
     monkeypatch.setattr(dask_executor, "SILENCE", 3.0)
@@ -257,6 +262,7 @@ def test_a_scheduler_that_falls_silent_is_given_up(tmp_path: Path, monkeypatch: 
     assert len(stored_trials(folder)) >= 8
 
 
+@pytest.mark.slow
 def test_calls_that_wait_to_be_made_alone_are_told_of_the_schedulers_death(tmp_path: Path) -> None:
     """Each ended its worker, among others that had not ended yet when the scheduler did."""
     with dask_cluster(tmp_path, allowed_failures=0) as cluster, executor_on(f"dask:{cluster.address}") as executor:
@@ -281,6 +287,7 @@ def test_one_worker_that_cannot_do_a_call_is_asked_three_times(tmp_path: Path) -
     assert found[:2] + found[3:] == [0, 1, 3]
 
 
+@pytest.mark.slow
 def test_a_stopped_worker_does_not_hold_up_the_start(tmp_path: Path) -> None:
     with dask_cluster(tmp_path) as cluster:
         (stopped,) = children(cluster.workers[0].pid)
@@ -291,6 +298,7 @@ def test_a_stopped_worker_does_not_hold_up_the_start(tmp_path: Path) -> None:
             assert time.monotonic() - began < 40  # three questions, and a busy machine
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("on", ["dask", "local"])
 def test_how_long_a_call_may_take_is_learned_from_others(
     on: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -357,6 +365,7 @@ def test_jobs_of_a_queue_give_the_same_and_are_cancelled(queue: Path) -> None:
     assert set(jobs) <= set(cancelled)
 
 
+@pytest.mark.slow
 def test_dasks_own_words_are_heard_again_when_the_last_executor_is_closed(cluster: DaskProcesses) -> None:
     logs = [logging.getLogger(f"distributed.{name}") for name in ("client", "core", "comm", "scheduler")]
     before = [log.level for log in logs]

@@ -38,6 +38,7 @@ def run(cluster: DaskProcesses, command: str, *arguments: object, out: Path) -> 
     return here, there
 
 
+@pytest.mark.slow
 def test_calibrate(cluster: DaskProcesses, tmp_path: Path) -> None:
     project = write_project(tmp_path)
     options = ("--no-report", "--method", "tpe", "--trials", 6)
@@ -53,12 +54,14 @@ def test_sweep(cluster: DaskProcesses, tmp_path: Path) -> None:
     assert first.experiments.keys() == second.experiments.keys()
 
 
+@pytest.mark.slow
 def test_validate(cluster: DaskProcesses, tmp_path: Path) -> None:
     here, there = run(cluster, "validate", write_sweep(tmp_path), out=tmp_path / "table.csv")
     assert here.read_text() == there.read_text()
     assert len(here.read_text().splitlines()) > 2
 
 
+@pytest.mark.slow
 def test_fleet(cluster: DaskProcesses, tmp_path: Path) -> None:
     table = f"specimen,{FILE}\n" + "".join(f"s{k},p{k}.csv\n" for k in (1, 2, 3))
     folder = write_fleet(tmp_path, (1.0, 1.1, 0.9), table)

@@ -113,6 +113,7 @@ def test_the_triangles_that_touch_are_those_of_all_pairs(seed: int):
     )
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10**6))
 @settings(deadline=None, max_examples=100)
 def test_no_point_passes_through_a_triangle_on_the_free_part_of_its_way(seed: int):

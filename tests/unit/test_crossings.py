@@ -65,6 +65,7 @@ def mouth(robot: Robot, samples: np.ndarray) -> np.ndarray:
     return np.array([shot.points["finger"][edge[1], 2] - shot.points["finger"][edge[0], 2] for shot in shots])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("element", ["P1", "P2P1"])
 def test_a_notch_that_closes_is_told_of_from_where_on(element: str) -> None:
     robot = notched(element)
@@ -272,6 +273,7 @@ def run(*arguments: object) -> str:
     return done.output
 
 
+@pytest.mark.slow
 def test_check_states_what_presses_and_how_much_of_it_is_near_at_rest(tmp_path: Path) -> None:
     path = write_project(tmp_path)
     assert "near a surface at rest" not in run("check", path)
@@ -282,6 +284,7 @@ def test_check_states_what_presses_and_how_much_of_it_is_near_at_rest(tmp_path: 
     assert "1 of them" in replace(term, reach=np.append(term.reach[1:], 0.5 * term.depth)).in_words()
 
 
+@pytest.mark.slow
 def test_every_command_tells_of_it_once(tmp_path: Path) -> None:
     path = notched_project(tmp_path)
     told = "bar intersects itself from"

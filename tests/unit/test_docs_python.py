@@ -31,6 +31,7 @@ from softcal.sensing.sensor import SENSORS
 from softcal.workflows.export import EXPORTS
 
 
+@pytest.mark.slow
 def test_the_blocks_run_in_their_order(
     repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:

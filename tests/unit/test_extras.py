@@ -21,6 +21,7 @@ def softcal_without(modules: tuple[str, ...], *arguments: str, folder: Path) -> 
     return subprocess.run(line, check=False, capture_output=True, text=True, cwd=folder, timeout=300)
 
 
+@pytest.mark.slow
 def test_a_plain_install_calibrates_and_reports(tmp_path: Path):
     """Pictures and importances are missing, each with the command that brings them."""
     project, run = str(EXAMPLES / "beam" / "project.yaml"), tmp_path / "run"

@@ -80,6 +80,7 @@ def test_the_files_tell_what_was_found(found: Fleet) -> None:
     assert (live["done"], live["total"], live["failed"], live["ended"]) == (6, 6, 0, True)
 
 
+@pytest.mark.slow
 def test_two_processes_find_the_same(folder: Path, found: Fleet) -> None:
     again = fleet(folder, out=folder / "two", workers=2)
     assert [one.parameters for one in again.specimens] == [one.parameters for one in found.specimens]

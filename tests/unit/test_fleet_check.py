@@ -56,6 +56,7 @@ def spoil(path: Path, factor: float = 1000) -> None:
     path.write_text("\n".join([header, *far]) + "\n")
 
 
+@pytest.mark.slow
 def test_a_result_of_each_experiment_is_refused(tmp_path: Path) -> None:
     folder = write_fleet(tmp_path, [1.0, 1.1], f"specimen,{FILE}\ns1,p1.csv\ns2,p2.csv\n", (NOISE, AGAIN), EACH)
     (said,) = told(folder)

@@ -598,6 +598,7 @@ def test_what_a_format_cannot_hold_is_refused(tmp_path):
         write_mesh(mesh, tmp_path / "none" / "box.msh")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the memory of a process is read from /proc")
 @pytest.mark.parametrize("compressor", ["vtkZLibDataCompressor", "vtkLZMADataCompressor"])
 def test_a_small_file_that_unpacks_to_gigabytes_is_refused_before_it_does(tmp_path, compressor):

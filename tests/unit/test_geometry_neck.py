@@ -300,6 +300,7 @@ def test_a_closed_surface_is_filled(tmp_path, order):
     assert check_quality(in_centimetres).volume == pytest.approx(0.3**3 / 6, rel=1e-6)
 
 
+@pytest.mark.slow
 @needs_gmsh
 @pytest.mark.parametrize(
     ("size", "most"),

@@ -48,6 +48,7 @@ def studied(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "run"
 
 
+@pytest.mark.slow
 def test_a_run_is_studied_in_its_folder_beside_fanova(studied: Path, capsys: pytest.CaptureFixture[str]):
     stored = IMPORTANCE.read(studied / IMPORTANCE.folder)
     assert stored is not None

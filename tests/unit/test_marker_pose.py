@@ -66,6 +66,7 @@ def test_the_second_pose_of_a_marker_is_found_and_costs_more():
     assert best.cost < 1e-12 < 0.1 < other.cost
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_views", [1, 3])
 def test_the_stated_uncertainty_is_that_of_repeated_measurements(n_views: int):
     bench = manipulator()
@@ -101,6 +102,7 @@ def test_more_views_and_more_markers_on_the_base_make_it_surer():
         assert one.pose.position == pytest.approx(board[number].position, abs=2e-4)
 
 
+@pytest.mark.slow
 def test_companions_place_an_image_that_does_not_show_the_base_marker():
     bench = manipulator()
     board = {7: Pose.of((0.3, 0.0, 0.0), (0.04, 0.0, 0.0)), 8: Pose.of((0.0, 0.4, 0.0), (-0.04, 0.01, 0.0))}

@@ -141,5 +141,6 @@ def test_a_candidate_must_not_have_the_name_of_an_experiment(tmp_path: Path, cap
     assert "an experiment has the name of the candidate" in told
 
 
+@pytest.mark.slow
 def test_two_workers_rank_as_one_process(calibrated: Path):
     assert softcal.next_test(calibrated, workers=2) == softcal.next_test(calibrated)

@@ -79,6 +79,7 @@ def pressing(at: float) -> Callable[[PathProgress], None]:
     return observe
 
 
+@pytest.mark.slow
 def test_a_path_on_which_elements_fail_ends_and_names_the_place() -> None:
     robot = knotted_block()
     response = simulate(robot, pull(robot, "tendon", "shortening", 0.012), crossings=False)

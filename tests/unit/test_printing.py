@@ -141,6 +141,7 @@ def test_a_sweep_over_three_parameters(printed: Printed, tmp_path: Path) -> None
     assert {"youngs_modulus", "poissons_ratio", "friction_coefficient", "700 MPa", "reduced by"} <= cells(printed())
 
 
+@pytest.mark.slow
 def test_models_that_are_validated(printed: Printed, tmp_path: Path) -> None:
     run("validate", write_sweep(tmp_path / "p"), "--split", "springs.youngs_modulus")
     lines = printed()
@@ -168,6 +169,7 @@ def test_paths_are_shown_as_seen_from_the_present_folder(
     assert shown_path(Path(written.format(here=tmp_path))) == shown
 
 
+@pytest.mark.slow
 def test_commands_show_paths_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     write_project(tmp_path)
     monkeypatch.chdir(tmp_path)

@@ -138,6 +138,7 @@ def test_the_settings_of_an_experiment_hold_when_it_is_simulated(project: Projec
     assert loaded[0] < free[0] - 1e-4
 
 
+@pytest.mark.slow
 def test_a_calibration_finds_the_modulus_and_predicts_what_was_held_out(tmp_path: Path) -> None:
     project = load(write(tmp_path))
     found = calibrate(project, out=tmp_path / "run").headline
@@ -169,6 +170,7 @@ def test_a_calibration_finds_the_modulus_and_predicts_what_was_held_out(tmp_path
     assert values["spring1.youngs_modulus"] == values["spring2.youngs_modulus"] == pytest.approx(MODULUS, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_tie_can_be_split_and_the_run_remembers_it(tmp_path: Path) -> None:
     path = write(tmp_path, ("starts: 1,", "starts: 1, split: springs.youngs_modulus,"))
     found = calibrate(load(path), out=tmp_path / "run").headline
@@ -266,6 +268,7 @@ def test_a_marker_that_was_never_seen_is_left_out_with_a_warning(tmp_path: Path)
     assert any("marker2 was not measured in any row" in str(warning) for warning in project.warnings)
 
 
+@pytest.mark.slow
 def test_the_command_line_validates_and_holds_out(tmp_path: Path) -> None:
     path = write(tmp_path)
     out = tmp_path / "validation.csv"

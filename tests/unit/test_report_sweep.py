@@ -215,6 +215,7 @@ def test_the_report_of_a_sweep_has_its_figures_and_page(content: ReportContent):
     assert "calibration" not in re.sub(r"<style.*?</style>|data:[^\"]*", "", page, flags=re.DOTALL).lower()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("flat")
 def test_the_report_of_a_calibration_compares_with_the_nominal_values(calibrated: ReportContent):
     pictures = report_pictures(calibrated)

@@ -37,6 +37,7 @@ def written(content: ReportContent, tmp_path_factory: pytest.TempPathFactory) ->
     return write_report(content, tmp_path_factory.mktemp("report"))
 
 
+@pytest.mark.slow
 def test_the_page_stands_alone(written: ReportPaths) -> None:
     page = written.page.read_text()
     assert written.page.stat().st_size < 5e6
@@ -89,6 +90,7 @@ def test_labels_from_the_project_are_escaped(content: ReportContent) -> None:
     assert "&lt;b&gt;neck&lt;/b&gt; &amp; co" in page
 
 
+@pytest.mark.slow
 def test_writing_twice_gives_the_same_files(content: ReportContent, tmp_path: Path) -> None:
     name = "20 mm, 5 mm/s"
     experiments = {name: content.experiments[name]}
@@ -136,6 +138,7 @@ def test_one_parameter_few_trials_and_no_extras_still_give_a_report(tmp_path: Pa
     assert report_pictures(replace(content, results={"20mm": empty}))
 
 
+@pytest.mark.slow
 def test_a_landscape_is_drawn_as_a_map(content: ReportContent) -> None:
     x, y = np.geomspace(1e5, 4e7, 8), np.linspace(0.4, 0.4999, 6)
     loss = 0.1 + np.abs(np.log(x[None] / 2e6)) + y[:, None]
@@ -166,6 +169,7 @@ def test_an_experiment_driven_by_tension_compares_the_travel(tmp_path: Path) -> 
     assert "the travel to 1.00 mm RMS (5.0 % of its range)" in page.read_text()
 
 
+@pytest.mark.slow
 def test_a_record_without_force_is_captioned_as_it_is_drawn() -> None:
     """No light tones, and no samples in blue beside them."""
     content = example_content(n_trials=3)

@@ -131,6 +131,7 @@ def test_the_steps_of_a_report_are_a_line_or_two_in_a_file(
     assert capsys.readouterr().err == "Report: reading the run, 1 of 4 (0 s)\nReport: drawing twin, 4 of 4 (75 s)\n"
 
 
+@pytest.mark.slow
 def test_calibrate_says_what_the_report_is_doing(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["calibrate", str(write_project(tmp_path)), "--option", "starts=1"])
     assert done.exit_code == 0, done.output

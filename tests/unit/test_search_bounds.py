@@ -59,7 +59,7 @@ def bounds_about(value: float, shifts: tuple[float, float], width: float) -> tup
 shares = st.tuples(st.floats(0.02, 1.0), st.floats(0.02, 1.0))
 
 
-@settings(max_examples=40)
+@settings(max_examples=12)
 @given(
     loss=st.sampled_from(LOSSES),
     decades=st.tuples(st.floats(0.1, 2.0), st.floats(0.1, 2.0)),
@@ -116,6 +116,7 @@ def test_bounds_of_one_sign_do_not_end_the_search_where_it_begins(
     assert result.n_solves <= 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift", [-0.3, 0.0, 0.3])
 @pytest.mark.parametrize("method", ["tpe", "grid"])
 def test_tpe_and_grid_come_near_the_same_minimum_between_any_bounds(method: str, shift: float) -> None:

@@ -65,6 +65,7 @@ def test_the_gradient_by_a_shared_frame_is_that_of_central_differences():
     assert here.gradient[posed.space.labels.index(label)] == pytest.approx(slope, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_what_is_held_out_is_predicted_in_the_frame_of_its_set_up():
     found = calibrate(problem(*FREE, *FRAMES), starts=1, hold_out=["cable5"])
     np.testing.assert_allclose(frame_of(found, "before"), FIRST, atol=1e-5)
@@ -74,6 +75,7 @@ def test_what_is_held_out_is_predicted_in_the_frame_of_its_set_up():
     assert set(alone.held_out["cable2"].own) == {f"{name}[after]" for name in FRAME}
 
 
+@pytest.mark.slow
 def test_a_held_out_experiment_whose_own_values_did_not_converge_says_so(monkeypatch):
     settled = calibrate(problem(*FREE, *FRAMES), starts=1, hold_out=["cable2"])
     assert not any("cable2 was held out" in note.text for note in settled.notes)

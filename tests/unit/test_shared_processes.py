@@ -40,7 +40,7 @@ def place(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     return url
 
 
-@storages()
+@storages("mysql")
 def test_the_trials_of_a_process_that_is_killed_are_tried_again(place: str, tmp_path: Path) -> None:
     folders = [tmp_path / "a", tmp_path / "b"]
     with processes(folders, place, 24, pause=0.1) as (first, second):
@@ -64,6 +64,7 @@ def test_an_outcome_of_any_length_is_there_whole(place: str) -> None:
         assert other.outcomes() == {0: told} == one.outcomes()
 
 
+@pytest.mark.slow
 def test_a_shared_search_goes_on_after_all_its_processes_were_killed(tmp_path: Path, quick: None) -> None:
     place, folders = f"journal:{tmp_path / 'shared.journal'}", [tmp_path / "a", tmp_path / "b"]
     with processes(folders, place, 24, pause=0.1) as begun:

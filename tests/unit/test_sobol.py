@@ -92,6 +92,7 @@ def by_grid(problem: Problem, n: int = 7) -> dict[str, tuple[list[float], list[f
     return found
 
 
+@pytest.mark.slow
 def test_over_the_box_of_a_twin_they_are_those_of_a_sum_over_a_grid(tmp_path: Path):
     problem = project_problem(load(write_project(tmp_path, ("[0.1 MPa, 40 MPa]", "[0.5 MPa, 4 MPa]"))))
     found = importance_study(problem)
@@ -112,6 +113,7 @@ def fake_problem(simulate: object = fake_simulate, modulus: float = 1.2e6, ratio
     return make_problem(fake_robot(), [fake_experiment(noise=0.01)], free, None, simulate)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_indices():
     first, again, other = (importance_study(fake_problem(), seed=seed) for seed in (1, 1, 2))
     assert first.outputs == again.outputs

@@ -244,6 +244,7 @@ def test_a_journal_is_not_made_where_the_run_is_refused(capsys: pytest.CaptureFi
     assert not journal.exists()
 
 
+@pytest.mark.slow
 def test_calibrate_shares_a_projects_search_by_a_database(
     postgresql: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -123,6 +123,7 @@ def resume(capsys: pytest.CaptureFixture[str], finished: Path, run: Path, *optio
     )
 
 
+@pytest.mark.slow
 def test_the_files_are_read_as_they_were_written(
     capsys: pytest.CaptureFixture[str], finished: Path, run: Path, tmp_path: Path
 ) -> None:

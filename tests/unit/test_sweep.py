@@ -272,6 +272,7 @@ def test_of_cells_that_differ_by_rounding_the_first_is_best(swept: Swept):
     assert {best.trial.number for best in best_cells(result, Nominal(None))} == {first.number}
 
 
+@pytest.mark.slow
 def test_many_workers_find_the_same(project: Project, swept: Swept):
     both = sweep(project, workers=2)
     for one, other in zip(swept.result.trials, both.result.trials, strict=True):

@@ -112,6 +112,7 @@ def started_run(folder: Path, losses: list[float | None]) -> Path:
     return run
 
 
+@pytest.mark.slow
 def test_the_twin_at_the_best_trial(tmp_path: Path):
     run = started_run(tmp_path, [3.0, 2.0])
     (search,) = RunReader(run).read().searches
@@ -238,6 +239,7 @@ def made_up(run: Path, change: Callable[[dict[str, Any]], None]) -> str:
     return answer["trouble"]
 
 
+@pytest.mark.slow
 def test_the_twin_reads_no_file_outside_the_run(tmp_path: Path):
     secret = tmp_path / "secret.txt"
     secret.write_text("Time,secret word\n0,1\n")

@@ -40,6 +40,7 @@ def by_law(found: LawComparison) -> dict[str, float]:
     return {one.name: one.fit.error for one in found.laws}
 
 
+@pytest.mark.slow
 def test_ogdens_published_constants_meet_treloars_curve_and_the_fit_is_nearer(treloar: list[Coupon]):
     """Ogden fitted three tests at once, by hand, and this is one of them: his curve is somewhat high at small
     stretches, and below the last points.

@@ -78,6 +78,7 @@ def test_the_fit_turns_the_frames_no_further_than_a_hand_may_have_held_the_beam_
     assert max(map(abs, turns.values())) < np.deg2rad(1.0)
 
 
+@pytest.mark.slow
 def test_each_load_is_predicted_from_the_other_two(predictions):
     distance = {name: predictions[name].held_out[name].fit.distance.rms for name in LOADS}
     assert distance["gravity"] < 1.0e-3

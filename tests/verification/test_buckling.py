@@ -121,6 +121,7 @@ def test_a_weight_on_a_column_bends_it_as_a_cantilever() -> None:
         assert aside == pytest.approx(2.0 * k * LENGTH / ellipk(k * k), rel=5e-3)
 
 
+@pytest.mark.slow
 def test_a_solid_column_buckles_at_eulers_load() -> None:
     mesh = box_mesh((WIDTH, THICKNESS, LENGTH), (1, 1, 40))
     corner = np.array([0.5 * WIDTH, 0.5 * THICKNESS, 0.0])

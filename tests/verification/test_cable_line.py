@@ -166,6 +166,7 @@ def test_a_line_that_stretches_sticks_as_long_as_its_tensions_need(n):
     assert found.tension[3, 0] == pytest.approx(K * slides * ratio, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stiffness", [None, 300.0])
 def test_energy_is_lost_and_never_made(stiffness):
     """On a random way: the machine's work less what spring, line and presliding store never decreases."""
@@ -188,6 +189,7 @@ def test_energy_is_lost_and_never_made(stiffness):
     assert np.all(np.maximum.accumulate(lost) - lost < sliding)
 
 
+@pytest.mark.slow
 @given(
     corners=st.lists(st.floats(0.0, 1.0), min_size=2, max_size=5),
     mu=st.floats(0.02, 0.6),
@@ -255,6 +257,7 @@ WAYS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_sensitivities_through_a_cycle_are_the_differences(way, monkeypatch):
     """Loaded, let go and loaded again, with samples where it sticks."""

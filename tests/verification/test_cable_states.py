@@ -97,6 +97,7 @@ def test_friction_increases_with_the_speed(line):
     assert np.log(ratio) == pytest.approx(MU * phi * w / v, rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", [True, False])
 def test_many_via_points_take_no_more_columns_than_the_unknowns_that_they_touch(memory):
     """And the tangent is that of the gradient: of sliding and of sticking via points, with stretch."""

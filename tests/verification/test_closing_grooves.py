@@ -187,6 +187,7 @@ def test_closing_and_opening_cost_no_energy():
     assert abs(work) < 1e-6 * float(np.sum(tension)) * 1e-3
 
 
+@pytest.mark.slow
 def test_the_tension_is_in_proportion_to_the_modulus():
     """The default stiffness of contact follows it; a stiffness that is stated does not."""
     robot, protocol = touching(grooved(across=COARSE)), pulled(1e-3, 3e-3, 5e-3)
@@ -275,6 +276,7 @@ def test_equilibria_on_a_finer_mesh_are_those_of_newtons_method_with_the_exact_t
     assert max(errors) < 2e-3 * max(changes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tolerance", "least", "most"), [(0.03, 2, 4), (0.01, 5, 8)])
 def test_a_rough_change_gets_more_places_where_it_is_worst(
     tolerance: float, least: int, most: int, monkeypatch: pytest.MonkeyPatch

@@ -115,6 +115,7 @@ def test_the_force_hardly_depends_on_the_depth():
     assert errors[1] < errors[0]
 
 
+@pytest.mark.slow
 def test_coils_of_a_bent_spring_meet_and_stay_apart():
     d = np.linspace(0.0, 0.03, 4)
     free = simulate(spring(contact=False), lifted(*d), snapshots=True)
@@ -140,6 +141,7 @@ def closest(robot: Robot, axis: np.ndarray) -> float:
     return float(distance[np.abs(along[:, None] - along) > 0.07].min())
 
 
+@pytest.mark.slow
 def test_rims_of_discs_meet_and_stay_apart():
     """A cable outside bends a backbone until the upper disc's rim meets the wider one below; then it pulls harder."""
     height, across, thick = 0.03, 0.05, 0.004

@@ -195,6 +195,7 @@ def test_one_solve_and_converged_steps_agree_as_the_step_shrinks(damping):
     assert np.log2(apart[1] / apart[2]) == pytest.approx(1.0, abs=0.4)
 
 
+@pytest.mark.slow
 def test_damping_of_strains_lets_a_beam_settle_beyond_its_own_buckling_load():
     """SOFA's does not (tension about twice the load at which the beam alone buckles): it gives energy there."""
     robot, target = beam(), {"tendon": ("tension", 0.4)}

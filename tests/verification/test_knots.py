@@ -43,9 +43,10 @@ def pulled_out(radius: float | None, n: int, wide: float, *, drilled: bool) -> f
     return float(response.channels["front.shortening"][0]) / wide
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wide", "drilled", "meshes"),
-    [(0.004, False, (4, 6, 9)), pytest.param(0.012, True, (3, 6, 9), marks=pytest.mark.slow)],
+    [(0.004, False, (4, 6, 9)), (0.012, True, (3, 6, 9))],
 )
 def test_a_knot_is_pulled_out_as_far_in_any_mesh_and_a_point_is_not(wide: float, drilled: bool, meshes: tuple) -> None:
     """Of the extent by default: 1 mm in the material, 5 mm in a bore of 4 mm."""

@@ -46,6 +46,7 @@ def read(test: Experiment, values: dict[str, float], names: tuple[str, ...] = ()
     return observe(test, rig, response, slice(0, test.dataset.n_samples), names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tensions", "steps"),
     [

@@ -83,6 +83,7 @@ def test_a_constant_rate_is_the_closed_form_whatever_the_samples() -> None:
         np.testing.assert_allclose(got, expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("omega", [0.02, 0.2, 2.0, 20.0])
 def test_storage_and_loss_modulus(omega: float) -> None:
     """Over three decades, at the end of an oscillation: G' and G'' of the generalised Maxwell model."""
@@ -294,6 +295,7 @@ LET_GO = 1e-3 * np.array([0.0, 4.0, 8.0, 8.0, 3.0, -0.5, -0.5, -0.7, 5.0, 9.0])
 TIMES = np.array([0.0, 0.5, 1.0, 4.0, 4.5, 5.0, 5.3, 5.5, 6.0, 7.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("element", ["P1", "P2P1"])
 @pytest.mark.parametrize(
     ("history", "law"),

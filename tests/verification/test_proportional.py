@@ -38,6 +38,7 @@ def afresh(robot: Robot) -> Robot:
     return replace(robot)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", [grooved(), touching(grooved(across=COARSE))], ids=["bends", "touches itself"])
 def test_a_path_at_another_modulus_costs_nothing(robot: Robot, monkeypatch: pytest.MonkeyPatch):
     """And gives the same to the last digits, with its derivatives, as one that is followed there."""
@@ -78,6 +79,7 @@ def test_shapes_at_another_modulus_have_the_forces_of_a_fresh_path():
     assert fresh.snapshots[-1].tensions["front"] != pytest.approx(here.tensions["front"], rel=0.1)
 
 
+@pytest.mark.slow
 def test_other_samples_are_those_of_a_fresh_path():
     """Of linear tets the walls of the groove rest at several places, and which depends on the nodes before."""
     robot, samples = touching(grooved(element="P2P1", across=(8, 1))), np.linspace(0.2e-3, 4e-3, 25)
@@ -115,6 +117,7 @@ def require_close(response: Response, other: Response, share: float) -> None:
         np.testing.assert_allclose(response.channels[channel], values, rtol=0, atol=share * np.abs(values).max())
 
 
+@pytest.mark.slow
 def test_shared_paths_in_contact_have_the_same_nodes(monkeypatch: pytest.MonkeyPatch):
     """To whichever shortening, and at other parameters those of the robot's own, whatever was simulated before."""
     robot, samples = touching(grooved(across=COARSE)), np.linspace(0.2e-3, 4e-3, 20)
@@ -135,6 +138,7 @@ def test_shared_paths_in_contact_have_the_same_nodes(monkeypatch: pytest.MonkeyP
     require_close(again, simulate(afresh(robot), nearer, SOFTER), 0.1)
 
 
+@pytest.mark.slow
 def test_a_shared_path_in_contact_takes_fewer_factorisations():
     """At another ratio of the shipped neck, beside the path at its own."""
     robot = load(EXAMPLES / "neck" / "project.yaml").robot

@@ -101,6 +101,7 @@ REVERSING = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", ["shortening", "tension"])
 def test_readings_of_cables_and_pulleys_that_reverse_have_exact_derivatives(drive, monkeypatch):
     """Of two tests, each of which begins anew: by its slack too, which changes the commands of all samples before."""

@@ -86,6 +86,7 @@ def moments(element: Element, kappa: Floats, times: Floats) -> Floats:
 # A section.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("omega", [0.02, 0.6, 20.0])
 def test_storage_and_loss_modulus_of_bending(omega: float) -> None:
     """Over three decades, at the end of an oscillation: those of the generalised Maxwell model, times E I."""
@@ -231,6 +232,7 @@ TIMES = np.array([0.0, 0.5, 1.0, 4.0, 4.5, 5.0, 6.0, 7.0])
 HISTORY = ("softening", "relaxation-1", "flow")
 
 
+@pytest.mark.slow
 def test_derivatives_through_a_history_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     """Loading, a hold, letting go and loading again, of a tapered rod of two materials on a centrifuge."""
     monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)

@@ -157,6 +157,7 @@ def test_the_channels_follow_a_length_in_contact(key, monkeypatch):
     require_derivatives(robot, protocol, f"neck.{key}", 1e-6 if key == "scale" else 1e-7, monkeypatch, error=2e-5)
 
 
+@pytest.mark.slow
 def test_the_shipped_neck_follows_its_diameter_in_contact(monkeypatch):
     """Its mesh is symmetric, so that choices between alike tets are rounding's: they must not change with the shape."""
     robot = load(EXAMPLES / "neck" / "project.yaml").robot

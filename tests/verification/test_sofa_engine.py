@@ -79,12 +79,14 @@ def assert_many_parts_rest_alike(engine, tolerance):
     return theirs, ours
 
 
+@pytest.mark.slow
 def test_neck_by_shortening(engine):
     data = shared_json("neck-shortening.json")
     rows = data["rows"]
     assert_neck_as_measured(engine(neck_robot(data), pulled(*[row["shortening_m"] for row in rows])), rows)
 
 
+@pytest.mark.slow
 def test_a_state_begun_again_ends_where_it_would_have(engine, monkeypatch):
     """After numbers that are none, from the positions at rest before: plates, ties and cables follow."""
     robot, d = many_parts(), [0.001, 0.002, 0.003]
@@ -120,6 +122,7 @@ def test_a_scene_goes_back_to_where_everything_was(monkeypatch, tmp_path):
     assert fast > 1e-2
 
 
+@pytest.mark.slow
 def test_neck_by_tension(engine):
     """Its last state needs a shorter time step, which the engine finds."""
     data = shared_json("neck-tension.json")
@@ -153,6 +156,7 @@ def test_slack_and_weight(engine):
     np.testing.assert_allclose(theirs.slopes["front.tension"][-2:], ours.slopes["front.tension"][-2:], rtol=0.05)
 
 
+@pytest.mark.slow
 def test_derivatives_are_the_twins(engine):
     robot = column_robot(divisions=(1, 1, 4))
     names = ["neck.youngs_modulus", "neck.poissons_ratio"]

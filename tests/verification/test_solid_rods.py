@@ -141,6 +141,7 @@ def softness(index: float, layers_per_turn: int, rings: int, way: np.ndarray) ->
 Z = np.array([0.0, 0.0, 1.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", [Z, X], ids=["axial", "lateral"])
 def test_a_slender_spring_is_a_solid_one(way):
     """D / d = 12."""
@@ -196,6 +197,7 @@ def apart(cable: str, force: float) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
+@pytest.mark.slow
 def test_the_manipulator_on_solid_springs():
     """1.5 kgf on a cable to S2."""
     difference, moved = apart("cable2", 14.715)

@@ -44,7 +44,7 @@ def test_some_draws_are_solved(mesh, element, n, drive):
         assert not all(o.is_wound_up for o in rows)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("element", "n"), [("P1", 200), ("P2P1", 60)])
 @pytest.mark.parametrize("drive", PROTOCOLS)
 def test_many_draws_are_solved(mesh, element, n, drive, capsys):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from types import MappingProxyType
 from typing import TypeVar
 
 import numpy as np
@@ -93,8 +95,13 @@ def kind_by_name(name: str) -> Quantity | None:
 
 
 @checked_arguments
-def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
+def robot_parameters(robot: Robot) -> Mapping[str, ParameterInfo]:
     """Every parameter of the robot by dotted name, such as `neck.youngs_modulus`."""
+    return _parameters(robot)
+
+
+@lru_cache(maxsize=16)  # an evaluation asks for those of its robot at every station
+def _parameters(robot: Robot) -> Mapping[str, ParameterInfo]:
     infos: dict[str, ParameterInfo] = {}
 
     def add(owner: str, key: str, value: float, quantity: Quantity | None = None, *, shapes: bool = False) -> None:
@@ -136,7 +143,7 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
             add(load.name, "force", float(np.dot(load.force, load.direction)))
         elif isinstance(load, Moment):
             add(load.name, "moment", float(np.dot(load.moment, load.direction)))
-    return infos
+    return MappingProxyType(infos)
 
 
 def parameter_values(robot: Robot, theta: Mapping[str, float] | None = None) -> dict[str, float]:

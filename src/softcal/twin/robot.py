@@ -362,7 +362,7 @@ class Marker(NamedPart):
 
 
 @displayed
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Robot(Checked):
     """Bodies, rods, plates, ties, cables, loads, markers and sensors, with gravity and contact.
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from softcal.cli.command import register_command
-from softcal.cli.printing import echo, print_table, print_warnings, shown_path
+from softcal.cli.printing import echo, print_table
 from softcal.cli.running import clock, executor_told
-from softcal.cli.values import LOCAL, On, Source, Values, Workers, parsed_values
+from softcal.cli.study import CalibrationName, StudyFolder, begin_study, end_study
+from softcal.cli.values import LOCAL, On, Source, Values, Workers
 
 if TYPE_CHECKING:
     from softcal.analysis.importance import ImportanceStudy
@@ -19,39 +19,21 @@ if TYPE_CHECKING:
 @register_command("judge", 5)
 def importance(
     source: Source,
-    calibration: Annotated[
-        str,
-        typer.Option(metavar="NAME", help="Calibration of the run; the joint one by default.", show_default=False),
-    ] = "",
+    calibration: CalibrationName = "",
     simulations: Annotated[int, typer.Option(metavar="N", help="Evaluations of the twin, at most.")] = 400,
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of the points.")] = 1,
     workers: Workers = None,
     on: On = LOCAL,
     values: Values = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="A folder that is new or empty; default for a run: 'importance' in it, for its report.",
-            show_default=False,
-        ),
-    ] = None,
+    out: StudyFolder = None,
 ) -> None:
     """Which parameter decides the loss, the force, the pitch over the bounds of the search: Sobol indices.
 
     By SALib on a surrogate of the twin through some hundred trajectories, which is checked at others.
     """
-    from softcal.workflows.output import require_free_folder
-    from softcal.workflows.study_source import default_folder, study_source
-
-    studied = study_source(source, parsed_values(values), calibration)
+    studied, folder = begin_study(source, "importance", values, calibration, out)
     from softcal.workflows.importance import IMPORTANCE, study_importance
 
-    default = default_folder(source, IMPORTANCE.folder)
-    folder = out if out is not None else default
-    if folder is not None:
-        require_free_folder(folder)
-    print_warnings(studied.project.warnings if not source.is_dir() else ())
     with executor_told(on, workers) as executor, clock() as show:
         study = study_importance(
             studied,
@@ -61,15 +43,7 @@ def importance(
             progress=lambda n: show(f"{n} evaluations"),
         )
     _print_study(study)
-    for note in study.notes:
-        echo(f"Note: {note}")
-    for sentence in IMPORTANCE.sentences(study):
-        echo(sentence)
-    if folder is not None:
-        IMPORTANCE.write(study, studied.project, studied.calibration, folder)
-        echo(f"Wrote {shown_path(folder)}")
-        if folder == default:
-            echo(f"Into the report with: softcal report {source}")
+    end_study(IMPORTANCE, study, studied, folder, study.notes, source)
 
 
 def _print_study(study: ImportanceStudy) -> None:

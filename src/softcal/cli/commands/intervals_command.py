@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.command import register_command
-from softcal.cli.printing import echo, print_table, shown_path
+from softcal.cli.printing import echo, print_table
 from softcal.cli.running import clock, executor_told
+from softcal.cli.study import CalibrationName, end_study
 from softcal.cli.values import LOCAL, On, Workers
 
 if TYPE_CHECKING:
@@ -31,10 +32,7 @@ def intervals(  # noqa: PLR0913 (one argument for each option)
             show_default=False,
         ),
     ] = "",
-    calibration: Annotated[
-        str,
-        typer.Option(metavar="NAME", help="Calibration of the run; the joint one by default.", show_default=False),
-    ] = "",
+    calibration: CalibrationName = "",
     samples: Annotated[
         int | None,
         typer.Option(
@@ -80,8 +78,7 @@ def intervals(  # noqa: PLR0913 (one argument for each option)
         )
     echo(f"95 % intervals of the calibration '{source.calibration}'")
     _print_study(study)
-    INTERVALS.write(study, source.project, source.calibration, folder)
-    echo(f"Wrote {shown_path(folder)}")
+    end_study(INTERVALS, study, source, folder, study.notes, run)
 
 
 def _print_study(study: IntervalStudy) -> None:
@@ -105,7 +102,3 @@ def _print_study(study: IntervalStudy) -> None:
     print_table(table)
     counted = ", ".join(f"{plain(value, 4)} {name}" for name, value in study.facts.items())
     echo(f"{counted}; {plain(study.wall_s, 2)} s")
-    for note in study.notes:
-        echo(f"Note: {note}")
-    for sentence in study.sentences:
-        echo(sentence)

@@ -5,15 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from softcal.cli.command import register_command
-from softcal.cli.printing import echo, print_table, print_warnings, shown_path
+from softcal.cli.printing import echo, print_table
 from softcal.cli.running import executor_told
-from softcal.cli.values import LOCAL, On, Source, Values, Workers, parsed_values
+from softcal.cli.study import CalibrationName, StudyFolder, begin_study, end_study
+from softcal.cli.values import LOCAL, On, Source, Values, Workers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,39 +26,22 @@ if TYPE_CHECKING:
 @register_command("judge", 3)
 def mesh_study(  # noqa: PLR0913 (one argument for each option)
     source: Source,
-    calibration: Annotated[
-        str,
-        typer.Option(metavar="NAME", help="Calibration of the run; the joint one by default.", show_default=False),
-    ] = "",
+    calibration: CalibrationName = "",
     element: Annotated[str, typer.Option(metavar="KIND", help="Element that replaces those of lower order.")] = "P2P1",
     halvings: Annotated[int, typer.Option(metavar="N", help="Number of halvings (a tet into eight).")] = 2,
     unknowns: Annotated[int, typer.Option(metavar="N", help="Skip meshes with more unknowns.")] = 150_000,
     workers: Workers = None,
     on: On = LOCAL,
     values: Values = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="A folder that is new or empty; default for a run: 'mesh-study' in it, for its report.",
-            show_default=False,
-        ),
-    ] = None,
+    out: StudyFolder = None,
 ) -> None:
     """Influence of the mesh: simulate the twin on finer meshes, and predict the shift of its parameters.
 
     No mesher is needed: every tet is divided into eight, linear tets become quadratic, rod elements are halved.
     """
-    from softcal.workflows.output import require_free_folder
-    from softcal.workflows.study_source import default_folder, study_source
-
-    studied = study_source(source, parsed_values(values), calibration)
+    studied, folder = begin_study(source, "mesh-study", values, calibration, out)
     from softcal.workflows.mesh_study import MESH_STUDY, study
 
-    folder = out if out is not None else default_folder(source, MESH_STUDY.folder)
-    if folder is not None:
-        require_free_folder(folder)
-    print_warnings(studied.project.warnings if not source.is_dir() else ())
     with executor_told(on, workers) as executor, _bars() as show:
         result = study(
             studied, element=element, halvings=halvings, max_unknowns=unknowns, workers=executor, progress=show
@@ -73,15 +56,7 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
     for mesh in result.finer:
         if mesh.failure:
             echo(f"Not simulated, {mesh.name} ({mesh.what}): {mesh.failure}")
-    for note in result.notes:
-        echo(f"Note: {note}")
-    for sentence in MESH_STUDY.sentences(result):
-        echo(sentence)
-    if folder is not None:
-        MESH_STUDY.write(result, studied.project, studied.calibration, folder)
-        echo(f"Wrote {shown_path(folder)}")
-        if folder == default_folder(source, MESH_STUDY.folder):
-            echo(f"Into the report with: softcal report {source}")
+    end_study(MESH_STUDY, result, studied, folder, result.notes, source)
 
 
 @contextmanager

@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from softcal.cli.command import register_command
-from softcal.cli.printing import echo, print_table, shown_path
+from softcal.cli.printing import echo, print_table
 from softcal.cli.running import executor_told
+from softcal.cli.study import CalibrationName, end_study
 from softcal.cli.values import LOCAL, On, Workers
 
 
@@ -25,10 +26,7 @@ def next_test(
             show_default=False,
         ),
     ] = "",
-    calibration: Annotated[
-        str,
-        typer.Option(metavar="NAME", help="Calibration of the run; the joint one by default.", show_default=False),
-    ] = "",
+    calibration: CalibrationName = "",
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="A folder, new or empty, for the table.", show_default=False),
@@ -43,7 +41,6 @@ def next_test(
         require_free_folder(out)
     from rich.table import Table
 
-    from softcal.analysis.next_test_verdict import verdict
     from softcal.calibration.results.digits import format_interval
     from softcal.workflows.next_test import NEXT_TEST, rank, run_source
 
@@ -61,12 +58,7 @@ def next_test(
     for outlook in tests.outlooks:
         if outlook.failure:
             echo(f"Not possible, {outlook.candidate.name}: {outlook.failure}")
-    for note in tests.notes:
-        echo(f"Note: {note}")
-    echo(verdict(tests))
-    if out is not None:
-        NEXT_TEST.write(tests, source.project, source.calibration, out)
-        echo(f"Wrote {shown_path(out)}")
+    end_study(NEXT_TEST, tests, source, out, tests.notes, run)
 
 
 def _share(value: float | None) -> str:

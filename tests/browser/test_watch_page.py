@@ -179,7 +179,7 @@ def test_the_end_of_a_server_and_a_port_in_use(tmp_path: Path, serve: Serve):
     assert server.process.stdout.read() == ""
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_calibration_from_its_begin_to_its_report(tmp_path: Path, serve: Serve, look: Look):
     """Two browsers; trials and the best loss; the twin in three dimensions; the report."""
     project, run = write_project(tmp_path / "project"), tmp_path / "run"

@@ -47,8 +47,8 @@ def test_intervals_hold_the_truth(name: str) -> None:
     assert all(one.ratio < 1.3 for one in found), {one.parameter: one.ratio for one in found}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["papers", pytest.param("likelihood-steady", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["papers", "likelihood-steady"])
 def test_a_drift_that_may_be_makes_intervals_longer_by_less_than_half(name: str) -> None:
     """Of right models, without a statement on drifts: nothing is called a misfit."""
     studies = 40
@@ -63,7 +63,14 @@ def test_a_drift_that_may_be_makes_intervals_longer_by_less_than_half(name: str)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["likelihood-softer", "papers-stiffer", "papers-loop", "likelihood-outliers"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "papers-stiffer",
+        "likelihood-outliers",
+        *(pytest.param(name, marks=pytest.mark.long) for name in ("likelihood-softer", "papers-loop")),
+    ],
+)
 def test_misfits_are_said_with_their_cause(name: str) -> None:
     found = coverage.coverage(CASES[name], 20)
     assert all(one.misfits == one.named == 20 for one in found)
@@ -91,7 +98,7 @@ def test_no_residual_shows_a_drift_of_load_cell_and_imu() -> None:
     assert errors == pytest.approx([4.6, 2.6], abs=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_studies_on_a_cluster_are_those_of_one_process(tmp_path: Path) -> None:
     """Of markers: each worker makes the table of the twin once."""
     pytest.importorskip("distributed")

@@ -31,7 +31,7 @@ def test_a_surface_with_many_bores_is_meshed(repository: Path):
     assert 1e9 * require_sound(mesh).volume == pytest.approx(expected, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_check_calibrate_report(tmp_path: Path, capsys: pytest.CaptureFixture[str], repository: Path):
     softcal("init", "finger", tmp_path / "finger")
     project = tmp_path / "finger" / "project.yaml"

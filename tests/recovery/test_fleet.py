@@ -38,7 +38,7 @@ def test_the_example_finds_its_law_and_its_filaments(tmp_path: Path) -> None:
     assert not printer.differs
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_fleet_that_is_killed_and_stopped_is_resumed_to_the_same_end(tmp_path: Path) -> None:
     mesh = neck_mesh()
     write_fleet(tmp_path / "fleet", 12, mesh, neck_twin(mesh))

@@ -284,7 +284,7 @@ def test_the_generator_writes_the_record_that_is_kept(
         np.testing.assert_allclose(numbers, kept, rtol=0.0, atol=1.01e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_finer_twin_answers_as_it_did(generator: ModuleType, truth: dict[str, Any]) -> None:
     pytest.importorskip("gmsh")
     kept, curve = generator.read_elastic(), generator.solve_elastic(truth)

@@ -114,7 +114,7 @@ def test_with_noise_the_default_starts_end_alike_from_every_corner(start: tuple[
     assert result.n_solves <= 12
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_thousand_trials_of_tpe_find_the_valley_of_the_neck() -> None:
     """Paper A's pipeline on a coarser mesh. Along the valley E makes up for what nu does, and TPE ends anywhere in it:
     on a mesh like the paper's, of 3,700 tets, seeds 1 to 6 end at losses from 0.0008 to 0.0024, where E is from 14 %

@@ -12,7 +12,9 @@ WITHIN = 0.2  # of the length that calibrations with the test find
 
 
 @pytest.mark.slow  # some 50 calibrations each
-@pytest.mark.parametrize("name", ["likelihood", "papers", "likelihood-differ"])
+@pytest.mark.parametrize(
+    "name", ["likelihood", *(pytest.param(name, marks=pytest.mark.long) for name in ("papers", "likelihood-differ"))]
+)
 def test_the_interval_is_the_expected_one(name: str) -> None:
     found = next_test.shrinkages(CASES[name], STUDIES)
     assert len(found) == len(next_test.CANDIDATES) > 5

@@ -71,7 +71,7 @@ def test_a_force_in_the_wrong_unit_leaves_no_search_at_its_start() -> None:
     assert all(result.parameters["finger.youngs_modulus"].at_bound for result in results)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_tentacle_from_any_start() -> None:
     """Six random starts in the bounds, under each loss, each with noise of its own."""
     for k, start in enumerate(starts(7, seed=3, randoms=6)[2:]):
@@ -79,7 +79,7 @@ def test_a_tentacle_from_any_start() -> None:
             found(tentacle_problem(loss, seed=k), "tentacle.youngs_modulus", start, TENTACLE_E)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_finger_from_any_start() -> None:
     """Six random starts in the bounds, under each loss, each with noise of its own."""
     for k, start in enumerate(starts(3, seed=4, randoms=6)[2:]):

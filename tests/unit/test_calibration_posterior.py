@@ -79,7 +79,7 @@ def test_no_more_draws_are_effective_than_are_made():
         ("linear", 10_000),
         # The far end of a density that a bound cuts is at few draws: of 10,000 it errs by a tenth of the deviation.
         pytest.param("linear, cut by a bound", 40_000, marks=pytest.mark.long),
-        ("curved", 10_000),
+        pytest.param("curved", 10_000, marks=pytest.mark.long),
     ],
 )
 def test_the_draws_are_those_of_the_density(name: str, samples: int):

@@ -143,7 +143,7 @@ def test_tpe_has_fanova_importances_and_a_failed_trial_its_reason() -> None:
     assert any("could not be simulated" in note.text for note in result.notes)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_thousand_trials_of_tpe_find_the_modulus_within_two_percent() -> None:
     result = calibrate(problem_of(noise=0.0), method="tpe", trials=1000, seed=1)
     assert result.parameters[E].value == pytest.approx(TRUE[E], rel=0.02)

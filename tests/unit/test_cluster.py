@@ -197,7 +197,7 @@ def children(pid: int) -> list[int]:
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_workers_that_are_killed_at_random_change_nothing(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     options: dict[str, Any] = {"method": "tpe", "trials": 300}

@@ -107,7 +107,7 @@ def test_hundreds_of_trials_by_eight_processes_two_of_them_killed(place: str, tm
 
 
 @pytest.mark.slow
-@storages("journal", "mysql")
+@storages("postgresql", "mysql")
 def test_processes_that_are_killed_at_random_and_begun_again_lose_and_double_nothing(
     place: str, tmp_path: Path
 ) -> None:

@@ -778,7 +778,13 @@ class Printed:
 
 
 @pytest.fixture(
-    scope="module", params=["neck", "neck-bench", pytest.param("finger", marks=pytest.mark.long), "beam", "manipulator"]
+    scope="module",
+    params=[
+        "neck",
+        "beam",
+        "manipulator",
+        *(pytest.param(one, marks=pytest.mark.long) for one in ("neck-bench", "finger")),
+    ],
 )
 def printed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Printed:
     project, run = ROOT / "examples" / request.param / "project.yaml", tmp_path_factory.mktemp("run") / "run"
@@ -804,7 +810,11 @@ TRUE = {"neck": (), "neck-bench": (2.07, 2.135), "beam": (263.8, 283.0), "manipu
 
 
 @pytest.mark.slow  # with the printed sentences above
-@pytest.mark.parametrize("printed", TRUE, indirect=True)
+@pytest.mark.parametrize(
+    "printed",
+    [pytest.param(name, marks=pytest.mark.long if name == "neck-bench" else ()) for name in TRUE],
+    indirect=True,
+)
 def test_the_readme_of_an_example_quotes_it(printed: Printed):
     text = (ROOT / "examples" / printed.example / "README.md").read_text(encoding="utf-8")
     # The one quotation that begins with E or a doubt of it.

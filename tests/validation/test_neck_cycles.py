@@ -21,7 +21,7 @@ def found(values: dict[str, float]) -> list[Compared]:
     return predict(values, (*neck_cycles.START, neck_cycles.SLACK))[0]
 
 
-@pytest.mark.slow  # four tests to 60 mm, 484 samples with ten derivatives
+@pytest.mark.long  # four tests to 60 mm, 484 samples with ten derivatives
 def test_one_set_of_constants_meets_curves_loops_and_peaks(found: list[Compared]) -> None:
     kinds = {what: [one for one in found if one.what == what] for what in ("curve", "loop", "peak")}
     assert [len(held) for held in kinds.values()] == [3, 12, 3]
@@ -30,12 +30,12 @@ def test_one_set_of_constants_meets_curves_loops_and_peaks(found: list[Compared]
     assert all(one.off < 0.03 for one in kinds["peak"])
 
 
-@pytest.mark.slow  # as above
+@pytest.mark.long  # as above
 def test_the_page_is_that_of_the_kept_constants(values: dict[str, float], found: list[Compared]) -> None:
     assert (neck_cycles.DOCS / "neck-cycles.md").read_text(encoding="utf-8") == neck_cycles.page(values, found)
 
 
-@pytest.mark.slow  # as above
+@pytest.mark.long  # as above
 def test_the_kept_constants_are_a_minimum(found: list[Compared]) -> None:
     """To the digits that are kept: Gauss and Newton's step from them is a small part of a standard error."""
     off = np.concatenate([(one.predicted - one.measured) * one.weight for one in found])

@@ -105,7 +105,13 @@ def finger(models: Path, kind: str, size: float) -> Robot:
 
 @needs_gmsh
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", BEGINS)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=() if kind in ("in the wall", "from the plate") else pytest.mark.long)
+        for kind in BEGINS
+    ],
+)
 def test_a_finger_is_solved_and_its_modulus_is_that_of_a_finer_mesh(models: Path, kind: str) -> None:
     """Pulled by 4.5 mm: by shortening, tensions are proportional to E. Straight from the plate: 34 % too high."""
     protocol = Protocol({"tendon": Command("shortening", np.array([1.5e-3, 3.0e-3, 4.5e-3]))})

@@ -25,7 +25,7 @@ help:
 	@echo "make demo       set up, calibrate the neck on real bench data, print the result, write the report"
 	@echo "make test       set up, run the tests (all but the slow and the long ones)"
 	@echo "make test-slow  run the slow tests, for $(SLOW_LIMIT) at most"
-	@echo "make test-long  run the tests that do at length what others do in part: half an hour"
+	@echo "make test-long  run the tests that do at length what others do in part: an hour"
 	@echo "make bench      run the benchmarks, write benchmarks/RESULTS.md"
 	@echo "make mesh-table compute docs/mesh-table.md anew: ten minutes and 4 GB"
 	@echo "make table-one  compute docs/table-one.md anew: six minutes"

@@ -28,6 +28,7 @@ BENCHMARKS = (
     "assembly",
     "sofa",
     "start_up",
+    "neck_commands",
 )
 LIMIT = 1200.0  # [s] for one benchmark
 

@@ -133,9 +133,13 @@ def parts(cases: Sequence[Case], every: int = 10, slow: int = 3) -> list[Paramet
     names = [str(case) for case in cases]
     if again := {name for name in names if names.count(name) > 1}:
         raise ValueError(f"two cases have one name: {', '.join(sorted(again))}")
-    others = pytest.mark.slow, *[pytest.mark.long] * (slow - 1)
-    marks = [() if i % every == 0 else others[i % slow - 1] for i in range(len(cases))]
-    return [pytest.param(case, id=str(case), marks=mark) for case, mark in zip(cases, marks, strict=True)]
+
+    def marks(i: int) -> list[pytest.MarkDecorator]:
+        if i % every == 0:
+            return []
+        return [pytest.mark.slow if i % slow == 1 else pytest.mark.long]
+
+    return [pytest.param(case, id=str(case), marks=marks(i)) for i, case in enumerate(cases)]
 
 
 def assert_proper(case: Case, folder: Path) -> None:

@@ -56,7 +56,7 @@ def test_experiments_of_one_set_up_are_one_of_those_that_differ() -> None:
     assert found.set_ups[NAMES[0]] == "specimen0"
 
 
-@pytest.mark.long  # twelve seconds: many synthetic studies
+@pytest.mark.long  # half a minute: many synthetic studies
 def test_the_interval_holds_the_mean_of_specimens() -> None:
     """100 studies of four specimens with five weights each; without set-ups, the weights pass for 20 specimens."""
     held = {True: 0, False: 0}

@@ -59,7 +59,8 @@ def bounds_about(value: float, shifts: tuple[float, float], width: float) -> tup
 shares = st.tuples(st.floats(0.02, 1.0), st.floats(0.02, 1.0))
 
 
-@settings(max_examples=12)
+@pytest.mark.slow
+@settings(max_examples=40)
 @given(
     loss=st.sampled_from(LOSSES),
     decades=st.tuples(st.floats(0.1, 2.0), st.floats(0.1, 2.0)),

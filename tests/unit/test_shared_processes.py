@@ -23,7 +23,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def storages(*long: str) -> pytest.MarkDecorator:
-    """A test for each storage, which takes long on these."""
+    """The test on every storage; on those named here it is a long one."""
     marks = {name: pytest.mark.long if name in long else () for name in ("journal", "postgresql", "mysql")}
     return pytest.mark.parametrize("place", [pytest.param(n, marks=m) for n, m in marks.items()], indirect=True)
 

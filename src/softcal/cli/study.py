@@ -25,23 +25,23 @@ StudyFolder = Annotated[
     Path | None,
     typer.Option(
         metavar="DIR",
-        help="A folder that is new or empty; default for a run: one of the study's name in it, for its report.",
+        help="A folder that is new or empty; default for a run: the folder of this study in it, for its report.",
         show_default=False,
     ),
 ]
 
 
 def begin_study(
-    path: Path, name: str, values: list[str] | None, calibration: str, out: Path | None
+    kind: StudyKind[S], path: Path, values: list[str] | None, calibration: str, out: Path | None
 ) -> tuple[StudySource, Path | None]:
-    """What is studied, and the folder of the study; None where it is printed only. Prints a project's warnings.
+    """The source of a study, and its folder, None where the study is printed only. Prints the warnings of a project.
 
     Parameters
     ----------
+    kind
+        The kind of study.
     path
         A run folder, or a project file.
-    name
-        The default folder in a run.
     values, calibration, out
         The options of the command.
 
@@ -54,7 +54,7 @@ def begin_study(
     from softcal.workflows.study_source import default_folder, study_source
 
     source = study_source(path, parsed_values(values), calibration)
-    folder = out if out is not None else default_folder(path, name)
+    folder = out if out is not None else default_folder(path, kind.folder)
     if folder is not None:
         require_free_folder(folder)
     print_warnings(source.project.warnings if not path.is_dir() else ())
@@ -68,14 +68,12 @@ def end_study(
 
     Parameters
     ----------
-    kind, study
-        The study and its kind.
+    kind, study, notes
+        The study, its kind and its notes.
     source
         What is studied.
     folder
         New or empty; None: the study is not written.
-    notes
-        Of the study.
     run
         The run folder or project file of the command.
 
@@ -90,7 +88,9 @@ def end_study(
         echo(sentence)
     if folder is None:
         return
+    from softcal.workflows.study_source import default_folder
+
     kind.write(study, source.project, source.calibration, folder)
     echo(f"Wrote {shown_path(folder)}")
-    if run.is_dir() and kind.folder and folder == run / kind.folder:
+    if folder == default_folder(run, kind.folder):
         echo(f"Into the report with: softcal report {run}")

@@ -100,7 +100,7 @@ def robot_parameters(robot: Robot) -> Mapping[str, ParameterInfo]:
     return _parameters(robot)
 
 
-@lru_cache(maxsize=16)  # an evaluation asks for those of its robot at every station
+@lru_cache(maxsize=16)  # the problem, the twin and the loss of one evaluation look these up
 def _parameters(robot: Robot) -> Mapping[str, ParameterInfo]:
     infos: dict[str, ParameterInfo] = {}
 

@@ -362,7 +362,7 @@ class Marker(NamedPart):
 
 
 @displayed
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)  # by identity, as a key of what is computed once for a robot
 class Robot(Checked):
     """Bodies, rods, plates, ties, cables, loads, markers and sensors, with gravity and contact.
 

@@ -31,9 +31,9 @@ def importance(
 
     By SALib on a surrogate of the twin through some hundred trajectories, which is checked at others.
     """
-    studied, folder = begin_study(source, "importance", values, calibration, out)
     from softcal.workflows.importance import IMPORTANCE, study_importance
 
+    studied, folder = begin_study(IMPORTANCE, source, values, calibration, out)
     with executor_told(on, workers) as executor, clock() as show:
         study = study_importance(
             studied,

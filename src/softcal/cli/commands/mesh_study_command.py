@@ -39,9 +39,9 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
 
     No mesher is needed: every tet is divided into eight, linear tets become quadratic, rod elements are halved.
     """
-    studied, folder = begin_study(source, "mesh-study", values, calibration, out)
     from softcal.workflows.mesh_study import MESH_STUDY, study
 
+    studied, folder = begin_study(MESH_STUDY, source, values, calibration, out)
     with executor_told(on, workers) as executor, _bars() as show:
         result = study(
             studied, element=element, halvings=halvings, max_unknowns=unknowns, workers=executor, progress=show

@@ -32,7 +32,7 @@ import sys
 from softcal.cli import main
 commands = [
     ["check"], ["calibrate"], ["validate"], ["sweep"], ["simulate", "--out", "out"], ["crosscheck"],
-    ["mesh-study"],
+    ["mesh-study"], ["importance"],
     *(["export", kind, "--out", "out"] for kind in ("vtk", "calculix", "sofa", "reduced")),
 ]
 for command in commands:

@@ -31,10 +31,32 @@ StudyFolder = Annotated[
 ]
 
 
-def begin_study(
-    kind: StudyKind[S], path: Path, values: list[str] | None, calibration: str, out: Path | None
-) -> tuple[StudySource, Path | None]:
-    """The source of a study, and its folder, None where the study is printed only. Prints the warnings of a project.
+def begin_study(path: Path, values: list[str] | None, calibration: str) -> StudySource:
+    """The source of a study. Prints the warnings of a project.
+
+    Commands begin with it, before they import the modules of their study: a fault of a file is reported at once.
+
+    Parameters
+    ----------
+    path
+        A run folder, or a project file.
+    values, calibration
+        The options of the command.
+
+    Raises
+    ------
+    InputError, StorageError
+        See `study_source`.
+    """
+    from softcal.workflows.study_source import study_source
+
+    source = study_source(path, parsed_values(values), calibration)
+    print_warnings(source.project.warnings if not path.is_dir() else ())
+    return source
+
+
+def study_folder(kind: StudyKind[S], path: Path, out: Path | None) -> Path | None:
+    """The new or empty folder of a study; None where the study is printed only.
 
     Parameters
     ----------
@@ -42,23 +64,21 @@ def begin_study(
         The kind of study.
     path
         A run folder, or a project file.
-    values, calibration, out
-        The options of the command.
+    out
+        The option of the command.
 
     Raises
     ------
-    InputError, StorageError
-        See `study_source`; and for a folder that holds files.
+    StorageError
+        For a folder that holds files, or cannot be written.
     """
     from softcal.workflows.output import require_free_folder
-    from softcal.workflows.study_source import default_folder, study_source
+    from softcal.workflows.study_source import default_folder
 
-    source = study_source(path, parsed_values(values), calibration)
     folder = out if out is not None else default_folder(path, kind.folder)
     if folder is not None:
         require_free_folder(folder)
-    print_warnings(source.project.warnings if not path.is_dir() else ())
-    return source, folder
+    return folder
 
 
 def end_study(

@@ -9,7 +9,7 @@ import typer
 from softcal.cli.command import register_command
 from softcal.cli.printing import echo, print_table
 from softcal.cli.running import clock, executor_told
-from softcal.cli.study import CalibrationName, StudyFolder, begin_study, end_study
+from softcal.cli.study import CalibrationName, StudyFolder, begin_study, end_study, study_folder
 from softcal.cli.values import LOCAL, On, Source, Values, Workers
 
 if TYPE_CHECKING:
@@ -31,9 +31,10 @@ def importance(
 
     By SALib on a surrogate of the twin through some hundred trajectories, which is checked at others.
     """
+    studied = begin_study(source, values, calibration)
     from softcal.workflows.importance import IMPORTANCE, study_importance
 
-    studied, folder = begin_study(IMPORTANCE, source, values, calibration, out)
+    folder = study_folder(IMPORTANCE, source, out)
     with executor_told(on, workers) as executor, clock() as show:
         study = study_importance(
             studied,

@@ -12,7 +12,7 @@ import typer
 from softcal.cli.command import register_command
 from softcal.cli.printing import echo, print_table
 from softcal.cli.running import executor_told
-from softcal.cli.study import CalibrationName, StudyFolder, begin_study, end_study
+from softcal.cli.study import CalibrationName, StudyFolder, begin_study, end_study, study_folder
 from softcal.cli.values import LOCAL, On, Source, Values, Workers
 
 if TYPE_CHECKING:
@@ -39,9 +39,10 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
 
     No mesher is needed: every tet is divided into eight, linear tets become quadratic, rod elements are halved.
     """
+    studied = begin_study(source, values, calibration)
     from softcal.workflows.mesh_study import MESH_STUDY, study
 
-    studied, folder = begin_study(MESH_STUDY, source, values, calibration, out)
+    folder = study_folder(MESH_STUDY, source, out)
     with executor_told(on, workers) as executor, _bars() as show:
         result = study(
             studied, element=element, halvings=halvings, max_unknowns=unknowns, workers=executor, progress=show

@@ -96,7 +96,7 @@ def test_check_prints_a_table_and_draws(
     assert "in order" in out
     assert "Warning" not in err
     assert {path.name for path in (tmp_path / "look").iterdir()} == {
-        "robot.png", "robot.svg", "states.png", "states.svg", "data-pull.png", "data-pull.svg"
+        "robot.png", "states.png", "data-pull.png"
     }  # fmt: skip
 
 

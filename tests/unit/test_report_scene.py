@@ -144,7 +144,7 @@ def test_materials_have_colours_of_their_own_and_a_legend(tmp_path: Path, monkey
     monkeypatch.setattr(check_figures, "render_scenes", lambda scenes, _: blank(len(scenes)))
     monkeypatch.setattr(twin, "render_scenes", lambda scenes, _: blank(len(scenes)))
     figures = [twin.draw_twin(replace(view, robot=robot)).figure]
-    monkeypatch.setattr(check_figures, "encode", lambda figure: figures.append(figure) or (b"", b""))
+    monkeypatch.setattr(check_figures, "as_png", lambda figure: figures.append(figure) or b"")
     draw_check(robot, {}, tmp_path)
     for figure in figures:
         (legend,) = figure.legends

@@ -51,7 +51,7 @@ from softcal.report.scene_figure import draw_side_by_side
 from softcal.report.scene_render import render_scenes
 from softcal.report.scene_twin import cable_radius
 from softcal.report.start_scenes import StartScenes
-from softcal.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, SKY, encode
+from softcal.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, SKY, as_png
 from softcal.report.write import write_files
 from softcal.twin.facing import up_direction
 from softcal.twin.robot import Body, Moment, PointLoad, Robot, SurfaceLoad
@@ -65,18 +65,18 @@ _SEEN_THROUGH = 0.6  # opacity of what may have cables or markers inside
 
 @dataclass(frozen=True)
 class CheckPaths:
-    """Files written: the robot, each dataset by name, the solved states; notes: why pictures are missing."""
+    """Files: the robot, each dataset by name, the solved states; notes: why pictures are missing."""
 
-    robot: tuple[Path, Path]
-    datasets: Mapping[str, tuple[Path, Path]]
-    states: tuple[Path, Path] | None = None
+    robot: Path
+    datasets: Mapping[str, Path]
+    states: Path | None = None
     notes: tuple[str, ...] = ()
 
 
 def draw_check(
     robot: Robot, datasets: Mapping[str, Dataset], out_dir: str | Path, states: StartScenes | None = None
 ) -> CheckPaths:
-    """Draw `robot.png|svg`, `data-<name>.png|svg` and, with states, `states.png|svg`; older files are replaced.
+    """Draw `robot.png`, `data-<name>.png` and, with states, `states.png`; older files are replaced.
 
     Parameters
     ----------
@@ -99,28 +99,26 @@ def draw_check(
     n = len(scenes)
     more = ((), ()) if states is None else (states.scenes, states.cameras)
     files: dict[Path, bytes] = {}
-    pairs: dict[str, tuple[Path, Path]] = {}
 
-    def add(stem: str, figure: Figure) -> None:
-        pairs[stem] = png, svg = folder / f"{stem}.png", folder / f"{stem}.svg"
-        files[png], files[svg] = encode(figure)
+    def add(stem: str, figure: Figure) -> Path:
+        path = folder / f"{stem}.png"
+        files[path] = as_png(figure)
+        return path
 
     with ThreadPoolExecutor(1) as renderer:  # its process works while the curves are drawn here
         # One call for all scenes: starting the renderer takes longer than rendering.
         rendering = renderer.submit(render_scenes, (*scenes, *more[0]), (*cameras, *more[1]))
-        for name, data in datasets.items():
-            add(f"data-{file_stem(name)}", draw_record(data))
+        of_data = {name: add(f"data-{file_stem(name)}", draw_record(data)) for name, data in datasets.items()}
         rendered = rendering.result()
     own, others = (replace(rendered, pictures=part) for part in (rendered.pictures[:n], rendered.pictures[n:]))
     drawn = draw_side_by_side(scenes, cameras, own, colours=_legend(robot))
-    add("robot", drawn.figure)
+    of_robot, of_states = add("robot", drawn.figure), None
     if states is not None:
         materials = material_legend(robot) if has_materials(robot) else None
         shown = draw_side_by_side(states.scenes, states.cameras, others, largest=states.largest, colours=materials)
-        add("states", shown.figure)
+        of_states = add("states", shown.figure)
     write_files(files)
-    by_name = {name: pairs[f"data-{file_stem(name)}"] for name in datasets}
-    return CheckPaths(pairs["robot"], by_name, pairs.get("states"), (drawn.note,) if drawn.note else ())
+    return CheckPaths(of_robot, of_data, of_states, (drawn.note,) if drawn.note else ())
 
 
 def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...]]:

@@ -68,7 +68,7 @@ def check(
     project
         A project, or the path of a project file.
     out_dir
-        Folder for `robot.png|svg`, `states.png|svg` and `data-<experiment>.png|svg`; older ones there are replaced.
+        Folder for `robot.png`, `states.png` and `data-<experiment>.png`; older ones there are replaced.
         None draws nothing.
     solve
         Whether states are solved, drawn and compared with the data.
@@ -112,8 +112,8 @@ def check(
     records = {name: project.corrected[name] or project.records[name] for name in project.experiments}
     shown = None if states is None else start_scenes(project.robot, states.undeformed, states.shapes, states.tets)
     drawn = draw_check(project.robot, records, out_dir, shown)
-    pictures = [drawn.robot[0], *([drawn.states[0]] if drawn.states else [])]
-    return CheckReport(rows, tuple(warnings), (*pictures, *(png for png, _ in drawn.datasets.values())), drawn.notes)
+    pictures = [drawn.robot, *([drawn.states] if drawn.states else []), *drawn.datasets.values()]
+    return CheckReport(rows, tuple(warnings), tuple(pictures), drawn.notes)
 
 
 def _unstable_at_rest(project: Project) -> list[str]:

@@ -17,6 +17,7 @@ from softcal.twin.simulate import simulate as simulate_robot
 from softcal.workflows.calibration import JOINT, calibrated
 from softcal.workflows.engines import SOFTCAL, left_out_sentence
 from softcal.workflows.simulation import protocol_of, robot_in, simulate
+from softcal.workflows.start_states import ROUGH
 
 # Greatest number of experiments whose shapes are drawn over each other.
 MANY = 6
@@ -65,7 +66,7 @@ def _moved(rest: Snapshot, shape: Snapshot) -> float:
 
 
 def furthest_response(project: Project, result: SearchResult, *, after_search: bool = False) -> Response:
-    """Response of the calibrated twin, with shapes, in the result's experiment with the largest drive.
+    """Response of the calibrated twin, with its shape in the end, in the experiment with the largest drive.
 
     It is simulated with the project's own robot; without contact where the engine of the search leaves it out.
 
@@ -81,7 +82,9 @@ def furthest_response(project: Project, result: SearchResult, *, after_search: b
     theta = parameter_values(robot_in(at_values, name))
     left_out = left_out_sentence(result.hashes.get("engine", SOFTCAL), project.robot)
     robot = replace(project.robot, contact=None) if left_out else project.robot
-    return simulate_robot(robot, protocol_of(at_values, name), theta, snapshots=True, shared=after_search)
+    return simulate_robot(
+        robot, protocol_of(at_values, name), theta, snapshots=True, curve_tolerance=ROUGH, shared=after_search
+    )
 
 
 def furthest_experiment(project: Project, experiments: Sequence[str]) -> str:

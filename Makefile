@@ -18,7 +18,7 @@ SLOW_LIMIT ?= 40m
 # The tests start hundreds of programs: the bytecode of the first serves the others.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test test-slow test-long bench coverage format clean constraints
+.PHONY: help demo test test-slow test-long bench coverage docs format clean constraints
 .PHONY: lint lint-ruff lint-format lint-types lint-layers lint-licences lint-vulnerabilities
 
 help:
@@ -30,6 +30,7 @@ help:
 	@echo "make mesh-table compute docs/mesh-table.md anew: ten minutes and 4 GB"
 	@echo "make table-one  compute docs/table-one.md anew: six minutes"
 	@echo "make coverage   measure the coverage of 95 % intervals, write docs/uncertainty.md: ten minutes"
+	@echo "make docs       build the site into docs/_build"
 	@echo "make lint       ruff, pyright, layers, licences, known vulnerabilities"
 	@echo "make constraints  install the newest versions that pyproject.toml allows, write constraints.txt"
 	@echo "make format     let ruff format and mend what it can"
@@ -70,6 +71,10 @@ bench: $(BENCH)
 coverage: $(RUN)
 	$(PYTHON_IN) -m benchmarks.coverage
 
+# Warnings are errors: a link to nothing, a page in no table of contents, a docstring that cannot be read.
+docs: $(DEV)
+	$(PYTHON_IN) -m sphinx -W --keep-going -q -j auto docs docs/_build
+
 mesh-table: $(RUN)
 	$(PYTHON_IN) -m benchmarks.mesh_table
 
@@ -109,5 +114,5 @@ format: $(DEV)
 	$(VENV)/bin/ruff check --fix
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) build dist docs/_build docs/reference .pytest_cache .ruff_cache .hypothesis .import_linter_cache
 	find src tests scripts benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +

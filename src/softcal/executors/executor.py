@@ -115,7 +115,8 @@ class Executor(concurrent.futures.Executor, ABC):
         """
 
     @abstractmethod
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> concurrent.futures.Future[Any]: ...
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> concurrent.futures.Future[Any]:
+        """As in `concurrent.futures`."""
 
 
 @dataclass(frozen=True)

@@ -232,7 +232,7 @@ class CableLine(Declared):
 @displayed
 @dataclass(frozen=True)
 class Cable(NamedPart):
-    """A cable through via points, its fixed end first or last; length L = sum |p_{i+1} - p_i|.
+    """A cable through via points, its fixed end first or last; length L, the sum of the distances between them.
 
     Attributes
     ----------

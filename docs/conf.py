@@ -1,0 +1,67 @@
+"""The site: the pages of this folder, the examples, and a reference that is read from the code; `make docs`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
+
+import softcal  # noqa: E402
+from scripts.reference import linked, write_reference  # noqa: E402
+
+project = "softcal"
+author = "the maintainers of softcal"
+release = version = softcal.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx_design",
+    "sphinx_copybutton",
+]
+exclude_patterns = ["_build"]
+default_role = "code"  # of `text` in docstrings
+suppress_warnings = ["ref.python"]  # an attribute `name` is one of many classes
+
+myst_enable_extensions = ["colon_fence", "deflist"]
+myst_heading_anchors = 4
+
+autosummary_generate = ["reference/names.rst"]
+autodoc_typehints = "none"  # the docstrings have them
+autodoc_member_order = "bysource"
+autodoc_default_options = {"members": True, "undoc-members": False}
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+napoleon_use_ivar = True
+
+html_theme = "pydata_sphinx_theme"
+html_title = "softcal"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sourcelink = False
+html_theme_options: dict[str, Any] = {
+    "logo": {"text": "softcal"},
+    "navbar_align": "left",
+    "show_toc_level": 2,
+    "footer_start": [],
+    "footer_end": [],
+    "secondary_sidebar_items": ["page-toc"],
+}
+
+
+def link(app: Any, name: str, source: list[str]) -> None:
+    """Links of a page to files of the repository that are pages of the site."""
+    path = Path(app.srcdir) / f"{name}.md"
+    if path.is_file():
+        source[0] = linked(source[0], path, path)
+
+
+def setup(app: Any) -> None:
+    """Before any page is read, the pages that come from elsewhere are written."""
+    app.connect("builder-inited", lambda app: write_reference(Path(app.srcdir) / "reference"), priority=100)
+    app.connect("source-read", link)

@@ -1,0 +1,280 @@
+"""Pages of the site that are read from elsewhere: from the code (public names, commands, keys of the project file,
+families), and those of the repository that are not in docs.
+
+python -m scripts.reference FOLDER
+"""
+
+from __future__ import annotations
+
+import collections.abc
+import inspect
+import os
+import re
+import sys
+import types
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+from typer.testing import CliRunner
+
+import softcal
+from softcal.calibration.problem.loss import LOSSES
+from softcal.calibration.search.optimiser import OPTIMISERS
+from softcal.catalogue import Catalogue
+from softcal.cli import app
+from softcal.cli.command import COMMANDS, PARTS
+from softcal.executors.executor import EXECUTORS
+from softcal.experiments.step import STEPS
+from softcal.export.engine import ENGINES
+from softcal.materials.catalogue import LAWS
+from softcal.materials.law import Law
+from softcal.project.bench_schema import ExperimentSection
+from softcal.project.calibration_schema import CalibrationSection, ParameterSection, SweepSection, UncertainSection
+from softcal.project.candidate_schema import CandidateSection
+from softcal.project.law_schema import OwnLawSection
+from softcal.project.robot_schema import RobotSection
+from softcal.project.section import Section
+from softcal.quantities import Quantity
+from softcal.report.figure import FIGURES
+from softcal.report.section import SECTIONS
+from softcal.sensing.sensor import SENSORS
+from softcal.twin.time_settings import TimeSettings
+from softcal.workflows.export import EXPORTS
+
+NEW = "Written by `make docs` from the code: change it there."
+# Section of the file -> what describes one entry of it.
+FILE: Mapping[str, type] = {
+    "laws.NAME": OwnLawSection,
+    "robot": RobotSection,
+    "experiments.NAME": ExperimentSection,
+    "parameters.NAME": ParameterSection,
+    "uncertain.NAME": UncertainSection,
+    "calibration": CalibrationSection,
+    "candidates.NAME": CandidateSection,
+    "sweep": SweepSection,
+    "dynamics": TimeSettings,
+}
+FAMILIES: Mapping[str, tuple[Catalogue[Any], str]] = {
+    "Elastic laws": (LAWS, "`law:` of a body or rod; `softcal.register_law`."),
+    "Losses": (LOSSES, "`calibration.loss`; `softcal.register_loss`."),
+    "Methods of the search": (OPTIMISERS, "`calibration.method`; `softcal.register_optimiser`."),
+    "Sensors": (SENSORS, "`robot.sensors`; `softcal.register_sensor`."),
+    "Preparation of data": (STEPS, "`experiments.NAME.prepare`; `softcal.register_step`."),
+    "Engines": (ENGINES, "`--engine`; `softcal.register_engine`."),
+    "Exports": (EXPORTS, "`softcal export KIND`; `softcal.register_export`."),
+    "Executors": (EXECUTORS, "`--on`; `softcal.register_executor`."),
+    "Figures of the report": (FIGURES, "`softcal.register_figure`."),
+    "Sections of the report": (SECTIONS, "`softcal.register_section`."),
+}
+
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+EXAMPLES = ("beam", "finger", "fleet", "manipulator", "neck", "neck-bench")
+# File of the repository -> its page of the site.
+OUTSIDE: Mapping[Path, Path] = {
+    ROOT / "README.md": DOCS / "reference" / "readme.md",
+    ROOT / "CHANGELOG.md": DOCS / "reference" / "changes.md",
+    ROOT / "CONTRIBUTING.md": DOCS / "reference" / "contributing.md",
+    ROOT / "SECURITY.md": DOCS / "reference" / "reports-of-holes.md",
+    ROOT / "VISION.md": DOCS / "reference" / "scope.md",
+    ROOT / "benchmarks" / "RESULTS.md": DOCS / "reference" / "times.md",
+    ROOT / "benchmarks" / "ROBUSTNESS.md": DOCS / "reference" / "robustness.md",
+    ROOT / "benchmarks" / "SOFA.md": DOCS / "reference" / "sofa-times.md",
+    **{ROOT / "examples" / name / "README.md": DOCS / "reference" / f"example-{name}.md" for name in EXAMPLES},
+}
+
+
+def write_reference(folder: Path) -> None:
+    """Write the pages into a folder, which is made; a page that would not change is not touched."""
+    folder.mkdir(exist_ok=True)
+    pages = {"names.rst": names(), "commands.md": commands(), "keys.md": keys(), "families.md": families()}
+    pages |= {page.name: linked(path.read_text(encoding="utf-8"), path, page) for path, page in OUTSIDE.items()}
+    for name, text in pages.items():
+        path = folder / name
+        if not path.is_file() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+def linked(text: str, source: Path, page: Path) -> str:
+    """The text of a file as that of a page elsewhere, its links to other files of the repository with it."""
+
+    def moved(match: re.Match[str]) -> str:
+        at, anchor = match[2], match[3] or ""
+        if re.match(r"[a-z]+:", at) or not (path := (source.parent / at).resolve()).exists():
+            return match[0]
+        path = OUTSIDE.get(path / "README.md" if path.is_dir() else path, path)
+        return f"{match[1]}{os.path.relpath(path, page.parent)}{anchor})"
+
+    title = "" if re.search(r"^# ", text, re.MULTILINE) else f"# {page.stem.capitalize()}\n\n"
+    return title + re.sub(r"(\]\()([^)#\s]+)(#[^)\s]*)?\)", moved, text)
+
+
+def names() -> str:
+    """All public names, each with a page of its docstring."""
+    rows = "\n".join(f"   {name}" for name in dir(softcal))
+    head = f".. {NEW}\n\nPublic names\n============\n\nAll are imported from ``softcal``.\n\n"
+    return head + f".. currentmodule:: softcal\n\n.. autosummary::\n   :toctree: generated\n\n{rows}\n"
+
+
+def commands() -> str:
+    """Every command with its arguments and options, as its help has them."""
+    parts = [f"<!-- {NEW} -->\n# Commands\n"]
+    for part in PARTS:
+        parts.append(f"## {part.capitalize()}\n")
+        for name in sorted(name for name, one in COMMANDS.items() if one.part == part):
+            parts += _help(name, COMMANDS[name].built())
+    return "\n".join(parts)
+
+
+def _help(path: str, command: Any) -> Iterator[str]:
+    """The help of a command, or of each command of a group."""
+    inner = getattr(command, "commands", {})
+    if not inner:
+        told = CliRunner(env={"COLUMNS": "110", "TERMINAL_WIDTH": "110"}).invoke(app, [*path.split(), "--help"])
+        yield f"### `softcal {path}`\n\n```text\n{told.output.strip()}\n```\n"
+    for name in sorted(inner):
+        yield from _help(f"{path} {name}", inner[name])
+
+
+def keys() -> str:
+    """Every key of the project file by its section: its kind, its range and its default."""
+    parts = [
+        f"<!-- {NEW} -->\n# Keys of the project file\n",
+        "How the sections work together, with examples, is in [the project file](../project-file.md).",
+        "`NAME` is a name of your own. A number has its unit, `2.3 MPa`; the unit of a range is that in the table.\n",
+    ]
+    done: set[type] = set()
+    for path, kind in FILE.items():
+        parts += [f"## `{path}`\n", *_mapping(path, kind, done)]
+    return "\n".join(parts)
+
+
+def _mapping(path: str, kind: type, done: set[type]) -> Iterator[str]:
+    """The table of a mapping's keys, and those of the mappings in it that were not described before."""
+    done.add(kind)
+    yield f"{_summary(kind)}\n"
+    about, inner = _attributes(kind), dict[type, str]()
+    rows = ["| key | kind | default | meaning |\n|---|---|---|---|"]
+    for name, annotation, default in _entries(kind):
+        for mapping in _mappings(annotation):
+            inner.setdefault(mapping, f"{path}.{name}{_names(annotation)}")
+        rows.append(f"| `{name}` | {_cell(kind_text(annotation))} | {default} | {_cell(about.get(name, ''))} |")
+    yield "\n".join(rows) + "\n"
+    for mapping, at in inner.items():
+        if mapping not in done:
+            yield f"### `{at}`: {mapping.__name__.removesuffix('Section')}\n"
+            yield from _mapping(at, mapping, done)
+
+
+def _entries(kind: type) -> Iterator[tuple[str, Any, str]]:
+    """The keys of a mapping with their annotations and defaults."""
+    hints = get_type_hints(kind, include_extras=True)
+    if not is_dataclass(kind):
+        for name, info in kind.model_fields.items():
+            default = "" if info.is_required() else "empty" if info.default_factory else _value(info.default)
+            yield info.alias or name, hints[name], "required" if info.is_required() else default
+    else:
+        for one in fields(kind):
+            is_required = one.default is MISSING and one.default_factory is MISSING
+            default = "required" if is_required else "" if one.default is MISSING else _value(one.default)
+            if one.init:
+                yield one.name, hints[one.name], default
+
+
+def kind_text(annotation: Any) -> str:
+    """What may stand at a key, in words."""
+    origin, args = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        quantity = next((one for one in annotation.__metadata__ if isinstance(one, Quantity)), None)
+        return kind_text(args[0]) if quantity is None else f"{quantity.name}, {quantity.allowed}"
+    if origin in (Union, types.UnionType):
+        return " or ".join(dict.fromkeys(kind_text(one) for one in args if one is not type(None)))
+    if origin is Literal:
+        return ", ".join(f"`{one}`" for one in args)
+    if origin in (collections.abc.Mapping, dict):
+        return f"by name: {kind_text(args[1])}"
+    if origin in (list, tuple, collections.abc.Sequence):
+        each = dict.fromkeys(kind_text(one) for one in args if one is not Ellipsis)
+        n = "" if Ellipsis in args or origin is not tuple else f"{len(args)} times "
+        return f"list of {n}{' or '.join(each)}"
+    names_of: dict[Any, str] = {
+        str: "text",
+        float: "number",
+        int: "whole number",
+        bool: "`true` or `false`",
+        object: "any",
+        np.ndarray: "list of numbers",
+    }
+    if annotation in names_of:
+        return names_of[annotation]
+    return getattr(annotation, "__name__", str(annotation)).removesuffix("Section")
+
+
+def _mappings(annotation: Any) -> list[type]:
+    """The classes of mappings in an annotation."""
+    if inspect.isclass(annotation) and (issubclass(annotation, Section) or is_dataclass(annotation)):
+        return [] if annotation is Quantity else [annotation]
+    inner = get_args(annotation)[:1] if get_origin(annotation) is Annotated else get_args(annotation)
+    return [mapping for one in inner for mapping in _mappings(one)]
+
+
+def _names(annotation: Any) -> str:
+    inner = get_args(annotation) if get_origin(annotation) is Annotated else (annotation,)
+    return ".NAME" if any(get_origin(one) is collections.abc.Mapping for one in inner) else ""
+
+
+def families() -> str:
+    """The members of every family that can be extended."""
+    parts = [
+        f"<!-- {NEW} -->\n# Families\n",
+        "A member is added by one decorated function or class, or by an entry point of a package of your own",
+        "([how](../architecture.md)).\n",
+    ]
+    for title, (catalogue, use) in FAMILIES.items():
+        rows = [f"| `{name}` | {_cell(_about(one))} |" for name, one in sorted(catalogue.items())]
+        parts.append(f"## {title}\n\n{use}\n\n| name | meaning |\n|---|---|\n" + "\n".join(rows) + "\n")
+    return "\n".join(parts)
+
+
+def _about(member: Any) -> str:
+    if isinstance(member, Law):
+        return f"`{member.distortional}` ({member.reference})"
+    told = getattr(member, "summary", None) or getattr(member, "description", None)
+    return told if isinstance(told, str) else _summary(member if inspect.isclass(member) else type(member))
+
+
+def _summary(kind: Any) -> str:
+    """The text of a docstring before its sections."""
+    text = inspect.getdoc(kind) or ""
+    return re.split(r"\n\n?[A-Z][a-z]+\n-{3,}", text)[0].strip()
+
+
+def _attributes(kind: type) -> dict[str, str]:
+    """Attribute -> its description in the docstring."""
+    text = (inspect.getdoc(kind) or "").partition("Attributes\n----------\n")[2]
+    about: dict[str, str] = {}
+    for match in re.finditer(r"^(\w[\w, ]*)(?: : .*)?\n((?:    .*\n?)+)", text, re.MULTILINE):
+        about |= dict.fromkeys(match[1].split(", "), " ".join(match[2].split()))
+    return about
+
+
+def _value(default: Any) -> str:
+    if default is None or default == () or (hasattr(default, "__len__") and not len(default)):
+        return ""
+    if isinstance(default, bool):
+        return f"`{str(default).lower()}`"
+    if isinstance(default, float):
+        return f"`{default:g}`"
+    return f"`{default}`" if isinstance(default, (str, int)) else ""
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+if __name__ == "__main__":
+    write_reference(Path(sys.argv[1]))

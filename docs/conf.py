@@ -44,6 +44,7 @@ html_title = "softcal"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
+html_context = {"default_mode": "auto"}  # light or dark, as the reader's system is
 html_theme_options: dict[str, Any] = {
     "logo": {"text": "softcal"},
     "navbar_align": "left",

@@ -1,0 +1,88 @@
+"""The site: it is built without a warning, reads well on wide and narrow screens, and its search and links work."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+from browser.conftest import Seen
+
+import softcal
+from scripts.reference import FAMILIES, FILE, OUTSIDE, linked
+from softcal.cli.command import COMMANDS
+
+ROOT = Path(__file__).parents[2]
+WIDE, NARROW = 1400, 390
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built site, from a copy of what it is built from."""
+    folder = tmp_path_factory.mktemp("site") / "copy"
+    left_out = (".git", ".venv", "__pycache__", "_build", "reference", "run", "runs", ".*_cache", ".hypothesis")
+    shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(*left_out))
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "docs", "built"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    return folder / "built"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["index", "start", "faq", "mechanics", "reference/keys", "reference/commands"])
+@pytest.mark.parametrize("width", [WIDE, NARROW])
+def test_a_page_fits_its_screen_without_a_complaint(
+    site: Path, look: Callable[..., Seen], page: str, width: int
+) -> None:
+    seen = look((site / f"{page}.html").as_uri(), width=width)
+    assert seen.complaints == []
+    assert seen.page.evaluate("document.documentElement.scrollWidth") <= width
+    assert all(urlsplit(address).scheme in ("file", "data") for address in seen.requests), "it needs no network"
+
+
+@pytest.mark.slow
+def test_the_search_finds_a_word(site: Path, look: Callable[..., Seen]) -> None:
+    seen = look((site / "search.html").as_uri() + "?q=slack")
+    seen.wait_for(lambda: "What the intervals mean" in seen.page.inner_text("#search-results"), "the page is not there")
+
+
+@pytest.mark.slow
+def test_every_link_of_the_site_leads_somewhere(site: Path, look: Callable[..., Seen]) -> None:
+    seen, dead, n = look((site / "index.html").as_uri()), list[str](), 0
+    for page in sorted(site.rglob("*.html")):
+        seen.page.goto(page.as_uri())
+        for address in seen.page.eval_on_selector_all("a[href]", "all => all.map(one => one.href)"):
+            at = urlsplit(address)
+            if at.scheme == "file":
+                n += 1
+                if not Path(unquote(at.path)).is_file():
+                    dead.append(f"{page.relative_to(site)}: {address}")
+    assert n > 1000
+    assert dead == []
+
+
+@pytest.mark.slow
+def test_the_reference_has_every_name_command_section_and_family(site: Path) -> None:
+    def words(page: str) -> str:
+        return (site / "reference" / page).read_text(encoding="utf-8")
+
+    assert all((site / "reference" / "generated" / f"softcal.{name}.html").is_file() for name in dir(softcal))
+    assert all(f"softcal {name}" in words("commands.html") for name in COMMANDS)
+    assert all(path in words("keys.html") for path in FILE)
+    assert "above 0, to 100 m" in words("keys.html")
+    assert all(f">{name}<" in words("families.html") for catalogue, _ in FAMILIES.values() for name in catalogue)
+
+
+def test_links_to_files_of_the_repository_lead_to_their_pages() -> None:
+    source, page = ROOT / "docs" / "start.md", ROOT / "docs" / "start.md"
+    others = "[b](python.md) [c](https://softcal.example) [d](../LICENSE) [e](no.md)"
+    assert linked(f"# A\n[a](../README.md#start) {others}", source, page) == (
+        f"# A\n[a](reference/readme.md#start) {others}"
+    )
+    source = ROOT / "examples" / "neck" / "README.md"
+    assert linked("# A\n[b](../finger)", source, OUTSIDE[source]) == "# A\n[b](example-finger.md)"
+    assert linked("softcal is", ROOT / "VISION.md", OUTSIDE[ROOT / "VISION.md"]).startswith("# Scope\n")

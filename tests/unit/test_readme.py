@@ -24,10 +24,11 @@ def test_the_python_example_uses_public_names(repository: Path):
         assert used <= set(dir(softcal))
 
 
-def test_the_index_has_every_page(repository: Path):
-    index = (repository / "docs" / "index.md").read_text(encoding="utf-8")
-    pages = {path.name for path in (repository / "docs").glob("*.md")} - {"index.md"}
-    assert {page for page in pages if f"]({page})" not in index} == set()
+def test_the_parts_of_the_site_have_every_page(repository: Path):
+    parts = ("start.md", "how-to.md", "explanation.md", "reference.md")
+    text = "".join((repository / "docs" / part).read_text(encoding="utf-8") for part in parts)
+    pages = {path.name for path in (repository / "docs").glob("*.md")} - {"index.md", *parts}
+    assert {page for page in pages if f"]({page})" not in text} == set()
 
 
 def test_the_make_targets_exist(repository: Path):

@@ -63,25 +63,25 @@ class Agreement:
 
 def agreements(results: Mapping[str, SearchResult]) -> tuple[Agreement, ...]:
     """Agreement of each robot parameter that was estimated by several fits of one experiment each."""
+    from scipy.special import chdtrc
+
     found: dict[str, dict[str, Estimate]] = {}
     for label, result in results.items():
         if len(result.experiments) == 1:
             for name, estimate in result.parameters.items():
                 if "[" not in name and all(rig_kind(target) is None for target in estimate.of or (name,)):
                     found.setdefault(name, {})[label] = estimate
-    return tuple(_agreement(name, held) for name, held in found.items() if len(held) > 1)
-
-
-def _agreement(name: str, estimates: Mapping[str, Estimate]) -> Agreement:
-    from scipy.special import chdtrc
-
-    pairs = [(e.value, error) for e in estimates.values() if (error := e.noise_error)]
-    if len(pairs) < 2:
-        return Agreement(name, estimates)
-    values, errors = np.array(pairs, dtype=float).T
-    if np.all(values > 0):
-        values, errors = np.log(values), errors / values
-    weights = errors**-2
-    mean = float(weights @ values / weights.sum())
-    q, dof = float(weights @ (values - mean) ** 2), len(pairs) - 1
-    return Agreement(name, estimates, q, dof, float(chdtrc(dof, q)))
+    agreed: list[Agreement] = []
+    for name, estimates in found.items():
+        pairs = [(e.value, error) for e in estimates.values() if (error := e.noise_error)]
+        if len(estimates) > 1 and len(pairs) < 2:
+            agreed.append(Agreement(name, estimates))
+        elif len(pairs) > 1:
+            values, errors = np.array(pairs, dtype=float).T
+            if np.all(values > 0):
+                values, errors = np.log(values), errors / values
+            weights = errors**-2
+            mean = float(weights @ values / weights.sum())
+            q, dof = float(weights @ (values - mean) ** 2), len(pairs) - 1
+            agreed.append(Agreement(name, estimates, q, dof, float(chdtrc(dof, q))))
+    return tuple(agreed)

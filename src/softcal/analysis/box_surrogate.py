@@ -8,7 +8,7 @@ the box: what it misses there is its error.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -147,7 +147,12 @@ class _BoxPoints:
         parts: dict[str, tuple[Surrogate, bool]] = {}
         for kind in dict.fromkeys(kind_of(block) for block in self.blocks[0]):
             rows = np.array([residuals(blocks, kind) for blocks in self.blocks])
-            jacobians = np.array([_jacobian(b, kind) * space.jacobian(one) for b, one in zip(self.blocks, z)])
+            jacobians = np.array(
+                [
+                    np.concatenate([jacobian_of(one) for one in blocks if kind_of(one) == kind]) * space.jacobian(at)
+                    for blocks, at in zip(self.blocks, z)
+                ]
+            )
             by_search, by_value = (
                 fitted_surrogate(at, rows, rates, np.eye(space.size))
                 for at, rates in ((z, jacobians), (value, jacobians / slopes[:, None, :]))
@@ -220,17 +225,24 @@ def checked_box(
     """
     size = problem.space.size
     checks = max(_CHECKS, 2 * size)
+    chance = np.random.default_rng(seed)
+    n, seen = max(fewest_points(size), 2 * size), 0
     error: dict[str, float] = {}
     with Evaluator(problem, workers=workers, jacobian=True) as evaluator:
         points = _BoxPoints(problem, evaluator, progress)
-        for batch, check in _rounds(size, simulations, np.random.default_rng(seed), checks):
-            points.add(batch)
+        while seen + n + checks <= simulations:
+            places = np.array([chance.permutation(n) for _ in range(size)]).T
+            hypercube = (places + chance.random((n, size))) / n
+            # Denser at the bounds, where a polynomial is least sure.
+            points.add(0.5 - 0.5 * np.cos(np.pi * hypercube))
             surrogate = points.fitted()
-            error = points.error(surrogate, points.add(check))
+            error = points.error(surrogate, points.add(chance.random((checks, size))))
             if max(error.values()) <= ERROR:
                 facts = {"evaluations": float(points.n), "trajectories": float(points.n_trajectories)}
                 failures = tuple((problem.space.to_model(z), why) for z, why in points.failures)
                 return CheckedBox(points.fitted(), error, failures, facts)
+            seen += n + checks
+            n = seen  # every round doubles the points
     worst = max(error, key=lambda name: error[name], default="")
     state = (
         f"it errs by {error[worst]:.2g} standard deviations in the {worst}, and {ERROR:g} is allowed" if worst else ""
@@ -239,18 +251,6 @@ def checked_box(
         f"No surrogate of the twin became accurate over the bounds within {simulations} evaluations"
         f"{': ' if state else ''}{state}. Try: more simulations, or narrower bounds."
     )
-
-
-def _rounds(size: int, simulations: int, chance: np.random.Generator, checks: int) -> Iterator[tuple[Floats, Floats]]:
-    """Points to fit and points to check, round by round; every round doubles the points."""
-    n, seen = max(fewest_points(size), 2 * size), 0
-    while seen + n + checks <= simulations:
-        places = np.array([chance.permutation(n) for _ in range(size)]).T
-        hypercube = (places + chance.random((n, size))) / n
-        # Denser at the bounds, where a polynomial is least sure.
-        yield 0.5 - 0.5 * np.cos(np.pi * hypercube), chance.random((checks, size))
-        seen += n + checks
-        n = seen
 
 
 def _scatter(values: Floats) -> float:
@@ -269,10 +269,6 @@ def kind_of(block: Block) -> str:
 def residuals(blocks: tuple[Block, ...], kind: str) -> Floats:
     """The residuals (m,) of the blocks of a kind."""
     return np.concatenate([block.residual for block in blocks if kind_of(block) == kind])
-
-
-def _jacobian(blocks: tuple[Block, ...], kind: str) -> Floats:
-    return np.concatenate([jacobian_of(block) for block in blocks if kind_of(block) == kind])
 
 
 def _values(space: SearchSpace, z: Floats) -> tuple[Floats, Floats]:

@@ -197,7 +197,14 @@ def simulated(
             "effect on the experiments."
         )
     )
-    return Simulated(_with_changes(rows, changes), failures, n_solves, (*problem.uncertain, MESH_ERROR), note)
+    # The change on the finer mesh is the derivative by one more uncertain parameter.
+    with_changes: dict[str, list[Row]] = {}
+    for block, columns in (row for held in rows.values() for row in held):
+        change = changes[block.experiment, block.channel][:, None]
+        known = block.systematic if block.systematic is not None else change[:, :0]
+        row = replace(block, systematic=np.hstack([known, change])), columns
+        with_changes.setdefault(block.experiment, []).append(row)
+    return Simulated(with_changes, failures, n_solves, (*problem.uncertain, MESH_ERROR), note)
 
 
 def _rows(problem: Problem, whole: Problem, found: Evaluation) -> dict[str, list[Row]]:
@@ -237,17 +244,6 @@ def _estimated(
         for block, columns in rows[plan.test.name]
         if (key := (block.experiment, block.channel)) not in changes
     }
-
-
-def _with_changes(rows: Mapping[str, Sequence[Row]], changes: Mapping[tuple[str, str], Floats]) -> dict[str, list[Row]]:
-    """Rows with the change on the finer mesh as the derivative by one more uncertain parameter."""
-
-    def changed(block: Block) -> Block:
-        change = changes[block.experiment, block.channel][:, None]
-        known = block.systematic if block.systematic is not None else change[:, :0]
-        return replace(block, systematic=np.hstack([known, change]))
-
-    return {name: [(changed(block), columns) for block, columns in held] for name, held in rows.items()}
 
 
 def base_blocks(problem: Problem, theta: Mapping[str, float], rows: Mapping[str, Sequence[Row]]) -> list[Block]:

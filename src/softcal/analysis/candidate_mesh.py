@@ -62,6 +62,8 @@ def mesh_change(whole: Problem, theta: Mapping[str, float], found: Evaluation, c
     candidates
         Names of the candidates.
     """
+    from scipy.interpolate import PchipInterpolator
+
     own = [e.name for e in whole.experiments if e.name not in candidates]
     plain = _on_paths_of(own, whole, theta)
     turned = {
@@ -84,9 +86,15 @@ def mesh_change(whole: Problem, theta: Mapping[str, float], found: Evaluation, c
     }
     for name in set(turned) & set(finer.observations):
         test = next(e for e in whole.experiments if e.name == name)
-        changes |= _at_equal_control(
-            test, found.observations[name].predicted, turned[name], finer.observations[name].predicted
-        )
+        # At equal values of the test's drive, which is predicted for the turned test.
+        driver, at_finer_mesh = test.drives[0], finer.observations[name].predicted
+        along, values = at_finer_mesh[driver], test.dataset.values(driver)
+        if np.all(np.diff(along) > 0.0):
+            path = {**at_finer_mesh, **{c: turned[name].dataset.values(c) for c in turned[name].drives}}
+            changes |= {
+                (name, c): PchipInterpolator(along, path[c])(values) - found.observations[name].predicted[c]
+                for c in test.compared
+            }
     return MeshChange(changes, "", finer.n_solves)
 
 
@@ -141,20 +149,3 @@ def _by_other_control(test: Experiment, predicted: Mapping[str, Floats]) -> Expe
         drive=(other,) if isinstance(test.drive, tuple) else channel_name(other).kind.name,
         compared=tuple(driver if c == other else c for c in test.compared),
     )
-
-
-def _at_equal_control(
-    test: Experiment, predicted: Mapping[str, Floats], turned: Experiment, finer: Mapping[str, Floats]
-) -> dict[tuple[str, str], Floats]:
-    """Changes of a test at equal values of its drive; finer: predictions for the turned test."""
-    from scipy.interpolate import PchipInterpolator
-
-    driver = test.drives[0]
-    along, values = finer[driver], test.dataset.values(driver)
-    if np.any(np.diff(along) <= 0.0):
-        return {}
-    path = {**finer, **{channel: turned.dataset.values(channel) for channel in turned.drives}}
-    return {
-        (test.name, channel): PchipInterpolator(along, path[channel])(values) - predicted[channel]
-        for channel in test.compared
-    }

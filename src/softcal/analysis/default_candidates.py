@@ -29,10 +29,34 @@ def default_candidates(problem: Problem) -> list[Candidate]:
     heavier loads. And cables that were not pulled, as far as that pull.
     """
     references = _references(problem.experiments)
-    found = [one for like in references for one in _pulls(like)]
+    found: list[Candidate] = []
+    for like in references:
+        found.append(Candidate(name=f"{like.name} again", like=like.name))
+        if like.drives and (reach := _reach(like)) > 0.0:
+            for share in (FURTHER, LESS_FAR):
+                name = f"{like.name} {share:g} times as far"
+                found.append(Candidate(name=name, like=like.name, reach=share * reach))
     like = furthest(problem)
-    found += [*_other_control(like), *_more_sensors(problem.robot, like), *_better_sensors(like)]
-    found += [*_heavier(problem, like), *_other_cables(problem, references, like)]
+    if len(like.drives) == 1:
+        driven = like.twin_channel(like.drives[0])
+        other = SHORTENING if driven.kind == TENSION else TENSION
+        # If the bench has measured how far that goes.
+        if any(like.twin_channel(c) == ChannelName(other, driven.carrier) for c in like.dataset.channels):
+            found.append(Candidate(name=f"{like.name} by {other.name}", like=like.name, control=other.name))
+    found += _more_sensors(problem.robot, like)
+    # An instrument is that of positions, or of any other kind of channel.
+    kinds: dict[str, list[str]] = {}
+    for channel in like.compared:
+        kind = like.twin_channel(channel).kind
+        kinds.setdefault("camera" if kind.is_position else f"{kind.name} sensor", []).append(channel)
+    for what, channels in kinds.items():
+        name = f"{like.name} with a {BETTER:g} times better {what}"
+        found.append(Candidate(name=name, like=like.name, better=dict.fromkeys(channels, BETTER)))
+    found += _heavier(problem, like)
+    if len(like.drives) == 1:
+        pulled = {experiment.twin_channel(c).carrier for experiment in references for c in experiment.drives}
+        others = [cable.name for cable in problem.robot.cables if cable.name not in pulled]
+        found += [Candidate(name=f"{cable} as {like.name}", like=like.name, cable=cable) for cable in others]
     return found
 
 
@@ -62,23 +86,6 @@ def _force(experiment: Experiment) -> float:
     return max((float(np.nanmax(experiment.dataset.values(c))) for c in tensions), default=0.0)
 
 
-def _pulls(like: Experiment) -> Iterable[Candidate]:
-    yield Candidate(name=f"{like.name} again", like=like.name)
-    if like.drives and (reach := _reach(like)) > 0.0:
-        yield Candidate(name=f"{like.name} {FURTHER:g} times as far", like=like.name, reach=FURTHER * reach)
-        yield Candidate(name=f"{like.name} {LESS_FAR:g} times as far", like=like.name, reach=LESS_FAR * reach)
-
-
-def _other_control(like: Experiment) -> Iterable[Candidate]:
-    """The pull by tension instead of shortening, or the reverse, if the bench has measured how far that goes."""
-    if len(like.drives) != 1:
-        return
-    driven = like.twin_channel(like.drives[0])
-    other = SHORTENING if driven.kind == TENSION else TENSION
-    if any(like.twin_channel(c) == ChannelName(other, driven.carrier) for c in like.dataset.channels):
-        yield Candidate(name=f"{like.name} by {other.name}", like=like.name, control=other.name)
-
-
 def _more_sensors(robot: Robot, like: Experiment) -> Iterable[Candidate]:
     """Pulls with a channel of each driven cable, the angles of each plate and the positions of all markers, unless
     compared.
@@ -104,17 +111,6 @@ def _measured(name: str, like: Experiment, channels: Sequence[ChannelName]) -> C
     return Candidate(name=name, like=like.name, measured=tuple(short.get(one, str(one)) for one in channels))
 
 
-def _better_sensors(like: Experiment) -> Iterable[Candidate]:
-    """Pulls with an instrument five times better: that of positions, or of any other kind of channel."""
-    kinds: dict[str, list[str]] = {}
-    for channel in like.compared:
-        kind = like.twin_channel(channel).kind
-        kinds.setdefault("camera" if kind.is_position else f"{kind.name} sensor", []).append(channel)
-    for what, channels in kinds.items():
-        name = f"{like.name} with a {BETTER:g} times better {what}"
-        yield Candidate(name=name, like=like.name, better=dict.fromkeys(channels, BETTER))
-
-
 def _heavier(problem: Problem, like: Experiment) -> Iterable[Candidate]:
     """A pull with twice the largest load of the experiments, or with a mass on the last plate, of a tenth of the
     largest tension.
@@ -138,13 +134,3 @@ def _heavier(problem: Problem, like: Experiment) -> Iterable[Candidate]:
     more = float(f"{HANGING * _force(like) / g:.1g}")
     settings = {f"{plates[-1].name}.mass": plates[-1].mass + more}
     yield Candidate(name=f"{like.name} with {1e3 * more:g} g on {plates[-1].name}", like=like.name, settings=settings)
-
-
-def _other_cables(problem: Problem, pulled: Sequence[Experiment], like: Experiment) -> Iterable[Candidate]:
-    """Pulls of cables that no experiment pulls."""
-    if len(like.drives) != 1:
-        return
-    known = {experiment.twin_channel(channel).carrier for experiment in pulled for channel in experiment.drives}
-    for cable in problem.robot.cables:
-        if cable.name not in known:
-            yield Candidate(name=f"{cable.name} as {like.name}", like=like.name, cable=cable.name)

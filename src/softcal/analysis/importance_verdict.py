@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from softcal.analysis.importance import ImportanceStudy, OutputImportance
+from softcal.analysis.importance import ImportanceStudy
 from softcal.analysis.sobol import Index
 
 NEGLIGIBLE = 0.01
@@ -23,7 +23,20 @@ def index_text(index: Index) -> str:
 
 def importance_sentences(study: ImportanceStudy) -> tuple[str, ...]:
     """Sentences on the parameters that decide each output, act only together, or have no effect worth a word."""
-    found = tuple(text for name, output in study.outputs.items() for text in _of_output(name, output))
+    found: list[str] = []
+    for name, output in study.outputs.items():
+        shares = {label: one for label, one in output.first.items() if one.is_known and one.value >= NEGLIGIBLE}
+        largest = sorted(shares, key=lambda label: -shares[label].value)
+        named = ", ".join(f"{label} {_percent(shares[label])}" for label in largest[:_NAMED])
+        more = f" and {len(largest) - _NAMED} others" if len(largest) > _NAMED else ""
+        found.append(f"Of the variance of the {name} over the bounds, these explain alone: {named}{more}." if named else
+                     f"No parameter alone explains {100 * NEGLIGIBLE:g} % of the variance of the {name}.")  # fmt: skip
+        pairs = [one for one in output.pairs if one.index.is_known and one.index.value >= NEGLIGIBLE]
+        for one in sorted(pairs, key=lambda pair: -pair.index.value)[:_NAMED]:
+            found.append(f"In the {name}, {' and '.join(one.labels)} act together: a further {_percent(one.index)}.")
+        for label, total in output.total.items():
+            if not output.first[label].is_known and total.value - total.error > NEGLIGIBLE:
+                found.append(f"{label} acts on the {name} only together with others: {_percent(total)}.")
     inert = [
         label
         for label in study.ranges
@@ -31,31 +44,8 @@ def importance_sentences(study: ImportanceStudy) -> tuple[str, ...]:
     ]
     if inert:
         share = f"{100 * NEGLIGIBLE:g} %"
-        found = (
-            *found,
-            f"Of no output does {' or '.join(inert)} explain {share} over these bounds, alone or with others.",
-        )
-    return found
-
-
-def _of_output(name: str, output: OutputImportance) -> list[str]:
-    shares = {label: one for label, one in output.first.items() if one.is_known and one.value >= NEGLIGIBLE}
-    largest = sorted(shares, key=lambda label: -shares[label].value)
-    named = ", ".join(f"{label} {_percent(shares[label])}" for label in largest[:_NAMED])
-    more = f" and {len(largest) - _NAMED} others" if len(largest) > _NAMED else ""
-    found = [f"Of the variance of the {name} over the bounds, these explain alone: {named}{more}." if named else
-             f"No parameter alone explains {100 * NEGLIGIBLE:g} % of the variance of the {name}."]  # fmt: skip
-    pairs = [one for one in output.pairs if one.index.is_known and one.index.value >= NEGLIGIBLE]
-    for one in sorted(pairs, key=lambda pair: -pair.index.value)[:_NAMED]:
-        found.append(f"In the {name}, {' and '.join(one.labels)} act together: a further {_percent(one.index)}.")
-    together = [
-        label
-        for label, total in output.total.items()
-        if not output.first[label].is_known and total.value - total.error > NEGLIGIBLE
-    ]
-    for label in together:
-        found.append(f"{label} acts on the {name} only together with others: {_percent(output.total[label])}.")
-    return found
+        found.append(f"Of no output does {' or '.join(inert)} explain {share} over these bounds, alone or with others.")
+    return tuple(found)
 
 
 def _percent(index: Index) -> str:

@@ -272,7 +272,9 @@ class _Plans:
     theta: Mapping[str, float]
     max_unknowns: int
 
-    def simulated(self, k: int, observer: Callable[[int, int | None], None]) -> tuple[Finer, Evaluation | None]:
+    def simulated(
+        self, k: int, observer: Callable[[int, int | None], None] = lambda done, of: None
+    ) -> tuple[Finer, Evaluation | None]:
         """Simulate discretisation k."""
         plan = self.plans[k]
         name, what, robot, n = plan
@@ -301,15 +303,11 @@ def _each_simulated(executor: Executor, plans: _Plans, observer: Observer) -> li
     if executor.alone:
         return [plans.simulated(k, partial(observer, name)) for k, name in enumerate(names)]
     found: list[tuple[Finer, Evaluation | None]] = []
-    for k, one in enumerate(each(executor, _simulated_there, plans, [(k,) for k in range(len(names))])):
+    for k, one in enumerate(each(executor, _Plans.simulated, plans, [(k,) for k in range(len(names))])):
         name, what, *_ = plans.plans[k]
         found.append((Finer(name, what, None, failure=one.why), None) if isinstance(one, LostCall) else one)
         observer(name, 1, 1)
     return found
-
-
-def _simulated_there(plans: _Plans, k: int) -> tuple[Finer, Evaluation | None]:
-    return plans.simulated(k, lambda done, of: None)
 
 
 def _evaluated(
@@ -351,19 +349,17 @@ def _limit(model: _Model, once: Evaluation, twice: Evaluation) -> Finer | None:
             continue
         orders[key] = -math.log2(left)
         for i in members:
-            blocks[i] = _extrapolated(once.blocks[i], blocks[i], left / (1.0 - left))
+            # The last block plus a share of the last change; likewise its derivatives.
+            before, after, share = once.blocks[i], blocks[i], left / (1.0 - left)
+            jacobian = after.jacobian
+            if jacobian is not None and before.jacobian is not None:
+                jacobian = jacobian + share * (jacobian - before.jacobian)
+            residual = after.residual + share * (after.residual - before.residual)
+            blocks[i] = replace(after, residual=residual, jacobian=jacobian)
     if not orders:
         return None
     what = "extrapolated to zero element size"
     return model.judged(blocks, Finer(LIMIT, what, None), orders)
-
-
-def _extrapolated(before: Block, after: Block, share: float) -> Block:
-    """The last block plus a share of the last change; likewise its derivatives."""
-    jacobian = after.jacobian
-    if jacobian is not None and before.jacobian is not None:
-        jacobian = jacobian + share * (jacobian - before.jacobian)
-    return replace(after, residual=after.residual + share * (after.residual - before.residual), jacobian=jacobian)
 
 
 def _convergence(first: Floats, second: Floats, third: Floats) -> float | None:

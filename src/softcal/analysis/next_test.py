@@ -201,7 +201,13 @@ class _Present:
         )
         interval, length = self._reach(after, self._z + after.step)
         share = length / self._length if np.isfinite(length) and np.isfinite(self._length) else None
-        return Outlook(plan.candidate, interval, share, self._joint(after)), length
+        known = ~(_mixed(self._found) | _mixed(after))
+        columns = [j for j, p in enumerate(self._problem.space.parameters) if _is_of_robot(p) and known[j]]
+        if not columns:
+            return Outlook(plan.candidate, interval, share), length
+        # Expected standard errors of all the robot's parameters over the present ones.
+        sizes = [np.log(np.abs(np.diag(np.linalg.qr(one.root[:, columns])[1]))).mean() for one in (after, self._found)]
+        return Outlook(plan.candidate, interval, share, float(np.exp(sizes[0] - sizes[1]))), length
 
     def notes(self, plans: Sequence[Plan]) -> Iterable[str]:
         """Assumptions of the intervals."""
@@ -247,26 +253,10 @@ class _Present:
         at = int(np.flatnonzero(known == self._j)[0])
         z = self._z[known]
         ends, errors = box_intervals(z, minimum[known], one.root[:, known], one.dof[known])
-        space = self._problem.space
-        label = space.labels[self._j]
-
-        def model(value: float) -> float:
-            moved = self._z.copy()
-            moved[self._j] = value
-            return space.to_model(moved)[label]
-
-        value = self._theta[label]
-        interval = min(model(float(ends[at, 0])), value), max(model(float(ends[at, 1])), value)
+        parameter = self._problem.space.parameters[self._j]
+        value, (low, high) = self._theta[parameter.label], (parameter.value_at(float(end)) for end in ends[at])
+        interval = min(low, value), max(high, value)
         return interval, float(2.0 * student(one.dof[known])[at] * errors[at])
-
-    def _joint(self, after: ExpectedEstimates) -> float | None:
-        """Expected standard errors of all the robot's parameters over the present ones."""
-        known = ~(_mixed(self._found) | _mixed(after))
-        columns = [j for j, p in enumerate(self._problem.space.parameters) if _is_of_robot(p) and known[j]]
-        if not columns:
-            return None
-        sizes = [np.log(np.abs(np.diag(np.linalg.qr(one.root[:, columns])[1]))).mean() for one in (after, self._found)]
-        return float(np.exp(sizes[0] - sizes[1]))
 
 
 def _mixed(one: Estimator | ExpectedEstimates) -> np.ndarray:

@@ -21,7 +21,6 @@ from typing import Literal
 import numpy as np
 
 from softcal.calibration.results.result import ExperimentFit, SearchResult
-from softcal.calibration.statistics.random_effects import Spread
 from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
 from softcal.sensing.channel import channel_name
@@ -83,9 +82,12 @@ def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -
     for name, spread in result.spreads.items():
         if not spread.differs or len(spread.values) < _FEWEST:
             continue
-        differ: dict[Condition, Floats] = {
-            c: x for c, at in known.items() if (x := _logarithms(spread, at)) is not None
-        }
+        # Of a condition that is known for all experiments and differs, the logarithms.
+        differ: dict[Condition, Floats] = {}
+        for c, at in known.items():
+            x = np.array([at.get(experiment, 0.0) for experiment in spread.values])
+            if x.min() > 0.0 and x.max() >= _ALIKE * x.min():
+                differ[c] = np.log(x)
         y = np.array(list(spread.values.values()))
         weights = np.array([spread.weights.get(experiment, 1.0) for experiment in spread.values])
         slopes: dict[Condition, tuple[float, float]] = {
@@ -112,12 +114,6 @@ def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -
             )
         )
     return tuple(found)
-
-
-def _logarithms(spread: Spread, at: Mapping[str, float]) -> Floats | None:
-    """Log of a test condition for each experiment (k,); None if the condition is constant, or unknown for some."""
-    x = np.array([at.get(experiment, 0.0) for experiment in spread.values])
-    return np.log(x) if x.min() > 0.0 and x.max() >= _ALIKE * x.min() else None
 
 
 def slope(x: Floats, y: Floats, weights: Floats) -> tuple[float, float]:
@@ -159,16 +155,13 @@ def _speeds(result: SearchResult, records: Mapping[str, Dataset]) -> dict[str, f
     found: dict[str, float] = {}
     for name, fit in result.experiments.items():
         channels = records[name].channels if name in records else {}
-        rates = [_rate(records[name], drive) for drive in _drives(fit) if drive in channels and "time" in channels]
-        if rates:
-            found[name] = max(rates)
+        drives = [drive for drive in _drives(fit) if drive in channels]
+        if drives and "time" in channels:
+            step = np.diff(records[name].values("time"))
+            moving = step > 0.0
+            speeds = [np.abs(np.diff(records[name].values(drive))[moving] / step[moving]) for drive in drives]
+            found[name] = max(float(np.nanmedian(each)) if moving.any() else 0.0 for each in speeds)
     return found
-
-
-def _rate(record: Dataset, drive: str) -> float:
-    step = np.diff(record.values("time"))
-    moving = step > 0.0
-    return float(np.nanmedian(np.abs(np.diff(record.values(drive))[moving] / step[moving]))) if moving.any() else 0.0
 
 
 def _drives(fit: ExperimentFit) -> tuple[str, ...]:

@@ -64,7 +64,11 @@ def each(
             if not futures:
                 return
             while futures and futures[0].done():
-                yield _found(futures.popleft())
+                try:
+                    result = futures.popleft().result()
+                except WorkerLost as error:
+                    result = LostCall(str(error))
+                yield result
             unfinished = {one for one in unfinished if not one.done()}
             if futures and not futures[0].done():
                 concurrent.futures.wait(unfinished, return_when=concurrent.futures.FIRST_COMPLETED)
@@ -79,13 +83,6 @@ def here(function: Callable[..., Any], *args: Any) -> Any:
         return function(*args)
     except (OSError, MemoryError) as error:
         return LostCall(f"The machine could not do it ({str(error) or type(error).__name__}).")
-
-
-def _found(future: concurrent.futures.Future[Any]) -> Any:
-    try:
-        return future.result()
-    except WorkerLost as error:
-        return LostCall(str(error))
 
 
 def results(

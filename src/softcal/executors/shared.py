@@ -75,22 +75,18 @@ def call(shared: Parcel | ParcelFile, function: Callable[..., Any], *args: Any) 
     """
     with one_at_a_time:
         try:
-            return function(_opened(shared), *args)
+            if shared.digest not in _open:
+                registered, what = pickle.loads(shared.read())
+                for name, members in pickle.loads(registered).items():
+                    for member in members:
+                        _families()[name].add(member)
+                _open[shared.digest] = pickle.loads(what)
+                while len(_open) > _KEPT:
+                    _open.popitem(last=False)
+            _open.move_to_end(shared.digest)
+            return function(_open[shared.digest], *args)
         except (OSError, MemoryError) as error:
             raise UnableError(str(error) or type(error).__name__) from error
-
-
-def _opened(shared: Parcel | ParcelFile) -> object:
-    if shared.digest not in _open:
-        registered, what = pickle.loads(shared.read())
-        for name, members in pickle.loads(registered).items():
-            for member in members:
-                _families()[name].add(member)
-        _open[shared.digest] = pickle.loads(what)
-        while len(_open) > _KEPT:
-            _open.popitem(last=False)
-    _open.move_to_end(shared.digest)
-    return _open[shared.digest]
 
 
 def _families() -> dict[str, Catalogue[Any]]:
@@ -105,7 +101,7 @@ def _pickled(what: object) -> bytes:
     buffer = io.BytesIO()
     pickler = pickle.Pickler(buffer)
     # Frozen mappings have no pickle of their own; a table of this pickler's leaves that of the process alone.
-    pickler.dispatch_table = {**copyreg.dispatch_table, MappingProxyType: _pickle_mapping}
+    pickler.dispatch_table = {**copyreg.dispatch_table, MappingProxyType: lambda one: (MappingProxyType, (dict(one),))}
     try:
         pickler.dump(what)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
@@ -114,7 +110,3 @@ def _pickled(what: object) -> bytes:
             "module that Python can import."
         ) from error
     return buffer.getvalue()
-
-
-def _pickle_mapping(mapping: Any) -> tuple[Any, ...]:
-    return MappingProxyType, (dict(mapping),)

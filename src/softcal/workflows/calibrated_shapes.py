@@ -49,20 +49,17 @@ def from_undeformed(equilibria: EquilibriumShapes | None) -> TwinView | None:
     """The twin undeformed and in its most displaced equilibrium, for a robot without cables."""
     if equilibria is None:
         return None
-    moved = {name: _moved(equilibria.undeformed, shape) for name, shape in equilibria.shapes.items()}
+    moved: dict[str, float] = {}  # the largest displacement [m] of a body or rod
+    for name, shape in equilibria.shapes.items():
+        parts = [(x, equilibria.undeformed.points[body]) for body, x in shape.points.items()]
+        parts += [(x, equilibria.undeformed.rods[rod]) for rod, x in shape.rods.items()]
+        moved[name] = max(float(np.linalg.norm(now - then, axis=1).max()) for now, then in parts)
     furthest = max(moved, key=lambda name: moved[name])
     rest, bent = (
         replace(equilibria.undeformed, label="Undeformed"),
         replace(equilibria.shapes[furthest], label=furthest),
     )
     return TwinView(equilibria.robot, rest, bent, equilibria.tets)
-
-
-def _moved(rest: Snapshot, shape: Snapshot) -> float:
-    """The largest displacement [m] of a body or rod."""
-    parts = [(x, rest.points[name]) for name, x in shape.points.items()]
-    parts += [(x, rest.rods[name]) for name, x in shape.rods.items()]
-    return max(float(np.linalg.norm(now - then, axis=1).max()) for now, then in parts)
 
 
 def furthest_response(project: Project, result: SearchResult, *, after_search: bool = False) -> Response:

@@ -116,7 +116,8 @@ def calibrate(
     project = project_of(project)
     settings, problems = plan(project, engine, **changes)
     identity = engine_identity(engine, project.engines)
-    shared = {label: None if storage is None else Sharing(storage, _study(project, label)) for label in problems}
+    studies = {label: f"softcal/{project.name}/{label}" for label in problems}
+    shared = {label: None if storage is None else Sharing(storage, study) for label, study in studies.items()}
     for label, sharing in shared.items():
         if sharing is not None:
             require_joinable(problems[label], settings.search, sharing, identity)
@@ -270,11 +271,6 @@ def make_loss(settings: CalibrationSection, length: float | None = None) -> Loss
     if loss.needs_length and length is None:
         raise ParameterError(Fault(f"the loss '{settings.loss}' needs a length", "rig.length", allowed="rig.length"))
     return loss.made(settings.options, length)
-
-
-def _study(project: Project, label: str) -> str:
-    """The name of the study in which processes share one of a project's calibrations."""
-    return f"softcal/{project.name}/{label}"
 
 
 def calibrated(project: Project, result: SearchResult) -> Project:

@@ -87,7 +87,13 @@ def parse_pulls(robot: Robot, texts: Sequence[str]) -> Protocol:
 def _parsed(robot: Robot, text: str) -> tuple[str, Control, float]:
     name, _, value = (part.strip() for part in text.partition("="))
     if name.endswith(HANGING):
-        return name.removesuffix(HANGING), "tension", _weight(robot, text, value)
+        mass = QUANTITIES["mass"].read(value, where=f"--pull {text}")
+        gravity = float(np.linalg.norm(robot.gravity))
+        if gravity == 0.0:
+            what, allowed = "a hanging mass needs gravity", "gravity in the robot, or a force"
+            instead = f"{text.partition(HANGING)[0]}={value.replace('kg', 'kgf')}" if "kg" in value else "a force in N"
+            raise InputError(Fault(what, "--pull", f"'{text}'", allowed, instead))
+        return name.removesuffix(HANGING), "tension", mass * gravity
     try:
         return name, "shortening", QUANTITIES["shortening"].read(value)
     except UnitError:
@@ -97,23 +103,6 @@ def _parsed(robot: Robot, text: str) -> tuple[str, Control, float]:
     except UnitError as error:
         allowed = f"a cable and a length or force: front=40mm, front=8N, front=2kgf; a mass hangs by front{HANGING}=2kg"
         raise InputError(Fault("this is not a pull", "--pull", f"'{text}'", allowed)) from error
-
-
-def _weight(robot: Robot, text: str, value: str) -> float:
-    """Weight [N] of a mass under the robot's gravity."""
-    mass = QUANTITIES["mass"].read(value, where=f"--pull {text}")
-    gravity = float(np.linalg.norm(robot.gravity))
-    if gravity == 0.0:
-        raise InputError(
-            Fault(
-                "a hanging mass needs gravity",
-                "--pull",
-                f"'{text}'",
-                "gravity in the robot, or a force",
-                f"{text.partition(HANGING)[0]}={value.replace('kg', 'kgf')}" if "kg" in value else "a force in N",
-            )
-        )
-    return mass * gravity
 
 
 def films(protocols: Mapping[str, Protocol], n: int) -> dict[str, Protocol]:

@@ -35,7 +35,24 @@ def cable_rows(robot: Robot) -> list[tuple[str, str]]:
                 rows.append(
                     ("  straight", f"{far} in a bore or cavity of {body}; a via point on {body} makes it a guide")
                 )
-        rows += _line_rows(cable)
+        stated = cable.properties
+        units = {
+            "stiffness": ("EA", "N"),
+            "compliance": ("compliance of the machine", "m/N"),
+            "pretension": ("pretension", "N"),
+        }
+        line = [f"{word} {format_quantity(stated[key], unit)}" for key, (word, unit) in units.items() if key in stated]
+        if line:
+            rows.append(("  line", ", ".join(line)))
+        beside = ""
+        if preload := stated.get("friction_preload"):
+            beside = f", of the tension and a preload of {format_quantity(preload, 'N')}"
+        friction = f"{cable.friction_coefficient:.4g}{beside}"
+        if "presliding" in stated:
+            over = format_quantity(stated["presliding"], "m")
+            rows.append(("  friction", f"{friction}, against the sliding, built up over {over} of it"))
+        elif cable.friction_coefficient:
+            rows.append(("  friction", f"{friction}, of a cable that is pulled in"))
     return rows
 
 
@@ -80,28 +97,4 @@ def _support_rows(cable: Cable, attachments: Mapping[int, Attachment]) -> list[t
         spread.append(f"{size} ({kind}) at {len(radii)} via point{'s' * (len(radii) > 1)}")
     if spread:
         rows.append(("  extent", f"force over a radius of {', '.join(spread)}"))
-    return rows
-
-
-def _line_rows(cable: Cable) -> list[tuple[str, str]]:
-    """What a cable is made of, where it stretches, and its friction, where it has one."""
-    stated, rows = cable.properties, list[tuple[str, str]]()
-    units = {
-        "stiffness": ("EA", "N"),
-        "compliance": ("compliance of the machine", "m/N"),
-        "pretension": ("pretension", "N"),
-    }
-    made_of = [f"{word} {format_quantity(stated[key], unit)}" for key, (word, unit) in units.items() if key in stated]
-    if made_of:
-        rows.append(("  line", ", ".join(made_of)))
-    beside = ""
-    if preload := stated.get("friction_preload"):
-        beside = f", of the tension and a preload of {format_quantity(preload, 'N')}"
-    if "presliding" in stated:
-        over = format_quantity(stated["presliding"], "m")
-        rows.append(
-            ("  friction", f"{cable.friction_coefficient:.4g}{beside}, against the sliding, built up over {over} of it")
-        )
-    elif cable.friction_coefficient:
-        rows.append(("  friction", f"{cable.friction_coefficient:.4g}{beside}, of a cable that is pulled in"))
     return rows

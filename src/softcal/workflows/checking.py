@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from softcal.calibration.problem.experiment import Experiment, rig_parameters
+from softcal.calibration.problem.experiment import rig_parameters
 from softcal.calibration.problem.scope import ScopedParameter
 from softcal.checks import Ints
 from softcal.declare import checked_arguments
@@ -83,7 +83,7 @@ def check(
         Where the folder cannot be written.
     """
     project = project_of(project)
-    bodies = (*_body_rows(project), *_rod_rows(project))
+    bodies = tuple(_body_rows(project))
     ready(bodies, ())
     progress("Building the twin")
     twin_of(project.robot)
@@ -93,7 +93,14 @@ def check(
     if project.experiments and project.space is None:
         warnings.append("no parameter is free: there is nothing to calibrate")
     warnings += [*_beyond_bounds(project), *off_course(project.robot)]
-    warnings += [*_unstable_at_rest(project), *_refusals(project)]
+    warnings += _unstable_at_rest(project)
+    if project.experiments and project.space is not None:
+        from softcal.workflows.calibration import plan
+
+        try:
+            plan(project)
+        except InputError as error:
+            warnings += [f"calibrate would refuse this project: {fault}" for fault in error.faults]
     others = (*_part_rows(project), *_bench_rows(project), *_search_rows(project))
     ready(others, warnings)
     rows = (*bodies, *others)
@@ -129,19 +136,6 @@ def _unstable_at_rest(project: Project) -> list[str]:
     return sentences
 
 
-def _refusals(project: Project) -> list[str]:
-    """Why `calibrate` would refuse the project, where it has tests and free parameters."""
-    if not project.experiments or project.space is None:
-        return []
-    from softcal.workflows.calibration import plan
-
-    try:
-        plan(project)
-    except InputError as error:
-        return [f"calibrate would refuse this project: {fault}" for fault in error.faults]
-    return []
-
-
 def _body_rows(project: Project) -> list[tuple[str, str]]:
     rows: list[tuple[str, str]] = []
     for body in project.robot.bodies:
@@ -167,6 +161,17 @@ def _body_rows(project: Project) -> list[tuple[str, str]]:
             reach = format_quantity(body.zone.depths.upper, "m", digits=3)
             depth = format_quantity(body.clamp.depth, "m")
             rows.append(("  clamp", f"{depth} deeper than the fixed nodes; as a parameter up to {reach} either way"))
+    for rod in project.robot.rods:
+        line, places = rod.centreline, [f"{plate} at {_arcs(rod, nodes)}" for plate, nodes in rod.clamped.items()]
+        places += [f"fixed at {_arcs(rod, rod.fixed)}"] if len(rod.fixed) else []
+        rows += [
+            (
+                f"rod {rod.name}",
+                f"{format_quantity(float(line.stations[-1]), 'm')} long, {len(line.lengths)} elements, "
+                f"{format_quantity(rod.section.constants.outer_diameter, 'm')} thick, attached: {', '.join(places)}",
+            ),
+            *_material_rows(rod, f"{rod.law} at small strain, as rods use it at any: " * bool(rod.law), "elements"),
+        ]
     return rows
 
 
@@ -208,22 +213,6 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
     return rows + [("contact", term.in_words()) for term in twin_of(robot).system.contacts]
 
 
-def _rod_rows(project: Project) -> list[tuple[str, str]]:
-    rows: list[tuple[str, str]] = []
-    for rod in project.robot.rods:
-        line, places = rod.centreline, [f"{plate} at {_arcs(rod, nodes)}" for plate, nodes in rod.clamped.items()]
-        places += [f"fixed at {_arcs(rod, rod.fixed)}"] if len(rod.fixed) else []
-        rows += [
-            (
-                f"rod {rod.name}",
-                f"{format_quantity(float(line.stations[-1]), 'm')} long, {len(line.lengths)} elements, "
-                f"{format_quantity(rod.section.constants.outer_diameter, 'm')} thick, attached: {', '.join(places)}",
-            ),
-            *_material_rows(rod, f"{rod.law} at small strain, as rods use it at any: " * bool(rod.law), "elements"),
-        ]
-    return rows
-
-
 def _arcs(rod: Rod, nodes: Ints) -> str:
     return " and ".join(format_quantity(float(rod.centreline.stations[n]), "m") for n in nodes)
 
@@ -231,47 +220,25 @@ def _arcs(rod: Rod, nodes: Ints) -> str:
 def _bench_rows(project: Project) -> list[tuple[str, str]]:
     rows: list[tuple[str, str]] = []
     for name, experiment in project.experiments.items():
-        data = experiment.dataset
-        spans = ", ".join(
-            f"{key} " + " to ".join(format_quantity(float(end), c.unit) for end in (c.values.min(), c.values.max()))
-            for key, c in data.channels.items()
-            if _is_shown(experiment, key)
-        )
-        rows += [
-            (
-                f"experiment {name}",
-                f"{_driven(project, experiment)}, compared: " + _compared(experiment),
-            ),
-            (
-                "  data",
-                f"{data.n_samples} of {project.records[name].n_samples} samples" + (f", {spans}" if spans else ""),
-            ),
-        ]
+        data, units = experiment.dataset, {**robot_parameters(project.robot), **rig_parameters([experiment])}
+        names = [experiment.twin_channel(channel) for channel in experiment.drives]
+        driven = " and ".join(f"{one.carrier} by {one.kind.name}" for one in names) or "no cable is driven"
+        for key, value in experiment.settings.items():
+            driven += f", {key} = {format_quantity(value, units[key].unit)}"
+        # Positions are shown by the name of their marker or plate.
+        compared = dict.fromkeys(experiment.point_of(channel) or channel for channel in experiment.compared)
+        data_row = f"{data.n_samples} of {project.records[name].n_samples} samples"
+        for key, c in data.channels.items():
+            of = experiment.twin_channel(key)
+            if not (of.kind == TIME or of.is_deviation or of.point or key in data.incomplete):
+                least, most = (format_quantity(float(end), c.unit) for end in (c.values.min(), c.values.max()))
+                data_row += f", {key} {least} to {most}"
+        rows += [(f"experiment {name}", f"{driven}, compared: {', '.join(compared)}"), ("  data", data_row)]
         rows += [("  clocks", step.outcome) for step in data.provenance if step.name == "synchronise"]
         cycle = (project.corrected[name] or data).cycle
         if cycle is not None:
             rows.append(("  cycles", f"{len(np.unique(cycle[cycle >= 0]))} found"))
     return rows
-
-
-def _is_shown(experiment: Experiment, key: str) -> bool:
-    name = experiment.twin_channel(key)
-    return not (name.kind == TIME or name.is_deviation or name.point or key in experiment.dataset.incomplete)
-
-
-def _driven(project: Project, experiment: Experiment) -> str:
-    """The driving channels, in words."""
-    known = {**robot_parameters(project.robot), **rig_parameters([experiment])}
-    names = [experiment.twin_channel(channel) for channel in experiment.drives]
-    driven = " and ".join(f"{name.carrier} by {name.kind.name}" for name in names) or "no cable is driven"
-    return driven + "".join(
-        f", {name} = {format_quantity(value, known[name].unit)}" for name, value in experiment.settings.items()
-    )
-
-
-def _compared(experiment: Experiment) -> str:
-    """The compared channels; positions by the name of their marker or plate."""
-    return ", ".join(dict.fromkeys(experiment.point_of(channel) or channel for channel in experiment.compared))
 
 
 def _search_rows(project: Project) -> list[tuple[str, str]]:
@@ -325,7 +292,15 @@ def _against_twin(project: Project, name: str, response: Response) -> str:
     simulated = _slope(pulled, tension)
     if not simulated > 0:
         return ""
-    low, high = _modulus_reach(project)
+    # Factors by which the free moduli can soften and stiffen the twin.
+    known = project.parameters
+    factors = [
+        (p.lower / known[target].value, p.upper / known[target].value)
+        for p in (project.space.parameters if project.space else ())
+        for target in p.targets
+        if target.endswith("youngs_modulus")
+    ]
+    low, high = min((low for low, _ in factors), default=1 / 3), max((high for _, high in factors), default=3.0)
     ratio = measured / simulated
     if low / STIFFNESS_MARGIN <= ratio <= high * STIFFNESS_MARGIN:
         return ""
@@ -337,18 +312,6 @@ def _against_twin(project: Project, name: str, response: Response) -> str:
             attempt="check the units of force and displacement (kN, cm), and the size of the mesh",
         )
     )
-
-
-def _modulus_reach(project: Project) -> tuple[float, float]:
-    """Factors by which the free moduli can soften and stiffen the twin."""
-    values: Mapping[str, float] = {name: info.value for name, info in project.parameters.items()}
-    factors = [
-        (p.lower / values[target], p.upper / values[target])
-        for p in (project.space.parameters if project.space else ())
-        for target in p.targets
-        if target.endswith("youngs_modulus")
-    ]
-    return min((low for low, _ in factors), default=1 / 3), max((high for _, high in factors), default=3.0)
 
 
 def _slope(x: np.ndarray, y: np.ndarray) -> float:

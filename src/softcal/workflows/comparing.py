@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from softcal.analysis.nominal import Nominal, nominal
-from softcal.calibration.problem.experiment import Experiment
 from softcal.calibration.problem.frame import FRAME, rotation
 from softcal.calibration.problem.observation import commands
 from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
@@ -49,7 +48,17 @@ def compared_calibration(project: Project, settings: CalibrationSection, result:
         return None
     of_robot = robot_parameters(project.robot)
     free = [name for name, e in result.parameters.items() if all(target in of_robot for target in e.of or (name,))]
-    at_nominal = _with_rig_of(project, result)
+    # The project's robot in the calibrated rig.
+    experiments = {
+        name: replace(
+            one,
+            settings={
+                n: v for n, v in one.settings.items() if n not in of_robot or n in project.experiments[name].settings
+            },
+        )
+        for name, one in calibrated(project, result).experiments.items()
+    }
+    at_nominal = replace(project, experiments=experiments)
     known = _nominal(at_nominal, settings, result, free) if free else None
 
     def configurations(state: State) -> list[Configuration | None]:
@@ -98,7 +107,14 @@ def _compared(
     if state is None:
         return Compared(nominal_errors, (), units, length)
     there = tuple(one for one in configurations(state) if one is not None)
-    return Compared(nominal_errors, there, units, length, _state_text(project, state))
+    experiment, row = project.experiments[state[0]], state[1]
+    data = experiment.dataset
+    drives = [
+        f"{experiment.twin_channel(c)} {format_quantity(float(data.values(c)[row]), data.channels[c].unit)}"
+        for c in experiment.drives
+    ]
+    text = f"{experiment.name} ({', '.join(drives)})" if drives else experiment.name
+    return Compared(nominal_errors, there, units, length, text)
 
 
 def _nominal(project: Project, settings: CalibrationSection, result: SearchResult, free: Sequence[str]) -> Nominal:
@@ -134,21 +150,6 @@ def _at(
     return _configuration(name, calibrated(project, replace(result, parameters=there)), state, shown)
 
 
-def _with_rig_of(project: Project, result: CalibrationResult) -> Project:
-    """The project's robot in the calibrated rig."""
-    of_robot = robot_parameters(project.robot)
-    experiments = {
-        name: replace(
-            one,
-            settings={
-                n: v for n, v in one.settings.items() if n not in of_robot or n in project.experiments[name].settings
-            },
-        )
-        for name, one in calibrated(project, result).experiments.items()
-    }
-    return replace(project, experiments=experiments)
-
-
 def _furthest_state(project: Project, result: SearchResult) -> State | None:
     """Experiment and row with the strongest pull; among equal ones, that with the largest marker error."""
     states: dict[State, tuple[float, float]] = {}
@@ -164,17 +165,6 @@ def _furthest_state(project: Project, result: SearchResult) -> State | None:
     return max(states, key=lambda state: states[state]) if states else None
 
 
-def _state_text(project: Project, state: State) -> str:
-    """Description of a state: "cable6 (cable6.tension 19.62 N)"."""
-    experiment = project.experiments[state[0]]
-    data = experiment.dataset
-    drives = [
-        f"{experiment.twin_channel(c)} {format_quantity(float(data.values(c)[state[1]]), data.channels[c].unit)}"
-        for c in experiment.drives
-    ]
-    return f"{experiment.name} ({', '.join(drives)})" if drives else experiment.name
-
-
 def _configuration(name: str, project: Project, state: State, theta: Mapping[str, float]) -> Configuration | None:
     """The twin in one state of one experiment; None if it cannot be simulated or does not move."""
     experiment, row = project.experiments[state[0]], state[1]
@@ -188,16 +178,12 @@ def _configuration(name: str, project: Project, state: State, theta: Mapping[str
     if not response.succeeded or len(response.snapshots) < 2:
         return None
     twin = TwinView(robot, response.snapshots[0], response.snapshots[-1], response.tets)
-    return Configuration(name, theta, twin, _measured(experiment, rig, row))
-
-
-def _measured(experiment: Experiment, rig: Mapping[str, float], row: int) -> dict[str, Floats]:
-    """Measured position of every marker and plate [m], in the robot's frame."""
+    # The measured position of every marker and plate [m], in the robot's frame.
     frame = np.array([rig.get(name, 0.0) for name in FRAME])
-    found: dict[str, Floats] = {}
+    measured: dict[str, Floats] = {}
     for point in experiment.points:
         parts = experiment.parts_of(point)
         if len(parts) == 3:
             seen = np.array([experiment.dataset.values(part)[row] for part in parts])
-            found[point] = (seen - frame[:3]) @ rotation(frame[3:])
-    return found
+            measured[point] = (seen - frame[:3]) @ rotation(frame[3:])
+    return Configuration(name, theta, twin, measured)

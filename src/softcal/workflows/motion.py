@@ -8,11 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from softcal.calibration.problem.experiment import Experiment
 from softcal.calibration.problem.friction import pulley_faults
 from softcal.calibration.problem.observation import commands
 from softcal.errors import Fault, InputError
-from softcal.experiments.dataset import Dataset
 from softcal.project.project import Project
 from softcal.sensing.channel import of_kind
 from softcal.sensing.sensors.cable import TENSION
@@ -92,7 +90,14 @@ def schedule_of(project: Project, case: Case) -> Schedule:
     if not experiment.drives:
         fault = Fault("the experiment has no driving channel", experiment.name, attempt="--pull, or --experiment")
         raise InputError(fault)
-    data = _timed(project, experiment)
+    # The compared samples if they have times, else all cycles that they were selected from.
+    samples = experiment.dataset
+    data = samples if ascends(samples) else whole_record(project, experiment.name)
+    if data is None:
+        got = "descending times" if TIME in samples.channels else "no column `time`"
+        allowed = "a column `time` in every file, and no step that changes the order of the samples"
+        what = "a transient simulation needs ascending sample times"
+        raise InputError(Fault(what, experiment.name, got, allowed, "--pull"))
     if of_kind(TENSION, experiment.drives):
         if faults := pulley_faults(replace(experiment, dataset=data)):
             raise InputError(faults)
@@ -105,22 +110,3 @@ def schedule_of(project: Project, case: Case) -> Schedule:
         times = np.append(0.0, project.dynamics.ramp + times)
         pulls = {name: np.append(0.0, pull) for name, pull in pulls.items()}
     return Schedule(times, {name: Command(driven[name].control, pull) for name, pull in pulls.items()})
-
-
-def _timed(project: Project, experiment: Experiment) -> Dataset:
-    """The compared samples if they have times, else all cycles that they were selected from.
-
-    Raises
-    ------
-    InputError
-        If neither has ascending times, or the cycles lack a correction that the samples have.
-    """
-    name = experiment.name
-    if ascends(experiment.dataset):
-        return experiment.dataset
-    record = whole_record(project, name)
-    if record is None:
-        got = "descending times" if TIME in experiment.dataset.channels else "no column `time`"
-        allowed = "a column `time` in every file, and no step that changes the order of the samples"
-        raise InputError(Fault("a transient simulation needs ascending sample times", name, got, allowed, "--pull"))
-    return record

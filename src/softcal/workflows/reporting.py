@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from softcal.analysis.landscape import ProportionalTwin, loss_over, scales_with_modulus
-from softcal.calibration.problem.problem import Problem
 from softcal.calibration.results.result import CalibrationResult, SearchResult
 from softcal.declare import checked_arguments
 from softcal.project.calibration_schema import CalibrationSection
@@ -85,8 +84,25 @@ def write_report(
 def report_content(run: CalibrationRun | SweepRun, solved: Mapping[str, Response] | None = None) -> ReportContent:
     """Content of a run's report; solved: furthest responses that need not be solved again."""
     match run:
-        case CalibrationRun():
-            return _calibration_content(run, solved or {})
+        case CalibrationRun(project=project):
+            headline = JOINT if JOINT in run.results else next(iter(run.results))
+            stale = f"The mesh study in {MESH_STUDY.folder} is not of the calibrated values"
+            mesh, mesh_note = _current(run, MESH_STUDY, stale)
+            stale = f"The study in {IMPORTANCE.folder} is not over the bounds of the search"
+            importance, importance_note = _current(run, IMPORTANCE, stale)
+            return ReportContent(
+                results=run.results,
+                headline=headline,
+                experiments={name: experiment_content(project, name) for name in project.experiments},
+                landscapes=_landscapes(project, run.results, run.settings),
+                records={label: compare_records(project, result) for label, result in run.results.items()},
+                compared=compared_calibration(project, run.settings, run.results[headline]),
+                mesh_study=mesh,
+                mesh_note=mesh_note,
+                importance=importance,
+                importance_note=importance_note,
+                **_shared(run, run.results[headline], (solved or {}).get(headline)),
+            )
         case SweepRun(project=project, result=result):
             return ReportContent(
                 results={SWEEP: result},
@@ -94,28 +110,6 @@ def report_content(run: CalibrationRun | SweepRun, solved: Mapping[str, Response
                 compared=compared_sweep(project, run.settings, result),
                 **_shared(run, result),
             )
-
-
-def _calibration_content(run: CalibrationRun, solved: Mapping[str, Response]) -> ReportContent:
-    project = run.project
-    headline = JOINT if JOINT in run.results else next(iter(run.results))
-    stale = f"The mesh study in {MESH_STUDY.folder} is not of the calibrated values"
-    mesh, mesh_note = _current(run, MESH_STUDY, stale)
-    stale = f"The study in {IMPORTANCE.folder} is not over the bounds of the search"
-    importance, importance_note = _current(run, IMPORTANCE, stale)
-    return ReportContent(
-        results=run.results,
-        headline=headline,
-        experiments={name: experiment_content(project, name) for name in project.experiments},
-        landscapes=_landscapes(project, run.results, run.settings),
-        records={label: compare_records(project, result) for label, result in run.results.items()},
-        compared=compared_calibration(project, run.settings, run.results[headline]),
-        mesh_study=mesh,
-        mesh_note=mesh_note,
-        importance=importance,
-        importance_note=importance_note,
-        **_shared(run, run.results[headline], solved.get(headline)),
-    )
 
 
 def _current(run: CalibrationRun, kind: StudyKind[S], stale: str) -> tuple[S | None, str]:
@@ -172,7 +166,13 @@ def _landscapes(
     problem = make_problem(project, settings)
     if not scales_with_modulus(problem):
         return {}
-    twin = ProportionalTwin(_reach(problem))
+    # The largest shortening [m] of the twin for any slack within its bounds.
+    slacks = [p.lower for p in problem.space.parameters if parameter_name(p.name).kind == "slack"]
+    slacks += [
+        v for e in problem.experiments for name, v in e.rig_values().items() if parameter_name(name).kind == "slack"
+    ]
+    furthest = max(float(np.max(e.dataset.values(drive))) for e in problem.experiments for drive in e.drives)
+    twin = ProportionalTwin(furthest - min([0.0, *slacks]))
     landscapes: dict[str, Landscape] = {}
     for label, result in results.items():
         pair = [
@@ -188,13 +188,3 @@ def _landscapes(
         filled = np.where(failed, 0.0, grid.loss)
         landscapes[label] = Landscape(pair[0], pair[1], grid.x, grid.y, filled, failed.astype(np.int64))
     return landscapes
-
-
-def _reach(problem: Problem) -> float:
-    """The largest shortening [m] of the twin for any slack within its bounds."""
-    slacks = [p.lower for p in problem.space.parameters if parameter_name(p.name).kind == "slack"]
-    nominal = [
-        v for e in problem.experiments for name, v in e.rig_values().items() if parameter_name(name).kind == "slack"
-    ]
-    lowest = min([0.0, *slacks, *nominal])
-    return max(float(np.max(e.dataset.values(drive))) for e in problem.experiments for drive in e.drives) - lowest

@@ -229,7 +229,15 @@ def _finish(
             write_bytes(folder / source.name, read_bytes(source, "the response"))
     except OSError as error:
         raise unwritable(folder, error) from error
-    write_text(folder / "trials.csv", _trials_csv(results))
+    units = {name: e.unit for result in results.values() for name, e in result.parameters.items()}
+    fixed = ["calibration", "number", "state", "loss", "seconds [s]", "n_factorisations", "reason"]
+    rows = [
+        [label, t.number, t.state, t.loss, t.seconds, t.n_factorisations, t.reason, *(t.theta.get(n) for n in units)]
+        for label, result in results.items()
+        for t in result.trials
+    ]
+    heads = [*fixed, *(f"{name} [{unit}]" for name, unit in units.items())]
+    write_text(folder / "trials.csv", csv_text(heads, rows))
     summaries = {name: result_json(result) for name, result in results.items()}
     document = {
         **result_json(replace(headline, hashes={**project.hashes, **headline.hashes})),
@@ -421,14 +429,3 @@ def _copy_inputs(project: Project, folder: Path) -> dict[str, str]:
         write_mesh(mesh, folder / place)
         copies[stored_mesh(name)] = place.as_posix()
     return copies
-
-
-def _trials_csv(results: Mapping[str, SearchResult]) -> str:
-    units = {name: e.unit for result in results.values() for name, e in result.parameters.items()}
-    fixed = ["calibration", "number", "state", "loss", "seconds [s]", "n_factorisations", "reason"]
-    rows = [
-        [label, t.number, t.state, t.loss, t.seconds, t.n_factorisations, t.reason, *(t.theta.get(n) for n in units)]
-        for label, result in results.items()
-        for t in result.trials
-    ]
-    return csv_text([*fixed, *(f"{name} [{unit}]" for name, unit in units.items())], rows)

@@ -65,6 +65,12 @@ def simulate_to_folder(
     """
     require_free_folder(folder)
     simulator = engine_for(engine, project.robot, project.engines)
+    of_engine: dict[str, object] = {}
+    if engine != SOFTCAL:
+        from softcal.export.engine import engine_settings
+
+        own = engine_settings(engine, project.engines)
+        of_engine = {"engines": {} if own is None else {engine: asdict(own)}}
     if in_time:
         responses = simulate_each_in_time(project, cases, progress=progress, ready=ready)
     else:
@@ -95,22 +101,12 @@ def simulate_to_folder(
                 for name, response in responses.items()
             },
             **({"dynamics": asdict(project.dynamics)} if in_time else {"engine": engine}),
-            **_of_engine(project, engine),
+            **of_engine,
             "hashes": dict(project.hashes),
             "versions": installed_versions(),
         }
         (part / "simulation.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     return responses
-
-
-def _of_engine(project: Project, engine: str) -> dict[str, dict[str, object]]:
-    """The settings of an engine that is not softcal itself."""
-    if engine == SOFTCAL:
-        return {}
-    from softcal.export.engine import engine_settings
-
-    settings = engine_settings(engine, project.engines)
-    return {"engines": {} if settings is None else {engine: asdict(settings)}}
 
 
 def _draw(robot: Robot, name: str, response: Response, folder: Path) -> None:

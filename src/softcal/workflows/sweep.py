@@ -9,7 +9,7 @@ from typing import Any
 
 from softcal.analysis.nominal import Nominal, nominal
 from softcal.analysis.sweep import BestCell, best_cells, section_errors, sections
-from softcal.calibration.problem.loss import LOSSES, Loss
+from softcal.calibration.problem.loss import LOSSES
 from softcal.calibration.problem.parameters import search_space
 from softcal.calibration.problem.problem import Problem
 from softcal.calibration.results.result import SweepResult, Trial
@@ -199,7 +199,11 @@ def make_sweep(project: Project, axes: Sequence[Axis], experiments: Sequence[str
         raise ParameterError(faults)
     chosen = tuple(project.experiments[name] for name in names)
     space = search_space([axis.parameter for axis in axes], names, project.parameters)
-    return Problem(project.robot, chosen, space, _loss(project, chosen))
+    # Paper B's distance where positions alone are compared, else the project's loss.
+    placed = all(e.point_of(channel) for e in chosen for channel in e.compared)
+    loss = project.calibration.model_copy(update={"loss": "distance"}) if placed else project.calibration
+    length = next((e.rig.length for e in chosen if e.rig.length is not None), None)
+    return Problem(project.robot, chosen, space, make_loss(loss, length))
 
 
 def sweep_csv(result: SweepResult) -> str:
@@ -242,7 +246,19 @@ def sweep_json(found: Swept) -> dict[str, Any]:
             "reason": known.failure,
             "errors": {s.name: s.shown(errors[s.name]) for s in sections(result) if s.name in errors},
         },
-        "best": {best.section.name: _best_json(best) for best in found.best},
+        "best": {
+            best.section.name: {
+                "cell": best.trial.number,
+                "parameters": dict(best.trial.theta),
+                "error": best.section.shown(best.error),
+                "unit": best.section.shown_unit,
+                "nominal_error": None if best.nominal is None else best.section.shown(best.nominal),
+                "error_reduction_percent": best.reduction,
+                "improvement_percent": best.improvement,
+                "notes": list(best.notes),
+            }
+            for best in found.best
+        },
         "improvement_percent": FORMULA,
     }
 
@@ -255,19 +271,6 @@ def _header(units: Mapping[str, str], loss: str) -> list[str]:
 def _row(trial: Trial, parameters: Sequence[str]) -> list[object]:
     loss = "" if trial.loss is None else trial.loss
     return [trial.number, trial.state, trial.reason, *(trial.theta[name] for name in parameters), loss]
-
-
-def _best_json(best: BestCell) -> dict[str, Any]:
-    return {
-        "cell": best.trial.number,
-        "parameters": dict(best.trial.theta),
-        "error": best.section.shown(best.error),
-        "unit": best.section.shown_unit,
-        "nominal_error": None if best.nominal is None else best.section.shown(best.nominal),
-        "error_reduction_percent": best.reduction,
-        "improvement_percent": best.improvement,
-        "notes": list(best.notes),
-    }
 
 
 def _axes(project: Project, over: Mapping[str, str | Sequence[str | float]] | None) -> list[Axis]:
@@ -292,11 +295,3 @@ def _axes(project: Project, over: Mapping[str, str | Sequence[str | float]] | No
     if faults:
         raise ParameterError(faults)
     return axes
-
-
-def _loss(project: Project, chosen: Sequence[Any]) -> Loss:
-    """Paper B's distance where positions alone are compared, else the project's loss."""
-    placed = all(e.point_of(channel) for e in chosen for channel in e.compared)
-    loss = "distance" if placed else project.calibration.loss
-    length = next((e.rig.length for e in chosen if e.rig.length is not None), None)
-    return make_loss(project.calibration.model_copy(update={"loss": loss}), length)

@@ -7,15 +7,13 @@ from functools import partial
 from pathlib import Path
 
 from softcal.analysis.validation import Prediction, Validation, folds_of, leave_out, with_split
-from softcal.calibration.problem.problem import Problem
 from softcal.calibration.search.interrupts import stoppable
 from softcal.calibration.search.search import Progress
-from softcal.calibration.search.settings import SearchSettings
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, ParameterError
 from softcal.executors.chosen import Workers
-from softcal.project.project import Project, ProjectSource, project_of
+from softcal.project.project import ProjectSource, project_of
 from softcal.workflows.calibration import make_problem
 from softcal.workflows.output import require_free_file, write_new_file
 
@@ -64,7 +62,19 @@ def validate(
     else:
         project = project_of(projects)
         labelled = {project.name: project}
-    problems = _problems(labelled, split)
+    problems = {label: (make_problem(one), one.calibration.search) for label, one in labelled.items()}
+    names = {label: ", ".join(e.name for e in problem.experiments) for label, (problem, _) in problems.items()}
+    first, *others = names
+    faults = [
+        Fault("the projects have different experiments", other, names[other], names[first])
+        for other in others
+        if names[other] != names[first]
+    ]
+    if faults:
+        raise ParameterError(faults)
+    for label, (problem, settings) in list(problems.items()):
+        for tied in split:
+            problems[f"{label}, {tied} split"] = with_split(problem, tied), settings
     folds = folds_of(next(iter(problems.values()))[0], hold_out)
     models: dict[str, tuple[Prediction, ...]] = {}
     with stoppable() as stop:
@@ -110,25 +120,3 @@ def validation_csv(found: Validation) -> str:
                     n, rmse = len(test.fit.measured[channel]), test.fit.rmse[channel]
                     rows.append([*first, channel, test.fit.units[channel], rmse, "", "", "", n, values])
     return csv_text([*header, "parameters"], rows)
-
-
-def _problems(projects: Mapping[str, Project], split: Sequence[str]) -> dict[str, tuple[Problem, SearchSettings]]:
-    problems = {label: (make_problem(project), project.calibration.search) for label, project in projects.items()}
-    names = {label: [e.name for e in problem.experiments] for label, (problem, _) in problems.items()}
-    first, *others = names
-    faults = [
-        Fault(
-            "the projects have different experiments",
-            other,
-            got=", ".join(names[other]),
-            allowed=", ".join(names[first]),
-        )
-        for other in others
-        if names[other] != names[first]
-    ]
-    if faults:
-        raise ParameterError(faults)
-    for label, (problem, settings) in list(problems.items()):
-        for tied in split:
-            problems[f"{label}, {tied} split"] = with_split(problem, tied), settings
-    return problems

@@ -69,7 +69,18 @@ def bootstrap(
     began = time.perf_counter()
     require_at_least(samples=(samples, 100), seed=(seed, 0))
     found = resampled(problem, theta, over)
-    draws = _drawn(found, samples, np.random.default_rng(seed))
+    parts, chance = found.parts, np.random.default_rng(seed)
+    k = len(parts.names)
+    weights = k * chance.dirichlet(np.full(k, 1 - 2 / k), samples)  # the concentration that gives a variance of one
+    steps = parts.minima(weights) - parts.minimum
+    wider: Floats = student(found.without.total_dof) / student(np.array([np.inf]))
+    known = [row for source, held in zip(parts.known, parts.responses, strict=True) for row in source.rows(held)]
+    rows = np.concatenate([np.zeros((0, steps.shape[1])), *(np.atleast_2d(row) for row in known)])
+    more: Floats = chance.standard_normal((samples, len(rows))) @ rows
+    z = parts.minimum + wider * (steps + more)
+    for i in np.flatnonzero(np.any((z < 0.0) | (z > 1.0), axis=1)):
+        z[i] = nearest_within(z[i], found.root)
+    draws = _Draws(weights, steps, np.clip(z, 0.0, 1.0), wider)
     given = np.flatnonzero(found.without.determined)
     tail = 50 * (1 - CONFIDENCE)
     ends = {int(j): tuple(np.percentile(draws.z[:, j], [tail, 100 - tail])) for j in given}
@@ -108,21 +119,6 @@ class _Draws:
     steps: Floats
     z: Floats
     wider: Floats
-
-
-def _drawn(found: Resampled, samples: int, chance: np.random.Generator) -> _Draws:
-    parts, root = found.parts, found.root
-    k = len(parts.names)
-    weights = k * chance.dirichlet(np.full(k, 1 - 2 / k), samples)  # the concentration that gives a variance of one
-    steps = parts.minima(weights) - parts.minimum
-    wider: Floats = student(found.without.total_dof) / student(np.array([np.inf]))
-    known = [row for source, held in zip(parts.known, parts.responses, strict=True) for row in source.rows(held)]
-    rows = np.concatenate([np.zeros((0, steps.shape[1])), *(np.atleast_2d(row) for row in known)])
-    more: Floats = chance.standard_normal((samples, len(rows))) @ rows
-    z = parts.minimum + wider * (steps + more)
-    for i in np.flatnonzero(np.any((z < 0.0) | (z > 1.0), axis=1)):
-        z[i] = nearest_within(z[i], root)
-    return _Draws(weights, steps, np.clip(z, 0.0, 1.0), wider)
 
 
 @dataclass(eq=False)

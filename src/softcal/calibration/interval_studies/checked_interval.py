@@ -117,21 +117,6 @@ class IntervalStudy:
     points: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
     excess: tuple[float, ...] = ()
 
-    def _by_chance(self) -> str:
-        """That chance explains the differences, with those that are large all the same."""
-        text = f"No interval by {self.by} differs from the quick one by more than chance explains"
-        large = [
-            f"{label} (p = {one.chance:.2g})"
-            for label, one in self.intervals.items()
-            if one.chance is not None and one.difference is not None and one.difference > LARGE
-        ]
-        if not large:
-            return f"{text}."
-        return (
-            f"{text}, but of so few groups chance explains much: {', '.join(large)} differ{'s' * (len(large) == 1)} by "
-            "more than the quick half-length. Where a group is suspect, look at the values without it."
-        )
-
     def _repr_html_(self) -> str:
         rows = [
             [label, format_quantity(one.value, one.unit), one.text(one.quick), one.text(one.found)]
@@ -154,7 +139,19 @@ class IntervalStudy:
             found = (*found, f"There is no quick interval of {', '.join(missing)}.")
         if not found and any(one.difference is not None for one in self.intervals.values()):
             if any(one.chance is not None for one in self.intervals.values()):
-                return (self._by_chance(),)
+                text = f"No interval by {self.by} differs from the quick one by more than chance explains"
+                large = [
+                    f"{label} (p = {one.chance:.2g})"
+                    for label, one in self.intervals.items()
+                    if one.chance is not None and one.difference is not None and one.difference > LARGE
+                ]
+                if large:
+                    text += (
+                        f", but of so few groups chance explains much: {', '.join(large)} "
+                        f"differ{'s' * (len(large) == 1)} by more than the quick half-length. Where a group is "
+                        "suspect, look at the values without it"
+                    )
+                return (f"{text}.",)
             share = f"{100 * DIFFERS:.0f} %"
             return (f"No end differs from that of the quick interval by more than {share} of its half-length.",)
         return found

@@ -14,12 +14,12 @@ as Newton's method does, in two to four trajectories.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from softcal.calibration.interval_studies.adjusted_likelihood import Calibrated, calibrated
+from softcal.calibration.interval_studies.adjusted_likelihood import calibrated
 from softcal.calibration.interval_studies.checked_interval import IntervalStudy, checked
 from softcal.calibration.interval_studies.likelihood_points import (
     MOST,
@@ -142,39 +142,25 @@ def profile(
     facts = {"trajectories": float(simulated.n_trajectories), "evaluations": float(simulated.n_evaluations)}
     least = min(one.value for one in simulated.seen)
     thetas = [space.to_model(one.z) for one in simulated.seen]
-    found, notes = _concluded(held, best.z, ends)
+    found: dict[str, tuple[float, float] | None] = {}
+    notes: list[str] = []
+    for j, (label, estimate) in enumerate(held.estimates.items()):
+        value_at = space.parameters[j].value_at
+        low, high = (end for end in ends if end.j == j)
+        for end, side in ((low, "lower"), (high, "upper")):
+            if end.found is None:
+                last = f"the profile is followed to {value_at(float(end.last[j])):.6g} {estimate.unit}"
+                notes.append(f"{label}: the {side} end is unknown, {last}. {end.failure}")
+        found[label] = None
+        if low.found is not None and high.found is not None:
+            value = estimate.value
+            found[label] = (min(value_at(float(low.found)), value), max(value_at(float(high.found)), value))
     return IntervalStudy(
         "profile",
         checked(held.estimates, found, NOT_LINEAR),
-        notes,
+        tuple(notes),
         facts,
         time.perf_counter() - began,
         {label: tuple(one[label] for one in thetas) for label in space.labels},
         tuple(one.value - least for one in simulated.seen),
     )
-
-
-def _concluded(
-    held: Calibrated, best: Floats, ends: Sequence[_End]
-) -> tuple[dict[str, tuple[float, float] | None], tuple[str, ...]]:
-    """The intervals [SI by label], and remarks."""
-    space = held.problem.space
-    found: dict[str, tuple[float, float] | None] = {}
-    notes: list[str] = []
-
-    def model(j: int, value: float) -> float:
-        moved = best.copy()
-        moved[j] = value
-        return space.to_model(moved)[space.labels[j]]
-
-    for j, (label, estimate) in enumerate(held.estimates.items()):
-        low, high = (end for end in ends if end.j == j)
-        for end, side in ((low, "lower"), (high, "upper")):
-            if end.found is None:
-                last = f"the profile is followed to {model(j, float(end.last[j])):.6g} {estimate.unit}"
-                notes.append(f"{label}: the {side} end is unknown, {last}. {end.failure}")
-        found[label] = None
-        if low.found is not None and high.found is not None:
-            value = estimate.value
-            found[label] = (min(model(j, low.found), value), max(model(j, high.found), value))
-    return found, tuple(notes)

@@ -52,12 +52,6 @@ class Resampled:
         problem = self.held.problem
         return reweighted(problem.loss, z, problem.space.jacobian(z), blocks, self.groups, self.held.found)
 
-    def model(self, j: int, value: float) -> float:
-        """A value of parameter j [SI], from the unit box."""
-        z = self.held.z.copy()
-        z[j] = value
-        return self.held.problem.space.to_model(z)[self.labels[j]]
-
     def study(
         self,
         by: str,
@@ -85,7 +79,7 @@ class Resampled:
         for j, (label, e) in enumerate(held.estimates.items()):
             found = None
             if j in ends:
-                low, high = (self.model(j, end) for end in ends[j])
+                low, high = (self.held.problem.space.parameters[j].value_at(float(end)) for end in ends[j])
                 found = (min(low, e.value), max(high, e.value))
             chance = float(chances[j]) if j in ends else None
             if self.without.ratios(self.held.found)[j] > 1.0:

@@ -106,7 +106,33 @@ class Experiment(Checked):
         if self.rig.backlash is not None and not any(self.twin_channel(one).kind == SHORTENING for one in self.drives):
             got = ", ".join(self.drives) or "no cable that is driven"
             faults.append(Fault("backlash is lost travel, and no shortening drives this test", self.name, got))
-        faults += self._compare_faults()
+        if not self.compared:
+            driving = ", ".join(self.drives)
+            faults.append(
+                Fault(
+                    "there is nothing to compare with the twin",
+                    self.name,
+                    got=f"{driving}, which drives it" if driving else "no channel of the twin",
+                    allowed="positions, angles, or the tension or shortening that does not drive the twin",
+                    attempt="what was measured beside it; to pull a cable without a measurement, simulate --pull",
+                )
+            )
+        faults += [
+            Fault("the channel that drives the twin cannot be compared", self.name, got=channel)
+            for channel in self.compared
+            if channel in self.drives
+        ]
+        for channel in [c for c in self.compared if c in self.dataset.channels]:
+            known, sigma = self.seen(channel), self.sigma(channel)
+            if not np.any(known):
+                faults.append(Fault("a compared channel has no value at all", self.name, got=channel))
+            stated = sigma[known & (sigma > 0)]
+            ends = dict.fromkeys((stated.min(), stated.max())) if len(stated) else ()
+            kind = noise_in(self.dataset.channels[channel].unit)
+            faults += [fault for end in ends if (fault := kind.fault(end, f"{self.name}, {channel}")) is not None]
+            if not np.all(sigma[known] >= 0):
+                rows = _rows(known & ~(sigma >= 0))
+                faults.append(Fault("a standard deviation is missing or negative", self.name, f"{channel}, {rows}"))
         if faults:
             raise DatasetError(faults)
 
@@ -207,37 +233,6 @@ class Experiment(Checked):
         short = [c for c in of_cable if self.cable or not channels[c].kind.drives]
         short.sort(key=lambda c: channels[c].kind.compared)
         return (*short, *(c for c, name in channels.items() if name.carrier))
-
-    def _compare_faults(self) -> list[Fault]:
-        faults: list[Fault] = []
-        if not self.compared:
-            driving = ", ".join(self.drives)
-            faults.append(
-                Fault(
-                    "there is nothing to compare with the twin",
-                    self.name,
-                    got=f"{driving}, which drives it" if driving else "no channel of the twin",
-                    allowed="positions, angles, or the tension or shortening that does not drive the twin",
-                    attempt="what was measured beside it; to pull a cable without a measurement, simulate --pull",
-                )
-            )
-        faults += [
-            Fault("the channel that drives the twin cannot be compared", self.name, got=channel)
-            for channel in self.compared
-            if channel in self.drives
-        ]
-        for channel in [c for c in self.compared if c in self.dataset.channels]:
-            known, sigma = self.seen(channel), self.sigma(channel)
-            if not np.any(known):
-                faults.append(Fault("a compared channel has no value at all", self.name, got=channel))
-            stated = sigma[known & (sigma > 0)]
-            ends = dict.fromkeys((stated.min(), stated.max())) if len(stated) else ()
-            kind = noise_in(self.dataset.channels[channel].unit)
-            faults += [fault for end in ends if (fault := kind.fault(end, f"{self.name}, {channel}")) is not None]
-            if not np.all(sigma[known] >= 0):
-                rows = _rows(known & ~(sigma >= 0))
-                faults.append(Fault("a standard deviation is missing or negative", self.name, f"{channel}, {rows}"))
-        return faults
 
 
 def rig_parameters(experiments: Iterable[Experiment]) -> dict[str, ParameterInfo]:

@@ -26,12 +26,29 @@ def friction_faults(robot: Robot, experiment: Experiment, free: Collection[str])
     free
         The parameters that are free or uncertain in it.
     """
-    return [
-        *pulley_faults(experiment),
-        *_cable_faults(robot, experiment, free),
-        *_order_faults(robot, experiment),
-        *_time_faults(robot, experiment),
-    ]
+    faults = pulley_faults(experiment)
+    branch = branch_of(experiment.dataset) or "loading"
+    if branch != "loading" or _lets_go(experiment):
+        for cable in robot.cables:
+            key = f"{cable.name}.friction_coefficient"
+            friction = experiment.settings.get(key, cable.friction_coefficient)
+            reverses = cable.line.friction_memory or cable.name not in experiment.cables
+            if not reverses and (friction > 0.0 or key in free):
+                got = "its samples do both" if branch == "loading" else f"take_branch: {branch}"
+                faults.append(let_go_fault(experiment.name, cable.name, got))
+    faults += _order_faults(robot, experiment)
+    times = experiment.times
+    if robot.needs_time and (times is None or not np.all(np.diff(times) >= 0.0)):
+        faults.append(
+            Fault(
+                "a material that relaxes or flows needs the time of every sample",
+                experiment.name,
+                got="no time, or not of all samples" if times is None else "times that do not ascend",
+                allowed="a channel time, whose values never fall",
+                attempt="columns: {time: {name: NAME}} of the file, or no relaxation, maxwell or flow in the history",
+            )
+        )
+    return faults
 
 
 def pulley_faults(experiment: Experiment) -> list[Fault]:
@@ -106,39 +123,6 @@ def _order_faults(robot: Robot, experiment: Experiment) -> list[Fault]:
             attempt=attempt,
         )
     ]
-
-
-def _time_faults(robot: Robot, experiment: Experiment) -> list[Fault]:
-    """Samples whose times are not known, or do not ascend, of a material that relaxes or flows."""
-    if not robot.needs_time:
-        return []
-    times = experiment.times
-    if times is not None and bool(np.all(np.diff(times) >= 0.0)):
-        return []
-    return [
-        Fault(
-            "a material that relaxes or flows needs the time of every sample",
-            experiment.name,
-            got="no time, or not of all samples" if times is None else "times that do not ascend",
-            allowed="a channel time, whose values never fall",
-            attempt="columns: {time: {name: NAME}} of the file, or no relaxation, maxwell or flow in the history",
-        )
-    ]
-
-
-def _cable_faults(robot: Robot, experiment: Experiment, free: Collection[str]) -> list[Fault]:
-    branch = branch_of(experiment.dataset) or "loading"
-    if branch == "loading" and not _lets_go(experiment):
-        return []
-    faults: list[Fault] = []
-    for cable in robot.cables:
-        key = f"{cable.name}.friction_coefficient"
-        friction = experiment.settings.get(key, cable.friction_coefficient)
-        reverses = cable.line.friction_memory or cable.name not in experiment.cables
-        if not reverses and (friction > 0.0 or key in free):
-            got = "its samples do both" if branch == "loading" else f"take_branch: {branch}"
-            faults.append(let_go_fault(experiment.name, cable.name, got))
-    return faults
 
 
 def _lets_go(experiment: Experiment) -> bool:

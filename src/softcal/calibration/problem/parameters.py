@@ -56,8 +56,34 @@ class FreeParameter(ScopedParameter):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if faults := _faults(self):
+        faults: list[Fault] = []
+        bounds = f"{self.lower:.6g} to {self.upper:.6g} {self.unit}"
+        if self.lower >= self.upper:
+            faults.append(Fault("the bounds are reversed or equal", self.label, bounds, "lower < upper"))
+        elif self.start is not None and not self.lower <= self.start <= self.upper:
+            faults.append(Fault("the start is outside the bounds", self.label, f"{self.start:.6g} {self.unit}", bounds))
+        if self.scale == "log" and self.lower <= 0:
+            what, attempt = "a log scale needs bounds above zero", "a linear scale, or a higher bound"
+            faults.append(Fault(what, self.label, bounds, attempt=attempt))
+        if (self.prior_mean is None) != (self.prior_sd is None):
+            faults.append(Fault("a prior needs both a mean and an sd", self.label))
+        if self.prior_sd is not None and self.prior_sd <= 0:
+            got = f"{self.prior_sd:.6g} {self.unit}"
+            faults.append(Fault("the prior's sd must be above zero", self.label, got))
+        if faults:
             raise ParameterError(faults)
+
+    def value_at(self, z: float) -> float:
+        """The value [unit] at a place in the unit interval of the search."""
+        # The bounds themselves are hit exactly: exp(log(x)) may step over them by one unit in the last place, and a
+        # step to a bound may end short of it by as much.
+        if z <= _ROUNDING:
+            return self.lower
+        if z >= 1 - _ROUNDING:
+            return self.upper
+        if self.scale == "log":
+            return self.lower * math.exp(z * math.log(self.upper / self.lower))
+        return self.lower + z * (self.upper - self.lower)
 
 
 @displayed
@@ -91,7 +117,7 @@ class SearchSpace:
 
     def to_model(self, z: Sequence[float] | Floats) -> dict[str, float]:
         """theta [SI] by label at a point of the unit box."""
-        return {p.label: _to_model(p, float(value)) for p, value in zip(self.parameters, z, strict=True)}
+        return {p.label: p.value_at(float(value)) for p, value in zip(self.parameters, z, strict=True)}
 
     @property
     def start(self) -> dict[str, float]:
@@ -234,36 +260,3 @@ def split(space: SearchSpace, label: str, known: Mapping[str, ParameterInfo]) ->
             continue
         parts += [replace(p, name=t, of=(), floor=known[t].floor, ceiling=known[t].ceiling) for t in p.targets]
     return SearchSpace(tuple(parts))
-
-
-def _faults(parameter: FreeParameter) -> list[Fault]:
-    label, unit = parameter.label, parameter.unit
-    faults: list[Fault] = []
-    bounds = f"{parameter.lower:.6g} to {parameter.upper:.6g} {unit}"
-    if parameter.lower >= parameter.upper:
-        faults.append(Fault("the bounds are reversed or equal", label, got=bounds, allowed="lower < upper"))
-    elif parameter.start is not None and not parameter.lower <= parameter.start <= parameter.upper:
-        faults.append(
-            Fault("the start is outside the bounds", label, got=f"{parameter.start:.6g} {unit}", allowed=bounds)
-        )
-    if parameter.scale == "log" and parameter.lower <= 0:
-        faults.append(
-            Fault("a log scale needs bounds above zero", label, got=bounds, attempt="a linear scale, or a higher bound")
-        )
-    if (parameter.prior_mean is None) != (parameter.prior_sd is None):
-        faults.append(Fault("a prior needs both a mean and an sd", label))
-    if parameter.prior_sd is not None and parameter.prior_sd <= 0:
-        faults.append(Fault("the prior's sd must be above zero", label, got=f"{parameter.prior_sd:.6g} {unit}"))
-    return faults
-
-
-def _to_model(parameter: FreeParameter, z: float) -> float:
-    # The bounds themselves are hit exactly: exp(log(x)) may step over them by one unit in the last place, and a step to
-    # a bound may end short of it by as much.
-    if z <= _ROUNDING:
-        return parameter.lower
-    if z >= 1 - _ROUNDING:
-        return parameter.upper
-    if parameter.scale == "log":
-        return parameter.lower * math.exp(z * math.log(parameter.upper / parameter.lower))
-    return parameter.lower + z * (parameter.upper - parameter.lower)

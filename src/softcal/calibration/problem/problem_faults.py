@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from softcal.calibration.problem.experiment import Experiment, rig_parameters
@@ -14,7 +14,7 @@ from softcal.calibration.problem.uncertain import UncertainParameter, free_and_u
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.sensing.channel import carriers
 from softcal.twin.channels import channels_of, sensors_of
-from softcal.twin.parameters import ParameterInfo, out_of_range, robot_parameters, unknown_name
+from softcal.twin.parameters import out_of_range, robot_parameters, unknown_name
 from softcal.twin.robot import Robot
 
 
@@ -41,28 +41,14 @@ def problem_faults(
         e.name: space.free_in(e.name) | {t for p in uncertain if p.serves(e.name) for t in p.targets}
         for e in experiments
     }
-    return [
-        *_part_faults(robot, experiments),
-        *_space_faults(experiments, space, loss, known),
-        *_setting_faults(robot, experiments, space, known),
-        *(fault for e in experiments for fault in friction_faults(robot, e, varied[e.name])),
-        *_uncertain_faults(uncertain, experiments, space, known),
-    ]
-
-
-def _part_faults(robot: Robot, experiments: Sequence[Experiment]) -> list[Fault]:
-    """Experiments' names, and the cables and channels that the robot does not have."""
     names = [experiment.name for experiment in experiments]
     cables = [cable.name for cable in robot.cables]
     faults = [Fault("two experiments share a name", got=name) for name in sorted(set(names)) if names.count(name) > 1]
-    for name in sorted(name for name in names if not re.fullmatch(r"[\w.+-][\w.+ -]*", name)):
-        faults.append(
-            Fault(
-                "the experiment's name cannot name a file",
-                got=f"'{name}'",
-                allowed="letters, digits, space and . _ + -",
-            )
-        )
+    faults += [
+        Fault("the experiment's name cannot name a file", "", f"'{name}'", "letters, digits, space and . _ + -")
+        for name in sorted(names)
+        if not re.fullmatch(r"[\w.+-][\w.+ -]*", name)
+    ]
     if not experiments:
         faults.append(Fault("there is no experiment to calibrate with", "experiments", allowed="at least one"))
     for experiment in experiments:
@@ -72,55 +58,18 @@ def _part_faults(robot: Robot, experiments: Sequence[Experiment]) -> list[Fault]
             if cable not in cables
         ]
         faults += channel_faults(robot, experiment)
-    return faults
-
-
-def _space_faults(
-    experiments: Sequence[Experiment], space: SearchSpace, loss: Loss, known: Mapping[str, ParameterInfo]
-) -> list[Fault]:
-    """Free parameters that no experiment has, priors that the loss does not count, and names that do not exist."""
-    names = {experiment.name for experiment in experiments}
-    faults = [
-        Fault("the parameter belongs to no experiment of the problem", p.label, allowed=", ".join(sorted(names)))
+    faults += [
+        Fault("the parameter belongs to no experiment of the problem", p.label, allowed=", ".join(sorted(set(names))))
         for p in space.parameters
         if not p.serves(*names)
     ]
     if not loss.uses_priors:
-        faults += [
-            Fault(
-                f"the loss '{loss.name}' does not use priors",
-                p.label,
-                attempt="the loss 'likelihood', or no prior",
-            )
-            for p in space.parameters
-            if p.prior_sd is not None
-        ]
+        what, attempt = f"the loss '{loss.name}' does not use priors", "the loss 'likelihood', or no prior"
+        faults += [Fault(what, p.label, attempt=attempt) for p in space.parameters if p.prior_sd is not None]
     try:
         search_space(space.parameters, (), known)
     except ParameterError as error:
         faults += error.faults
-    return faults
-
-
-def _uncertain_faults(
-    uncertain: Sequence[UncertainParameter],
-    experiments: Sequence[Experiment],
-    space: SearchSpace,
-    known: Mapping[str, ParameterInfo],
-) -> list[Fault]:
-    try:
-        uncertain_parameters(uncertain, (), known)
-    except ParameterError as error:
-        return list(error.faults)
-    names = [experiment.name for experiment in experiments]
-    return free_and_uncertain(uncertain, names, {name: space.free_in(name) for name in names})
-
-
-def _setting_faults(
-    robot: Robot, experiments: Sequence[Experiment], space: SearchSpace, known: Mapping[str, ParameterInfo]
-) -> list[Fault]:
-    """Settings of an experiment that name no parameter of it, are out of range, or are free at once."""
-    faults: list[Fault] = []
     for experiment in experiments:
         where = f"settings of {experiment.name}"
         here = {**robot_parameters(robot), **rig_parameters([experiment])}
@@ -131,10 +80,15 @@ def _setting_faults(
             elif fault := out_of_range(known[name], value):
                 faults.append(replace(fault, where=f"{where}, {name}"))
             if name in free:
-                faults.append(
-                    Fault("the parameter is set and free at once", f"{where}, {name}", attempt="one of the two")
-                )
-    return faults
+                what = "the parameter is set and free at once"
+                faults.append(Fault(what, f"{where}, {name}", attempt="one of the two"))
+    for experiment in experiments:
+        faults += friction_faults(robot, experiment, varied[experiment.name])
+    try:
+        uncertain_parameters(uncertain, (), known)
+    except ParameterError as error:
+        return [*faults, *error.faults]
+    return [*faults, *free_and_uncertain(uncertain, names, {name: space.free_in(name) for name in names})]
 
 
 def channel_faults(robot: Robot, experiment: Experiment) -> list[Fault]:

@@ -43,6 +43,11 @@ def experiment_fit(
         if len(parts) == 3:
             away = np.sqrt(sum(errors[part] ** 2 for part in parts))
             distances[point] = Distance(float(away.mean()), float(away.max()), rms(away), len(away))
+    cycles: tuple[CycleFit, ...] = ()  # where their samples were looked for, and go both ways
+    if has_cycles(experiment.dataset) and {"shortening", "tension"} & seen.predicted.keys():
+        simulated = {name: replace(one, values=seen.predicted.get(name, one.values)) for name, one in channels.items()}
+        both = zip(loops(experiment.dataset), loops(replace(experiment.dataset, channels=simulated)), strict=True)
+        cycles = tuple(CycleFit(*pair) for pair in both)
     return ExperimentFit(
         rmse={channel: rms(error) for channel, error in errors.items()},
         rmse_detrended={channel: rms_detrended(error) for channel, error in errors.items()},
@@ -55,7 +60,7 @@ def experiment_fit(
         missing={name: len(rows) for name, rows in missing_rows(experiment).items()},
         bands=_at_all(experiment, bands or {}),
         repeats=_at_all(experiment, repeats or {}),
-        cycles=_cycles(experiment.dataset, seen.predicted),
+        cycles=cycles,
     )
 
 
@@ -78,15 +83,6 @@ def _at_all(experiment: Experiment, widths: Mapping[str, Floats]) -> dict[str, F
         found[channel] = np.full(len(seen), np.nan)
         found[channel][seen] = values
     return found
-
-
-def _cycles(data: Dataset, predicted: Mapping[str, Floats]) -> tuple[CycleFit, ...]:
-    """The whole cycles of force and travel; none where their samples were not looked for, or go one way."""
-    if not has_cycles(data) or not {"shortening", "tension"} & predicted.keys():
-        return ()
-    channels = {name: replace(one, values=predicted.get(name, one.values)) for name, one in data.channels.items()}
-    both = zip(loops(data), loops(replace(data, channels=channels)), strict=True)
-    return tuple(CycleFit(measured, simulated) for measured, simulated in both)
 
 
 def has_cycles(data: Dataset) -> bool:

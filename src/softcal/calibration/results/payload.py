@@ -60,34 +60,30 @@ def decode(payload: bytes, path: Path, what: str) -> dict[str, Observation]:
         Where the bytes are damaged.
     """
     try:
-        return _decoded(payload)
+        predicted: dict[str, dict[str, Floats]] = {}
+        derivatives: dict[str, dict[str, dict[str, Floats]]] = {}
+        response: dict[str, dict[str, Floats]] = {}
+        units: dict[str, dict[str, str]] = {}
+        with np.load(io.BytesIO(payload), allow_pickle=False) as held:
+            if sum(one.file_size for one in held.zip.infolist()) > _LARGEST:  # to which zipfile keeps as it unpacks
+                raise ValueError(f"they unpack to more than {_LARGEST} bytes")
+            for i, key in enumerate(held["keys"].tolist()):
+                kind, name, channel, *last = key.split(_SEPARATOR)
+                values = held[str(i)]
+                if values.dtype != np.float64:
+                    raise ValueError(f"{key} is of the type {values.dtype}")
+                if kind == "predicted":
+                    predicted.setdefault(name, {})[channel] = values
+                elif kind == "derivative":
+                    derivatives.setdefault(name, {}).setdefault(channel, {})[last[0]] = values
+                else:
+                    response.setdefault(name, {})[channel] = values
+                    units.setdefault(name, {})[channel] = last[0]
+        return {
+            name: Observation(
+                channels, Derivatives.of(derivatives.get(name, {})), response.get(name, {}), units.get(name, {})
+            )
+            for name, channels in predicted.items()
+        }
     except _BROKEN as error:
         raise contradiction(path, what, f"its arrays are damaged ({error or type(error).__name__})") from error
-
-
-def _decoded(payload: bytes) -> dict[str, Observation]:
-    predicted: dict[str, dict[str, Floats]] = {}
-    derivatives: dict[str, dict[str, dict[str, Floats]]] = {}
-    response: dict[str, dict[str, Floats]] = {}
-    units: dict[str, dict[str, str]] = {}
-    with np.load(io.BytesIO(payload), allow_pickle=False) as held:
-        if sum(one.file_size for one in held.zip.infolist()) > _LARGEST:  # to which zipfile keeps as it unpacks
-            raise ValueError(f"they unpack to more than {_LARGEST} bytes")
-        for i, key in enumerate(held["keys"].tolist()):
-            kind, name, channel, *last = key.split(_SEPARATOR)
-            values = held[str(i)]
-            if values.dtype != np.float64:
-                raise ValueError(f"{key} is of the type {values.dtype}")
-            if kind == "predicted":
-                predicted.setdefault(name, {})[channel] = values
-            elif kind == "derivative":
-                derivatives.setdefault(name, {}).setdefault(channel, {})[last[0]] = values
-            else:
-                response.setdefault(name, {})[channel] = values
-                units.setdefault(name, {})[channel] = last[0]
-    return {
-        name: Observation(
-            channels, Derivatives.of(derivatives.get(name, {})), response.get(name, {}), units.get(name, {})
-        )
-        for name, channels in predicted.items()
-    }

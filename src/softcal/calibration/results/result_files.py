@@ -36,7 +36,30 @@ def write_result(result: SearchResult, folder: Path) -> None:
         # A value that was not measured is an empty cell.
         cells = ([float(value) if np.isfinite(value) else "" for value in values] for values in columns.values())
         tables[response_file(name)] = csv_text(list(columns), zip(*cells, strict=True))
-    tables[TRIALS] = _trials_csv(result)
+    # The reported errors of an experiment: of markers and plates, and of all other channels.
+    errors = {
+        (name, of): fit.units[of] if of in fit.alone else "m"
+        for name, fit in result.experiments.items()
+        for of in dict.fromkeys((*fit.distances, *fit.alone))
+    }
+    heads = [f"{name} [{p.unit}]" for name, p in result.parameters.items()]
+    heads += [f"loss of {name}" for name in result.experiments]
+    heads += [f"error of {name}: {of} [{unit}]" for (name, of), unit in errors.items()]
+    rows = [
+        [
+            t.number,
+            t.state,
+            "" if t.loss is None else t.loss,
+            t.seconds,
+            t.n_factorisations,
+            t.reason,
+            *(t.theta[name] for name in result.parameters),
+            *(t.experiment_losses.get(name, "") for name in result.experiments),
+            *(t.errors.get(name, {}).get(of, "") for name, of in errors),
+        ]
+        for t in result.trials
+    ]
+    tables[TRIALS] = csv_text([*TRIAL_COLUMNS, *heads], rows)
     for name, text in tables.items():
         write_text(folder / name, text)
     write_text(folder / RESULT, sealed(result_json(result), tables))
@@ -85,30 +108,3 @@ def _errors(name: str, fit: dict[str, Any]) -> dict[str, Any]:
         for distance in fit["distances"].values():
             distance |= {f"{key}_percent": 100 * distance[key] / length for key in ("mean", "max", "rms")}
     return {**errors, **fit, "file": response_file(name)}
-
-
-def _trials_csv(result: SearchResult) -> str:
-    parameters = [f"{name} [{p.unit}]" for name, p in result.parameters.items()]
-    experiments = [f"loss of {name}" for name in result.experiments]
-    # The reported errors of an experiment: of markers and plates, and of all other channels.
-    errors = {
-        (name, of): fit.units[of] if of in fit.alone else "m"
-        for name, fit in result.experiments.items()
-        for of in dict.fromkeys((*fit.distances, *fit.alone))
-    }
-    heads = [f"error of {name}: {of} [{unit}]" for (name, of), unit in errors.items()]
-    rows = [
-        [
-            t.number,
-            t.state,
-            "" if t.loss is None else t.loss,
-            t.seconds,
-            t.n_factorisations,
-            t.reason,
-            *(t.theta[name] for name in result.parameters),
-            *(t.experiment_losses.get(name, "") for name in result.experiments),
-            *(t.errors.get(name, {}).get(of, "") for name, of in errors),
-        ]
-        for t in result.trials
-    ]
-    return csv_text([*TRIAL_COLUMNS, *parameters, *experiments, *heads], rows)

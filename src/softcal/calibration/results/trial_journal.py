@@ -136,9 +136,26 @@ class TrialJournal:
         OSError
             Where the file cannot be written.
         """
+        import optuna
+
+        trial, now = stored.trial, datetime.now()
+        state = optuna.trial.TrialState.FAIL if trial.loss is None else optuna.trial.TrialState.COMPLETE
+        theirs = optuna.trial.FrozenTrial(
+            number=-1,  # the storage numbers them itself
+            trial_id=-1,
+            state=state,
+            value=trial.loss,
+            datetime_start=now - timedelta(seconds=trial.seconds),
+            datetime_complete=now,
+            params=dict(trial.theta),
+            distributions=distributions(space),
+            user_attrs={"number": trial.number, **attributes(stored)},
+            system_attrs={},
+            intermediate_values={},
+        )
         with self._whole():
             study = self._storage.get_study_id_from_name(STUDY)
-            self._storage.create_new_trial(study, template_trial=_as_optunas(stored, space))
+            self._storage.create_new_trial(study, template_trial=theirs)
 
     def read(self) -> Mapping[int, StoredTrial]:
         """Every trial, by number.
@@ -276,26 +293,6 @@ def _whole_lines(file: BinaryIO) -> tuple[int, bytes]:
         tail = file.read(step) + tail
         end = tail.rfind(b"\n") + 1
     return place + end, tail[: max(end - 1, 0)].rpartition(b"\n")[2]
-
-
-def _as_optunas(stored: StoredTrial, space: SearchSpace) -> optuna.trial.FrozenTrial:
-    import optuna
-
-    trial, now = stored.trial, datetime.now()
-    failed = trial.loss is None
-    return optuna.trial.FrozenTrial(
-        number=-1,  # the storage numbers them itself
-        trial_id=-1,
-        state=optuna.trial.TrialState.FAIL if failed else optuna.trial.TrialState.COMPLETE,
-        value=trial.loss,
-        datetime_start=now - timedelta(seconds=trial.seconds),
-        datetime_complete=now,
-        params=dict(trial.theta),
-        distributions=distributions(space),
-        user_attrs={"number": trial.number, **attributes(stored)},
-        system_attrs={},
-        intermediate_values={},
-    )
 
 
 def attributes(stored: StoredTrial) -> dict[str, Any]:

@@ -93,7 +93,11 @@ class Descent:
         if self.best is not None:
             self._judge_step(tried, evaluation)
         elif evaluation.loss is None:
-            self._retreat(tried.z, evaluation.failure)
+            if self._retreats >= _RETREATS or self.evaluations >= self.budget:
+                self._end(f"No point near the start could be simulated. {evaluation.failure}")
+            else:
+                self._retreats += 1
+                self.next = 0.5 * (tried.z + 0.5)
         else:
             self._move(tried, evaluation)
         if self.evaluations >= self.budget and self.next is not None:
@@ -245,13 +249,6 @@ class Descent:
         if self.best is None:
             return "."
         return f"; the next Gauss-Newton step is {self._distance:.2g} standard errors long."
-
-    def _retreat(self, tried: Floats, reason: str) -> None:
-        if self._retreats >= _RETREATS or self.evaluations >= self.budget:
-            self._end(f"No point near the start could be simulated. {reason}")
-            return
-        self._retreats += 1
-        self.next = 0.5 * (tried + 0.5)
 
     def _end(self, status: str, *, converged: bool = False) -> None:
         self.next = None

@@ -75,9 +75,12 @@ class Evaluator:
         if not proposals:
             return
         self._begun = True
-        # Where there are fewer points than workers, these share the trajectories of each.
-        found = self._shared if len(proposals) < self._executor.count else self._whole
-        for proposal, evaluation in zip(proposals, found([dict(p.theta) for p in proposals]), strict=True):
+        thetas = [dict(p.theta) for p in proposals]
+        if len(proposals) < self._executor.count:  # these share the trajectories of each
+            found = self._shared(thetas)
+        else:
+            found = each(self._executor, _evaluate, self._problem, [(theta, self._jacobian) for theta in thetas])
+        for proposal, evaluation in zip(proposals, found, strict=True):
             if isinstance(evaluation, LostCall):
                 self._lost += 1
                 if self._lost >= _HOPELESS and not self._succeeded:
@@ -119,9 +122,6 @@ class Evaluator:
             f"{self._executor.told} gave for trial {proposal.number} what is no evaluation of it: {why}. What was told "
             "so far is kept. Try: another --on, and resume."
         )
-
-    def _whole(self, thetas: Sequence[dict[str, float]]) -> Iterator[Evaluation | LostCall]:
-        return each(self._executor, _evaluate, self._problem, [(theta, self._jacobian) for theta in thetas])
 
     def _shared(self, thetas: Sequence[dict[str, float]]) -> Generator[Evaluation | LostCall]:
         began = time.perf_counter()

@@ -156,7 +156,13 @@ class _Bands:
         labels = alone.space.labels
         shared = [i for i, label in enumerate(labels) if label in self.space.labels]
         place = [self.space.labels.index(labels[i]) for i in shared]
-        noise = {self.loss.noise_group(block): self._noise_like(block) for block in seen.blocks if block.experiment}
+        # The noise of a block's group, or the largest of the same channel of the fitted ones; None where unknown.
+        known, noise = self.found.noise, dict[str, Noise | None]()
+        for block in (one for one in seen.blocks if one.experiment):
+            groups = (self.loss.noise_group(one) for one in self.fitted if one.channel == block.channel)
+            largest = max((known[g] for g in groups if g in known), key=lambda one: one.size, default=None)
+            group = self.loss.noise_group(block)
+            noise[group] = known.get(group, largest)
         found = replace(self.found, noise={name: one for name, one in noise.items() if one is not None})
         blocks = [
             (block, block.jacobian)
@@ -176,10 +182,3 @@ class _Bands:
             block.channel: half_width(self.loss, block, part, found.within_bounds, found)
             for (block, _), part in zip(blocks, np.split(slopes, ends[:-1]), strict=True)
         }
-
-    def _noise_like(self, block: Block) -> Noise | None:
-        """The noise of a block's group, or the largest of the same channel of the fitted ones; None where unknown."""
-        known = self.found.noise
-        groups = (self.loss.noise_group(one) for one in self.fitted if one.channel == block.channel)
-        alike = [known[group] for group in groups if group in known]
-        return known.get(self.loss.noise_group(block), max(alike, key=lambda one: one.size, default=None))

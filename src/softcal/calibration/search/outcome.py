@@ -188,7 +188,17 @@ def _of_all_trials(
     """Statistics at the best of many trials: how far it is from the minimum, and the importances over all of them."""
     if max(_steps(best.theta, local).values(), default=0.0) > _FAR:
         local = Statistics(dict.fromkeys(problem.space.labels), {}, (Remark(TOO_FAR),))
-    notes = [*local.notes, *_away(problem, best.theta, local)]
+    notes, steps = [*local.notes], _steps(best.theta, local)
+    if any(step > _AWAY for step in steps.values()):
+        units = {p.label: p.unit for p in problem.space.parameters}
+        places = [f"{name} = {format_quantity(local.minimum[name], units[name], digits=4)}" for name in steps]
+        notes.append(
+            Remark(
+                f"The best trial is not at the minimum of the loss but up to {plain(max(steps.values()), 2)} standard "
+                f"errors from it; by the derivatives there the minimum is at {', '.join(places)}. The intervals are "
+                "those of the minimum, and include the best trial. The method least-squares finds the minimum."
+            )
+        )
     completed = [(dict(trial.theta), trial.loss) for trial in trials if trial.loss is not None]
     importance: Mapping[str, float] = {}
     if (fault := missing("importance", "sklearn")) is not None:
@@ -208,22 +218,6 @@ def _steps(theta: Mapping[str, float], local: Statistics) -> dict[str, float]:
     return {name: abs(local.minimum[name] - theta[name]) / error for name, error in errors.items()}
 
 
-def _away(problem: Problem, theta: Mapping[str, float], local: Statistics) -> list[Remark]:
-    """A note where the minimum of the loss is not at the best trial."""
-    steps = _steps(theta, local)
-    if not any(step > _AWAY for step in steps.values()):
-        return []
-    units = {p.label: p.unit for p in problem.space.parameters}
-    places = [f"{name} = {format_quantity(local.minimum[name], units[name], digits=4)}" for name in steps]
-    return [
-        Remark(
-            f"The best trial is not at the minimum of the loss but up to {plain(max(steps.values()), 2)} standard "
-            f"errors from it; by the derivatives there the minimum is at {', '.join(places)}. The intervals are those "
-            "of the minimum, and include the best trial. The method least-squares finds the minimum."
-        )
-    ]
-
-
 def _notes(
     problem: Problem, parameters: Mapping[str, Estimate], trials: tuple[Trial, ...], n_failed: int
 ) -> list[Remark]:
@@ -234,7 +228,11 @@ def _notes(
         rows = missing_rows(experiment)
         if rows:
             labels = experiment.dataset.labels or [str(i + 1) for i in range(experiment.dataset.n_samples)]
-            named = "; ".join(f"{name} in {_states([labels[i] for i in held])}" for name, held in rows.items())
+            missed: list[str] = []
+            for name, held in rows.items():
+                shown = ", ".join(labels[i] for i in held[:6]) + (", …" if len(held) > 6 else "")
+                missed.append(f"{name} in " + (f"state {shown}" if len(held) == 1 else f"{len(held)} states ({shown})"))
+            named = "; ".join(missed)
             n_samples = experiment.dataset.n_samples
             notes.append(Remark(f"{experiment.name} ({n_samples} states): not measured, and so not compared: {named}."))
     if n_failed:
@@ -270,11 +268,6 @@ def saturated_note(result: SearchResult) -> Remark:
     n, n_values = len(result.parameters), sum(fit.n_values for fit in result.experiments.values())
     text = f"{n} parameter{'s were' if n > 1 else ' was'} fitted to {n_values} measured value{'s' * (n_values > 1)}"
     return Remark(f"{text}, so a close fit is no evidence for these values.", "warning")
-
-
-def _states(labels: list[str]) -> str:
-    shown = ", ".join(labels[:6]) + (", …" if len(labels) > 6 else "")
-    return f"state {shown}" if len(labels) == 1 else f"{len(labels)} states ({shown})"
 
 
 def fanova_importance(space: SearchSpace, trials: list[tuple[dict[str, float], float]], seed: int) -> dict[str, float]:

@@ -16,7 +16,6 @@ from softcal.regular_file import not_a_file
 
 if TYPE_CHECKING:
     import optuna
-    from optuna.storages.journal import JournalFileOpenLock
 
 MOST_BYTES = 2**30  # of a journal; that of a hundred thousand trials has less than half of it
 NO_JOURNAL, ANOTHER = "this file is no journal of a study", "journal:FILE of a new file, or of a study's"
@@ -60,11 +59,27 @@ def open_journal(path: Path) -> optuna.storages.BaseStorage:
         Where it cannot be read or made; where one of its lines is damaged.
     """
     from optuna.storages import JournalStorage
-    from optuna.storages.journal import JournalFileBackend
+    from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 
     if not not_a_file(path):
         _require_journal(path)
-    return JournalStorage(JournalFileBackend(str(path), lock_obj=_held(path)))
+
+    class HeldFile(JournalFileOpenLock):
+        """The operating system holds it, on the file itself, so that none is left where a process is killed."""
+
+        def acquire(self) -> bool:
+            self._file = hold(path, wait=True)
+            try:
+                cut_to_whole_lines(path)
+            except BaseException:
+                self._file.close()
+                raise
+            return True
+
+        def release(self) -> None:
+            self._file.close()
+
+    return JournalStorage(JournalFileBackend(str(path), lock_obj=HeldFile(str(path))))
 
 
 def _require_journal(path: Path) -> None:
@@ -90,23 +105,3 @@ def _require_journal(path: Path) -> None:
         raise StorageError(Fault(NO_JOURNAL, str(path), attempt=ANOTHER))
     if last:
         json.loads(last)
-
-
-def _held(path: Path) -> JournalFileOpenLock:
-    """A lock that the operating system holds, on the file itself, so that none is left where a process is killed."""
-    from optuna.storages.journal import JournalFileOpenLock
-
-    class HeldFile(JournalFileOpenLock):
-        def acquire(self) -> bool:
-            self._file = hold(path, wait=True)
-            try:
-                cut_to_whole_lines(path)
-            except BaseException:
-                self._file.close()
-                raise
-            return True
-
-        def release(self) -> None:
-            self._file.close()
-
-    return HeldFile(str(path))

@@ -21,7 +21,7 @@ from softcal.calibration.results.store import RunStore
 from softcal.calibration.results.stored import contradiction
 from softcal.calibration.results.trial_journal import JOURNAL, STUDY, StoredTrial, stored_trials
 from softcal.calibration.search.evaluator import Evaluator
-from softcal.calibration.search.interrupts import Stop, interrupts_held, stoppable
+from softcal.calibration.search.interrupts import interrupts_held, stoppable
 from softcal.calibration.search.live import told_live
 from softcal.calibration.search.optimisers.tpe import TpeOptimiser, tpe_sampler
 from softcal.calibration.search.outcome import Account
@@ -220,30 +220,6 @@ class _SharedTally:
         )
 
 
-def _answer(stop: Stop, waits: Callable[[], None], ask: Callable[[], _T]) -> _T:
-    """What `ask` gives, asked again for five minutes where the database does not answer, unless the user stops.
-
-    waits: called each time that it did not answer.
-
-    Raises
-    ------
-    StorageError
-        Where it gives nothing.
-    """
-    began: float | None = None
-    while True:
-        stop.heed()
-        try:
-            with interrupts_held():
-                return ask()
-        except UnansweredError:
-            began = time.monotonic() if began is None else began
-            if time.monotonic() - began >= OUTAGE:
-                raise
-        waits()
-        time.sleep(_PAUSE)
-
-
 def _about(search: Search, sharing: Sharing) -> StudyIdentity:
     settings = {name: value for name, value in search.settings.items() if name != "batch"}
     return StudyIdentity(sharing.study, search.identity, settings)
@@ -255,7 +231,19 @@ def _course(tally: _SharedTally, evaluator: Evaluator, executor: Executor, tell:
         with stoppable() as stop:
 
             def answered(ask: Callable[[], _T]) -> _T:
-                return _answer(stop, lambda: tell(tally.progress("an answer of the database")), ask)
+                # Asked again for five minutes where the database does not answer, unless the user stops.
+                began: float | None = None
+                while True:
+                    stop.heed()
+                    try:
+                        with interrupts_held():
+                            return ask()
+                    except UnansweredError:
+                        began = time.monotonic() if began is None else began
+                        if time.monotonic() - began >= OUTAGE:
+                            raise
+                    tell(tally.progress("an answer of the database"))
+                    time.sleep(_PAUSE)
 
             while True:
                 if answered(tally.look):

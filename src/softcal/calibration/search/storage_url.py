@@ -176,7 +176,9 @@ class StorageUrl:
             raise
         except Exception as error:  # whatever a driver raises
             known = isinstance(error, (OSError, sqlalchemy.exc.SQLAlchemyError, optuna.exceptions.OptunaError))
-            if (isinstance(error, BROKEN) or not known) and _raised_here(error):
+            *_, (frame, _) = traceback.walk_tb(error.__traceback__)
+            is_ours = str(frame.f_globals.get("__name__", "")).startswith("softcal.")
+            if (isinstance(error, BROKEN) or not known) and is_ours:  # a mistake of softcal's own
                 raise
             if isinstance(error, BROKEN) and self.file is not None:
                 raise StorageError(Fault(f"{NO_JOURNAL}, or it is damaged", str(self.file), attempt=ANOTHER)) from None
@@ -255,6 +257,7 @@ def storage_url(text: str) -> StorageUrl:
 
 
 def _database(url: str) -> optuna.storages.BaseStorage:
+    import sqlalchemy.exc
     from optuna.storages import RDBStorage
 
     # Optuna fills in a template, for which a brace would be a field. A connection is tried before it is used: servers
@@ -266,24 +269,13 @@ def _database(url: str) -> optuna.storages.BaseStorage:
             storage.remove_session()
             return storage
         except Exception as error:
-            if left == 0 or not _refused(error):
+            # A server that was reached refuses a statement, such as to make a table that another process just made; the
+            # error is Optuna's own, or SQLAlchemy's.
+            told = [e for e in (error, error.__cause__) if isinstance(e, sqlalchemy.exc.DBAPIError)]
+            if left == 0 or all(one.statement is None for one in told):
                 raise
             time.sleep(_PAUSE)
     raise AssertionError
-
-
-def _refused(error: BaseException) -> bool:
-    """Whether a server was reached and refused a statement, such as to make a table that another process just made."""
-    import sqlalchemy.exc
-
-    told = (error, error.__cause__)  # Optuna's own error, or SQLAlchemy's
-    return any(isinstance(one, sqlalchemy.exc.DBAPIError) and one.statement is not None for one in told)
-
-
-def _raised_here(error: BaseException) -> bool:
-    """Whether softcal raised an error itself, in which case it is a mistake of its own."""
-    *_, (frame, _) = traceback.walk_tb(error.__traceback__)
-    return str(frame.f_globals.get("__name__", "")).startswith("softcal.")
 
 
 def _reason(error: BaseException) -> str:

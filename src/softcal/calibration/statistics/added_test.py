@@ -182,7 +182,16 @@ def with_added_test(
     places = {name: (size + i * q, range(k + i * m, k + (i + 1) * m)) for i, name in enumerate(added.names)}
     wide = size + q * added.repeats
     errs = (*uncertain, *(added.uncertain * added.repeats))
-    seen = [weighed(loss, _padded(block, slopes, wide, len(errs))) for block in blocks]
+    # Jacobians in the unit box, with zeros for the added parameters, free and uncertain.
+    seen: list[Weighed] = []
+    for block in blocks:
+        if block.jacobian is None:
+            raise ValueError(f"the block '{block.channel}' has no jacobian")
+        moved = block.systematic
+        if moved is not None:
+            moved = np.pad(moved, ((0, 0), (0, len(errs) - moved.shape[1])))
+        jacobian = np.pad(block.jacobian * slopes, ((0, 0), (0, wide - len(slopes))))
+        seen.append(weighed(loss, replace(block, jacobian=jacobian, systematic=moved)))
     noises = {channel.name: _noise(loss, blocks, found, channel) for channel in added.channels}
     # The loss's weight times the noise's variance, the mean over the calibration's samples.
     products: list[Floats] = []
@@ -230,17 +239,6 @@ def with_added_test(
     left = sum(part.pull.T @ part.residual for part in parts if part.experiment not in places)
     step = linear.step(-inverse @ left)
     return ExpectedEstimates(np.linalg.qr(budget.root[:, :size])[1], step[:size], budget.dof[:size], unseen[:, :size])
-
-
-def _padded(block: Block, slopes: Floats, wide: int, n_uncertain: int) -> Block:
-    """The block with its jacobian in the unit box, and zeros for the added parameters, free and uncertain."""
-    if block.jacobian is None:
-        raise ValueError(f"the block '{block.channel}' has no jacobian")
-    moved = block.systematic
-    if moved is not None:
-        moved = np.pad(moved, ((0, 0), (0, n_uncertain - moved.shape[1])))
-    jacobian = np.pad(block.jacobian * slopes, ((0, 0), (0, wide - len(slopes))))
-    return replace(block, jacobian=jacobian, systematic=moved)
 
 
 def _noise(loss: Loss, blocks: Sequence[Block], found: Estimator, channel: AddedChannel) -> _Noise:
@@ -336,7 +334,13 @@ def _with_steps(
         on = np.zeros(wide, dtype=bool)
         on[:size], on[start : start + added.priors.shape[1]] = added.serves, True
         alone = parts_alone(name, parts, on & own)
-        within = [held for one in sources if (held := _within(one, name, alone)).records]
+        within: list[Source] = []
+        for one in sources:
+            records = [record for record in one.records if record.experiment == name]
+            if one.name == PRIOR:
+                records = [_record(part, None) for part in alone if part.group == PRIOR]
+            if records:
+                within.append(replace(one, records=tuple(records)))
         within += systematic_sources(
             alone, {i: (p.source, p.label) for i, p in zip(own_errs, added.uncertain, strict=True)}
         )
@@ -351,10 +355,3 @@ def _with_steps(
         variances=variances,
         responses=responses,
     )
-
-
-def _within(source: Source, test: str, parts: Sequence[ScaledBlock]) -> Source:
-    """A source of error in one test, which has these parts."""
-    if source.name == PRIOR:
-        return replace(source, records=tuple(_record(part, None) for part in parts if part.group == PRIOR))
-    return replace(source, records=tuple(one for one in source.records if one.experiment == test))

@@ -155,11 +155,15 @@ def between_experiments(
         serving = [own for own, experiments in held.items() if p.serves(*experiments)]
         if len(serving) == 1:
             errs.setdefault(serving[0], {})[k] = p.source, p.label
-    of = _parts_of(parts, serves, own)
+    of, names, owners = by_experiment(parts), list(serves), np.argmax(np.array(list(serves.values())), axis=0)
+    for prior in of.pop(PRIOR, []):  # of an experiment's own parameters
+        columns = prior.sums.columns
+        if np.all(own[columns]) and len(owner := set(owners[columns])) == 1:
+            of.setdefault(names[owner.pop()], []).append(prior)
     every = [
         one
         for name, on in serves.items()
-        if (one := apart.alone(name, tuple(of[name]), _columns(on), tuple(errs.get(name, {}).items())))
+        if (one := apart.alone(name, tuple(of.get(name, ())), _columns(on), tuple(errs.get(name, {}).items())))
     ]
     found: list[Between] = []
     while True:
@@ -187,7 +191,13 @@ def white_noise_within(
     for place, name in enumerate(name for between in differing for name in between.steps):
         of.setdefault(name, []).append(place)
     places = [np.array(of.get(part.experiment, []), dtype=int) for part in parts]
-    wide = [_widened(part.sums, size + own, columns[own]) for part, own in zip(parts, places, strict=True)]
+    wide: list[Sums] = []  # with some of the columns a second time, in other places
+    for part, own in zip(parts, places, strict=True):
+        sums = part.sums
+        again = np.flatnonzero(np.isin(columns[own], sums.columns))
+        at = np.concatenate([np.arange(len(sums.columns)), np.searchsorted(sums.columns, columns[own][again])])
+        twice = np.concatenate([sums.columns, (size + own)[again]])
+        wide.append(replace(sums, columns=twice, products=sums.products[:, at[:, None], at]))
     inverse = _least_inverse(wide, np.arange(size + len(columns)), size + len(columns))
     pulled = np.zeros(len(inverse))
     for part, own in zip(parts, places, strict=True):
@@ -203,17 +213,6 @@ def white_noise_within(
     return white_noise(parts, inverse, left)
 
 
-def _widened(sums: Sums, places: Ints, columns: Ints) -> Sums:
-    """The sums with some of the columns a second time, in other places."""
-    again = np.flatnonzero(np.isin(columns, sums.columns))
-    at = np.concatenate([np.arange(len(sums.columns)), np.searchsorted(sums.columns, columns[again])])
-    return replace(
-        sums,
-        columns=np.concatenate([sums.columns, places[again]]),
-        products=sums.products[:, at[:, None], at],
-    )
-
-
 def parts_alone(name: str, parts: Sequence[ScaledBlock], own: np.ndarray) -> list[ScaledBlock]:
     """The parts of an experiment, with the priors of its own parameters.
 
@@ -225,20 +224,6 @@ def parts_alone(name: str, parts: Sequence[ScaledBlock], own: np.ndarray) -> lis
         Whether each parameter (size,) is of that experiment alone.
     """
     return [p for p in parts if p.experiment == name or (p.group == PRIOR and np.all(own[np.any(p.answer, axis=0)]))]
-
-
-def _parts_of(
-    parts: Sequence[ScaledBlock], serves: Mapping[str, np.ndarray], own: np.ndarray
-) -> dict[str, list[ScaledBlock]]:
-    """Experiment -> its `parts_alone`."""
-    found = by_experiment(parts)
-    names = list(serves)
-    owners = np.argmax(np.array(list(serves.values())), axis=0)
-    for prior in found.pop(PRIOR, []):
-        columns = prior.sums.columns
-        if np.all(own[columns]) and len(owner := set(owners[columns])) == 1:
-            found.setdefault(names[owner.pop()], []).append(prior)
-    return {name: found.get(name, []) for name in names}
 
 
 def _columns(on: np.ndarray) -> tuple[int, ...]:

@@ -7,7 +7,7 @@ residuals, as of an uncertain parameter (`problem/uncertain.py`). A parameter at
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -36,7 +36,13 @@ def instrument_errors(loss: Loss, slopes: Floats, blocks: Sequence[Block], half:
     instruments: dict[str, str] = {}
     for one, part in zip(seen, parts, strict=True):
         unit = np.ones(len(one.weights)) if one.stated is None else one.stated
-        for name, shape, scale in _errors(one.block):
+        # Name of each error, the change of the residual (n,) by one unit, and how many units are all that is read.
+        offset, gain, drift = one.block.unstated
+        read, largest = one.block.residual + one.block.measured, float(np.abs(one.block.measured).max())
+        errors = (offset, np.ones(len(read)), largest), (gain, read, 1.0), (drift, one.block.drift, largest)
+        for name, shape, scale in errors:
+            if not name or shape is None:
+                continue
             changed = curving(loss, one.block, one.weights, shape[:, None])[:, 0]
             pulls[name] = pulls.get(name, 0.0) + (changed / unit) @ part.pull
             reads[name] = max(reads.get(name, 0.0), scale)
@@ -53,15 +59,3 @@ def instrument_errors(loss: Loss, slopes: Floats, blocks: Sequence[Block], half:
             found[instruments[name]] = min(found.get(instruments[name], best), best)
         smallest.append({name: size for _, name, size in sorted(found.values())})
     return smallest
-
-
-def _errors(block: Block) -> Iterable[tuple[str, Floats, float]]:
-    """Name of each error, the change of the residual (n,) by one unit, and how many units are all that is read."""
-    offset, gain, drift = block.unstated
-    largest = float(np.abs(block.measured).max())
-    if offset:
-        yield offset, np.ones(len(block.residual)), largest
-    if gain:
-        yield gain, block.residual + block.measured, 1.0
-    if drift and block.drift is not None:
-        yield drift, block.drift, largest

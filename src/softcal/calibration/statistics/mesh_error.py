@@ -66,8 +66,15 @@ def with_mesh_error(problem: Problem, best: Evaluation, *, max_unknowns: int = U
         finer, reason = "", unknown("its computation was stopped by the user")
     if isinstance(finer, str) or finer.loss is None:
         return WithMeshError(best, problem.uncertain, reason)
-    blocks = tuple(_changed(own, other, problem) for own, other in zip(best.blocks, finer.blocks, strict=True))
-    return WithMeshError(replace(best, blocks=blocks), (*problem.uncertain, MESH_ERROR), "", finer.n_solves)
+    # The change of each residual stands beside that by the uncertain parameters.
+    blocks: list[Block] = []
+    for own, other in zip(best.blocks, finer.blocks, strict=True):
+        if own.experiment:
+            n = len(own.residual)
+            known = own.systematic if own.systematic is not None else np.zeros((n, len(problem.uncertain)))
+            own = replace(own, systematic=np.column_stack([known, other.residual - own.residual]))
+        blocks.append(own)
+    return WithMeshError(replace(best, blocks=tuple(blocks)), (*problem.uncertain, MESH_ERROR), "", finer.n_solves)
 
 
 def on_finer_mesh(problem: Problem, theta: Mapping[str, float], *, max_unknowns: int = UNKNOWNS) -> Evaluation | str:
@@ -111,11 +118,3 @@ _LAST: list[tuple[Robot, FinerTwin]] = []  # the last robot, with its finer twin
 def unknown(reason: str) -> str:
     """The sentence that the error of the mesh is not known."""
     return f"The error of the mesh is not known: {reason.removesuffix('.')}."
-
-
-def _changed(own: Block, finer: Block, problem: Problem) -> Block:
-    """A block with the change of its residual beside that by the uncertain parameters."""
-    if not own.experiment:
-        return own
-    known = own.systematic if own.systematic is not None else np.zeros((len(own.residual), len(problem.uncertain)))
-    return replace(own, systematic=np.column_stack([known, finer.residual - own.residual]))

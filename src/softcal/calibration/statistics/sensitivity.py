@@ -290,25 +290,23 @@ def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated
     differing = next((one.kind for one in found.between if one.effects.differs), None)
     for group, noise in found.noise.items():
         if noise.stated and noise.size > _TOO_LARGE:
-            text = _excess_note(group, noise.size, differing, widened=has_errors, priors=PRIOR in found.noise)
+            priors = PRIOR in found.noise
+            # Differences of that kind are an error of their own, not in the factor.
+            lead = f"Apart from the differences between the {WORDS[differing]}, the" if differing else "The"
+            small = "that noise is stated too small"
+            small = f"{small}, or a prior is wrong" if priors else f"or {small}"
+            text = (
+                f"{lead} residuals of {group} are {plain(noise.size, 2)} times the noise of the records: the model of "
+                f"the robot or of the rig is incomplete, {small}."
+            )
+            if has_errors:
+                share = ", except for the share of the priors" * priors
+                text += f" The standard errors are increased accordingly{share}."
             notes.append(Remark(text, "warning"))
     if found.spent and not saturated:
         text = f"There are at least as many parameters as measurements of {' and of '.join(found.spent)}"
         notes.append(Remark(f"{text}: neither the noise nor standard errors can be estimated."))
     return notes
-
-
-def _excess_note(channel: str, factor: float, differing: str | None, *, widened: bool, priors: bool) -> str:
-    """differing: the kind whose differences are an error of their own, not in the factor."""
-    lead = f"Apart from the differences between the {WORDS[differing]}, the" if differing else "The"
-    small = "that noise is stated too small, or a prior is wrong" if priors else "or that noise is stated too small"
-    text = (
-        f"{lead} residuals of {channel} are {plain(factor, 2)} times the noise of the records: the model of the robot "
-        f"or of the rig is incomplete, {small}."
-    )
-    if not widened:
-        return text
-    return f"{text} The standard errors are increased accordingly{', except for the share of the priors' * priors}."
 
 
 def spread(space: SearchSpace, z: Floats, between: Between, found: Estimator, known: np.ndarray) -> Spread:
@@ -323,14 +321,8 @@ def spread(space: SearchSpace, z: Floats, between: Between, found: Estimator, kn
     known
         Numbers of the parameters that have an interval.
     """
-    j, label = between.column, space.labels[between.column]
-    effects = between.effects
-
-    def model(value: float) -> float:
-        moved = z.copy()
-        moved[j] = min(max(value, 0.0), 1.0)
-        return space.to_model(moved)[label]
-
+    j, effects = between.column, between.effects
+    parameter = space.parameters[j]
     ends = None
     if between.has_interval and j in known:
         at = int(np.flatnonzero(known == j)[0])
@@ -343,7 +335,7 @@ def spread(space: SearchSpace, z: Floats, between: Between, found: Estimator, kn
         of_own = (mean + own) ** 2 / scatter if scatter > 0 else np.inf
         dof = np.where(np.arange(len(known)) == at, of_own, found.dof[known])
         low, high = box_intervals(z[known], found.minimum[known], root, dof)[0][at]
-        ends = (model(low), model(high))
+        ends = (parameter.value_at(float(low)), parameter.value_at(float(high)))
     size = effects.spread * abs(float(space.jacobian(z)[j]))
-    values = {name: model(z[j] + step) for name, step in between.steps.items()}
+    values = {name: parameter.value_at(float(z[j] + step)) for name, step in between.steps.items()}
     return Spread(values, effects.q, len(values) - 1, effects.chance, size, ends, between.weights, between.kind)

@@ -514,7 +514,11 @@ def read_mapping(
             raise
         found += [_again(one) for one in error.errors()]
     except InputError as error:
-        found += _located(error, known, given)
+        for fault in error.faults:
+            keys = tuple(fault.where.split("."))
+            is_known = keys[0] in known
+            placed = as_pydantic(replace(fault, where="") if is_known else fault)
+            found.append(InitErrorDetails(type=placed, loc=keys if is_known else (), input=given))
     else:
         if not found:
             return made
@@ -532,15 +536,3 @@ def _again(found: Any) -> InitErrorDetails:
             type=PydanticCustomError(FAULT, "{what}", context), loc=found["loc"], input=found["input"]
         )
     return InitErrorDetails(type=kind, loc=found["loc"], input=found["input"], ctx=context)
-
-
-def _located(error: InputError, known: Collection[str], data: object) -> list[InitErrorDetails]:
-    """The faults of a mapping as errors of pydantic's."""
-    from pydantic_core import InitErrorDetails
-
-    found: list[InitErrorDetails] = []
-    for fault in error.faults:
-        keys = tuple(fault.where.split("."))
-        told = replace(fault, where="") if keys[0] in known else fault
-        found.append(InitErrorDetails(type=as_pydantic(told), loc=keys if keys[0] in known else (), input=data))
-    return found

@@ -55,7 +55,7 @@ def title(thing: object) -> str:
     return f"{type(thing).__name__} {name}" if isinstance(name, str) and name else type(thing).__name__
 
 
-def brief(value: object) -> str:
+def brief(value: Any) -> str:
     """A value in a few characters: numbers and names where there are few, else how many of what there are."""
     match value:
         case str():
@@ -73,7 +73,10 @@ def brief(value: object) -> str:
         case type():
             return value.__name__
         case _ if hasattr(value, "shape") and hasattr(value, "tolist"):
-            return _array(value)
+            if value.ndim == 0:
+                return brief(value.tolist())
+            few = value.size <= MOST and value.dtype.kind in "fiub"
+            return f"[{', '.join(map(brief, value.ravel().tolist()))}]" if few else f"array {value.shape}"
         case _ if is_dataclass(value):
             return title(value)
         case _ if callable(value):
@@ -81,14 +84,6 @@ def brief(value: object) -> str:
         case _:
             text = str(value)
             return text if len(text) <= LONG_TEXT and "0x" not in text else type(value).__name__
-
-
-def _array(value: Any) -> str:
-    """An array: its numbers where they are few, else its shape."""
-    if value.ndim == 0:
-        return brief(value.tolist())
-    few = value.size <= MOST and value.dtype.kind in "fiub"
-    return f"[{', '.join(map(brief, value.ravel().tolist()))}]" if few else f"array {value.shape}"
 
 
 def _item(one: object) -> str:
@@ -108,13 +103,10 @@ def _told(thing: object) -> list[tuple[str, object]]:
     for one in fields(thing):
         value = getattr(thing, one.name)
         standard = one.default if one.default_factory is MISSING else one.default_factory()
-        if not (one.name.startswith("_") or _is_empty(value) or _is_same(value, standard)):
+        is_empty = value is None or (isinstance(value, str | Mapping | Sequence | Set) and not value)
+        if not (one.name.startswith("_") or is_empty or _is_same(value, standard)):
             told.append((one.name, value))
     return told
-
-
-def _is_empty(value: object) -> bool:
-    return value is None or (isinstance(value, str | Mapping | Sequence | Set) and not value)
 
 
 def _is_same(value: Any, other: Any) -> bool:

@@ -167,12 +167,8 @@ def _guarded(command: Sequence[str], **options: Any) -> Generator[subprocess.Pop
                     yield process
                 finally:
                     if process.poll() is None:
-                        _end(process, watch.pid)
+                        with contextlib.suppress(ProcessLookupError):
+                            os.killpg(watch.pid, signal.SIGKILL)
+                        process.wait()
         finally:
             watch.kill()
-
-
-def _end(process: subprocess.Popen[Any], group: int) -> None:
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(group, signal.SIGKILL)
-    process.wait()

@@ -209,17 +209,14 @@ def unit_factor(unit: str, si_unit: str, *, where: str = "") -> float:
         return given[0] / wanted[0]
     shown = f"'{unit}'" if len(unit) <= _LONGEST else f"'{unit[:_LONGEST]}…'"
     allowed = f"a unit that converts to {si_unit}" if si_unit != "1" else "a plain number, or %"
-    raise UnitError(Fault("the unit does not fit", where, shown, allowed, _meant(unit, si_unit)))
-
-
-def _meant(unit: str, si_unit: str) -> str:
-    """Suggested replacement of an unsuitable unit, or ""."""
     if si_unit == "N" and unit in _WEIGHTS:
-        return f"{_WEIGHTS[unit]} for a weight; a mass may hang only where a key says that it is one"
-    if si_unit == "Pa" and (match := re.fullmatch(r"(kg|g|lbs?)(/.*)", unit)):
-        return f"{_WEIGHTS[match[1]]}{match[2]}"
-    same = [usual for usual in _USUAL.get(si_unit, ()) if usual.casefold() == unit.casefold()]
-    return f"'{same[0]}'" if same else ""
+        meant = f"{_WEIGHTS[unit]} for a weight; a mass may hang only where a key says that it is one"
+    elif si_unit == "Pa" and (match := re.fullmatch(r"(kg|g|lbs?)(/.*)", unit)):
+        meant = f"{_WEIGHTS[match[1]]}{match[2]}"
+    else:
+        same = [usual for usual in _USUAL.get(si_unit, ()) if usual.casefold() == unit.casefold()]
+        meant = f"'{same[0]}'" if same else ""
+    raise UnitError(Fault("the unit does not fit", where, shown, allowed, meant))
 
 
 AS_WRITTEN = 10

@@ -44,13 +44,28 @@ def print_results(
     """
     if not results:
         return
+    from rich.table import Table
+
     from softcal.names import JOINT
     from softcal.report.content import first_label, judged
     from softcal.report.first_screen import FirstScreen, three_sentences
     from softcal.report.format import worst
 
     first, others = worst(results.items(), lambda pair: math.inf if pair[0] == JOINT else pair[1].loss)
-    print_table(_result_table(dict(first), verbose=verbose))
+    told = dict(first)
+    table = Table("", *told)
+    _add_parameters(table, [result.parameters for result in told.values()], verbose=verbose)
+    meshes = [_includes_mesh(result) for result in told.values()]
+    if any(meshes) and not all(meshes):
+        table.add_row("error of the mesh", *("included" if one else "not included" for one in meshes))
+    _add_errors(table, "", [result.experiments for result in told.values()], verbose=verbose)
+    held_out = [{name: held.fit for name, held in result.held_out.items()} for result in told.values()]
+    _add_errors(table, "held out: ", held_out, verbose=verbose)
+    table.add_section()
+    table.add_row("loss", *(f"{result.loss:.4g}" for result in told.values()))
+    failed = {of: f", {result.n_failed_trials} failed" for of, result in told.items() if result.n_failed_trials}
+    table.add_row("trials", *(f"{len(result.trials)}{failed.get(of, '')}" for of, result in told.items()))
+    print_table(table)
     if others:
         echo(f"{len(others)} more calibrations, of smaller losses, are in the report.")
     label = first_label(results)
@@ -171,27 +186,6 @@ def result_line(label: str, result: CalibrationResult) -> str:
 
     values = few(f"{name} {value_text(estimate)}" for name, estimate in result.parameters.items())
     return f"{label}: {', '.join(values)}; loss {result.loss:.4g}"
-
-
-def _result_table(results: Mapping[str, CalibrationResult], *, verbose: bool) -> Table:
-    """Table with a column per calibration, and lines for parameters and errors; verbose: with those of each test."""
-    from rich.table import Table
-
-    table = Table("", *results)
-    _add_parameters(table, [result.parameters for result in results.values()], verbose=verbose)
-    meshes = [_includes_mesh(result) for result in results.values()]
-    if any(meshes) and not all(meshes):
-        table.add_row("error of the mesh", *("included" if one else "not included" for one in meshes))
-    _add_errors(table, "", [result.experiments for result in results.values()], verbose=verbose)
-    held_out = [{name: held.fit for name, held in result.held_out.items()} for result in results.values()]
-    _add_errors(table, "held out: ", held_out, verbose=verbose)
-    table.add_section()
-    table.add_row("loss", *(f"{result.loss:.4g}" for result in results.values()))
-    failed = {
-        label: f", {result.n_failed_trials} failed" for label, result in results.items() if result.n_failed_trials
-    }
-    table.add_row("trials", *(f"{len(result.trials)}{failed.get(label, '')}" for label, result in results.items()))
-    return table
 
 
 def _add_parameters(table: Table, fits: Sequence[Mapping[str, Estimate]], *, verbose: bool) -> None:

@@ -6,7 +6,7 @@ import functools
 import inspect
 import os
 import re
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -144,7 +144,18 @@ def exit_on_error(command: Callable[P, None]) -> Callable[P, None]:
         verbose = bool(kwargs.get(VERBOSE, False) if has_own else kwargs.pop(VERBOSE, False))
         try:
             _require_settings_of_numba()
-            _require_paths(kwargs.values())
+            # The system accepts every given path; the command itself checks what it refers to.
+            faults: list[Fault] = []
+            for path in (one for value in kwargs.values() for one in (value if isinstance(value, list) else [value])):
+                if not isinstance(path, Path):
+                    continue
+                try:
+                    path.exists()
+                except OSError as error:
+                    got = f"'{str(path)[:40]}…' ({len(str(path))} characters): {(error.strerror or str(error)).lower()}"
+                    faults.append(Fault("this cannot be a path", got=got))
+            if faults:
+                raise InputError(faults)
             command(*args, **kwargs)
         except InputError as error:
             n = len(error.faults)
@@ -181,27 +192,6 @@ def _require_settings_of_numba() -> None:
     if not re.fullmatch("0*[1-9][0-9]{0,5}", threads, re.ASCII):
         what, where = "this is no number of threads", "NUMBA_NUM_THREADS in the environment"
         raise InputError(Fault(what, where, repr(threads[:40]), "1 or more, or not set"))
-
-
-def _require_paths(options: Iterable[object]) -> None:
-    """Check that the system accepts every given path; the command itself checks what it refers to.
-
-    Raises
-    ------
-    InputError
-        For an impossible path: longer than the system allows, or a loop of links.
-    """
-    faults: list[Fault] = []
-    for path in (one for value in options for one in (value if isinstance(value, list) else [value])):
-        if not isinstance(path, Path):
-            continue
-        try:
-            path.exists()
-        except OSError as error:
-            got = f"'{str(path)[:40]}…' ({len(str(path))} characters)"
-            faults.append(Fault("this cannot be a path", got=f"{got}: {(error.strerror or str(error)).lower()}"))
-    if faults:
-        raise InputError(faults)
 
 
 @contextmanager

@@ -151,6 +151,8 @@ def print_warnings(warnings: Iterable[str | Fault]) -> None:
 
 def _parts(table: Table, width: int) -> list[Table]:
     """Divide a table into tables within the width."""
+    from rich.table import Table
+
     names, *columns = [[str(column.header), *map(str, column.cells)] for column in table.columns]
     sections = [row.end_section for row in table.rows]
     if _frame(len(columns)) + sum(max(map(_width, column)) for column in [names, *columns]) <= width:
@@ -164,27 +166,22 @@ def _parts(table: Table, width: int) -> list[Table]:
         last = first + 1
         while last < len(columns) and _room(columns[first : last + 1], width) >= narrowest:
             last += 1
-        parts.append(_part(names, columns[first:last], sections, _room(columns[first:last], width)))
+        shown = columns[first:last]
+        room = _room(shown, width)
+        narrow = room < narrowest
+        part = Table()  # its rows are those that are not empty in these columns
+        part.add_column(names[0], overflow="fold", width=None if narrow else min(room, max(map(_width, names))))
+        for header, *_ in shown:
+            part.add_column(header, overflow="fold", no_wrap=not narrow)
+        for i, name in enumerate(names[1:], 1):
+            cells = [column[i] for column in shown]
+            if any(cells):
+                part.add_row(name, *cells)
+            if sections[i - 1] and part.row_count:
+                part.add_section()
+        parts.append(part)
         first = last
     return parts
-
-
-def _part(names: Sequence[str], columns: Sequence[Sequence[str]], sections: Sequence[bool], room: int) -> Table:
-    """Some columns, with the rows that are not empty in them; names wrap within `room` characters."""
-    from rich.table import Table
-
-    narrow = room < max(_width(word) for name in names for word in name.split() or [""])
-    part = Table()
-    part.add_column(names[0], overflow="fold", width=None if narrow else min(room, max(map(_width, names))))
-    for header, *_ in columns:
-        part.add_column(header, overflow="fold", no_wrap=not narrow)
-    for i, name in enumerate(names[1:], 1):
-        cells = [column[i] for column in columns]
-        if any(cells):
-            part.add_row(name, *cells)
-        if sections[i - 1] and part.row_count:
-            part.add_section()
-    return part
 
 
 def _room(columns: Sequence[Sequence[str]], width: int) -> int:

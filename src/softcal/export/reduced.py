@@ -97,7 +97,29 @@ def reduced(
     SimulationError
         If a state within reach has no equilibrium.
     """
-    faults = _faults(robot, reaches, samples)
+    known = [cable.name for cable in robot.cables]
+    faults = [unknown("there is no such cable", name, name, known, got="") for name in reaches if name not in known]
+    faults += history_faults(robot, "a reduced model")
+    if any(cable.line.friction_memory for cable in robot.cables):
+        rough = ", ".join(cable.name for cable in robot.cables if cable.line.friction_memory)
+        faults.append(Fault("a reduced model has no memory", "friction_memory", rough, "friction without a memory"))
+    if not 1 <= len(reaches) <= MOST_CABLES:
+        faults.append(
+            Fault(
+                "the model has a grid over its cables",
+                "cables",
+                f"{len(reaches)} of them",
+                f"1 to {MOST_CABLES}",
+                "those that the controller pulls",
+            )
+        )
+    faults += [
+        Fault("the reach of a cable must be positive", f"{name}, reach", f"{reach.value:g} {reach.unit}", "> 0")
+        for name, reach in reaches.items()
+        if not 0.0 < reach.value < np.inf
+    ]
+    if samples < 2:
+        faults.append(Fault("there are too few samples", "samples", str(samples), "2 or more"))
     if faults:
         raise ParameterError(faults)
     axes = [_axis(robot, cable, reach, samples) for cable, reach in reaches.items()]
@@ -222,33 +244,6 @@ def _error(unit: str, difference: Floats, change: Floats | float) -> ChannelErro
     """Error from the norms of differences (n, components)."""
     size = np.linalg.norm(difference, axis=1)
     return ChannelError(unit, float(size.max()), float(np.sqrt(np.mean(size**2))), float(np.max(change)))
-
-
-def _faults(robot: Robot, reaches: Mapping[str, Reach], samples: int) -> list[Fault]:
-    known = [cable.name for cable in robot.cables]
-    faults = [unknown("there is no such cable", name, name, known, got="") for name in reaches if name not in known]
-    faults += history_faults(robot, "a reduced model")
-    if any(cable.line.friction_memory for cable in robot.cables):
-        rough = ", ".join(cable.name for cable in robot.cables if cable.line.friction_memory)
-        faults.append(Fault("a reduced model has no memory", "friction_memory", rough, "friction without a memory"))
-    if not 1 <= len(reaches) <= MOST_CABLES:
-        faults.append(
-            Fault(
-                "the model has a grid over its cables",
-                "cables",
-                f"{len(reaches)} of them",
-                f"1 to {MOST_CABLES}",
-                "those that the controller pulls",
-            )
-        )
-    faults += [
-        Fault("the reach of a cable must be positive", f"{name}, reach", f"{reach.value:g} {reach.unit}", "> 0")
-        for name, reach in reaches.items()
-        if not 0.0 < reach.value < np.inf
-    ]
-    if samples < 2:
-        faults.append(Fault("there are too few samples", "samples", str(samples), "2 or more"))
-    return faults
 
 
 def _axis(robot: Robot, cable: str, reach: Reach, samples: int) -> Floats:

@@ -9,7 +9,7 @@ from pathlib import Path
 from softcal.checks import is_number
 from softcal.errors import Fault, InputError, ProjectFileError
 from softcal.geometry.pose import Pose
-from softcal.project.document import Document, Findings
+from softcal.project.document import Findings
 from softcal.project.section import Section, validated
 from softcal.project.yaml_file import read_document
 from softcal.quantities import Angle, Point, Size
@@ -71,7 +71,19 @@ def read_base(text: str) -> Base:
     if document.data.get("base") != FORMAT:
         got = repr(document.data.get("base"))[:60]
         findings.add(("base",), "the format is not known", got=got, allowed=f"base: {FORMAT}")
-    sections = _sections(document, findings)
+    sections: dict[int, BaseMarkerSection] = {}
+    given = document.data.get("markers")
+    example = "0: {at: [0 mm, 0 mm, 0 mm]}"
+    if not isinstance(given, dict) or not given:
+        findings.add(("markers",), "there are no markers", got=repr(given)[:60], allowed=f"entries such as {example}")
+    else:
+        for key, data in given.items():
+            if not is_number(str(key)):
+                findings.add(("markers", key), "not the number of a marker", got=f"'{key}'", allowed=example)
+                continue
+            section = validated(BaseMarkerSection, data, ("markers", key), findings)
+            if section is not None:
+                sections[int(key)] = section
     findings.raise_if_any()
     if not sections:
         raise ProjectFileError(Fault("the base file is incomplete", document.name))
@@ -80,20 +92,3 @@ def read_base(text: str) -> Base:
         (),
         {marker: section.size for marker, section in sections.items() if section.size is not None},
     )
-
-
-def _sections(document: Document, findings: Findings) -> dict[int, BaseMarkerSection]:
-    given = document.data.get("markers")
-    example = "0: {at: [0 mm, 0 mm, 0 mm]}"
-    if not isinstance(given, dict) or not given:
-        findings.add(("markers",), "there are no markers", got=repr(given)[:60], allowed=f"entries such as {example}")
-        return {}
-    found: dict[int, BaseMarkerSection] = {}
-    for key, data in given.items():
-        if not is_number(str(key)):
-            findings.add(("markers", key), "not the number of a marker", got=f"'{key}'", allowed=example)
-            continue
-        section = validated(BaseMarkerSection, data, ("markers", key), findings)
-        if section is not None:
-            found[int(key)] = section
-    return found

@@ -41,7 +41,32 @@ def check_names(
     findings
         Collects the faults and warnings.
     """
-    _check_drive(section, path, findings)
+    columns = [key for file in section.files for key in file.columns]
+    if isinstance(section.drive, list):
+        known = [as_tension(key) for key in columns]
+        for i, channel in enumerate(section.drive):
+            if channel not in known:
+                findings.unknown((*path, "drive", i), "channel among the columns", channel, known)
+        named = [(name, channel_name(name)) for name in section.drive if name in known]
+        of_twin = [(name, one if one.carrier else replace(one, carrier=section.cable or "")) for name, one in named]
+        for fault in drive_faults(of_twin, ""):
+            findings.add((*path, "drive"), fault.what, got=fault.got, allowed=fault.allowed)
+    if isinstance(section.drive, str) and section.cable is None:
+        allowed = "cable: NAME, or drive: [cable1.tension]"
+        findings.add((*path, "drive"), "the driven cable is not specified", got=section.drive, allowed=allowed)
+    of_cable = [key for key in columns if (kind := channel_name(key).kind).drives or kind.name == MASS]
+    needs_cable = [key for key in of_cable if not channel_name(key).carrier]
+    if section.cable is None and needs_cable:
+        got = f"the channel {needs_cable[0]}, no cable"
+        findings.add((*path, "cable"), "the pulled cable is not specified", got=got, allowed="cable: NAME")
+    pulled = [key for key in of_cable if channel_name(key).carrier]
+    if section.cable is None and section.drive is None and pulled and section.compare is None:
+        findings.add(
+            (*path, "drive"),
+            "the drive of the twin is not specified",
+            got=f"the channel {pulled[0]}, no drive",
+            allowed=f"drive: [{pulled[0].replace(MASS, 'tension')}], or compare other channels",
+        )
     if parts is None:
         return
     cables, plates, markers = (parts[kind] for kind in ("cables", "plates", "markers"))
@@ -70,35 +95,6 @@ def check_names(
             if name.carrier and kinds_of and name.carrier not in known:
                 what = " or ".join(of.removesuffix("s") for of in kinds_of)
                 findings.unknown((*where, "columns", channel), what, name.carrier, known)
-
-
-def _check_drive(section: ExperimentSection, path: KeyPath, findings: Findings) -> None:
-    columns = [key for file in section.files for key in file.columns]
-    if isinstance(section.drive, list):
-        known = [as_tension(key) for key in columns]
-        for i, channel in enumerate(section.drive):
-            if channel not in known:
-                findings.unknown((*path, "drive", i), "channel among the columns", channel, known)
-        named = [(name, channel_name(name)) for name in section.drive if name in known]
-        of_twin = [(name, one if one.carrier else replace(one, carrier=section.cable or "")) for name, one in named]
-        for fault in drive_faults(of_twin, ""):
-            findings.add((*path, "drive"), fault.what, got=fault.got, allowed=fault.allowed)
-    if isinstance(section.drive, str) and section.cable is None:
-        allowed = "cable: NAME, or drive: [cable1.tension]"
-        findings.add((*path, "drive"), "the driven cable is not specified", got=section.drive, allowed=allowed)
-    of_cable = [key for key in columns if (kind := channel_name(key).kind).drives or kind.name == MASS]
-    needs_cable = [key for key in of_cable if not channel_name(key).carrier]
-    if section.cable is None and needs_cable:
-        got = f"the channel {needs_cable[0]}, no cable"
-        findings.add((*path, "cable"), "the pulled cable is not specified", got=got, allowed="cable: NAME")
-    pulled = [key for key in of_cable if channel_name(key).carrier]
-    if section.cable is None and section.drive is None and pulled and section.compare is None:
-        findings.add(
-            (*path, "drive"),
-            "the drive of the twin is not specified",
-            got=f"the channel {pulled[0]}, no drive",
-            allowed=f"drive: [{pulled[0].replace(MASS, 'tension')}], or compare other channels",
-        )
 
 
 def asked_of(file: BenchFile) -> dict[str, Any]:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from softcal.calibration.problem.experiment import PULLEY_FRICTION, rig_parameters
-from softcal.calibration.problem.rig import CommonRig
 from softcal.errors import Fault, ParameterError, ProjectFileError
 from softcal.experiments.plausibility import copies
 from softcal.materials.components import NO_DIRECTION
@@ -26,7 +25,6 @@ from softcal.project.search import build_search, held_values, names_held, rig_va
 from softcal.project.sections import Sections
 from softcal.project.uncertain import build_uncertain
 from softcal.twin.parameters import ParameterInfo, robot_parameters
-from softcal.twin.robot import Robot
 
 
 def build_project(
@@ -119,7 +117,25 @@ def build_project(
     varied |= {one.name for one in uncertain}
     for axis in sections.sweep.over if sections.sweep else ():
         varied |= {axis, *tied.get(axis, ())}
-    _warn_of_idle_friction(robot, rig, varied, findings)
+    # Memory, preload and speed of friction have no effect with a coefficient that is zero and not free.
+    rough: dict[str, tuple[tuple[str, ...], float]] = {
+        f"{cable.name}.friction_coefficient": (("robot", "cables", cable.name), cable.friction_coefficient)
+        for cable in robot.cables
+        if cable.line.friction_memory
+        or cable.line.friction_preload is not None
+        or cable.line.friction_speed is not None
+    }
+    if rig.pulleys is not None and rig.pulleys.friction_memory:
+        rough[PULLEY_FRICTION] = ("rig", "pulleys"), rig.pulleys.friction_coefficient
+    for name, (place, mu) in rough.items():
+        if mu == 0.0 and name not in varied:
+            findings.warn(
+                place,
+                "there is no friction for a memory, a preload or a speed to act on",
+                got=f"{name} 0, and not free",
+                allowed="a coefficient above 0, or a free one",
+                attempt="friction_coefficient: 0.1, or none of these",
+            )
     return Project(
         path=path,
         name=str(document.data["name"]),
@@ -145,28 +161,6 @@ def build_project(
         regions=built.regions,
         warnings=tuple(dict.fromkeys(findings.warnings)),
     )
-
-
-def _warn_of_idle_friction(robot: Robot, rig: CommonRig, varied: Collection[str], findings: Findings) -> None:
-    """Memory, preload and speed of friction have no effect with a coefficient that is zero and not free."""
-    rough: dict[str, tuple[tuple[str, ...], float]] = {
-        f"{cable.name}.friction_coefficient": (("robot", "cables", cable.name), cable.friction_coefficient)
-        for cable in robot.cables
-        if cable.line.friction_memory
-        or cable.line.friction_preload is not None
-        or cable.line.friction_speed is not None
-    }
-    if rig.pulleys is not None and rig.pulleys.friction_memory:
-        rough[PULLEY_FRICTION] = ("rig", "pulleys"), rig.pulleys.friction_coefficient
-    for name, (path, mu) in rough.items():
-        if mu == 0.0 and name not in varied:
-            findings.warn(
-                path,
-                "there is no friction for a memory, a preload or a speed to act on",
-                got=f"{name} 0, and not free",
-                allowed="a coefficient above 0, or a free one",
-                attempt="friction_coefficient: 0.1, or none of these",
-            )
 
 
 def _check_sweep(

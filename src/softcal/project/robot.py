@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from softcal.checks import Floats, Ints
+from softcal.checks import Ints
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quality import MeshReport, check_quality
 from softcal.project.document import Findings
@@ -17,7 +17,7 @@ from softcal.project.robot_rods import build_rod
 from softcal.project.robot_schema import RobotSection
 from softcal.project.sensor_schema import built_sensors
 from softcal.twin.manipulator import manipulator
-from softcal.twin.robot import Robot
+from softcal.twin.robot import Robot, Rod
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,12 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
         with findings.at(("robot", "manipulator", "springs")):
             given = manipulator(section.manipulator, gravity=gravity.tolist())
     built = build_bodies(section.bodies, make_mesh, findings)
-    rods = [
-        build_rod(name, rod, section.names("plates"), _carried(section, name), findings)
-        for name, rod in section.rods.items()
-    ]
+    via = (point for cable in section.cables.values() for point in cable.via)
+    points = (*via, *section.markers.values(), *section.loads.values())
+    rods: list[Rod | None] = []
+    for name, rod in section.rods.items():
+        carried = [point.at for point in points if point.on == name and point.at is not None]
+        rods.append(build_rod(name, rod, section.names("plates"), carried, findings))
     plates = [build_plate(name, plate, built, findings) for name, plate in section.plates.items()]
     own = [f"h{k + 1}" for k in range(len(generated_names(section, "cables")))]
     holes = dict.fromkeys(generated_names(section, "plates"), own)
@@ -93,10 +95,3 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
                 built.made,
             )
     return None
-
-
-def _carried(section: RobotSection, rod: str) -> list[Floats]:
-    """The points (3,) [m] of the robot that a rod carries."""
-    via = (point for cable in section.cables.values() for point in cable.via)
-    points = (*via, *section.markers.values(), *section.loads.values())
-    return [point.at for point in points if point.on == rod and point.at is not None]

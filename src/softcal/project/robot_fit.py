@@ -11,7 +11,7 @@ from softcal.checks import Floats
 from softcal.geometry.overlap import depths_inside
 from softcal.geometry.ring import across, ring_points
 from softcal.project.document import Findings
-from softcal.twin.robot import Disc, Robot, Rod
+from softcal.twin.robot import Disc, Robot
 from softcal.units import format_quantity
 
 GROUND = ""
@@ -157,27 +157,23 @@ def _check_overlaps(robot: Robot, where: _Where, findings: Findings) -> None:
             attempt="another placement; the unit of the meshes",
         )
     for rod in robot.rods:
-        _warn_of_rod(rod, robot, where, findings)
-
-
-def _warn_of_rod(rod: Rod, robot: Robot, where: _Where, findings: Findings) -> None:
-    nodes = rod.centreline.nodes
-    depths: dict[str, float] = {}
-    for plate in robot.plates:
-        if plate.disc is not None and plate.name not in rod.clamped:
-            depth = float(_depths_in_disc(plate.disc, nodes).max())
-            depths[plate.name] = depth if depth > TOUCHING * plate.disc.thickness else 0.0
-    for body in robot.bodies:
-        depth, allowed = depths_inside(body.mesh, nodes)
-        depths[body.name] = float(np.where(depth > allowed, depth, 0.0).max(initial=0.0))
-    for name, depth in depths.items():
-        if depth > 0.0:
-            findings.warn(
-                where(rod.name),
-                f"the rod runs through {name}, which does not hold it",
-                got=f"{format_quantity(depth, 'm')} deep",
-                attempt=f"clamped: {{{name}: station}}, where {name} is a plate",
-            )
+        nodes = rod.centreline.nodes
+        depths: dict[str, float] = {}
+        for plate in robot.plates:
+            if plate.disc is not None and plate.name not in rod.clamped:
+                depth = float(_depths_in_disc(plate.disc, nodes).max())
+                depths[plate.name] = depth if depth > TOUCHING * plate.disc.thickness else 0.0
+        for body in robot.bodies:
+            depth, allowed = depths_inside(body.mesh, nodes)
+            depths[body.name] = float(np.where(depth > allowed, depth, 0.0).max(initial=0.0))
+        for name, depth in depths.items():
+            if depth > 0.0:
+                findings.warn(
+                    where(rod.name),
+                    f"the rod runs through {name}, which does not hold it",
+                    got=f"{format_quantity(depth, 'm')} deep",
+                    attempt=f"clamped: {{{name}: station}}, where {name} is a plate",
+                )
 
 
 def _depths_in_disc(disc: Disc, points: Floats) -> Floats:

@@ -78,7 +78,15 @@ def build_rod(
         held = [*fixed, *(s for arcs in (*clamped.values(), *materials.values()) for s in arcs), *stations]
         line = _placed(shape.centreline(sorted({*held}), elements), rod, path, findings)
         if carried:
-            held += _beside(line, carried, shape.length)
+            # Nodes in the sections that contain the points; points at nearly the same arc length share a section.
+            places = [place_on_rod(line, point) for point in carried]
+            at = [line.stations[place.node] + place.share * line.lengths[place.node] for place in places]
+            scale, same = shape.length / line.stations[-1], SAME * shape.length
+            arcs, found = np.array([0.0, *line.stations * scale]), list[float]()
+            for arc in sorted(set((np.array(at) * scale).tolist())):
+                if np.abs(arcs - arc).min() > same and (not found or arc - found[-1] > same):
+                    found.append(arc)
+            held += found
             line = _placed(shape.centreline(sorted({*held}), elements), rod, path, findings)
         if len(findings.faults) > n_faults:
             return None
@@ -115,18 +123,6 @@ def _placed(line: Centreline, rod: RodSection, path: KeyPath, findings: Findings
     with findings.at((*path, "placement")):
         return placed_centreline(line, rod.placement.pose)
     return line
-
-
-def _beside(line: Centreline, points: Sequence[Floats], length: float) -> list[float]:
-    """Arc lengths [m] of the sections that contain points; points at nearly the same arc length share a section."""
-    places = [place_on_rod(line, point) for point in points]
-    at = [line.stations[place.node] + place.share * line.lengths[place.node] for place in places]
-    arcs = np.array([0.0, *line.stations * (length / line.stations[-1])])
-    found: list[float] = []
-    for arc in sorted(set((np.array(at) * (length / line.stations[-1])).tolist())):
-        if np.abs(arcs - arc).min() > SAME * length and (not found or arc - found[-1] > SAME * length):
-            found.append(arc)
-    return found
 
 
 def _section(

@@ -82,7 +82,17 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
         With every fault of the sections, and every file that is named and is not there.
     """
     findings = Findings(document)
-    _check_keys(document, findings)
+    for key in document.data:
+        if key not in SECTIONS:
+            findings.faults.append(unknown("unknown key", document.where((key,)), key, SECTIONS))
+    for key, allowed in (("softcal", f"softcal: {FORMAT}"), ("name", "a name for people"), ("robot", "the robot")):
+        if document.data.get(key) is None:
+            findings.add((), "a key is missing", got=f"no '{key}'", allowed=allowed)
+    version = document.data.get("softcal", FORMAT)
+    if version is not None and (version != FORMAT or isinstance(version, bool)):
+        findings.add(("softcal",), "the format is not known", got=repr(version)[:60], allowed=str(FORMAT))
+    if not isinstance(document.data.get("name") or "", str):
+        findings.add(("name",), "this is of the wrong kind", got=repr(document.data["name"])[:60], allowed="text")
     laws = entries(OwnLawSection, "laws", document, findings)
     register_laws(laws, findings)
     if document.mapping("laws").keys() - LAWS.keys():
@@ -102,7 +112,21 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
         after = dynamics.settle.longest if dynamics.settle else dynamics.hold or 0.0
         with findings.at(("dynamics",)):
             LIMITS["time steps"].check(1 + (dynamics.ramp + after) / dynamics.time_step)
-    engines = _engines(document, findings)
+    engines: dict[str, Declared] = {}
+    stated = document.data.get("engines") or {}
+    if not isinstance(stated, dict):
+        findings.add(("engines",), "this is of the wrong kind", got=repr(stated)[:60], allowed="a mapping of names")
+    elif stated:
+        from softcal.export.engine import ENGINES
+
+        kinds = {name: engine.settings for name, engine in ENGINES.items() if engine.settings is not None}
+        for name, section in stated.items():
+            if name not in kinds:
+                findings.faults.append(unknown("unknown key", document.where(("engines", name)), name, kinds))
+                continue
+            own = validated(kinds[name], {} if section is None else section, ("engines", name), findings)
+            if own is not None:
+                engines[name] = own
     swept = _section(SweepSection, "sweep", document, findings)
     print_infill = _section(PrintInfill, "print", document, findings)
     if robot is not None:
@@ -163,48 +187,12 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     )
 
 
-def _check_keys(document: Document, findings: Findings) -> None:
-    for key in document.data:
-        if key not in SECTIONS:
-            findings.faults.append(unknown("unknown key", document.where((key,)), key, SECTIONS))
-    for key, allowed in (("softcal", f"softcal: {FORMAT}"), ("name", "a name for people"), ("robot", "the robot")):
-        if document.data.get(key) is None:
-            findings.add((), "a key is missing", got=f"no '{key}'", allowed=allowed)
-    version = document.data.get("softcal", FORMAT)
-    if version is not None and (version != FORMAT or isinstance(version, bool)):
-        findings.add(("softcal",), "the format is not known", got=repr(version)[:60], allowed=str(FORMAT))
-    if not isinstance(document.data.get("name") or "", str):
-        findings.add(("name",), "this is of the wrong kind", got=repr(document.data["name"])[:60], allowed="text")
-
-
 def _section(
     model: type[S], key: str, document: Document, findings: Findings, default: dict[str, Any] | None = None
 ) -> S | None:
     data = document.data.get(key)
     data = default if data is None else data
     return None if data is None else validated(model, data, (key,), findings)
-
-
-def _engines(document: Document, findings: Findings) -> dict[str, Declared]:
-    """The settings of the engines that the file states."""
-    stated = document.data.get("engines")
-    if not stated:
-        return {}
-    from softcal.export.engine import ENGINES
-
-    kinds = {name: engine.settings for name, engine in ENGINES.items() if engine.settings is not None}
-    if not isinstance(stated, dict):
-        findings.add(("engines",), "this is of the wrong kind", got=repr(stated)[:60], allowed="a mapping of names")
-        return {}
-    settings: dict[str, Declared] = {}
-    for name, section in stated.items():
-        if name not in kinds:
-            findings.faults.append(unknown("unknown key", document.where(("engines", name)), name, kinds))
-            continue
-        own = validated(kinds[name], {} if section is None else section, ("engines", name), findings)
-        if own is not None:
-            settings[name] = own
-    return settings
 
 
 def _check_calibration(

@@ -96,7 +96,13 @@ def agreement_text(one: Agreement, name: str) -> str:
     if all(not is_determined(estimate) for estimate in one.estimates.values()):
         return f"No separate fit determines {name}."
     if one.q is None or one.chance is None:
-        return f"The separate fits give {name} from {lowest} to {highest}{_in_all_intervals(one)}."
+        text = f"The separate fits give {name} from {lowest} to {highest}"
+        ends = [e.interval for e in one.estimates.values() if e.interval is not None]
+        if len(ends) < len(one.estimates):
+            return f"{text}."
+        least, most = max(least for least, _ in ends), min(most for _, most in ends)
+        common = with_unit(high, f"{shown(high, least)} to {shown(high, most)}") if least <= most else "no value"
+        return f"{text}; {common} lies in the 95 % intervals of all."
     text = f"{name} differs between the separate fits by {size_text(one)}, from {lowest} to {highest}"
     freedom = f"{one.dof} degree{'s' * (one.dof > 1)} of freedom"
     test = f"(Cochran's Q = {number(one.q)} without the errors that all fits share, {freedom}, {chance_text(one)})"
@@ -105,20 +111,6 @@ def agreement_text(one: Agreement, name: str) -> str:
     if one.differs:
         return f"{text}: more than their noise explains {test}. One value does not describe all tests.{left}"
     return f"{text}: no more than their noise explains {test}.{left}"
-
-
-def _in_all_intervals(one: Agreement) -> str:
-    """Which values lie in the 95 % intervals of all fits; "" where a fit has none."""
-    ends = [e.interval for e in one.estimates.values() if e.interval is not None]
-    if len(ends) < len(one.estimates):
-        return ""
-    low, high = max(low for low, _ in ends), min(high for _, high in ends)
-    if low > high:
-        return "; no value lies in the 95 % intervals of all"
-    largest = one.largest[1]
-    return (
-        f"; {with_unit(largest, f'{shown(largest, low)} to {shown(largest, high)}')} lies in the 95 % intervals of all"
-    )
 
 
 def spread_sentences(result: SearchResult, records: Mapping[str, Dataset] | None = None) -> list[Remark]:

@@ -111,7 +111,24 @@ def draw_check(
         of_data = {name: add(f"data-{file_stem(name)}", draw_record(data)) for name, data in datasets.items()}
         rendered = rendering.result()
     own, others = (replace(rendered, pictures=part) for part in (rendered.pictures[:n], rendered.pictures[n:]))
-    drawn = draw_side_by_side(scenes, cameras, own, colours=_legend(robot))
+    carriers = {_carrier_colour(robot, via.on) for cable in robot.cables for via in cable.via_points}
+    legend = material_legend(robot)
+    if any(len(body.fixed) for body in robot.bodies) or any(plate.fixed for plate in robot.plates):
+        legend["fixed"] = INK
+    if any(not plate.fixed for plate in robot.plates):
+        legend["plate (nodes, via points)" if robot.bodies else "plate"] = BLUE
+    if robot.cables:
+        legend["cable"] = ORANGE
+    legend |= {
+        name: colour
+        for colour, name in ((GREEN, "via point in space"), (PURPLE, "via point on a body"))
+        if colour in carriers
+    }
+    if robot.markers:
+        legend["marker"] = SKY
+    if robot.loads or np.any(robot.gravity):
+        legend["load, gravity"] = RED
+    drawn = draw_side_by_side(scenes, cameras, own, colours=legend)
     of_robot, of_states = add("robot", drawn.figure), None
     if states is not None:
         materials = material_legend(robot) if has_materials(robot) else None
@@ -151,12 +168,32 @@ def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...
     others += [Label(marker.name, marker.place[None]) for marker in robot.markers]
     up = up_direction(robot)
     towards = _first_cable_side(robot, points, up)
-    forces, force_names = _load_arrows(robot, size)
-    gravity, gravity_name = _gravity_arrow(robot, points, up, towards)
-    parts += [*forces, *gravity]
-    first, second = ([*names, *force_names, *gravity_name], [])
-    if others:
-        first, second = (others, [*names, *force_names, *gravity_name])
+    # Arrows of equal length for all loads, so that small ones are visible; the label gives the magnitude.
+    load_names: list[Label] = []
+    for load in robot.loads:
+        if isinstance(load, PointLoad):
+            at, force, unit = load.at, load.force, "N"
+        elif isinstance(load, Moment):
+            at, force, unit = load.at, load.moment, "N m"
+        else:
+            body = next(body for body in robot.bodies if body.name == load.on)
+            at, force, unit = body.mesh.points[np.unique(load.faces)].mean(axis=0), load.traction, "Pa"
+        strength = float(np.linalg.norm(force))
+        if strength > 0:
+            tail = at - 0.3 * size * force / strength
+            parts.append(Arrow(tail, at, 0.009 * size, colour=RED))
+            load_names.append(Label(f"{load.name}: {number(strength)} {unit}", tail[None]))
+    strength = float(np.linalg.norm(robot.gravity))
+    if strength > 0:  # an arrow beside the robot, visible in both views
+        side = np.cross(up, towards) - towards
+        side = side / np.linalg.norm(side)
+        middle = points.mean(axis=0)
+        every = np.concatenate([points, *(via.at[None] for cable in robot.cables for via in cable.via_points)])
+        tail = middle + (float(((every - middle) @ side).max()) + 0.22 * size) * side
+        parts.append(Arrow(tail, tail + 0.2 * size * robot.gravity / strength, 0.009 * size, colour=RED))
+        load_names.append(Label(f"gravity: {number(strength)} m/s²", tail[None]))
+    names += load_names
+    first, second = (others, names) if others else (names, others)
     scenes = (
         Scene("From the side", tuple(parts), tuple(first)),
         Scene("Turned by 90 deg", tuple(parts), tuple(second)),
@@ -216,63 +253,6 @@ def _carrier_colour(robot: Robot, carrier: str) -> str:
     if carrier in {plate.name for plate in robot.plates}:
         return BLUE
     return PURPLE if carrier else GREEN
-
-
-def _legend(robot: Robot) -> dict[str, str]:
-    """Legend: the meaning of each colour in the picture."""
-    carriers = {_carrier_colour(robot, via.on) for cable in robot.cables for via in cable.via_points}
-    legend = material_legend(robot)
-    if any(len(body.fixed) for body in robot.bodies) or any(plate.fixed for plate in robot.plates):
-        legend["fixed"] = INK
-    if any(not plate.fixed for plate in robot.plates):
-        legend["plate (nodes, via points)" if robot.bodies else "plate"] = BLUE
-    if robot.cables:
-        legend["cable"] = ORANGE
-    legend |= {
-        name: colour
-        for colour, name in ((GREEN, "via point in space"), (PURPLE, "via point on a body"))
-        if colour in carriers
-    }
-    if robot.markers:
-        legend["marker"] = SKY
-    if robot.loads or np.any(robot.gravity):
-        legend["load, gravity"] = RED
-    return legend
-
-
-def _load_arrows(robot: Robot, size: float) -> tuple[list[Part], list[Label]]:
-    """Arrows of equal length for all loads, so that small ones are visible; the label gives the magnitude."""
-    arrows: list[Part] = []
-    labels: list[Label] = []
-    for load in robot.loads:
-        if isinstance(load, PointLoad):
-            at, force, unit = load.at, load.force, "N"
-        elif isinstance(load, Moment):
-            at, force, unit = load.at, load.moment, "N m"
-        else:
-            body = next(body for body in robot.bodies if body.name == load.on)
-            at, force, unit = body.mesh.points[np.unique(load.faces)].mean(axis=0), load.traction, "Pa"
-        strength = float(np.linalg.norm(force))
-        if strength > 0:
-            tail = at - 0.3 * size * force / strength
-            arrows.append(Arrow(tail, at, 0.009 * size, colour=RED))
-            labels.append(Label(f"{load.name}: {number(strength)} {unit}", tail[None]))
-    return arrows, labels
-
-
-def _gravity_arrow(robot: Robot, points: Floats, up: Floats, towards: Floats) -> tuple[list[Part], list[Label]]:
-    """An arrow beside the robot, visible in both views."""
-    strength = float(np.linalg.norm(robot.gravity))
-    if strength == 0:
-        return [], []
-    size = length_scale(points)
-    side = np.cross(up, towards) - towards
-    side = side / np.linalg.norm(side)
-    middle = points.mean(axis=0)
-    every = np.concatenate([points, *(via.at[None] for cable in robot.cables for via in cable.via_points)])
-    tail = middle + (float(((every - middle) @ side).max()) + 0.22 * size) * side
-    arrow = Arrow(tail, tail + 0.2 * size * robot.gravity / strength, 0.009 * size, colour=RED)
-    return [arrow], [Label(f"gravity: {number(strength)} m/s²", tail[None])]
 
 
 def _first_cable_side(robot: Robot, points: Floats, up: Floats) -> Floats:

@@ -9,7 +9,7 @@ from softcal.analysis.agreement import agreements
 from softcal.calibration.results.digits import interval_share
 from softcal.calibration.results.result import SearchResult
 from softcal.calibration.search.outcome import beyond_text, saturated_note
-from softcal.calibration.statistics.estimate import Estimate, Remark, Tone
+from softcal.calibration.statistics.estimate import Remark, Tone
 from softcal.report.agreement import (
     agreement_sentences,
     chance_text,
@@ -202,22 +202,20 @@ def _bounds(results: Mapping[str, SearchResult], *, held: bool = False) -> Itera
         bound = format_quantity(estimate.upper if upper else estimate.lower, estimate.unit, digits=AS_WRITTEN)
         name = parameter_label(name, results[label].parameters)
         at = f"{'upper' if upper else 'lower'} bound of {bound}"
-        text = f"{name} is at its {at}: {_why_at_bound(estimate)}"
+        share = interval_share(estimate)
+        if estimate.is_contradicted:
+            why = beyond_text(estimate)
+        elif share is None:
+            why = "the loss decreases beyond the bound, or the data do not determine the parameter."
+        elif share < _IDENTIFIED:
+            allowed = "within the noise, the data exclude neither this value nor values beyond the bound."
+            why = "the loss decreases beyond the bound." if estimate.beyond is None else allowed
+        else:
+            why = f"the data hardly determine it; its 95 % interval covers {_percent(share)} of the allowed range."
+        text = f"{name} is at its {at}: {why}"
         yield Remark(_of(label, results, text), "warning")
     if not at_bound and not held:
         yield Remark("No parameter is at a bound.", "good")
-
-
-def _why_at_bound(estimate: Estimate) -> str:
-    share = interval_share(estimate)
-    if estimate.is_contradicted:
-        return beyond_text(estimate)
-    if share is None:
-        return "the loss decreases beyond the bound, or the data do not determine the parameter."
-    if share < _IDENTIFIED:
-        allowed = "within the noise, the data exclude neither this value nor values beyond the bound."
-        return "the loss decreases beyond the bound." if estimate.beyond is None else allowed
-    return f"the data hardly determine it; its 95 % interval covers {_percent(share)} of the allowed range."
 
 
 def _identified(results: Mapping[str, SearchResult]) -> Iterable[Remark]:

@@ -140,25 +140,25 @@ def _estimates(of: FirstScreen) -> str:
     parts = [one.sentence for one in material[:_FEW]]
     parts += [f"{len(material) - _FEW} more"] if len(material) > _FEW else []
     (result,) = results.values()
-    lead = of.lead + _doubt(result, [one.name for one in material])
-    return f"{lead[:1].upper()}{lead[1:]}{joined(parts)}, from {_basis(result)}."
-
-
-def _doubt(result: SearchResult, names: Iterable[str]) -> str:
-    """Where the data contradict the model and its bounds, or the tests differ in one of the parameters `names` by more
-    than half its interval; "" where they do not.
-    """
+    names = [one.name for one in material]
     beyond = {name: one.beyond for name, one in result.parameters.items() if one.is_contradicted}
     doubts: list[str] = []
     if beyond:
-        parts = [f"{parameter_label(name, result.parameters)} by about {far:.0f}" for name, far in beyond.items()]
-        far = f"best fit beyond the bound of {joined(parts)} standard errors"
+        by = joined(f"{parameter_label(name, result.parameters)} by about {far:.0f}" for name, far in beyond.items())
+        far = f"best fit beyond the bound of {by} standard errors"
         doubts.append(f"model and bounds contradict the data ({far})")
     for name, spread in _contradictions(result, names).items():
         estimate, values = result.parameters[name], spread.values.values()
         ends = with_unit(estimate, f"{shown(estimate, min(values))} to {shown(estimate, max(values))}")
         doubts.append(f"no single {parameter_label(name, result.parameters)} fits the {WORDS[spread.kind]} ({ends})")
-    return "".join(f"{doubt}; " for doubt in doubts)
+    lead = of.lead + "".join(f"{doubt}; " for doubt in doubts)
+    n = len(result.experiments)
+    basis = f"{n} tests" if n > 1 else "one test"
+    records = _records(result)
+    if any(one.are_alike for one in records):
+        total, worth = sum(one.n for one in records), sum(min(max(one.effective, 1.0), one.n) for one in records)
+        basis += f" whose {total} measured values are correlated and worth {plain(round(worth), 2)} independent values"
+    return f"{lead[:1].upper()}{lead[1:]}{joined(parts)}, from {basis}."
 
 
 def _contradictions(result: SearchResult, names: Iterable[str]) -> dict[str, Spread]:
@@ -177,17 +177,6 @@ def _over_tests(name: str, names: list[str], ranges: Mapping[str, str], material
     if not any(one.is_determined for one in statements):
         return f"{label} not determined in any test"
     return f"{label} = {ranges[name] if name in ranges else value_text(statements[0].estimate)} test by test"
-
-
-def _basis(result: SearchResult) -> str:
-    """The tests that an estimate rests on, and what their samples are worth."""
-    n = len(result.experiments)
-    text = f"{n} tests" if n > 1 else "one test"
-    records = _records(result)
-    if not any(one.are_alike for one in records):
-        return text
-    total, worth = sum(one.n for one in records), sum(min(max(one.effective, 1.0), one.n) for one in records)
-    return f"{text} whose {total} measured values are correlated and worth {plain(round(worth), 2)} independent values"
 
 
 def _largest_source(of: FirstScreen) -> str:
@@ -210,28 +199,24 @@ def _largest_source(of: FirstScreen) -> str:
     names = [one.name for one in material]
     apart = [spread for result in of.judged.values() for spread in _contradictions(result, names).values()]
     first = f"First find why the {WORDS[apart[0].kind]} differ. " if apart else ""
-    return f"{text} {first}{_source_of(of, widest)}{_instruments(widest)}".strip()
-
-
-def _source_of(of: FirstScreen, one: Statement) -> str:
-    results = [result for result in of.judged.values() if result.parameters.get(one.name) == one.estimate]
-    of_what = "squared error" if MESH in one.budget and MESH not in one.estimate.shares else "variance"
-    _, share, words = max(one.shares, key=lambda found: found[1])
+    results = [result for result in of.judged.values() if result.parameters.get(widest.name) == widest.estimate]
+    of_what = "squared error" if MESH in widest.budget and MESH not in widest.estimate.shares else "variance"
+    _, share, words = max(widest.shares, key=lambda found: found[1])
     lead = f"All of the known {of_what}" if share > _ALL else f"{words.replace('> ', 'More than ')} of the {of_what}"
-    lead = f"{lead} of {one.label} comes"
+    lead = f"{lead} of {widest.label} comes"
     parts: list[str] = []
     vague = joined(dict.fromkeys(other.label for other in of.statements if not other.is_determined))
-    for source in (source for source, _, as_much in one.shares if as_much == words):  # several, if shown as equal
+    for source in (source for source, _, as_much in widest.shares if as_much == words):  # several, if shown as equal
         remedy, cause = _remedy(source, of.study, [r for result in results for r in _records(result)]), source.words
         if source.kind == BOUNDS and vague:
             cause, remedy = cause.replace("other parameters", vague), remedy.replace("them", vague)
         parts.append(f"{'As much comes' if parts else lead} from {cause}{remedy and f': {remedy}'}.")
-    text = " ".join(parts)
+    said = " ".join(parts)
     for result in results[:1]:
         if len(result.experiments) == len(of.judged) == 1:
-            text += " By how much tests differ is not known from one."
-        text += trend_sentences(result, of.records).get(one.name, "")
-    return text
+            said += " By how much tests differ is not known from one."
+        said += trend_sentences(result, of.records).get(widest.name, "")
+    return f"{text} {first}{said}{_instruments(widest)}".strip()
 
 
 def _instruments(one: Statement) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from softcal.calibration.results.result import SearchResult
 from softcal.report.closeness import misses_of, worst
 from softcal.report.comparison import improvements
 from softcal.report.conclusions import conclusions, first_screen, verdict
@@ -53,24 +52,18 @@ def key_numbers(content: ReportContent) -> list[KeyNumber]:
         remark = f"{first.error_text(first.nominal)} at the nominal values, {first.error_text(first.tuned)} now"
         value = "–" if gain is None else number(gain)
         numbers.append(KeyNumber("Error reduced by", value, "%", remark))
-    return numbers + _key_errors(content, content.headline_result)
-
-
-def _key_errors(content: ReportContent, result: SearchResult) -> list[KeyNumber]:
-    """The RMS distance of all markers, and the errors that the third sentence of the first screen tells."""
-    errors: list[KeyNumber] = []
-    fitted = [place for place in places(result) if not place.held_out]
+    fitted = [place for place in places(content.headline_result) if not place.held_out]
     distance = pooled(fitted)
     if distance is not None:
         length = fitted[0].fit.length
         share = "" if length is None else f"{number(100 * distance.rms / length, 2)} % of the length; "
         remark = f"{share}{number(MM * distance.max)} mm at most"
-        errors.append(KeyNumber("Markers, RMS distance", number(MM * distance.rms), "mm", remark))
-    misses = list(misses_of(content.samples, result))
+        numbers.append(KeyNumber("Markers, RMS distance", number(MM * distance.rms), "mm", remark))
+    misses = list(misses_of(content.samples, content.headline_result))
     for word in dict.fromkeys(miss.word for miss in misses):
         if (miss := worst(misses, word)) is not None:
             where = f"; largest in {miss.place}" if sum(one.word == word for one in misses) > 1 else ""
             share = "" if miss.share is None else f"{number(100 * miss.share, 2)} % of its range"
             value, _, unit = miss.size.partition(" ")
-            errors.append(KeyNumber(f"{word.capitalize()}, RMS error", value, unit, f"{share}{where}"))
-    return errors
+            numbers.append(KeyNumber(f"{word.capitalize()}, RMS error", value, unit, f"{share}{where}"))
+    return numbers

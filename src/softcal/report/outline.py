@@ -32,7 +32,8 @@ def two_views(points: Floats, up: Floats) -> tuple[View, View]:
     others: list[Floats] = [axis for axis in np.eye(3) if abs(axis @ vertical) < 1.0 - _ALONG]
     if len(others) < 2:
         first = across(vertical)
-        others = [first, _unit(np.cross(vertical, first))]
+        second = np.cross(vertical, first)
+        others = [first, np.asarray(second / np.linalg.norm(second), dtype=np.float64)]
     wide, narrow = sorted(others, key=lambda axis: -float(np.ptp(points @ axis)))
     return (
         View(*_pair(wide, vertical, "across", name)),
@@ -50,10 +51,6 @@ def outline(flat: Floats, triangles: Ints) -> Ints:
     unique, place = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
     fronts = np.bincount(place.ravel(), weights=sides, minlength=len(unique))
     return np.asarray(unique[fronts == 1], dtype=np.int64)
-
-
-def _unit(direction: np.ndarray) -> Floats:
-    return np.asarray(direction / np.linalg.norm(direction), dtype=np.float64)
 
 
 def _named(direction: Floats, fallback: str) -> tuple[Floats, str]:

@@ -92,8 +92,14 @@ def prediction_sentence(result: SearchResult) -> Remark | None:
     predicted = [place for place in places(result) if place.held_out]
     ahead, fitted = pooled(predicted), pooled(place for place in places(result) if not place.held_out)
     if ahead is None:
-        text = _channels_sentence(result)
-        return Remark(text) if text else None
+        errors: Mapping[str, str] = {
+            name: joined(
+                f"{channel} to {number(error)} {one.fit.units[channel]}" for channel, error in one.fit.rmse.items()
+            )
+            for name, one in result.held_out.items()
+        }
+        told = "; ".join(f"{name}, {text}" for name, text in errors.items())
+        return Remark(f"Held out of the fit and predicted (RMS): {told}.") if errors else None
     distances = ((place, place.fit.distance) for place in predicted)
     each = joined(f"{at.experiment} to {distance_text(d, at.fit.length)}" for at, d in distances if d is not None)
     text = f"Held out of the fit and predicted: {each}"
@@ -102,19 +108,3 @@ def prediction_sentence(result: SearchResult) -> Remark | None:
     ratio = ahead.rms / fitted.rms
     tone: Tone = "good" if ratio <= _CARRIES_OVER else "warning" if ratio > _DOUBTFUL else "note"
     return Remark(f"{text}; {number(ratio, 2)} times the distance in the fitted tests.", tone)
-
-
-def _channels_sentence(result: SearchResult) -> str:
-    errors: Mapping[str, str] = {
-        name: joined(
-            f"{channel} to {number(error)} {one.fit.units[channel]}" for channel, error in one.fit.rmse.items()
-        )
-        for name, one in result.held_out.items()
-    }
-    if not errors:
-        return ""
-    return (
-        "Held out of the fit and predicted (RMS): "
-        + "; ".join(f"{name}, {text}" for name, text in errors.items())
-        + "."
-    )

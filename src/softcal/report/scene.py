@@ -261,7 +261,9 @@ def bending_camera(points: Floats, up: Floats, towards: Floats) -> Projection:
         right = across(up)
     right /= np.linalg.norm(right)
     back: Floats = np.asarray(np.cross(right, up), dtype=np.float64)
-    back = _turned(back, up, 0.40)
+    back = (
+        back * np.cos(0.40) + np.cross(up, back) * np.sin(0.40) + up * (up @ back) * (1 - np.cos(0.40))
+    )  # turned about `up`
     back = back * np.cos(0.28) + up * np.sin(0.28)
     right = np.asarray(np.cross(up, back), dtype=np.float64)
     right /= np.linalg.norm(right)
@@ -288,12 +290,6 @@ def alike(cameras: tuple[Projection, ...]) -> tuple[Projection, ...]:
     return tuple(
         Projection(camera.right, camera.up, camera.back, (x - half[0], x + half[0], y - half[1], y + half[1]))
         for camera, (x, y) in zip(cameras, middles.tolist(), strict=True)
-    )
-
-
-def _turned(vector: Floats, axis: Floats, angle: float) -> Floats:
-    return (
-        vector * np.cos(angle) + np.cross(axis, vector) * np.sin(angle) + axis * (axis @ vector) * (1 - np.cos(angle))
     )
 
 

@@ -15,7 +15,6 @@ from softcal.report.scene_render import Rendering, panel_size
 from softcal.report.style import DISPLACEMENT, INK, MUTED, house_style, new_figure
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _SCALE_BAR = 0.14  # [in], beneath the pictures
@@ -82,7 +81,19 @@ def draw_side_by_side(
             else:
                 axes.text(0.5, 0.5, _NO_PICTURE, transform=axes.transAxes, ha="center", color=MUTED)
             axes.set_title(scene.title)
-        _scale_bar(figure.axes[0], cameras[0])
+        axes, (left, right, bottom, _) = figure.axes[0], _millimetres(cameras[0])
+        wanted = 0.25 * (right - left)
+        power = 10 ** np.floor(np.log10(wanted))
+        length = max(step * power for step in (1, 2, 5) if step * power <= wanted)
+        # A bar of length beneath the picture, where no part of the robot is.
+        axes.plot(
+            [left, left + length], [bottom, bottom], color=INK, linewidth=2.0, solid_capstyle="butt", zorder=6,
+            clip_on=False,
+        )  # fmt: skip
+        axes.annotate(
+            f"{length:g} mm", (left + length, bottom), (4, 0), textcoords="offset points", ha="left", va="center",
+            fontsize=8.5, color=INK, annotation_clip=False,
+        )  # fmt: skip
         if largest:
             shades = ScalarMappable(Normalize(0, 1e3 * largest), DISPLACEMENT)
             bar = figure.colorbar(
@@ -101,19 +112,3 @@ def draw_side_by_side(
 def _millimetres(camera: Projection) -> tuple[float, float, float, float]:
     left, right, bottom, top = camera.window
     return 1e3 * left, 1e3 * right, 1e3 * bottom, 1e3 * top
-
-
-def _scale_bar(axes: Axes, camera: Projection) -> None:
-    left, right, bottom, _ = _millimetres(camera)
-    wanted = 0.25 * (right - left)
-    power = 10 ** np.floor(np.log10(wanted))
-    length = max(step * power for step in (1, 2, 5) if step * power <= wanted)
-    # Beneath the picture, where no part of the robot is.
-    axes.plot(
-        [left, left + length], [bottom, bottom], color=INK, linewidth=2.0, solid_capstyle="butt", zorder=6,
-        clip_on=False,
-    )  # fmt: skip
-    axes.annotate(
-        f"{length:g} mm", (left + length, bottom), (4, 0), textcoords="offset points", ha="left", va="center",
-        fontsize=8.5, color=INK, annotation_clip=False,
-    )  # fmt: skip

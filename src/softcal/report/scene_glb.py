@@ -67,20 +67,36 @@ class _Glb:
         mesh: PolyData = part.mesh().triangulate()
         if mesh.n_points == 0 or mesh.n_cells == 0:
             return
+        from matplotlib.colors import to_rgb
+
         faces = np.asarray(mesh.regular_faces)
         points = self._place(np.asarray(mesh.points, dtype=np.float64))
         by_face = "colour" in mesh.cell_data
-        shades = self._shades(part, mesh)
+        # RGB from 0 to 1 of every point, or of every triangle where the part's colours are those of its faces.
+        if isinstance(part.colour, str):
+            shades = np.tile(np.array(to_rgb(part.colour)), (mesh.n_points, 1))
+        else:
+            data = mesh.cell_data if by_face else mesh.point_data
+            shades = np.asarray(data["colour"], dtype=np.float64)[:, :3] / 255.0
         if by_face or not part.smooth:  # with facets: each triangle has its own corners
             points, shades = (
                 points[faces.ravel()],
                 shades[faces.ravel()] if not by_face else np.repeat(shades, 3, axis=0),
             )
             faces = np.arange(len(points)).reshape(-1, 3)
+        # Unit normals of the points, the mean of those of their triangles.
+        area = np.cross(points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]])
+        normals = np.zeros_like(points)
+        for corner in range(3):
+            np.add.at(normals, faces[:, corner], area)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = np.where(length > 0.0, normals / np.where(length > 0.0, length, 1.0), [0.0, 0.0, 1.0])
+        # Colours as they are named (sRGB), as the intensities that glTF has.
+        shades = np.where(shades <= 0.04045, shades / 12.92, ((shades + 0.055) / 1.055) ** 2.4)
         attributes = {
             "POSITION": self._floats(points, bounds=True),
-            "NORMAL": self._floats(_normals(points, faces)),
-            "COLOR_0": self._floats(_linear(shades)),
+            "NORMAL": self._floats(normals),
+            "COLOR_0": self._floats(shades),
         }
         self._primitive(attributes, faces, _TRIANGLES, part.opacity)
 
@@ -113,15 +129,6 @@ class _Glb:
         whole = 12 + 8 + len(text) + 8 + len(self._data)
         head = struct.pack("<III", 0x46546C67, 2, whole) + struct.pack("<II", len(text), 0x4E4F534A)
         return head + text + struct.pack("<II", len(self._data), 0x004E4942) + bytes(self._data)
-
-    def _shades(self, part: Part, mesh: PolyData) -> Floats:
-        """RGB from 0 to 1 of every point, or of every triangle where the part's colours are those of its faces."""
-        from matplotlib.colors import to_rgb
-
-        if isinstance(part.colour, str):
-            return np.tile(np.array(to_rgb(part.colour)), (mesh.n_points, 1))
-        data = mesh.cell_data if "colour" in mesh.cell_data else mesh.point_data
-        return np.asarray(data["colour"], dtype=np.float64)[:, :3] / 255.0
 
     def _primitive(self, attributes: dict[str, int], indices: Any, mode: int, opacity: float) -> None:
         flat = np.ascontiguousarray(indices, dtype="<u4").ravel()
@@ -159,18 +166,3 @@ class _Glb:
             {"bufferView": len(self._views) - 1, "componentType": component, "count": count, "type": kind}
         )
         return len(self._accessors) - 1
-
-
-def _normals(points: Floats, faces: Any) -> Floats:
-    """Unit normals of the points, the mean of those of their triangles."""
-    area = np.cross(points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]])
-    normals = np.zeros_like(points)
-    for corner in range(3):
-        np.add.at(normals, faces[:, corner], area)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.where(length > 0.0, normals / np.where(length > 0.0, length, 1.0), [0.0, 0.0, 1.0])
-
-
-def _linear(shades: Floats) -> Floats:
-    """Colours as they are named (sRGB), as the intensities that glTF has."""
-    return np.where(shades <= 0.04045, shades / 12.92, ((shades + 0.055) / 1.055) ** 2.4)

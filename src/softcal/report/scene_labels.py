@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.report.scene import Label, Projection, Scene
+from softcal.report.scene import Projection, Scene
 from softcal.report.scene_render import panel_size
 from softcal.report.style import FAINT, INK
 
@@ -34,6 +33,9 @@ def name_parts(axes: Axes, scene: Scene, camera: Projection) -> None:
     camera
         The projection of the picture.
     """
+    from matplotlib.textpath import TextPath
+    from scipy.spatial import KDTree
+
     if not scene.labels:
         return
     left, right, bottom, top = (1e3 * side for side in camera.window)
@@ -44,12 +46,20 @@ def name_parts(axes: Axes, scene: Scene, camera: Projection) -> None:
     middle = 0.5 * (crowd[:, 0].min() + crowd[:, 0].max())
     reach = [1e3 * camera.project(label.at)[:, :2] for label in scene.labels]
     on_left = np.array([at[:, 0].mean() < middle for at in reach])
-    anchors = np.zeros((len(reach), 2))
+    anchors, tree = np.zeros((len(reach), 2)), KDTree(crowd)
     for k, at in enumerate(reach):
         taken = anchors[:k][on_left[:k] == on_left[k], 1]
-        anchors[k] = _clearest(at, crowd, taken, row, left=bool(on_left[k]))
+        # Of its points nearly furthest from the crowd the one nearest to the name, a row away from others if it can be.
+        distance = tree.query(at)[0]
+        clear = at[distance >= 0.5 * distance.max()]
+        apart = clear[(np.abs(clear[:, 1:] - taken) >= row).all(axis=1)]
+        best = apart if len(apart) else clear
+        anchors[k] = best[np.argmin(best[:, 0] if on_left[k] else -best[:, 0])]
     low, high = bottom + 0.8 * row, top - 0.5 * row  # the lowest is clear of the scale bar
-    for column in _columns(scene.labels, on_left, wide):
+    widths = np.array([TextPath((0, 0), one.text, size=_SIZE).get_extents().width for one in scene.labels])
+    sides = [np.flatnonzero(on_left), np.flatnonzero(~on_left)]
+    needed = sum(float(widths[side].max(initial=0.0)) + 4 * _PAD * _SIZE for side in sides) / 72
+    for column in sides if needed < 0.96 * wide else [np.arange(len(scene.labels))]:
         kept, most = column[np.argsort(-anchors[column, 1])], 1 + int((high - low) / row)
         if len(kept) > most:
             kept = kept[np.linspace(0, len(kept) - 1, most).round().astype(int)]
@@ -83,27 +93,3 @@ def spread(wanted: Floats, low: float, high: float, row: float) -> list[float]:
     for k in reversed(range(len(places))):
         places[k] = max(places[k], places[k + 1] + row if k + 1 < len(places) else low)
     return places
-
-
-def _columns(labels: Sequence[Label], on_left: np.ndarray, wide: float) -> list[np.ndarray]:
-    """Numbers of the names in each column: both sides are one where they have no room beside each other."""
-    from matplotlib.textpath import TextPath
-
-    widths = np.array([TextPath((0, 0), one.text, size=_SIZE).get_extents().width for one in labels])
-    sides = [np.flatnonzero(on_left), np.flatnonzero(~on_left)]
-    needed = sum(float(widths[side].max(initial=0.0)) + 4 * _PAD * _SIZE for side in sides) / 72
-    return sides if needed < 0.96 * wide else [np.arange(len(labels))]
-
-
-def _clearest(candidates: Floats, crowd: Floats, taken: Floats, row: float, *, left: bool) -> Floats:
-    """Anchor of a name's line: of the candidates nearly furthest from the crowd, the one nearest to the name.
-
-    taken: heights of other anchors of that side, from which it is a row away if it can be.
-    """
-    from scipy.spatial import KDTree
-
-    distance = KDTree(crowd).query(candidates)[0]
-    clear = candidates[distance >= 0.5 * distance.max()]
-    apart = clear[(np.abs(clear[:, 1:] - taken) >= row).all(axis=1)]
-    best = apart if len(apart) else clear
-    return best[np.argmin(best[:, 0] if left else -best[:, 0])]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.checks import Floats, Ints
+from softcal.checks import Floats
 from softcal.geometry.fine_surface import fine_surface
 from softcal.geometry.pose import Pose
 from softcal.geometry.surface import boundary
@@ -37,7 +37,7 @@ from softcal.report.scene import (
 from softcal.report.twin_view import TwinView
 from softcal.twin.facing import up_direction
 from softcal.twin.response import Snapshot
-from softcal.twin.robot import Body, Robot
+from softcal.twin.robot import Robot
 
 TAUT = 1e-6  # of the largest tension: less is slack
 MANY_CABLES = 3  # more than these are drawn thinner
@@ -101,7 +101,18 @@ def twin_parts(
     parts: list[Part] = []
     for body in robot.bodies:
         d = None if moved is None else moved[body.name]
-        parts += _body_surfaces(body, snapshot.points[body.name], view.tets[body.name], colours, d, largest)
+        tets = view.tets[body.name]
+        for material, faces in ({"": boundary(tets)} if d is not None else material_faces(body, tets)).items():
+            fine = fine_surface(faces)
+            at = fine.at(snapshot.points[body.name])
+            is_fixed = fine.by_triangle(np.asarray(np.isin(faces[:, :3], body.fixed).all(axis=1)))
+            hides = material == body.name and len(body.materials) > 1
+            look = colours[material] if d is None else _shades(fine.at(d), largest)
+            parts += [
+                Surface(at, fine.triangles[chosen], colour=colour, opacity=AROUND if hides else 1.0)
+                for chosen, colour in ((~is_fixed, look), (is_fixed, MUTED))
+                if chosen.any()
+            ]
     labels: list[Label] = []
     for rod in robot.rods:
         look = rod_colours(rod, colours) if moved is None else _shades(moved[rod.name], largest)
@@ -128,27 +139,6 @@ def twin_parts(
         labels.append(Label(plate.name, around))
     parts += [Ball(at, 0.012 * size, colour=SKY) for at in snapshot.markers.values()]
     return tuple(parts), tuple(labels)
-
-
-def _body_surfaces(
-    body: Body, points: Floats, tets: Ints, colours: Mapping[str, str], moved: Floats | None, largest: float
-) -> list[Surface]:
-    """A body's surface, coloured by displacement or by material; what is fixed in space is grey."""
-    from softcal.report.style import MUTED
-
-    surfaces: list[Surface] = []
-    for material, faces in ({"": boundary(tets)} if moved is not None else material_faces(body, tets)).items():
-        fine = fine_surface(faces)
-        at = fine.at(points)
-        is_fixed = fine.by_triangle(np.asarray(np.isin(faces[:, :3], body.fixed).all(axis=1)))
-        hides = material == body.name and len(body.materials) > 1
-        look = colours[material] if moved is None else _shades(fine.at(moved), largest)
-        surfaces += [
-            Surface(at, fine.triangles[chosen], colour=colour, opacity=AROUND if hides else 1.0)
-            for chosen, colour in ((~is_fixed, look), (is_fixed, MUTED))
-            if chosen.any()
-        ]
-    return surfaces
 
 
 def _shades(moved: Floats, largest: float) -> Floats:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softcal.report.scene import Part, Projection, Scene, Surface, polylines
+from softcal.report.scene import Projection, Scene, Surface, polylines
 
 if TYPE_CHECKING:
     from pyvista import PolyData
@@ -58,8 +58,23 @@ def render(scene: Scene, camera: Projection, height: int) -> np.ndarray[Any, Any
     renderer.SetMaximumNumberOfPeels(_PEELS)
     vtkLightKit().AddLightsToRenderer(renderer)
     for part in scene.parts:
-        for actor in _actors(part, camera):
-            renderer.AddActor(actor)
+        mesh = part.mesh()
+        if part.opacity < 1.0:
+            mesh = from_behind(mesh.triangulate(), camera)
+        actor = _actor(mesh, part.colour if isinstance(part.colour, str) else "white", part.opacity)
+        renderer.AddActor(actor)
+        look = actor.GetProperty()
+        ambient, diffuse, specular = _BULKY if part.bulky else _SMALL
+        look.SetAmbient(ambient)
+        look.SetDiffuse(diffuse)
+        look.SetSpecular(specular)
+        if not part.smooth:
+            look.SetInterpolationToFlat()
+        if isinstance(part, Surface) and part.edges is not None:
+            edges = _actor(polylines(tuple(part.points[part.edges])), _EDGES, part.opacity)
+            edges.GetProperty().SetLighting(False)
+            edges.GetProperty().SetLineWidth(_FINER)
+            renderer.AddActor(edges)
     middle = 0.5 * ((left + right) * camera.right + (bottom + top) * camera.up)
     view = renderer.GetActiveCamera()
     view.SetPosition(*middle + 10.0 * (right - left + top - bottom) * camera.back)
@@ -77,26 +92,6 @@ def render(scene: Scene, camera: Projection, height: int) -> np.ndarray[Any, Any
     pixels = vtk_to_numpy(scalars).reshape(_FINER * height, _FINER * width, 4)[::-1]
     # Means of opaque colours: what is clear has none.
     return np.asarray(Image.fromarray(pixels).convert("RGBa").reduce(_FINER).convert("RGBA"))
-
-
-def _actors(part: Part, camera: Projection) -> list[Any]:
-    """A part, and the edges drawn on it."""
-    mesh = part.mesh()
-    if part.opacity < 1.0:
-        mesh = from_behind(mesh.triangulate(), camera)
-    found = [_actor(mesh, part.colour if isinstance(part.colour, str) else "white", part.opacity)]
-    look = found[0].GetProperty()
-    ambient, diffuse, specular = _BULKY if part.bulky else _SMALL
-    look.SetAmbient(ambient)
-    look.SetDiffuse(diffuse)
-    look.SetSpecular(specular)
-    if not part.smooth:
-        look.SetInterpolationToFlat()
-    if isinstance(part, Surface) and part.edges is not None:
-        found.append(_actor(polylines(tuple(part.points[part.edges])), _EDGES, part.opacity))
-        found[1].GetProperty().SetLighting(False)
-        found[1].GetProperty().SetLineWidth(_FINER)
-    return found
 
 
 def _actor(mesh: PolyData, colour: str, opacity: float) -> Any:

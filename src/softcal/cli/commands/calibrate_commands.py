@@ -30,7 +30,6 @@ from softcal.cli.values import (
 )
 
 if TYPE_CHECKING:
-    from softcal.project.project import Project
     from softcal.twin.response import Response
 
 
@@ -111,8 +110,11 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     options = calibration_options(option, {**changes, "mesh_error": mesh_error})
     loaded = load(project, values=parsed_values(values))
     from softcal.calibration.search.storage_url import storage_url
+    from softcal.report.format import duration
     from softcal.workflows.calibrated_shapes import furthest_responses
     from softcal.workflows.calibration import calibrate as calibrate_project
+    from softcal.workflows.calibration import plan
+    from softcal.workflows.expected_duration import expected_duration
 
     print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "run"
@@ -132,7 +134,20 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     with page_beside(folder, wanted=watch):
         with executor_told(on, workers) as executor, resumable(folder, "Everything", f"softcal calibrate {again}"):
             if engine != SOFTCAL and not resume:
-                _print_expected(loaded, engine, changes, executor.count)
+                settings, problems = plan(loaded, engine, **changes)
+                print_warnings(dict.fromkeys(problem.left_out for problem in problems.values() if problem.left_out))
+                with clock() as show:
+                    show(f"Timing one simulation by {engine}")
+                    expected = expected_duration(problems, settings.search, executor.count)
+                low, high = expected.duration
+                span = duration(high) if duration(low) == duration(high) else f"{duration(low)} to {duration(high)}"
+                count = " to ".join(dict.fromkeys(str(n) for n in expected.simulations))
+                text = f"Expected: {span}, for {count} of the search"
+                if expected.held_out[1]:
+                    held_out_too = " to ".join(dict.fromkeys(str(n) for n in expected.held_out))
+                    text += f" and {held_out_too} of the held-out predictions"
+                one = f"One simulation by {engine} takes {duration(expected.seconds)}"
+                echo(f"{one}. {text}, if all take as long.")
             with calibration_progress() as bars:
                 calibrations = calibrate_project(
                     loaded,
@@ -154,26 +169,6 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         echo(f"Run: {shown_path(folder)}")
         if report:
             report_run(folder, None, solved)
-
-
-def _print_expected(project: Project, engine: str, changes: dict[str, Any], workers: int) -> None:
-    """Say how long a calibration by another engine will take, before it begins."""
-    from softcal.report.format import duration
-    from softcal.workflows.calibration import plan
-    from softcal.workflows.expected_duration import expected_duration
-
-    settings, problems = plan(project, engine, **changes)
-    print_warnings(dict.fromkeys(problem.left_out for problem in problems.values() if problem.left_out))
-    with clock() as show:
-        show(f"Timing one simulation by {engine}")
-        expected = expected_duration(problems, settings.search, workers)
-    low, high = expected.duration
-    span = duration(high) if duration(low) == duration(high) else f"{duration(low)} to {duration(high)}"
-    count = " to ".join(dict.fromkeys(str(n) for n in expected.simulations))
-    text = f"One simulation by {engine} takes {duration(expected.seconds)}. Expected: {span}, for {count} of the search"
-    if expected.held_out[1]:
-        text += f" and {' to '.join(dict.fromkeys(str(n) for n in expected.held_out))} of the held-out predictions"
-    echo(f"{text}, if all take as long.")
 
 
 @register_command("start", 5)

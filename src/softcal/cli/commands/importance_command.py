@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -11,9 +11,6 @@ from softcal.cli.printing import echo, print_table
 from softcal.cli.running import clock, executor_told
 from softcal.cli.study import CalibrationName, StudyFolder, begin_study, end_study, study_folder
 from softcal.cli.values import LOCAL, On, Source, Values, Workers
-
-if TYPE_CHECKING:
-    from softcal.analysis.importance import ImportanceStudy
 
 
 @register_command("judge", 5)
@@ -32,6 +29,10 @@ def importance(
     By SALib on a surrogate of the twin through some hundred trajectories, which is checked at others.
     """
     studied = begin_study(source, values, calibration)
+    from rich.table import Table
+
+    from softcal.analysis.importance_verdict import index_text
+    from softcal.units import plain
     from softcal.workflows.importance import IMPORTANCE, study_importance
 
     folder = study_folder(IMPORTANCE, source, out)
@@ -43,16 +44,6 @@ def importance(
             workers=executor,
             progress=lambda n: show(f"{n} evaluations"),
         )
-    _print_study(study)
-    end_study(IMPORTANCE, study, studied, folder, study.notes, source)
-
-
-def _print_study(study: ImportanceStudy) -> None:
-    from rich.table import Table
-
-    from softcal.analysis.importance_verdict import index_text
-    from softcal.units import plain
-
     for name, output in study.outputs.items():
         fanova = study.fanova if name == "loss" else {}
         table = Table(name, "alone", "with others", *["fANOVA"] * bool(fanova))
@@ -64,3 +55,4 @@ def _print_study(study: ImportanceStudy) -> None:
     counted = ", ".join(f"{plain(value, 6)} {name}" for name, value in study.facts.items())
     echo(f"{counted}; {plain(study.wall_s, 2)} s. Error of the surrogate over the standard deviation: {errors}.")
     echo("± is half the 95 % interval.")
+    end_study(IMPORTANCE, study, studied, folder, study.notes, source)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -12,9 +12,6 @@ from softcal.cli.printing import echo, print_table
 from softcal.cli.running import clock, executor_told
 from softcal.cli.study import CalibrationName, end_study
 from softcal.cli.values import LOCAL, On, Workers
-
-if TYPE_CHECKING:
-    from softcal.calibration.interval_studies.checked_interval import IntervalStudy
 
 
 @register_command("judge", 4)
@@ -58,6 +55,9 @@ def intervals(  # noqa: PLR0913 (one argument for each option)
     jackknife: one group of measurements left out at a time, without a further trajectory. bootstrap: groups with random
     weights, the ends confirmed by some three trajectories each.
     """
+    from rich.table import Table
+
+    from softcal.units import format_quantity, plain
     from softcal.workflows.intervals import INTERVALS, check_method, default_folder, study_intervals
     from softcal.workflows.output import require_free_folder
     from softcal.workflows.study_source import run_source
@@ -77,15 +77,6 @@ def intervals(  # noqa: PLR0913 (one argument for each option)
             progress=lambda n: show(f"{n} evaluations"),
         )
     echo(f"95 % intervals of the calibration '{source.calibration}'")
-    _print_study(study)
-    end_study(INTERVALS, study, source, folder, study.notes, run)
-
-
-def _print_study(study: IntervalStudy) -> None:
-    from rich.table import Table
-
-    from softcal.units import format_quantity, plain
-
     table = Table("parameter", "value", "quick", study.by, "difference")
     for label, interval in study.intervals.items():
         share = interval.difference
@@ -102,3 +93,4 @@ def _print_study(study: IntervalStudy) -> None:
     print_table(table)
     counted = ", ".join(f"{plain(value, 4)} {name}" for name, value in study.facts.items())
     echo(f"{counted}; {plain(study.wall_s, 2)} s")
+    end_study(INTERVALS, study, source, folder, study.notes, run)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -49,6 +48,10 @@ def simulate(
     from softcal.project.project import load
 
     loaded = load(project, values=parsed_values(values))
+    from rich.table import Table
+
+    from softcal.report.format import MANY
+    from softcal.units import format_quantity, format_range
     from softcal.workflows.cases import cases
     from softcal.workflows.simulation_folder import simulate_to_folder
 
@@ -70,7 +73,20 @@ def simulate(
                 _print_status(name, response)
 
             responses = simulate_to_folder(loaded, chosen, out, engine=engine, stage=show, ready=print_status)
-    _print_channels(responses)
+    shown = dict(list(responses.items())[:MANY])
+    table = Table("", *shown)
+    for channel, unit in {name: unit for one in shown.values() for name, unit in one.units.items()}.items():
+        cells: list[str] = []
+        for response in shown.values():
+            found = [value + 0.0 for value in response.channels.get(channel, ())]  # no "-0"
+            low, high = min(found, default=0.0), max(found, default=0.0)
+            text = format_range(low, high, unit, digits=4) if low < high else format_quantity(low, unit)
+            cells.append(text if found else "")
+        table.add_row(channel, *cells)
+    if table.row_count:
+        print_table(table)
+    if len(responses) > len(shown):
+        echo(f"The channels of {len(responses) - len(shown)} more are in the folder.")
     echo(f"Wrote {shown_path(out)}")
     for response in responses.values():
         if response.stopped_by is not None:
@@ -84,26 +100,3 @@ def _print_status(name: str, response: Response) -> None:
     if response.stopped_by is None and not response.succeeded:
         text = f"Error: {text}"
     echo(text, err=not response.succeeded)
-
-
-def _print_channels(responses: Mapping[str, Response]) -> None:
-    """Print a table of the least and the largest value of each channel, with a column for each load path."""
-    from rich.table import Table
-
-    from softcal.report.format import MANY
-    from softcal.units import format_quantity, format_range
-
-    shown = dict(list(responses.items())[:MANY])
-    table = Table("", *shown)
-    for channel, unit in {name: unit for one in shown.values() for name, unit in one.units.items()}.items():
-        cells: list[str] = []
-        for response in shown.values():
-            values = [value + 0.0 for value in response.channels.get(channel, ())]  # no "-0"
-            low, high = min(values, default=0.0), max(values, default=0.0)
-            text = format_range(low, high, unit, digits=4) if low < high else format_quantity(low, unit)
-            cells.append(text if values else "")
-        table.add_row(channel, *cells)
-    if table.row_count:
-        print_table(table)
-    if len(responses) > len(shown):
-        echo(f"The channels of {len(responses) - len(shown)} more are in the folder.")

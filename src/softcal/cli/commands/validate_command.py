@@ -16,7 +16,6 @@ from softcal.cli.values import LOCAL, On, Values, Workers, names, parsed_values
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from softcal.analysis.validation import Validation
     from softcal.calibration.results.result import ExperimentFit
 
 
@@ -54,6 +53,9 @@ def validate(
     if out is not None:
         require_free_file(out)
     loaded = {str(path): load(path, values=parsed_values(values)) for path in projects}
+    from rich.table import Table
+
+    from softcal.cli.calibration_table import value_text
     from softcal.workflows.validation import validate as validate_projects
     from softcal.workflows.validation import write_validation
 
@@ -69,23 +71,6 @@ def validate(
             workers=executor,
             progress=lambda model, fold, state: bars.show(f"{model} without {fold}", state),
         )
-    print_table(_table(validation))
-    for model, predictions in validation.models.items():
-        for prediction in predictions:
-            for note in prediction.result.notes:
-                if "held out" in note.text or "bound" in note.text:
-                    echo(f"Note ({model} without {', '.join(prediction.left_out)}): {note}")
-    if out is not None:
-        write_validation(validation, out)
-        echo(f"Wrote {shown_path(out)}")
-
-
-def _table(validation: Validation) -> Table:
-    """A column per model: the parameters fitted without each fold, and the errors of the predictions."""
-    from rich.table import Table
-
-    from softcal.cli.calibration_table import value_text
-
     table = Table("", *validation.models)
     folds = [prediction.left_out for prediction in next(iter(validation.models.values()))]
     for i, fold in enumerate(folds):
@@ -101,30 +86,35 @@ def _table(validation: Validation) -> Table:
         table.add_section()
     pooled = [[h.fit for fit in fits for h in fit.held_out.values()] for fits in validation.models.values()]
     _add_errors(table, "all predictions", pooled)
-    return table
+    print_table(table)
+    for model, predictions in validation.models.items():
+        for prediction in predictions:
+            for note in prediction.result.notes:
+                if "held out" in note.text or "bound" in note.text:
+                    echo(f"Note ({model} without {', '.join(prediction.left_out)}): {note}")
+    if out is not None:
+        write_validation(validation, out)
+        echo(f"Wrote {shown_path(out)}")
 
 
 def _add_errors(table: Table, what: str, held: Sequence[Sequence[ExperimentFit]]) -> None:
     """A line for the RMS error of each channel, or of the distance; held: the predictions of each model."""
-    errors = [_errors(fits) for fits in held]
+    from softcal.analysis.validation import pooled_errors
+
+    errors: list[dict[str, str]] = []  # with their units, "0.94 mm (0.22 %)"
+    for fits in held:
+        texts: dict[str, str] = {}
+        for name, error in pooled_errors(fits).items():
+            if name == "distance":
+                lengths = {fit.length for fit in fits}
+                length = lengths.pop() if len(lengths) == 1 else None
+                share = "" if length is None else f" ({100 * error / length:.3g} %)"
+                texts[name] = f"{1e3 * error:.3g} mm{share}"
+            else:
+                texts[name] = f"{error:.3g} {fits[0].units.get(name, '')}"
+        errors.append(texts)
     names = dict.fromkeys(name for one in errors for name in one)
     for name in names:
         table.add_row(f"{what}, {name} (RMS)", *(one.get(name, "" if one else "not predicted") for one in errors))
     if not names:
         table.add_row(what, *("not predicted" for _ in held))
-
-
-def _errors(fits: Sequence[ExperimentFit]) -> dict[str, str]:
-    """RMS errors with their units, "0.94 mm (0.22 %)", by channel, and of distances."""
-    from softcal.analysis.validation import pooled_errors
-
-    errors: dict[str, str] = {}
-    for name, error in pooled_errors(fits).items():
-        if name == "distance":
-            lengths = {fit.length for fit in fits}
-            length = lengths.pop() if len(lengths) == 1 else None
-            share = "" if length is None else f" ({100 * error / length:.3g} %)"
-            errors[name] = f"{1e3 * error:.3g} mm{share}"
-        else:
-            errors[name] = f"{error:.3g} {fits[0].units.get(name, '')}"
-    return errors

@@ -13,9 +13,6 @@ from softcal.cli.running import clock, executor_told, page_beside
 from softcal.cli.values import LOCAL, On, WithPage, Workers
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
-    from softcal.plugins.bench.case import BenchmarkCase
     from softcal.plugins.bench.score import Error, Score
 
 bench = typer.Typer(
@@ -111,33 +108,12 @@ def score(
 
 
 def _print_score(found: Score) -> None:
-    from softcal.plugins.bench.case import CASES
-
-    case = CASES.named(found.case)
-    print_table(_table(found, case))
-    if found.data:
-        echo(f"The samples to predict are those of {found.data}, not the case's own.")
-    for name, value in (found.parameters or {}).items():
-        echo(f"{name} = {value}")
-    for split, one in found.splits.items():
-        if one.coverage is not None:
-            echo(f"{100 * one.coverage:.0f} % of the values to {split} are in their 95 % bands.")
-    cost = [] if found.evaluations is None else [f"{found.evaluations} evaluations"]
-    cost += [] if found.wall_s is None else [f"{found.wall_s:.3g} s"]
-    if cost:
-        echo(f"Cost: {', '.join(cost)}.")
-    for row in case.published:
-        errors = zip(("all points", "tip"), row.predict, strict=True)
-        texts = ", ".join(f"{of} {1e3 * error:.3g} mm" for of, error in errors if error is not None)
-        echo(f"Beside it: {row.method}: {texts or row.note} ({row.source})")
-
-
-def _table(found: Score, case: BenchmarkCase) -> Table:
-    """A line for each point and channel of each split."""
     from rich.table import Table
 
+    from softcal.plugins.bench.case import CASES
     from softcal.units import format_quantity
 
+    case = CASES.named(found.case)
     table = Table("split", "samples", "of", "RMS", "mean", "95 % below", "largest", "mean, % of length")
     units = case.record().units
 
@@ -153,7 +129,22 @@ def _table(found: Score, case: BenchmarkCase) -> Table:
             line(split, one.n_samples, point, error, "m")
         for channel, error in one.channels.items():
             line(split, one.n_samples, channel, error, units[channel])
-    return table
+    print_table(table)
+    if found.data:
+        echo(f"The samples to predict are those of {found.data}, not the case's own.")
+    for name, value in (found.parameters or {}).items():
+        echo(f"{name} = {value}")
+    for split, one in found.splits.items():
+        if one.coverage is not None:
+            echo(f"{100 * one.coverage:.0f} % of the values to {split} are in their 95 % bands.")
+    cost = [] if found.evaluations is None else [f"{found.evaluations} evaluations"]
+    cost += [] if found.wall_s is None else [f"{found.wall_s:.3g} s"]
+    if cost:
+        echo(f"Cost: {', '.join(cost)}.")
+    for row in case.published:
+        errors = zip(("all points", "tip"), row.predict, strict=True)
+        texts = ", ".join(f"{of} {1e3 * error:.3g} mm" for of, error in errors if error is not None)
+        echo(f"Beside it: {row.method}: {texts or row.note} ({row.source})")
 
 
 @bench.command()

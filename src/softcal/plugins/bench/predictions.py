@@ -125,7 +125,26 @@ def read_predictions(path: Path, record: CaseRecord, method: str = "", *, aligne
     faults: list[Fault] = []
     columns = _columns([cell.strip() for cell in rows[0]], record, str(path), faults)
     samples = [row[0].strip() for row in rows[1:]]
-    faults += _sample_faults(samples, record, str(path))
+    where = str(path)
+    known, given = set(record.samples), set(samples)
+    if twice := [name for name, count in Counter(samples).items() if count > 1]:
+        faults.append(Fault(f"{len(twice)} sample(s) are there more than once", where, _some(twice), "one row each"))
+    if unknown := [name for name in dict.fromkeys(samples) if name not in known]:
+        attempt = nearest(unknown[0], record.samples)
+        faults.append(Fault(f"the case has no such sample ({len(unknown)})", where, _some(unknown), attempt=attempt))
+    for split in SPLITS:
+        of_split = np.array(record.samples)[record.of(split)].tolist()
+        missing = [name for name in of_split if name not in given]
+        if missing and (split == PREDICT or len(missing) < len(of_split)):
+            whole = "" if split == PREDICT else ", or none of them"
+            faults.append(
+                Fault(
+                    f"{len(missing)} of {len(of_split)} samples to {split} are missing",
+                    where,
+                    _some(missing),
+                    f"every sample to {split}{whole}",
+                )
+            )
     if uneven := [row[0].strip() for row in rows[1:] if len(row) != len(rows[0])]:
         allowed = f"{len(rows[0])} cells, as the header; a decimal point, not a comma"
         faults.append(Fault(f"{len(uneven)} row(s) have more or fewer cells", str(path), _some(uneven), allowed))
@@ -252,30 +271,6 @@ def _columns(header: list[str], record: CaseRecord, where: str, faults: list[Fau
     if missing:
         faults.append(Fault(f"{len(missing)} column(s) are missing", where, _some(missing), _layout(record)))
     return found
-
-
-def _sample_faults(samples: list[str], record: CaseRecord, where: str) -> list[Fault]:
-    faults: list[Fault] = []
-    known, given = set(record.samples), set(samples)
-    if twice := [name for name, count in Counter(samples).items() if count > 1]:
-        faults.append(Fault(f"{len(twice)} sample(s) are there more than once", where, _some(twice), "one row each"))
-    if unknown := [name for name in dict.fromkeys(samples) if name not in known]:
-        attempt = nearest(unknown[0], record.samples)
-        faults.append(Fault(f"the case has no such sample ({len(unknown)})", where, _some(unknown), attempt=attempt))
-    for split in SPLITS:
-        wanted = np.array(record.samples)[record.of(split)].tolist()
-        missing = [name for name in wanted if name not in given]
-        if missing and (split == PREDICT or len(missing) < len(wanted)):
-            whole = "" if split == PREDICT else ", or none of them"
-            faults.append(
-                Fault(
-                    f"{len(missing)} of {len(wanted)} samples to {split} are missing",
-                    where,
-                    _some(missing),
-                    f"every sample to {split}{whole}",
-                )
-            )
-    return faults
 
 
 def _values(

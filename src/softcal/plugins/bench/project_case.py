@@ -11,7 +11,7 @@ import numpy as np
 
 import softcal
 from softcal.calibration.problem.experiment import Experiment
-from softcal.calibration.results.result import CalibrationResult, ExperimentFit
+from softcal.calibration.results.result import CalibrationResult
 from softcal.checks import Floats
 from softcal.errors import CalibrationError, Fault, InputError, StorageError
 from softcal.executors.executor import Executor
@@ -114,10 +114,13 @@ class ProjectCase(BenchmarkCase):
         found = done.headline
         require_predicted(found, (*self.left_out, *held))
         fits = {**found.experiments, **{name: one.fit for name, one in found.held_out.items()}}
-        tables = [
-            _simulated(project.experiments[name], fits[name], with_bands=name in held)
-            for name in [*(e for e in project.experiments if e not in held), *held]
-        ]
+        tables: list[tuple[tuple[str, ...], Mapping[str, Floats], Mapping[str, Floats]]] = []
+        for name in [*(e for e in project.experiments if e not in held), *held]:
+            experiment, fit = project.experiments[name], fits[name]
+            names = _names(experiment)
+            none = np.full(len(names), np.nan)  # the half-widths of the samples to predict count
+            widths = {of: np.asarray(fit.bands.get(of, none) if name in held else none) for of in experiment.compared}
+            tables.append((names, {of: np.asarray(fit.simulated[of]) for of in experiment.compared}, widths))
         samples = tuple(sample for names, _, _ in tables for sample in names)
         names = dict.fromkeys(name for _, table, _ in tables for name in table)
         channels = {name: stacked([table for _, table, _ in tables], name) for name in names}
@@ -172,16 +175,3 @@ def _names(experiment: Experiment) -> tuple[str, ...]:
     labels = experiment.dataset.labels
     n = experiment.dataset.n_samples
     return tuple(labels) if labels else tuple(f"{experiment.name}:{i + 1}" for i in range(n))
-
-
-def _simulated(
-    experiment: Experiment, fit: ExperimentFit, *, with_bands: bool
-) -> tuple[tuple[str, ...], Mapping[str, Floats], Mapping[str, Floats]]:
-    """The samples' names, their channels, and the half-widths of their bands, NaN where there are none; those of the
-    samples to predict count.
-    """
-    names = _names(experiment)
-    none = np.full(len(names), np.nan)
-    channels = {name: np.asarray(fit.simulated[name]) for name in experiment.compared}
-    bands = fit.bands if with_bands else {}
-    return names, channels, {name: np.asarray(bands.get(name, none)) for name in experiment.compared}

@@ -97,11 +97,35 @@ def score(case: str, record: CaseRecord, predictions: Predictions, *, aligned: b
     data
         Name of the file with the samples; "" for the case's own.
     """
-    splits: dict[Split, SplitScore] = {
-        split: _split_score(record, predictions, record.of(split), aligned=aligned)
-        for split in SPLITS
-        if record.of(split).any() and predictions.has(record, split)
-    }
+    splits: dict[Split, SplitScore] = {}
+    for split in SPLITS:
+        chosen = record.of(split)
+        if chosen.any() and predictions.has(record, split):
+            rows = predictions.rows(np.array(record.samples)[chosen])
+            every, shift = distances_of(record, predictions, chosen, aligned=aligned)
+            seen = {point: distance[np.isfinite(distance)] for point, distance in every.items()}
+            distances = {point: distance for point, distance in seen.items() if len(distance)}
+            errors = {
+                name: np.abs(predictions.channels[name][rows] - record.channels[name][chosen]) for name in record.others
+            }
+            told = {name: error[np.isfinite(error)] for name, error in errors.items() if np.isfinite(error).any()}
+            everything = np.concatenate([np.zeros(0), *distances.values()])
+            inside: list[np.ndarray] = []
+            for name, measured in record.channels.items():
+                off = predictions.channels[name][rows] - measured[chosen]
+                if name not in record.others:
+                    off = off - shift["xyz".index(name[-1])]
+                band = predictions.bands[name][rows] if name in predictions.bands else np.full(len(rows), np.nan)
+                inside.append(np.where(np.isfinite(band), np.abs(off) <= band, False)[np.isfinite(off)])
+            banded = any(np.isfinite(band[rows]).any() for band in predictions.bands.values())
+            whole = np.concatenate(inside) if banded else np.zeros(0)
+            splits[split] = SplitScore(
+                int(chosen.sum()),
+                {point: _error(distance) for point, distance in distances.items()},
+                _error(everything) if len(everything) else None,
+                {name: _error(error) for name, error in told.items()},
+                float(whole.mean()) if len(whole) else None,
+            )
     return Score(
         case,
         predictions.method,
@@ -110,32 +134,6 @@ def score(case: str, record: CaseRecord, predictions: Predictions, *, aligned: b
         predictions.wall_s,
         predictions.parameters or None,
         data,
-    )
-
-
-def _split_score(record: CaseRecord, predictions: Predictions, chosen: np.ndarray, *, aligned: bool) -> SplitScore:
-    rows = predictions.rows(np.array(record.samples)[chosen])
-    every, shift = distances_of(record, predictions, chosen, aligned=aligned)
-    seen = {point: distance[np.isfinite(distance)] for point, distance in every.items()}
-    distances = {point: distance for point, distance in seen.items() if len(distance)}
-    errors = {name: np.abs(predictions.channels[name][rows] - record.channels[name][chosen]) for name in record.others}
-    told = {name: error[np.isfinite(error)] for name, error in errors.items() if np.isfinite(error).any()}
-    everything = np.concatenate([np.zeros(0), *distances.values()])
-    inside: list[np.ndarray] = []
-    for name, measured in record.channels.items():
-        off = predictions.channels[name][rows] - measured[chosen]
-        if name not in record.others:
-            off = off - shift["xyz".index(name[-1])]
-        band = predictions.bands[name][rows] if name in predictions.bands else np.full(len(rows), np.nan)
-        inside.append(np.where(np.isfinite(band), np.abs(off) <= band, False)[np.isfinite(off)])
-    banded = any(np.isfinite(band[rows]).any() for band in predictions.bands.values())
-    whole = np.concatenate(inside) if banded else np.zeros(0)
-    return SplitScore(
-        int(chosen.sum()),
-        {point: _error(distance) for point, distance in distances.items()},
-        _error(everything) if len(everything) else None,
-        {name: _error(error) for name, error in told.items()},
-        float(whole.mean()) if len(whole) else None,
     )
 
 

@@ -8,17 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softcal.calibration.statistics.estimate import Estimate
 from softcal.plugins.fleet.infill_law import INFILL, InfillLaw
 from softcal.plugins.fleet.population import Population
 from softcal.plugins.fleet.specimen import Specimen
 from softcal.plugins.fleet.statement import FleetStatement
 from softcal.plugins.fleet.verdict import level_text
-from softcal.report.format import Scale, scale_of
+from softcal.report.format import scale_of
 from softcal.report.style import FAINT, INK, MUTED, SERIES, house_style, new_figure, plain_log_ticks
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _NAMED = 40  # specimens whose names have room
@@ -47,14 +45,36 @@ def draw_specimens(one: Population, specimens: Sequence[Specimen], found: FleetS
     with house_style():
         figure = new_figure(6.4, 1.3 + 0.2 * len(held) if is_named else 4.2)
         axes = figure.subplots()
-        _population(axes, one, scale, is_named=is_named)
+        low, high = one.mean - one.spread, one.mean + one.spread
+        if one.scale == "log":
+            low, high = one.mean * math.exp(-one.spread), one.mean * math.exp(one.spread)
+        span, line = (axes.axvspan, axes.axvline) if is_named else (axes.axhspan, axes.axhline)
+        if one.spread > 0.0:
+            band = low / scale.factor, high / scale.factor
+            span(*band, color=FAINT, alpha=0.35, linewidth=0, label="mean ± spread")
+        band = one.interval[0] / scale.factor, one.interval[1] / scale.factor
+        span(*band, color=MUTED, alpha=0.35, linewidth=0, label="95 % interval of the mean")
+        line(one.mean / scale.factor, color=INK, linewidth=1.0, label="mean")
         shown: set[str] = set()
         for row, specimen in enumerate(held):
             e = specimen.parameters[one.label]
             level = _level(specimen, by)
             label = f"{by} {level}" if level and level not in shown else None
             shown.add(level)
-            _estimate(axes, row, e, scale, colours[level], label, is_named=is_named)
+            low, high = e.interval or (e.value, e.value)
+            place, ends = e.value / scale.factor, [[(e.value - low) / scale.factor], [(high - e.value) / scale.factor]]
+            style: dict[str, Any] = {
+                "fmt": "o",
+                "markersize": 4.0 if is_named else 2.0,
+                "linewidth": 1.0 if is_named else 0.5,
+                "color": colours[level],
+                "markerfacecolor": "none" if e.at_bound else colours[level],
+                "label": label,
+            }
+            if is_named:
+                axes.errorbar(place, row, xerr=ends, **style)
+            else:
+                axes.errorbar(row, place, yerr=ends, **style)
         values = np.array([s.parameters[one.label].value for s in held]) / scale.factor
         is_log = one.scale == "log" and values.max() > _LOG * values.min()
         if is_log:
@@ -149,44 +169,3 @@ def _colours(by: str, held: Sequence[Specimen]) -> dict[str, str]:
 def _level(specimen: Specimen, by: str) -> str:
     value = specimen.factors.get(by) if by else None
     return "" if value is None else level_text(value, by)
-
-
-def _population(axes: Axes, one: Population, scale: Scale, *, is_named: bool) -> None:
-    ends = (
-        (one.mean * math.exp(-one.spread), one.mean * math.exp(one.spread))
-        if one.scale == "log"
-        else (one.mean - one.spread, one.mean + one.spread)
-    )
-    span, line = (axes.axvspan, axes.axvline) if is_named else (axes.axhspan, axes.axhline)
-    if one.spread > 0.0:
-        span(
-            ends[0] / scale.factor, ends[1] / scale.factor, color=FAINT, alpha=0.35, linewidth=0, label="mean ± spread"
-        )
-    span(
-        one.interval[0] / scale.factor,
-        one.interval[1] / scale.factor,
-        color=MUTED,
-        alpha=0.35,
-        linewidth=0,
-        label="95 % interval of the mean",
-    )
-    line(one.mean / scale.factor, color=INK, linewidth=1.0, label="mean")
-
-
-def _estimate(
-    axes: Axes, row: int, e: Estimate, scale: Scale, colour: str, label: str | None, *, is_named: bool
-) -> None:
-    low, high = e.interval or (e.value, e.value)
-    place, ends = e.value / scale.factor, [[(e.value - low) / scale.factor], [(high - e.value) / scale.factor]]
-    style: dict[str, Any] = {
-        "fmt": "o",
-        "markersize": 4.0 if is_named else 2.0,
-        "linewidth": 1.0 if is_named else 0.5,
-        "color": colour,
-        "markerfacecolor": "none" if e.at_bound else colour,
-        "label": label,
-    }
-    if is_named:
-        axes.errorbar(place, row, xerr=ends, **style)
-    else:
-        axes.errorbar(row, place, yerr=ends, **style)

@@ -102,6 +102,11 @@ def _law(one: Comparable, phi: Mapping[str, float]) -> InfillLaw:
     at = np.linspace(x.min(), 0.0, 50)
     t = float(student(np.array(float(fit.dof))))
     middle, error = np.array([fit.at(row) for row in _design(at)]).T
+    misfit, levels = None, np.unique(x)
+    if len(x) >= len(levels) + 2:  # the means against a line through them: each infill but two has a step of its own
+        steps = np.array([[float(here == level) for level in levels[1:-1]] for here in x])
+        wide = mixed_effects(one.values, one.variances, np.column_stack([_design(x), steps]))
+        misfit = wide.chance(np.eye(len(levels))[2:])
     return InfillLaw(
         label=one.label,
         unit=one.unit,
@@ -111,7 +116,7 @@ def _law(one: Comparable, phi: Mapping[str, float]) -> InfillLaw:
         bulk_interval=(math.exp(low), math.exp(high)),
         spread=fit.spread,
         spread_interval=fit.spread_interval,
-        misfit=_misfit(one, x),
+        misfit=misfit,
         line=(
             tuple(np.exp(at).tolist()),
             *(tuple(np.exp(middle + side * t * error).tolist()) for side in (0.0, -1.0, 1.0)),
@@ -121,13 +126,3 @@ def _law(one: Comparable, phi: Mapping[str, float]) -> InfillLaw:
 
 def _design(x: Floats) -> Floats:
     return np.column_stack([np.ones_like(x), x])
-
-
-def _misfit(one: Comparable, x: Floats) -> float | None:
-    """Test of the means against a line through them: each infill but two has a step of its own."""
-    levels = np.unique(x)
-    if len(x) < len(levels) + 2:
-        return None
-    steps = np.array([[float(here == level) for level in levels[1:-1]] for here in x])
-    wide = mixed_effects(one.values, one.variances, np.column_stack([_design(x), steps]))
-    return wide.chance(np.eye(len(levels))[2:])

@@ -9,7 +9,7 @@ from collections.abc import Collection, Sequence
 from softcal.calibration.problem.parameters import Scale
 from softcal.calibration.statistics.estimate import Remark
 from softcal.plugins.fleet.factors import FactorEffect
-from softcal.plugins.fleet.infill_law import INFILL, InfillLaw
+from softcal.plugins.fleet.infill_law import INFILL
 from softcal.plugins.fleet.population import Interval, Population
 from softcal.plugins.fleet.specimen import Specimen
 from softcal.plugins.fleet.statement import FleetStatement
@@ -50,7 +50,18 @@ def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tup
     for one, other in found.not_apart:
         text = f"{other.capitalize()} determines {one} in this table: a difference by one can be one by the other."
         texts.append(Remark(text, "note"))
-    texts += [_law(one) for one in found.laws]
+    for one in found.laws:
+        exponent = value_text(one.exponent, one.exponent_interval, "1")
+        text = (
+            f"{one.label} = {value_text(one.bulk, one.bulk_interval, one.unit)} · φ^{exponent}: exponent "
+            f"{ends_text(one.exponent_interval, '1', one.exponent)}, value of a solid print "
+            f"{ends_text(one.bulk_interval, one.unit, one.bulk)}; specimens of one infill differ by "
+            f"{spread_text(one.spread, 'log', one.unit, one.bulk)}."
+        )
+        if one.departs:
+            chance = chance_text(one.misfit or 0.0)
+            text += f" The moduli depart from this law by more than the specimens differ (chance {chance})."
+        texts.append(Remark(text, "warning" if one.departs else "good"))
     texts += [
         Remark(f"The law of {label} against the infill cannot be fitted: {why}.", "note")
         for label, why in found.no_law.items()
@@ -225,17 +236,3 @@ def level_text(level: str | float, factor: str) -> str:
     if isinstance(level, str):
         return level
     return f"{plain(100 * level, 3)} %" if factor == INFILL else plain(level, 6)
-
-
-def _law(one: InfillLaw) -> Remark:
-    exponent = value_text(one.exponent, one.exponent_interval, "1")
-    text = (
-        f"{one.label} = {value_text(one.bulk, one.bulk_interval, one.unit)} · φ^{exponent}: exponent "
-        f"{ends_text(one.exponent_interval, '1', one.exponent)}, value of a solid print "
-        f"{ends_text(one.bulk_interval, one.unit, one.bulk)}; specimens of one infill differ by "
-        f"{spread_text(one.spread, 'log', one.unit, one.bulk)}."
-    )
-    if one.departs:
-        chance = chance_text(one.misfit or 0.0)
-        text += f" The moduli depart from this law by more than the specimens differ (chance {chance})."
-    return Remark(text, "warning" if one.departs else "good")

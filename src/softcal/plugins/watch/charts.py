@@ -70,7 +70,30 @@ def parameter_chart(search: WatchedSearch, facts: ParameterFacts) -> dict[str, A
     base: dict[str, Any] = {"animation": False, "tooltip": {"renderMode": "richText"}}
     if not done:
         return {**base, "series": []}
-    axes = [_axis(name, [trial.theta[name] for trial in done], facts, names) for name in names]
+    axes: list[dict[str, Any]] = []
+    for name in names:  # its unit, and the ends of its axis
+        values = [trial.theta[name] for trial in done]
+        low, high = facts.bounds.get(name, (min(values), max(values)))
+        low, high = min(low, *values), max(high, *values)
+        si_unit = facts.units.get(name, "")
+        middle = math.sqrt(low * high) if low > 0.0 else max(abs(low), abs(high))
+        unit = readable_unit(middle, si_unit) if si_unit else ""
+        factor = unit_factor(unit, si_unit) if si_unit else 1.0
+        shown = "" if unit in ("", "1") else f" [{unit}]"
+        kind = "log" if low > 0.0 and high / low >= WIDE else "value"
+        lines = parameter_label(name, names).replace(" (", "\n").replace(", ", "\n").removesuffix(")") + shown.replace(
+            " [", "\n["
+        )
+        axes.append(
+            {
+                "name": f"{name}{shown}",
+                "lines": lines,
+                "factor": factor,
+                "type": kind,
+                "min": _round(low / factor),
+                "max": _round(high / factor),
+            }
+        )
     losses = [trial.loss or 0.0 for trial in done]
     rows = [[trial.theta[name] / axis["factor"] for name, axis in zip(names, axes)] + [trial.loss] for trial in done]
     ordered = sorted(losses)
@@ -165,29 +188,6 @@ def thinned(trials: Sequence[Trial], most: int = MOST_POINTS) -> list[Trial]:
     best = min((t for t in trials if t.loss is not None), key=lambda t: t.loss or 0.0, default=None)
     kept = list(trials[::step])
     return kept if best is None or best in kept else sorted([*kept, best], key=lambda t: t.number)
-
-
-def _axis(name: str, values: Sequence[float], facts: ParameterFacts, others: Sequence[str]) -> dict[str, Any]:
-    """Name with its unit, the same on short lines, factor, kind and ends of the axis of a parameter."""
-    low, high = facts.bounds.get(name, (min(values), max(values)))
-    low, high = min(low, *values), max(high, *values)
-    si_unit = facts.units.get(name, "")
-    middle = math.sqrt(low * high) if low > 0.0 else max(abs(low), abs(high))
-    unit = readable_unit(middle, si_unit) if si_unit else ""
-    factor = unit_factor(unit, si_unit) if si_unit else 1.0
-    shown = "" if unit in ("", "1") else f" [{unit}]"
-    kind = "log" if low > 0.0 and high / low >= WIDE else "value"
-    lines = parameter_label(name, others).replace(" (", "\n").replace(", ", "\n").removesuffix(")") + shown.replace(
-        " [", "\n["
-    )
-    return {
-        "name": f"{name}{shown}",
-        "lines": lines,
-        "factor": factor,
-        "type": kind,
-        "min": _round(low / factor),
-        "max": _round(high / factor),
-    }
 
 
 def _round(value: float) -> float:

@@ -36,26 +36,19 @@ def fits_at(
     fits: dict[str, ExperimentFit] = {}
     told: list[str] = []
     for name in names[:MOST]:
-        found = _fit(at_values, name, known.get(name))
-        if isinstance(found, str):
-            told.append(f"{name}: {found}")
-        else:
-            fits[name] = found
+        experiment = at_values.experiments[name]
+        try:
+            response = known.get(name) or simulate(at_values, experiment=name)
+            if response.succeeded:
+                observed = observe(experiment, experiment.rig_values(), response, slice(None))
+                fits[name] = experiment_fit(experiment, observed)
+            else:
+                told.append(f"{name}: {response.status}")
+        except SoftcalError as error:
+            told.append(f"{name}: {error}")
     if len(names) > MOST:
         told.append(f"The first {MOST} of {len(names)} experiments are drawn.")
     return fits, " ".join(told)
-
-
-def _fit(at_values: Project, name: str, known: Response | None) -> ExperimentFit | str:
-    """The fit of one experiment, or why there is none."""
-    experiment = at_values.experiments[name]
-    try:
-        response = known or simulate(at_values, experiment=name)
-        if not response.succeeded:
-            return response.status
-        return experiment_fit(experiment, observe(experiment, experiment.rig_values(), response, slice(None)))
-    except SoftcalError as error:
-        return str(error)
 
 
 def fit_drawings(project: Project, label: str, fits: Mapping[str, ExperimentFit]) -> Iterator[Drawing]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
-from typing import Any, TypeGuard
+from typing import TypeGuard
 
 from softcal.calibration.results.store import RECORD, RESULT
 from softcal.calibration.results.trial_journal import JOURNAL
@@ -48,54 +48,27 @@ class RunReader:
             return self._fleet("").read(fleet, name, self._run_of)
         record = told(faults, lambda: read_record(self.folder, RECORD)) or {}
         labels = record.get("calibrations")
+        searches: list[WatchedSearch] = []
         if isinstance(labels, list):
-            return self._project_run(record, name, labels, faults)
+            for label in labels[:MOST_SEARCHES]:
+                if not _is_label(label):
+                    faults.append(f"{RECORD} names a calibration that cannot be one: {clean(label, 60)!r}.")
+                    continue
+                searches.append(self._search(label, f"{CALIBRATIONS}/{label}"))
+            report = REPORT if told(faults, lambda: inside(self.folder, REPORT)) is not None else ""
+            return WatchedRun(
+                clean(record.get("project"), 200) or name,
+                "sweep" if labels == ["sweep"] else "calibration",
+                tuple(searches),
+                moment(record.get("created")),
+                report,
+                told(faults, lambda: report_figures(self.folder)) or () if report else (),
+                unreadable=tuple(faults),
+                values=numbers(record.get("values")),
+            )
         if "identity" in record:  # one calibration's own folder
             return WatchedRun(name, "calibration", (self._search(name, ""),), unreadable=tuple(faults))
-        return self._folder_of_runs(name, faults)
-
-    def _fleet(self, place: str) -> FleetReader:
-        return self._fleets.setdefault(place, FleetReader(self.folder, place))
-
-    def whole(self, search: WatchedSearch) -> WatchedSearch:
-        """A finished specimen of a fleet with its trials; any other search as it is."""
-        if search.trials or "/" not in search.place or search.place.split("/")[-2] != SPECIMENS:
-            return search
-        found = self._run_of(search.label, search.place)
-        result = search.result or found.result
-        return replace(found, result=result, failure=search.failure, is_open=search.is_open)
-
-    def _run_of(self, label: str, place: str) -> WatchedSearch:
-        """The search of a run in the folder, its joint one where it has several."""
-        record = told([], lambda: read_record(self.folder, _joined(place, RECORD))) or {}
-        inner = record.get("calibrations")
-        labels = [one for one in (inner if isinstance(inner, list) else []) if _is_label(one)]
-        if not labels:
-            return WatchedSearch(label, place)
-        return self._search(label, f"{place}/{CALIBRATIONS}/{labels[-1]}")
-
-    def _project_run(self, record: Mapping[str, Any], name: str, labels: list[Any], faults: list[str]) -> WatchedRun:
-        searches: list[WatchedSearch] = []
-        for label in labels[:MOST_SEARCHES]:
-            if not _is_label(label):
-                faults.append(f"{RECORD} names a calibration that cannot be one: {clean(label, 60)!r}.")
-                continue
-            searches.append(self._search(label, f"{CALIBRATIONS}/{label}"))
-        report = REPORT if told(faults, lambda: inside(self.folder, REPORT)) is not None else ""
-        return WatchedRun(
-            clean(record.get("project"), 200) or name,
-            "sweep" if labels == ["sweep"] else "calibration",
-            tuple(searches),
-            moment(record.get("created")),
-            report,
-            told(faults, lambda: report_figures(self.folder)) or () if report else (),
-            unreadable=tuple(faults),
-            values=numbers(record.get("values")),
-        )
-
-    def _folder_of_runs(self, name: str, faults: list[str]) -> WatchedRun:
-        """Runs and scores in the folder itself, or runs, fleets and scores in folders in it."""
-        searches: list[WatchedSearch] = []
+        # Runs and scores in the folder itself, or runs, fleets and scores in folders in it.
         scores: list[WatchedScore] = []
         try:
             folders = sorted(one.name for one in self.folder.iterdir() if one.is_dir() and not one.is_symlink())
@@ -128,6 +101,26 @@ class RunReader:
                 break
         kind = "runs" if searches else "benchmark" if scores else ""
         return WatchedRun(name, kind, tuple(searches), scores=tuple(scores), unreadable=tuple(faults))
+
+    def _fleet(self, place: str) -> FleetReader:
+        return self._fleets.setdefault(place, FleetReader(self.folder, place))
+
+    def whole(self, search: WatchedSearch) -> WatchedSearch:
+        """A finished specimen of a fleet with its trials; any other search as it is."""
+        if search.trials or "/" not in search.place or search.place.split("/")[-2] != SPECIMENS:
+            return search
+        found = self._run_of(search.label, search.place)
+        result = search.result or found.result
+        return replace(found, result=result, failure=search.failure, is_open=search.is_open)
+
+    def _run_of(self, label: str, place: str) -> WatchedSearch:
+        """The search of a run in the folder, its joint one where it has several."""
+        record = told([], lambda: read_record(self.folder, _joined(place, RECORD))) or {}
+        inner = record.get("calibrations")
+        labels = [one for one in (inner if isinstance(inner, list) else []) if _is_label(one)]
+        if not labels:
+            return WatchedSearch(label, place)
+        return self._search(label, f"{place}/{CALIBRATIONS}/{labels[-1]}")
 
     def _result(self, place: str) -> WatchedResult | None:
         record = read_record(self.folder, place)

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softcal.checks import Floats
 from softcal.errors import SoftcalError
 from softcal.report.robot_view import robot_points
 from softcal.report.scene_twin import bending_axes
@@ -36,8 +35,10 @@ FINE = 120.0  # [dots per inch] of the figures
 
 def main(shape: Path) -> None:
     """Answer one request."""
+    from softcal.workflows.calibrated_shapes import furthest_experiment
     from softcal.workflows.calibration import project_at
     from softcal.workflows.run_folder import project_of_run
+    from softcal.workflows.simulation import simulate
 
     request = json.load(sys.stdin)
     answer: dict[str, Any] = {"units": {}, "bounds": {}, "title": "", "largest": 0.0, "trouble": ""}
@@ -55,7 +56,9 @@ def main(shape: Path) -> None:
             names = [name for name in names if name not in settings.hold_out] or list(project.experiments)
             tied = {**project.tied, **{p.label: p.targets for p in free}}
             at_values = project_at(project, theta, tied, names)
-            known = _furthest(at_values, names)
+            furthest = furthest_experiment(at_values, names)
+            is_driven = at_values.experiments[furthest].drives
+            known = {furthest: simulate(at_values, experiment=furthest, snapshots=True)} if is_driven else {}
             answer |= _shape(at_values, names, known, shape)
             from softcal.plugins.watch.fit_drawing import fit_drawings, fits_at
             from softcal.report.style import as_png
@@ -71,17 +74,6 @@ def main(shape: Path) -> None:
     json.dump({**answer, "cpu": time.process_time()}, sys.stdout)
 
 
-def _furthest(at_values: Project, names: Sequence[str]) -> dict[str, Response]:
-    """Response, with shapes, in the experiment with the largest drive; nothing where none drives the twin."""
-    from softcal.workflows.calibrated_shapes import furthest_experiment
-    from softcal.workflows.simulation import simulate
-
-    name = furthest_experiment(at_values, names)
-    if not at_values.experiments[name].drives:
-        return {}
-    return {name: simulate(at_values, experiment=name, snapshots=True)}
-
-
 def _shape(at_values: Project, names: Sequence[str], known: Mapping[str, Response], path: Path) -> dict[str, Any]:
     """Write the twin's shape in the experiment with the largest drive, from its response."""
     from softcal.report.scene import Surface
@@ -94,20 +86,15 @@ def _shape(at_values: Project, names: Sequence[str], known: Mapping[str, Respons
     scenes = twin_scenes(found)
     rest, bent = scenes.scenes
     outlines = [part for part in rest.parts if isinstance(part, Surface)]
-    path.write_bytes(scene_glb(bent.parts, outlines, *_axes(found)))
+    up, towards = bending_axes(found)
+    level = towards - (towards @ up) * up
+    if np.linalg.norm(level) < 0.5 * np.linalg.norm(towards):  # it bends downwards: its own length is to the right
+        points = robot_points(found.robot)
+        flat = (points - points.mean(axis=0)) @ (np.eye(3) - np.outer(up, up))
+        level = np.linalg.eigh(flat.T @ flat)[1][:, -1]
+    path.write_bytes(scene_glb(bent.parts, outlines, up, level))
     largest = max((float(values.max()) for values in displacements(found.rest, found.bent).values()), default=0.0)
     return {"title": found.bent.label, "largest": largest}
-
-
-def _axes(view: TwinView) -> tuple[Floats, Floats]:
-    """Up, and what is shown to the right: the direction of bending, or where that is down the robot's own length."""
-    up, towards = bending_axes(view)
-    level = towards - (towards @ up) * up
-    if np.linalg.norm(level) >= 0.5 * np.linalg.norm(towards):
-        return up, level
-    points = robot_points(view.robot)
-    flat = (points - points.mean(axis=0)) @ (np.eye(3) - np.outer(up, up))
-    return up, np.linalg.eigh(flat.T @ flat)[1][:, -1]
 
 
 def _view(at_values: Project, names: Sequence[str], known: Mapping[str, Response]) -> TwinView | str:

@@ -192,13 +192,18 @@ def watched_result(record: Mapping[str, Any], place: str) -> WatchedResult:
     found: list[WatchedEstimate] = []
     for name, one in (parameters if isinstance(parameters, Mapping) else {}).items():
         one = one if isinstance(one, Mapping) else {}
-        value, unit, interval = finite(one.get("value")), clean(one.get("unit"), 30), _interval(one)
+        value, unit, ends = finite(one.get("value")), clean(one.get("unit"), 30), one.get("interval")
+        interval: tuple[float, float] | None = None  # two numbers about the value
+        if value is not None and isinstance(ends, list) and len(ends) == 2:
+            low, high = map(finite, ends)
+            if low is not None and high is not None and low <= value <= high:
+                interval = low, high
         has_no = [
             what
             for what, is_there in (
                 ("value", value is not None),
                 ("unit", _is_unit(unit)),
-                ("interval", interval is not None or one.get("interval") is None),
+                ("interval", interval is not None or ends is None),
             )
             if not is_there
         ]
@@ -218,15 +223,6 @@ def _is_unit(text: str) -> bool:
         return unit_factor(text, text) == 1.0
     except ValueError:
         return False
-
-
-def _interval(one: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Two numbers about the value of a parameter; None for anything else."""
-    ends = one.get("interval")
-    if not isinstance(ends, list) or len(ends) != 2:
-        return None
-    low, value, high = map(finite, (ends[0], one.get("value"), ends[1]))
-    return None if low is None or value is None or high is None or not low <= value <= high else (low, high)
 
 
 def watched_score(record: Mapping[str, Any]) -> WatchedScore:

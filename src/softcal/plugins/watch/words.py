@@ -141,20 +141,18 @@ def run_state(run: WatchedRun, now: datetime) -> tuple[Course, str]:
         return ("ended", "") if run.scores else ("waiting", "There is no run in this folder yet.")
     if share_finished(run, now) == 1.0:
         return "ended", _OF_FLEETS["ended"]
-    course = _specimens_course(run, now) if run.live is None else run.live.course(now)
-    return course, _OF_FLEETS[course]
-
-
-def _specimens_course(run: WatchedRun, now: datetime) -> Course:
-    """What a fleet does that gives no sign of life itself, by those of its specimens."""
-    courses = [search.course(now) for search in run.searches]
+    # A fleet that gives no sign of life itself does what its specimens do; between two of them none is in work for a
+    # moment, and what is next was written just now.
     signs = [sign for search in run.searches if (sign := search.live.updated if search.live else search.ended)]
-    # Between two specimens none is in work for a moment; what is next was written just now.
-    if "running" in courses or any((now - sign).total_seconds() <= LONG for sign in signs):
-        return "running"
-    if "silent" in courses:
-        return "silent"
-    return "left" if signs else "waiting"
+    if run.live is not None:
+        course = run.live.course(now)
+    elif "running" in courses or any((now - sign).total_seconds() <= LONG for sign in signs):
+        course = "running"
+    elif "silent" in courses:
+        course = "silent"
+    else:
+        course = "left" if signs else "waiting"
+    return course, _OF_FLEETS[course]
 
 
 def search_rows(run: WatchedRun, now: datetime) -> list[dict[str, Any]]:

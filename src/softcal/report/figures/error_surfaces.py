@@ -96,21 +96,19 @@ def draw_surfaces(
                 axes.tick_params(labelbottom=True)
             if k % columns == 0:
                 axes.set_ylabel(y_scale.axis(parameter_label(pair[1], result.parameters)))
-        _legend(figure, list(panels.flat[: len(surfaces)]), list(panels.flat[len(surfaces) :]))
+        # One legend for all panels, in an unused panel if there is one.
+        drawn = list(panels.flat[: len(surfaces)])
+        empty = list(panels.flat[len(surfaces) :])
+        handles: dict[str, Any] = {}
+        for axes in drawn:
+            handles.update({label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)})
+        for axes in empty:
+            axes.set_axis_off()
+        if empty:
+            empty[0].legend(list(handles.values()), list(handles), loc="center")
+        else:
+            figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=3)
         return figure
-
-
-def _legend(figure: Figure, drawn: Sequence[Axes], empty: Sequence[Axes]) -> None:
-    """One legend for all panels, in an unused panel if there is one."""
-    handles: dict[str, Any] = {}
-    for axes in drawn:
-        handles.update({label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)})
-    for axes in empty:
-        axes.set_axis_off()
-    if empty:
-        empty[0].legend(list(handles.values()), list(handles), loc="center")
-    else:
-        figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=3)
 
 
 def _draw_cells(figure: Figure, axes: Axes, surface: ErrorSurface, x_scale: Scale, y_scale: Scale) -> None:

@@ -17,7 +17,6 @@ from softcal.sensing.channel import channel_name
 from softcal.sensing.sensors.plate import ANGLES
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -48,12 +47,21 @@ def draw_loops(title: str, data: Dataset, fit: ExperimentFit) -> Figure:
         Their measured and simulated values, and the energies of each cycle.
     """
     angles = [kind.name for kind in ANGLES if kind.name in fit.simulated]
+    mm, cycle = scale_of("m"), np.zeros(data.n_samples) if data.cycle is None else data.cycle
     with house_style():
         figure = new_figure(5.2, 3.5 + 2.2 * (len(angles) + 1))
         heights = [3.2, *(2.2 for _ in angles), 1.8]
         axes, *others, last = figure.subplots(len(heights), 1, height_ratios=heights)
         for below, channel in zip([axes, *others], ["tension", *angles], strict=True):
-            _draw_channel(below, data, fit, channel)
+            scale = scale_of(fit.units[channel])
+            for family, colour, width in ((fit.measured, MEASURED, 1.1), (fit.simulated, SIMULATED, 1.3)):
+                travel = family.get("shortening", fit.measured["shortening"]) / mm.factor
+                values = family.get(channel, fit.measured[channel]) / scale.factor
+                shown = np.isfinite(travel) & np.isfinite(values) & (cycle >= 0)
+                name = "measured" if family is fit.measured else "simulated"
+                below.plot(travel[shown], values[shown], color=colour, linewidth=width, alpha=0.75, label=name)
+            below.set_xlabel(mm.axis("Displacement"))
+            below.set_ylabel(scale.axis("Cable force" if channel == "tension" else channel_name(channel).label))
         axes.set_title(title)
         axes.legend(loc="upper left")
         numbers = np.array([cycle.measured.number + 1 for cycle in fit.cycles])
@@ -65,16 +73,3 @@ def draw_loops(title: str, data: Dataset, fit: ExperimentFit) -> Figure:
         last.grid(visible=False, axis="x")
         figure.align_ylabels([axes, *others, last])
         return figure
-
-
-def _draw_channel(axes: Axes, data: Dataset, fit: ExperimentFit, channel: str) -> None:
-    mm, scale = scale_of("m"), scale_of(fit.units[channel])
-    cycle = np.zeros(data.n_samples) if data.cycle is None else data.cycle
-    for family, colour, width in ((fit.measured, MEASURED, 1.1), (fit.simulated, SIMULATED, 1.3)):
-        travel = family.get("shortening", fit.measured["shortening"]) / mm.factor
-        values = family.get(channel, fit.measured[channel]) / scale.factor
-        shown = np.isfinite(travel) & np.isfinite(values) & (cycle >= 0)
-        name = "measured" if family is fit.measured else "simulated"
-        axes.plot(travel[shown], values[shown], color=colour, linewidth=width, alpha=0.75, label=name)
-    axes.set_xlabel(mm.axis("Displacement"))
-    axes.set_ylabel(scale.axis("Cable force" if channel == "tension" else channel_name(channel).label))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,7 +42,10 @@ def draw_overview(content: ReportContent, result: SearchResult) -> Figure:
 
     pairs = {name: overview_curves(content.experiments[name], result) for name in result.experiments}
     drawn = {name: curves for name, curves in pairs.items() if curves is not None}
-    alone, columns = len(drawn) == 1, _legend_columns(drawn)
+    # As many columns of the legend as fit the longest name, fewer where that makes the rows even.
+    widest = 0.6 + 0.065 * max(map(len, drawn), default=0)  # [in], with the handle
+    most = max(1, min(3, int(5.0 / widest)))
+    alone, columns = len(drawn) == 1, (math.ceil(len(drawn) / math.ceil(len(drawn) / most)) if drawn else 1)
     with house_style():
         figure = new_figure(5.2, 3.5 + 0.19 * (1 if alone else math.ceil(len(drawn) / columns)))
         axes = figure.add_subplot()
@@ -65,13 +68,6 @@ def draw_overview(content: ReportContent, result: SearchResult) -> Figure:
         force_displacement_axes(axes, "Measured force (points) and the twin (lines)")
         figure.legend(handles=handles, loc="outside lower center", ncols=2 if alone else columns)
         return figure
-
-
-def _legend_columns(names: Collection[str]) -> int:
-    """Number of legend columns that fit the longest name, reduced to make the rows even."""
-    widest = 0.6 + 0.065 * max(map(len, names), default=0)  # [in], with the handle
-    most = max(1, min(3, int(5.0 / widest)))
-    return math.ceil(len(names) / math.ceil(len(names) / most)) if names else 1
 
 
 def overview_curves(

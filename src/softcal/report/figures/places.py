@@ -103,7 +103,15 @@ def draw_places(title: str, equilibria: EquilibriumShapes, markers: Mapping[str,
     bodies = [points for shape in equilibria.shapes.values() for points in shape.points.values()]
     extent = np.concatenate([robot_points(equilibria.robot), known, *bodies])
     views = two_views(extent, up_direction(equilibria.robot))
-    frames = [_frame(view.flat(extent)) for view in views]
+    # Left, right, bottom and top of a picture [mm], with a margin; its width is at least a third of its height.
+    frames: list[tuple[float, float, float, float]] = []
+    for view in views:
+        flat = view.flat(extent)
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        margin = 0.08 * float(high[1] - low[1])
+        middle, half = 0.5 * (low[0] + high[0]), 0.5 * (high[0] - low[0]) + margin
+        half = max(half, (high[1] - low[1]) / 6)
+        frames.append((middle - half, middle + half, low[1] - margin, high[1] + margin))
     shares = [(right - left) / (top - bottom) for left, right, bottom, top in frames]
     high = min(_PANEL, _WIDEST / sum(shares))
     width, height = _LEFT + sum(shares) * high + _GAP + 0.1, _FOOT + high + _HEAD
@@ -125,7 +133,11 @@ def draw_places(title: str, equilibria: EquilibriumShapes, markers: Mapping[str,
                 colour = SERIES[i % len(SERIES)]
                 _draw_shape(axes, view, shape, equilibria.tets, None, colour)
                 if name in markers:
-                    _draw_markers(axes, view, markers[name], colour)
+                    measured, simulated = (view.flat(at) for at in (markers[name].measured, markers[name].simulated))
+                    for one, other in zip(measured, simulated, strict=True):
+                        axes.plot(*np.stack([one, other]).T, color=colour, linewidth=1.0, zorder=3)
+                    axes.plot(*measured.T, "o", color=colour, fillstyle="none", markersize=5.0, zorder=4)
+                    axes.plot(*simulated.T, "x", color=colour, markersize=4.5, zorder=4)
         entries = [
             Line2D([], [], color=SERIES[i % len(SERIES)], label=name) for i, name in enumerate(equilibria.shapes)
         ]
@@ -154,23 +166,6 @@ def _draw_shape(
         axes.plot(*view.flat(nodes).T, color=colour, linewidth=1.5, alpha=0.8, zorder=2)
     for points in shape.cables.values():
         axes.plot(*view.flat(points).T, color=colour, linewidth=0.6, alpha=0.6, zorder=2)
-
-
-def _draw_markers(axes: Axes, view: View, markers: Markers, colour: str) -> None:
-    measured, simulated = view.flat(markers.measured), view.flat(markers.simulated)
-    for one, other in zip(measured, simulated, strict=True):
-        axes.plot(*np.stack([one, other]).T, color=colour, linewidth=1.0, zorder=3)
-    axes.plot(*measured.T, "o", color=colour, fillstyle="none", markersize=5.0, zorder=4)
-    axes.plot(*simulated.T, "x", color=colour, markersize=4.5, zorder=4)
-
-
-def _frame(flat: Floats) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top of a picture [mm], with a margin; its width is at least a third of its height."""
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    margin = 0.08 * float(high[1] - low[1])
-    middle, half = 0.5 * (low[0] + high[0]), 0.5 * (high[0] - low[0]) + margin
-    half = max(half, (high[1] - low[1]) / 6)
-    return middle - half, middle + half, low[1] - margin, high[1] + margin
 
 
 def _stacked(values: Mapping[str, Floats], fit: ExperimentFit) -> Floats:

@@ -143,7 +143,28 @@ def draw_trajectory(path: TrajectoryPanels, width: float = 5.2) -> Figure:
         stack = figure.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         for axes, (panel, kind) in zip(stack, rows, strict=True):
             if kind == "values":
-                _draw_values(axes, path, panel)
+                few = len(panel.simulated) <= 60
+                for piece in path.pieces:
+                    named = piece.start == 0
+                    x = path.abscissa.values[piece]
+                    for words, (band, alpha) in _bands(panel).items():
+                        low, high = (panel.simulated[piece] + side * band[piece] for side in (-1, 1))
+                        label = words if named else None
+                        axes.fill_between(x, low, high, color=SIMULATED, alpha=alpha, linewidth=0, label=label)
+                    if panel.measured is not None:
+                        axes.plot(
+                            x, panel.measured[piece], color=MEASURED, linestyle="" if few else "-",
+                            marker="o" if few else "", markersize=3.5, markerfacecolor="none", linewidth=2.6,
+                            alpha=1.0 if few else 0.45, label="measured" if named else None,
+                        )  # fmt: skip
+                    axes.plot(
+                        x, panel.simulated[piece], color=SIMULATED, marker=_lone(piece), markersize=4.5,
+                        label="simulated" if named else None,
+                    )  # fmt: skip
+                axes.set_ylabel(panel.scale.axis(panel.label))
+                if panel.measured is None:
+                    text = f"{panel.label.lower()} was not measured"
+                    axes.text(0.02, 0.95, text, transform=axes.transAxes, va="top", fontsize=8.5, color=MUTED)
             else:
                 _draw_residual(axes, path, panel)
         stack[0].set_title(path.experiment)
@@ -155,31 +176,6 @@ def draw_trajectory(path: TrajectoryPanels, width: float = 5.2) -> Figure:
             stack[-1].set_xlabel(path.abscissa.label)
         figure.align_ylabels(list(stack))
         return figure
-
-
-def _draw_values(axes: Axes, path: TrajectoryPanels, panel: TrajectoryPanel) -> None:
-    few = len(panel.simulated) <= 60
-    for piece in path.pieces:
-        named = piece.start == 0
-        x = path.abscissa.values[piece]
-        for words, (band, alpha) in _bands(panel).items():
-            low, high = (panel.simulated[piece] + side * band[piece] for side in (-1, 1))
-            label = words if named else None
-            axes.fill_between(x, low, high, color=SIMULATED, alpha=alpha, linewidth=0, label=label)
-        if panel.measured is not None:
-            axes.plot(
-                x, panel.measured[piece], color=MEASURED, linestyle="" if few else "-", marker="o" if few else "",
-                markersize=3.5, markerfacecolor="none", linewidth=2.6, alpha=1.0 if few else 0.45,
-                label="measured" if named else None,
-            )  # fmt: skip
-        axes.plot(
-            x, panel.simulated[piece], color=SIMULATED, marker=_lone(piece), markersize=4.5,
-            label="simulated" if named else None,
-        )  # fmt: skip
-    axes.set_ylabel(panel.scale.axis(panel.label))
-    if panel.measured is None:
-        text = f"{panel.label.lower()} was not measured"
-        axes.text(0.02, 0.95, text, transform=axes.transAxes, va="top", fontsize=8.5, color=MUTED)
 
 
 def _bands(panel: TrajectoryPanel) -> dict[str, tuple[Floats, float]]:

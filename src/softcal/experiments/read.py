@@ -91,7 +91,32 @@ def read_table(
     raise_faults(faults, layout.unit_faults)
     n_kept, n_rows, labels, used_decimal = len(held.lines), held.n_rows, held.labels, held.decimal
     del held  # its numbers are in `values`; frees memory of large tables
-    channels, notes = _channels(table, values, written.axes, written.rest_samples)
+    notes: list[str] = []
+    if QUATERNION[0] in values:
+        quaternions = np.column_stack([values.pop(key) for key in QUATERNION])
+        try:
+            angles = plate_angles(quaternions, axes=written.axes, rest_samples=written.rest_samples)
+        except InputError as error:
+            raise DatasetError(
+                [replace(fault, where=f"{table.path}, {fault.where}") for fault in error.faults]
+            ) from error
+        values.update(zip((angle.name for angle in ANGLES), angles, strict=True))
+        notes.append(
+            f"quaternions turned into pitch, roll and yaw about the mean pose of the first "
+            f"{min(written.rest_samples, len(quaternions))} samples, robot axes {', '.join(written.axes)} of the sensor"
+        )
+    else:
+        for key in (angle.name for angle in ANGLES):
+            if key in values:
+                unwrapped = np.unwrap(values[key]) if (np.abs(np.diff(values[key])) >= np.pi).any() else values[key]
+                if not np.array_equal(unwrapped, values[key]):
+                    notes.append(f"jumps of a full turn taken out of {key}")
+                values[key] = unwrapped
+    for key, value in values.items():
+        if np.isnan(value).any():
+            notes.append(f"{key} is missing in {int(np.isnan(value).sum())} row(s)")
+    # One after the other, since a channel is a copy.
+    channels = {key: Channel(values.pop(key), column_unit(key) or "1") for key in list(values)}
     if n_equal_times:
         notes.append(f"{n_equal_times} sample(s) share their time with the one before")
     settings: dict[str, Any] = {
@@ -197,34 +222,3 @@ def _check_time(
             )
         )
     return int(np.count_nonzero(steps == 0))
-
-
-def _channels(
-    table: Table, values: dict[str, Floats], axes: Sequence[str], rest_samples: int
-) -> tuple[dict[str, Channel], list[str]]:
-    notes: list[str] = []
-    if QUATERNION[0] in values:
-        quaternions = np.column_stack([values.pop(key) for key in QUATERNION])
-        try:
-            angles = plate_angles(quaternions, axes=axes, rest_samples=rest_samples)
-        except InputError as error:
-            raise DatasetError(
-                [replace(fault, where=f"{table.path}, {fault.where}") for fault in error.faults]
-            ) from error
-        values.update(zip((angle.name for angle in ANGLES), angles, strict=True))
-        notes.append(
-            f"quaternions turned into pitch, roll and yaw about the mean pose of the first "
-            f"{min(rest_samples, len(quaternions))} samples, robot axes {', '.join(axes)} of the sensor"
-        )
-    else:
-        for key in (angle.name for angle in ANGLES):
-            if key in values:
-                unwrapped = np.unwrap(values[key]) if (np.abs(np.diff(values[key])) >= np.pi).any() else values[key]
-                if not np.array_equal(unwrapped, values[key]):
-                    notes.append(f"jumps of a full turn taken out of {key}")
-                values[key] = unwrapped
-    for key, value in values.items():
-        if np.isnan(value).any():
-            notes.append(f"{key} is missing in {int(np.isnan(value).sum())} row(s)")
-    # One after the other, since a channel is a copy.
-    return {key: Channel(values.pop(key), column_unit(key) or "1") for key in list(values)}, notes

@@ -80,7 +80,11 @@ def refined_mesh(mesh: TetMesh) -> TetMesh:
         return cut
     fine = to_quadratic(cut)
     points = np.array(fine.points)
-    points[fine.tets[:, 4:]] = _middles_on_map(nodes, pieces)
+    # Middles of the edges of a quadratic mesh's pieces by its own map, (8 n_tets, 6, 3) [m].
+    at = QUADRATIC.nodes[pieces]  # (n_tets, 8, 4, 4)
+    L = 0.5 * (at[:, :, [a for a, _ in TET_EDGES]] + at[:, :, [b for _, b in TET_EDGES]])
+    N = QUADRATIC.functions(L.reshape(-1, 4)).reshape(*L.shape[:3], QUADRATIC.n_nodes)
+    points[fine.tets[:, 4:]] = np.einsum("epka,eai->epki", N, nodes.points[nodes.tets]).reshape(-1, len(TET_EDGES), 3)
     return TetMesh(points, fine.tets, dict(fine.node_sets), dict(fine.face_sets), dict(fine.element_sets))
 
 
@@ -135,14 +139,6 @@ def _pieces(X: Floats) -> Ints:
 def _upright(tet: tuple[int, ...], places: Floats) -> tuple[int, ...]:
     X = places[list(tet)]
     return tet if np.linalg.det(X[1:] - X[0]) > 0.0 else (tet[1], tet[0], *tet[2:])
-
-
-def _middles_on_map(nodes: TetMesh, pieces: Ints) -> Floats:
-    """Middles of the edges of a quadratic mesh's pieces by its own map, (8 n_tets, 6, 3) [m]."""
-    at = QUADRATIC.nodes[pieces]  # (n_tets, 8, 4, 4)
-    L = 0.5 * (at[:, :, [a for a, _ in TET_EDGES]] + at[:, :, [b for _, b in TET_EDGES]])
-    N = QUADRATIC.functions(L.reshape(-1, 4)).reshape(*L.shape[:3], QUADRATIC.n_nodes)
-    return np.einsum("epka,eai->epki", N, nodes.points[nodes.tets]).reshape(-1, len(TET_EDGES), 3)
 
 
 def _quartered(mesh: TetMesh, faces: Ints) -> Ints:

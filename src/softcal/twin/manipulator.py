@@ -311,23 +311,6 @@ def manipulator(of: Manipulator, *, gravity: Sequence[float] = (0.0, 0.0, -9.81)
         parameters = {"youngs_modulus": modulus, "poissons_ratio": springs.poissons_ratio}
         clamped = {before: np.array([0]), after: np.array([elements])}
         rods.append(Rod(name, line, RoundBar(springs.wire_diameter), parameters, clamped, density=springs.density))
-    plates = _plates(of)
-    markers = [
-        Marker(name, disc, of.on_disc(k + 1, of.markers.radius, of.markers.azimuth))
-        for k, (name, disc) in enumerate(zip(of.marker_names, of.disc_names, strict=True))
-    ]
-    robot = Robot(
-        plates=plates,
-        cables=_cables(of, plates),
-        rods=tuple(rods),
-        markers=tuple(markers),
-        gravity=np.asarray(gravity),
-    )
-    return with_solid_rods(robot, rings=rings, element=springs.element or DEFAULT.name) if is_solid else robot
-
-
-def _plates(of: Manipulator) -> tuple[Plate, ...]:
-    """The base, which does not move, and the discs."""
     mass = of.springs.density * of.disc_volume if of.discs.mass is None else of.discs.mass
     plates: list[Plate] = []
     for number, name in enumerate((BASE, *of.disc_names)):
@@ -338,11 +321,10 @@ def _plates(of: Manipulator) -> tuple[Plate, ...]:
         }
         disc = Disc(shape.diameter, shape.thickness, of.outwards, hole_diameter=of.discs.hole_diameter)
         plates.append(Plate(name, {}, middle, 0.0 if is_base else mass, fixed=is_base, holes=holes, disc=disc))
-    return tuple(plates)
-
-
-def _cables(of: Manipulator, plates: Sequence[Plate]) -> tuple[Cable, ...]:
-    """The cables, each from where it is pulled through the base and every disc to the one at which it ends."""
+    markers = [
+        Marker(name, disc, of.on_disc(k + 1, of.markers.radius, of.markers.azimuth))
+        for k, (name, disc) in enumerate(zip(of.marker_names, of.disc_names, strict=True))
+    ]
     ends = [1 + of.disc_names.index(end) for end in of.cables.ends for _ in range(of.cables.per_end)]
     cables: list[Cable] = []
     for k, (name, end) in enumerate(zip(of.cable_names, ends, strict=True)):
@@ -350,7 +332,14 @@ def _cables(of: Manipulator, plates: Sequence[Plate]) -> tuple[Cable, ...]:
         exit_point = plates[0].holes[hole] - (of.cables.exit + 0.5 * of.base.thickness) * of.outwards
         via = (ViaPoint(exit_point), *(plate.via(hole) for plate in plates[: end + 1]))
         cables.append(Cable(name, via, of.cables.friction_coefficient, "first", line=of.cables.line))
-    return tuple(cables)
+    robot = Robot(
+        plates=tuple(plates),
+        cables=tuple(cables),
+        rods=tuple(rods),
+        markers=tuple(markers),
+        gravity=np.asarray(gravity),
+    )
+    return with_solid_rods(robot, rings=rings, element=springs.element or DEFAULT.name) if is_solid else robot
 
 
 def _name_faults(of: Manipulator) -> list[Fault]:

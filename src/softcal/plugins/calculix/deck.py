@@ -164,7 +164,20 @@ def write_calculix(robot: Robot, shape: Snapshot, folder: Path, *, given: Robot 
         As `calculix_deck`.
     """
     _require(robot)
-    notes = _notes(given or robot)
+    source = given or robot
+    notes = [*not_exported(source, PLACE)]
+    for body in source.bodies:
+        if body.law not in CARDS:
+            notes.append(
+                f"{body.name}: CalculiX has no law '{body.law}'; written with its isochoric neo-Hookean one at the "
+                "same modulus and ratio, which agrees at small strain."
+            )
+        element = ELEMENTS[body.element]
+        if element is not ITS_ELEMENTS[element.cell]:
+            notes.append(
+                f"{body.name}: {element.name} is written as {element.cell.calculix}, which stiffens as Poisson's ratio "
+                "nears 0.5."
+            )
     deck = calculix_deck(robot, load_path(robot, shape).shapes, notes)
     path, readme = folder / DECK, folder / "README.txt"
     path.write_text(deck.text, encoding="utf-8")
@@ -268,20 +281,3 @@ def _point_loads(layout: Layout, force: Floats) -> Iterator[str]:
         # In a static step CalculiX ramps linearly from the previous loads to these; loads not listed go to zero.
         yield "*CLOAD, OP=NEW"
         yield from rows
-
-
-def _notes(robot: Robot) -> tuple[str, ...]:
-    notes = [*not_exported(robot, PLACE)]
-    for body in robot.bodies:
-        if body.law not in CARDS:
-            notes.append(
-                f"{body.name}: CalculiX has no law '{body.law}'; written with its isochoric neo-Hookean one at the "
-                "same modulus and ratio, which agrees at small strain."
-            )
-        element = ELEMENTS[body.element]
-        if element is not ITS_ELEMENTS[element.cell]:
-            notes.append(
-                f"{body.name}: {element.name} is written as {element.cell.calculix}, which stiffens as Poisson's ratio "
-                "nears 0.5."
-            )
-    return tuple(notes)

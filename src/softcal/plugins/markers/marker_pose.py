@@ -145,7 +145,21 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
     for sighting, image in zip(problem.sightings, problem.images, strict=True):
         squares.setdefault(image, []).extend(np.sum(best.bundle.residuals(sighting) ** 2, axis=1))
     misfit = {image: float(np.sqrt(np.mean(found))) for image, found in squares.items()}
-    _check_misfit(misfit, used)
+    group_of = {one.image: one.group for one in used}
+    faults = [
+        Fault(
+            f"the markers of this image do not fit together with the other images of '{group_of[image]}'",
+            image,
+            f"{rms:.2g} px away on average (rms)",
+            f"below {_LARGEST_MISFIT:g} px",
+            "check that the images show one state of the robot (--group-by), that the camera did not move where "
+            "--viewpoints says so, and the markers' sizes, the base's layout and the camera file",
+        )
+        for image, rms in misfit.items()
+        if not rms <= _LARGEST_MISFIT
+    ]
+    if faults:
+        raise DatasetError(faults)
     noise = _noise(best, problem)
     problem = replace(problem, sightings=_weighed(markers, problem, best.bundle, noise))
     estimates = _estimates(problem, adjust(best.bundle, problem.sightings), noise)
@@ -260,24 +274,6 @@ def _weighed(markers: MarkerSet, problem: _Problem, bundle: Bundle, noise: float
         replace(sighting, weight=noise / np.sqrt(noise**2 + (counts[one] - 1) * _SMALLEST_NOISE**2))
         for sighting, one in zip(problem.sightings, alike, strict=True)
     )
-
-
-def _check_misfit(misfit: Mapping[str, float], used: Sequence[Glimpse]) -> None:
-    groups = {one.image: one.group for one in used}
-    faults = [
-        Fault(
-            f"the markers of this image do not fit together with the other images of '{groups[image]}'",
-            image,
-            f"{rms:.2g} px away on average (rms)",
-            f"below {_LARGEST_MISFIT:g} px",
-            "check that the images show one state of the robot (--group-by), that the camera did not move where "
-            "--viewpoints says so, and the markers' sizes, the base's layout and the camera file",
-        )
-        for image, rms in misfit.items()
-        if not rms <= _LARGEST_MISFIT
-    ]
-    if faults:
-        raise DatasetError(faults)
 
 
 def _estimates(problem: _Problem, best: Adjustment, noise: float) -> dict[Key, MarkerEstimate]:

@@ -85,7 +85,20 @@ def find_shots(given: Sequence[str | Path], group_by: Grouping = "name") -> tupl
     if faults:
         raise StorageError(faults)
     shots = tuple(_shot(path, group_by) for path in paths)
-    _check_numbers(shots)
+    first: dict[tuple[str, str], Shot] = {}
+    for shot in shots:
+        other = first.setdefault((shot.group, shot.number), shot)
+        if other is not shot:
+            faults.append(
+                Fault(
+                    f"two images have the same name and number in the state '{shot.group}'",
+                    str(shot.path),
+                    f"{other.path} as well",
+                    attempt="--group-by folder, where each folder holds the images of one state",
+                )
+            )
+    if faults:
+        raise DatasetError(faults)
     return shots
 
 
@@ -190,21 +203,3 @@ def _shot(path: Path, group_by: Grouping) -> Shot:
     if group_by == "image" or match is None:
         return Shot(path, path.stem, match["number"] if match else "")
     return Shot(path, match["group"], match["number"])
-
-
-def _check_numbers(shots: Sequence[Shot]) -> None:
-    first: dict[tuple[str, str], Shot] = {}
-    faults: list[Fault] = []
-    for shot in shots:
-        other = first.setdefault((shot.group, shot.number), shot)
-        if other is not shot:
-            faults.append(
-                Fault(
-                    f"two images have the same name and number in the state '{shot.group}'",
-                    str(shot.path),
-                    f"{other.path} as well",
-                    attempt="--group-by folder, where each folder holds the images of one state",
-                )
-            )
-    if faults:
-        raise DatasetError(faults)

@@ -55,7 +55,13 @@ def count(mesh: TetMesh) -> MeshCounts:
     """Corners, edges, faces and tets of a mesh of any order."""
     corners = mesh.tets[:, :4]
     kinds = [np.sort(corners[:, local].reshape(-1, len(local[0])), axis=1) for local in (TET_EDGES, TET_FACES)]
-    edges, faces = (len(np.unique(_keys(kind, mesh.n_points))) for kind in kinds)
+    counts: list[int] = []
+    for rows in kinds:
+        keys = rows[:, 0]  # one number for each row of sorted node numbers
+        for column in rows.T[1:]:
+            keys = keys * mesh.n_points + column
+        counts.append(len(np.unique(keys)))
+    edges, faces = counts
     return MeshCounts(len(mesh.corners), edges, faces, mesh.n_tets)
 
 
@@ -67,11 +73,16 @@ def refined_mesh(mesh: TetMesh) -> TetMesh:
     """
     nodes = to_quadratic(mesh)
     pieces = _pieces(nodes.points[nodes.tets])
+    face_sets: dict[str, Ints] = {}
+    for name, faces in nodes.face_sets.items():
+        if faces.shape[1] == 3:  # a quadratic mesh whose set lists only the corners
+            faces = matching_faces(nodes, faces)
+        face_sets[name] = faces[:, QUADRATIC.flat_faces].reshape(-1, 3)
     cut = TetMesh(
         nodes.points,
         nodes.tets[np.arange(nodes.n_tets)[:, None, None], pieces].reshape(-1, 4),
         node_sets=dict(nodes.node_sets),
-        face_sets={name: _quartered(nodes, faces) for name, faces in nodes.face_sets.items()},
+        face_sets=face_sets,
         element_sets={
             name: (PIECES * tets[:, None] + np.arange(PIECES)).ravel() for name, tets in nodes.element_sets.items()
         },
@@ -139,20 +150,6 @@ def _pieces(X: Floats) -> Ints:
 def _upright(tet: tuple[int, ...], places: Floats) -> tuple[int, ...]:
     X = places[list(tet)]
     return tet if np.linalg.det(X[1:] - X[0]) > 0.0 else (tet[1], tet[0], *tet[2:])
-
-
-def _quartered(mesh: TetMesh, faces: Ints) -> Ints:
-    if faces.shape[1] == 3:  # a quadratic mesh whose set lists only the corners
-        faces = matching_faces(mesh, faces)
-    return faces[:, QUADRATIC.flat_faces].reshape(-1, 3)
-
-
-def _keys(rows: Ints, n: int) -> Ints:
-    """One number for each row of sorted node numbers."""
-    keys = rows[:, 0]
-    for column in rows.T[1:]:
-        keys = keys * n + column
-    return keys
 
 
 def _screw_map(turn: Floats) -> Floats:

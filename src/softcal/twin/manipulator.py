@@ -178,7 +178,35 @@ class Manipulator(Declared):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if faults := [*_name_faults(self), *_fit_faults(self)]:
+        key, moduli, names = "springs.youngs_modulus", self.springs.youngs_modulus, self.spring_names
+        springs, cables, hole = self.springs, self.cables, self.discs.hole_diameter
+        faults: list[Fault] = []
+        if isinstance(moduli, Mapping):
+            what = "there is no such spring"
+            faults += [unknown(what, f"{key}.{name}", name, names) for name in moduli if name not in names]
+            if missing := [name for name in names if name not in moduli]:
+                allowed = "one for each, or one for all"
+                faults.append(Fault("springs have no modulus", key, ", ".join(missing), allowed))
+        if beyond := [f"'{end}'" for end in cables.ends if end not in self.disc_names]:
+            allowed = f"S1 to S{self.sections}"
+            faults.append(Fault("cables end at a disc that is not there", "cables.ends", ", ".join(beyond), allowed))
+        # Lengths that do not fit together, though each by itself is allowed.
+        if self.spring_length <= 0.0:
+            thick = self.base.thickness + self.sections * self.discs.thickness
+            allowed = f"more than {1e3 * thick:.4g} mm, the thickness of base and discs"
+            got = f"{1e3 * self.total_length:.4g} mm"
+            raise InputError([*faults, Fault("the discs leave no room for springs", "total_length", got, allowed)])
+        faults += [replace(fault, where="springs") for fault in self.coil.wire_faults(springs.wire_diameter)]
+        wide = springs.coil_diameter + springs.wire_diameter
+        widest = max(wide, 2.0 * cables.radius + hole)
+        for key, part in (("discs", self.discs), ("base", self.base)):
+            if part.diameter < widest:
+                got, allowed = f"{1e3 * part.diameter:.4g} mm", f"at least {1e3 * widest:.4g} mm"
+                faults.append(Fault("springs and guide holes do not fit on the disc", f"{key}.diameter", got, allowed))
+        if cables.radius - 0.5 * hole < 0.5 * wide:
+            got, allowed = f"{1e3 * cables.radius:.4g} mm", f"at least {500 * (wide + hole):.4g} mm"
+            faults.append(Fault("the cables run through the springs", "cables.radius", got, allowed))
+        if faults:
             raise InputError(faults)
 
     @property
@@ -340,41 +368,3 @@ def manipulator(of: Manipulator, *, gravity: Sequence[float] = (0.0, 0.0, -9.81)
         gravity=np.asarray(gravity),
     )
     return with_solid_rods(robot, rings=rings, element=springs.element or DEFAULT.name) if is_solid else robot
-
-
-def _name_faults(of: Manipulator) -> list[Fault]:
-    """The faults of names of springs and discs."""
-    key, moduli, springs = "springs.youngs_modulus", of.springs.youngs_modulus, of.spring_names
-    faults: list[Fault] = []
-    if isinstance(moduli, Mapping):
-        faults += [
-            unknown("there is no such spring", f"{key}.{name}", name, springs) for name in moduli if name not in springs
-        ]
-        if missing := [name for name in springs if name not in moduli]:
-            allowed = "one for each, or one for all"
-            faults.append(Fault("springs have no modulus", key, ", ".join(missing), allowed))
-    if beyond := [f"'{end}'" for end in of.cables.ends if end not in of.disc_names]:
-        allowed = f"S1 to S{of.sections}"
-        faults.append(Fault("cables end at a disc that is not there", "cables.ends", ", ".join(beyond), allowed))
-    return faults
-
-
-def _fit_faults(of: Manipulator) -> list[Fault]:
-    """The faults of lengths that do not fit together, though each by itself is allowed."""
-    thick = of.base.thickness + of.sections * of.discs.thickness
-    if of.spring_length <= 0.0:
-        got = f"{1e3 * of.total_length:.4g} mm"
-        allowed = f"more than {1e3 * thick:.4g} mm, the thickness of base and discs"
-        return [Fault("the discs leave no room for springs", "total_length", got, allowed)]
-    springs, cables, hole = of.springs, of.cables, of.discs.hole_diameter
-    faults = [replace(fault, where="springs") for fault in of.coil.wire_faults(springs.wire_diameter)]
-    wide = springs.coil_diameter + springs.wire_diameter
-    widest = max(wide, 2.0 * cables.radius + hole)
-    for key, part in (("discs", of.discs), ("base", of.base)):
-        if part.diameter < widest:
-            got, allowed = f"{1e3 * part.diameter:.4g} mm", f"at least {1e3 * widest:.4g} mm"
-            faults.append(Fault("springs and guide holes do not fit on the disc", f"{key}.diameter", got, allowed))
-    if cables.radius - 0.5 * hole < 0.5 * wide:
-        got, allowed = f"{1e3 * cables.radius:.4g} mm", f"at least {500 * (wide + hole):.4g} mm"
-        faults.append(Fault("the cables run through the springs", "cables.radius", got, allowed))
-    return faults

@@ -164,32 +164,6 @@ def measure_markers(  # noqa: PLR0913 (one keyword for each option)
     out = Path(out)
     require_free_file(out)
     lens = read_camera(Path(camera))
-    markers = _marker_set(base, dictionary, size, sizes, names)
-    shots = find_shots(images, group_by)
-    keys = _viewpoints(shots, viewpoints)
-    glimpses: list[Glimpse] = []
-    unclear: dict[str, tuple[int, ...]] = {}
-    faults: list[Fault] = []
-    for i, (shot, key) in enumerate(zip(shots, keys, strict=True)):
-        name = str(shot.path)
-        try:
-            detection = detect_markers(read_image(shot.path), dictionary, lens, where=name)
-        except InputError as error:
-            faults.extend(error.faults)
-        else:
-            glimpses.append(Glimpse(name, shot.group, key, detection.corners))
-            unclear[name] = detection.unclear
-        if progress is not None:
-            progress(i + 1, len(shots))
-    if faults:
-        raise DatasetError(faults)
-    poses = estimate_poses(lens, markers, glimpses)
-    table = marker_table(markers, glimpses, poses, unclear)
-    write_new_file(out, table.csv())
-    return MarkerRun(table, poses)
-
-
-def _marker_set(base: str, dictionary: str, size: str, sizes: str, names: str) -> MarkerSet:
     standing = read_base(base)
     given_sizes = {
         number: QUANTITIES["size"].read(text, where=f"--sizes, marker {number}")
@@ -210,13 +184,34 @@ def _marker_set(base: str, dictionary: str, size: str, sizes: str, names: str) -
     ]
     if faults:
         raise InputError(faults)
-    return MarkerSet(
+    markers = MarkerSet(
         standing.placed,
         QUANTITIES["size"].read(size, where="--size"),
         standing.companions,
         {**standing.sizes, **given_sizes},
         given_names,
     )
+    shots = find_shots(images, group_by)
+    keys = _viewpoints(shots, viewpoints)
+    glimpses: list[Glimpse] = []
+    unclear: dict[str, tuple[int, ...]] = {}
+    for i, (shot, key) in enumerate(zip(shots, keys, strict=True)):
+        name = str(shot.path)
+        try:
+            detection = detect_markers(read_image(shot.path), dictionary, lens, where=name)
+        except InputError as error:
+            faults.extend(error.faults)
+        else:
+            glimpses.append(Glimpse(name, shot.group, key, detection.corners))
+            unclear[name] = detection.unclear
+        if progress is not None:
+            progress(i + 1, len(shots))
+    if faults:
+        raise DatasetError(faults)
+    poses = estimate_poses(lens, markers, glimpses)
+    table = marker_table(markers, glimpses, poses, unclear)
+    write_new_file(out, table.csv())
+    return MarkerRun(table, poses)
 
 
 def _by_number(text: str, option: str, example: str) -> dict[int, str]:

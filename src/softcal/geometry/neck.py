@@ -249,7 +249,13 @@ class Neck(Filled):
             low, high = (0.0, first[1]), (0.0, last[1])
             closing = [_Curve(last, high), _Curve(high, low), _Curve(low, first)]
             closed = [*curves, *(curve for curve in closing if curve.start != curve.end)]
-            regions.append([_item(self, curve) for curve in closed])
+            region: list[list[list[float]]] = []  # points of each curve: a line through two, a spline through more
+            for curve in closed:
+                inner: Sequence[Place] = ()
+                if curve.dome_of is not None:
+                    inner = self.dome_places(curve.start[1], curve.end[1], curve.dome_of)[1:-1]
+                region.append([_in_millimetres(place) for place in (curve.start, *inner, curve.end)])
+            regions.append(region)
         job: dict[str, Any] = {
             "kind": "revolution" if self.sectors is None else "section",
             "sectors": self.sectors,
@@ -326,15 +332,6 @@ def _cut(shape: Neck, curves: list[_Curve], height: float) -> tuple[list[_Curve]
     elif below[-1].start[1] == below[-1].end[1] and below[-1].end[0] > below[-1].start[0]:
         above.insert(0, below.pop())  # an overhanging underside belongs to the region above
     return below, above
-
-
-def _item(shape: Neck, curve: _Curve) -> list[list[float]]:
-    """Points of a curve [mm]: a line through two, a spline through more."""
-    places = [curve.start, curve.end]
-    if curve.dome_of is not None:
-        inner = shape.dome_places(curve.start[1], curve.end[1], curve.dome_of)[1:-1]
-        places = [curve.start, *inner, curve.end]
-    return [_in_millimetres(place) for place in places]
 
 
 def _in_millimetres(place: Place) -> list[float]:

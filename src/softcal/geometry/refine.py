@@ -142,14 +142,11 @@ def _pieces(X: Floats) -> Ints:
     # For each choice of the diagonal the nodes of all pieces (3, 8, 4), positively oriented.
     tables: list[list[tuple[int, ...]]] = []
     for (a, b), around in _DIAGONALS:
-        inner = [(a, b, *pair) for pair in pairwise((*around, around[0]))]
-        tables.append([*_AT_CORNERS, *(_upright(tet, places) for tet in inner)])
+        tables.append([*_AT_CORNERS])
+        for pair in pairwise((*around, around[0])):
+            at = places[[a, b, *pair]]
+            tables[-1].append((a, b, *pair) if np.linalg.det(at[1:] - at[0]) > 0.0 else (b, a, *pair))
     return np.array(tables, dtype=np.int64)[shortest]
-
-
-def _upright(tet: tuple[int, ...], places: Floats) -> tuple[int, ...]:
-    X = places[list(tet)]
-    return tet if np.linalg.det(X[1:] - X[0]) > 0.0 else (tet[1], tet[0], *tet[2:])
 
 
 def _screw_map(turn: Floats) -> Floats:

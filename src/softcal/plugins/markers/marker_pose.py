@@ -162,7 +162,24 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
         raise DatasetError(faults)
     noise = _noise(best, problem)
     problem = replace(problem, sightings=_weighed(markers, problem, best.bundle, noise))
-    estimates = _estimates(problem, adjust(best.bundle, problem.sightings), noise)
+    final = adjust(best.bundle, problem.sightings)
+    bundle = final.bundle
+    covariances = final.covariances(list(problem.bodies.values()))
+    estimates: dict[Key, MarkerEstimate] = {}
+    for (key, body), covariance in zip(problem.bodies.items(), covariances, strict=True):
+        mine = [sighting for sighting in problem.sightings if sighting.body == body]
+        cost = bundle.cost([replace(sighting, weight=1.0) for sighting in mine])
+        n_images = len(mine)
+        # Images that disagree on a marker's position (it moved or vibrated) increase its uncertainty.
+        own = cost / (8 * n_images - 6) if n_images > 1 else 0.0
+        variance = max(noise**2, own)
+        second = _second_pose(bundle, mine, cost + _TELLING * variance)
+        pose = bundle.bodies[body]
+        spread = variance * covariance
+        if second is not None:
+            shift = (second.position - pose.position) / 2
+            spread[3:, 3:] += np.outer(shift, shift)
+        estimates[key] = MarkerEstimate(pose, spread, n_images, second is not None)
     unplaced = {
         group: "two poses of the base fit its images equally well"
         for group, start in starts.items()
@@ -274,27 +291,6 @@ def _weighed(markers: MarkerSet, problem: _Problem, bundle: Bundle, noise: float
         replace(sighting, weight=noise / np.sqrt(noise**2 + (counts[one] - 1) * _SMALLEST_NOISE**2))
         for sighting, one in zip(problem.sightings, alike, strict=True)
     )
-
-
-def _estimates(problem: _Problem, best: Adjustment, noise: float) -> dict[Key, MarkerEstimate]:
-    bundle = best.bundle
-    covariances = best.covariances(list(problem.bodies.values()))
-    found: dict[Key, MarkerEstimate] = {}
-    for (key, body), covariance in zip(problem.bodies.items(), covariances, strict=True):
-        mine = [sighting for sighting in problem.sightings if sighting.body == body]
-        cost = bundle.cost([replace(sighting, weight=1.0) for sighting in mine])
-        n_images = len(mine)
-        # Images that disagree on a marker's position (it moved or vibrated) increase its uncertainty.
-        own = cost / (8 * n_images - 6) if n_images > 1 else 0.0
-        variance = max(noise**2, own)
-        second = _second_pose(bundle, mine, cost + _TELLING * variance)
-        pose = bundle.bodies[body]
-        spread = variance * covariance
-        if second is not None:
-            shift = (second.position - pose.position) / 2
-            spread[3:, 3:] += np.outer(shift, shift)
-        found[key] = MarkerEstimate(pose, spread, n_images, second is not None)
-    return found
 
 
 def _second_pose(bundle: Bundle, sightings: Sequence[Sighting], highest_cost: float) -> Pose | None:

@@ -125,7 +125,15 @@ def read_columns(
         lines.append(np.array(numbers, dtype=np.int64))
         for name, column in places.items():
             cells = [row[column] for row in rows]
-            parts[name].append(_numbers(cells, numbers, decimal, odd[name], may_miss(name)))
+            # With a decimal comma a point is a thousands separator or a typing error: the number is ambiguous.
+            plain = cells if decimal == "." else ["" if "." in cell else cell.replace(",", ".") for cell in cells]
+            parts[name].append(_floats(plain))
+            gaps = ("", "nan") if may_miss(name) else ()
+            strange = [i for i in np.flatnonzero(~np.isfinite(parts[name][-1])) if cells[i].casefold() not in gaps]
+            odd[name].n += len(strange)
+            for i in strange[: N_NAMED - len(odd[name].lines)]:
+                odd[name].lines.append(numbers[i])
+                odd[name].cells.append(cells[i])
         if label is not None:
             labels += [row[label] for row in rows]
     unmet = {i: (missing, sieve.seen) for i, sieve in enumerate(sieves) if (missing := sieve.missing)}
@@ -191,15 +199,10 @@ class _Sieve:
         return [numbers[i] for i in kept], [rows[i] for i in kept]
 
     def _matches(self, cell: str) -> bool:
-        met = {value for value in self._filter.values if _same(cell, value)}
+        number = number_in(cell.replace(",", "."))
+        met = {v for v in self._filter.values if cell == v.strip() or number == number_in(v.replace(",", "."))}
         self._met |= met
         return bool(met)
-
-
-def _same(cell: str, wanted: str) -> bool:
-    if cell == wanted.strip():
-        return True
-    return number_in(cell.replace(",", ".")) == number_in(wanted.replace(",", "."))
 
 
 def _floats(cells: list[str]) -> Floats:
@@ -217,17 +220,3 @@ def number_in(cell: str) -> float:
         return float(cell) if cell.isascii() and "_" not in cell else math.nan
     except ValueError:
         return math.nan
-
-
-def _numbers(cells: list[str], lines: list[int], decimal: str, odd: Odd, may_miss: bool) -> Floats:
-    # With a decimal comma a point is a thousands separator or a typing error: the number is ambiguous.
-    plain = cells if decimal == "." else ["" if "." in cell else cell.replace(",", ".") for cell in cells]
-    numbers = _floats(plain)
-    strange = [
-        i for i in np.flatnonzero(~np.isfinite(numbers)) if not (may_miss and cells[i].casefold() in ("", "nan"))
-    ]
-    odd.n += len(strange)
-    for i in strange[: N_NAMED - len(odd.lines)]:
-        odd.lines.append(lines[i])
-        odd.cells.append(cells[i])
-    return numbers

@@ -88,7 +88,30 @@ def read_layout(
     StorageError
         Where the file cannot be read.
     """
-    _check_channels(path, columns)
+    asked = f"columns for {path.name}"
+    allowed = [*kinds(), *QUATERNION, MASS]
+    faults = [
+        unknown(
+            f"no channel has the name '{key}'",
+            asked,
+            key,
+            allowed,
+            got="",
+            more="; with the part's name before it, such as cable1.tension or m4.x",
+        )
+        for key in columns
+        if column_unit(key) is None
+    ]
+    quaternion = [key for key in QUATERNION if key in columns]
+    if quaternion and len(quaternion) < 4:
+        missing = ", ".join(key for key in QUATERNION if key not in columns)
+        faults.append(Fault("a quaternion needs all four columns", where=asked, got=f"no {missing}"))
+    if quaternion and any(angle.name in columns for angle in ANGLES):
+        faults.append(Fault("angles and quaternions exclude each other", where=asked))
+    if not columns:
+        faults.append(Fault("no column is requested", where=asked, allowed=", ".join(allowed)))
+    if faults:
+        raise DatasetError(faults)
     table = load_table(
         path,
         [*(spec.name for spec in columns.values()), *(where or {}), *([label] if label else [])],
@@ -137,33 +160,6 @@ def column_unit(channel: str) -> str | None:
     name = channel_name(channel)
     is_mass = name.kind.name == MASS and "." not in name.carrier and not name.is_deviation
     return "kg" if is_mass else channel_unit(channel)
-
-
-def _check_channels(path: Path, columns: Mapping[str, ColumnSpec]) -> None:
-    where = f"columns for {path.name}"
-    allowed = [*kinds(), *QUATERNION, MASS]
-    faults = [
-        unknown(
-            f"no channel has the name '{key}'",
-            where,
-            key,
-            allowed,
-            got="",
-            more="; with the part's name before it, such as cable1.tension or m4.x",
-        )
-        for key in columns
-        if column_unit(key) is None
-    ]
-    quaternion = [key for key in QUATERNION if key in columns]
-    if quaternion and len(quaternion) < 4:
-        missing = ", ".join(key for key in QUATERNION if key not in columns)
-        faults.append(Fault("a quaternion needs all four columns", where=where, got=f"no {missing}"))
-    if quaternion and any(angle.name in columns for angle in ANGLES):
-        faults.append(Fault("angles and quaternions exclude each other", where=where))
-    if not columns:
-        faults.append(Fault("no column is requested", where=where, allowed=", ".join(allowed)))
-    if faults:
-        raise DatasetError(faults)
 
 
 def find_column(table: Table, name: str, faults: list[Fault]) -> int | None:

@@ -48,6 +48,12 @@ def loops(dataset: Dataset) -> tuple[Loop, ...]:
         # The dwell at the turning point is part of the loop, though of neither branch.
         rows = np.arange(cycle.loading[0], cycle.unloading[-1] + 1)
         loading = _area(shortening, tension, cycle.loading)
+        pulled, force = shortening[cycle.unloading], tension[cycle.unloading]
+        least, vanishes_at = VANISHED * float(force.max()), None
+        below = np.flatnonzero(force <= least)
+        if below.size and below[0] > 0:
+            pair = slice(int(below[0]) - 1, int(below[0]) + 1)
+            vanishes_at = float(np.interp(-least, -force[pair], pulled[pair]))
         found.append(
             Loop(
                 number=cycle.number,
@@ -55,7 +61,7 @@ def loops(dataset: Dataset) -> tuple[Loop, ...]:
                 lost_energy=_area(shortening, tension, rows),
                 peak_tension=float(tension[rows].max()),
                 travel=float(np.ptp(shortening[rows])),
-                vanishes_at=_vanishing(shortening[cycle.unloading], tension[cycle.unloading]),
+                vanishes_at=vanishes_at,
             )
         )
     return tuple(found)
@@ -63,13 +69,3 @@ def loops(dataset: Dataset) -> tuple[Loop, ...]:
 
 def _area(shortening: Floats, tension: Floats, rows: np.ndarray) -> float:
     return float(np.trapezoid(tension[rows], shortening[rows]))
-
-
-def _vanishing(shortening: Floats, tension: Floats) -> float | None:
-    """Shortening [m] at which the tension of an unloading branch vanishes; None if it does not."""
-    least = VANISHED * float(tension.max())
-    below = np.flatnonzero(tension <= least)
-    if not below.size or below[0] == 0:
-        return None
-    pair = slice(int(below[0]) - 1, int(below[0]) + 1)
-    return float(np.interp(-least, -tension[pair], shortening[pair]))

@@ -80,7 +80,19 @@ def read_c3d(path: str | Path, markers: Mapping[str, str], *, name: str = "") ->
     if faults:
         raise DatasetError(faults)
     factor = unit_factor(unit, "m", where=f"{path}, POINT:UNITS")
-    columns = _columns(path, labels, markers)
+    where = f"{path}, POINT:LABELS"
+    known = ", ".join(f"'{label}'" for label in labels)
+    counts = Counter(labels)
+    if not markers:
+        faults.append(Fault("no marker is requested", where, allowed=known))
+    for label in dict.fromkeys(wanted.strip() for wanted in markers.values()):
+        if not counts[label]:
+            faults.append(unknown("no point has this label", where, label, labels))
+        elif counts[label] > 1:
+            faults.append(Fault("two points have this label", where, f"'{label}'", "labels that differ"))
+    if faults:
+        raise DatasetError(faults)
+    columns = {marker: labels.index(label.strip()) for marker, label in markers.items()}
     positions = np.where(frames[:, :, 3:4] < 0, np.nan, frames[:, :, :3]) * factor
     wanted = positions[:, list(columns.values())]
     far = np.abs(wanted).max(initial=0.0, where=~np.isnan(wanted))
@@ -118,20 +130,3 @@ def _parse(raw: bytes) -> tuple[list[str], str, float, Floats]:
         labels += [str(label).strip("\0 ") for label in np.ravel(parameter.string_array)]
         number += 1
     return labels, unit, float(reader.point_rate), frames
-
-
-def _columns(path: Path, labels: list[str], markers: Mapping[str, str]) -> dict[str, int]:
-    where = f"{path}, POINT:LABELS"
-    known = ", ".join(f"'{label}'" for label in labels)
-    counts = Counter(labels)
-    faults: list[Fault] = []
-    if not markers:
-        faults.append(Fault("no marker is requested", where, allowed=known))
-    for label in dict.fromkeys(wanted.strip() for wanted in markers.values()):
-        if not counts[label]:
-            faults.append(unknown("no point has this label", where, label, labels))
-        elif counts[label] > 1:
-            faults.append(Fault("two points have this label", where, f"'{label}'", "labels that differ"))
-    if faults:
-        raise DatasetError(faults)
-    return {marker: labels.index(label.strip()) for marker, label in markers.items()}

@@ -51,15 +51,7 @@ def plate_angles(
                 attempt="check that qw, qx, qy and qz name the right columns",
             )
         )
-    to_robot = Rotation.from_matrix(_triad(axes))
-    pose = Rotation.from_quat(quaternions, scalar_first=True)
-    turned = to_robot * pose[:rest_samples].mean().inv() * pose * to_robot.inv()
-    pitch, roll, yaw = turned.as_euler("YXZ").T
-    return np.unwrap(pitch), roll, np.unwrap(yaw)
-
-
-def _triad(axes: Sequence[str]) -> Floats:
-    """Matrix whose rows are the robot's axes in sensor coordinates: it turns sensor vectors into robot vectors."""
+    # Matrix whose rows are the robot's axes in sensor coordinates: it turns sensor vectors into robot vectors.
     units = {"x": 0, "y": 1, "z": 2}
     matrix = np.zeros((3, 3))
     if len(axes) == 3 and all(axis.lstrip("+-") in units for axis in axes):
@@ -74,4 +66,8 @@ def _triad(axes: Sequence[str]) -> Floats:
                 allowed="three of x, y, z, -x, -y, -z at right angles, such as -y, x, z",
             )
         )
-    return matrix
+    to_robot = Rotation.from_matrix(matrix)
+    pose = Rotation.from_quat(quaternions, scalar_first=True)
+    turned = to_robot * pose[:rest_samples].mean().inv() * pose * to_robot.inv()
+    pitch, roll, yaw = turned.as_euler("YXZ").T
+    return np.unwrap(pitch), roll, np.unwrap(yaw)

@@ -25,14 +25,56 @@ _FLOOR = 0.1  # share of the force's range that still counts as slack
 
 def check_plausible(dataset: Dataset) -> tuple[str, ...]:
     """One sentence for each suspected wrong unit, sign or column; empty if there is none."""
-    return (
-        *_units(dataset),
-        *_stiffness(dataset),
-        *_ranges(dataset),
-        *_swing(dataset),
-        *_time(dataset),
-        *_repeated(dataset),
-    )
+    warnings: list[str] = []
+    # Units in names of columns that are none to the reader, such as [x1000 N] or "Force in kN".
+    for step in dataset.provenance:
+        for key, column in (step.settings.get("columns") or {}).items() if step.name == "read_table" else ():
+            si_unit = column_unit(key) or "1"
+            name, in_brackets = split_header(column["header"])
+            words = re.findall(r"[^\W\d_][^\W_]*|[µ°]\w*", f"{name} {in_brackets or ''}")[1:]
+            units = {word for word in words if word.casefold() != "in" and is_unit_of(word, si_unit)}
+            if si_unit == "1" or is_unit_of(in_brackets or "", si_unit) or not units:
+                continue
+            factor = unit_factor(column["unit"], si_unit)
+            agree = any(np.isclose(unit_factor(unit, si_unit), factor, rtol=1e-9) for unit in units)
+            if not agree or any(unit in (in_brackets or "") for unit in units):
+                another = "does its name say another unit? Then state that one"
+                warnings.append(f"the column '{column['header']}' is read in {column['unit']}: {another}")
+    warnings += _stiffness(dataset)
+    for key, measured in dataset.channels.items():
+        kind = channel_name(key).kind
+        largest = float(np.abs(measured.values[np.isfinite(measured.values)]).max(initial=0.0))
+        if largest > kind.most:
+            unit, factor = ("deg", np.degrees(1.0)) if kind.is_angle else (kind.unit, 1.0)
+            reached = f"reaches {factor * largest:.3g} {unit}, above {factor * kind.most:g} {unit}"
+            warnings.append(f"{key} {reached}: {kind.mistake}?")
+    if {"pitch", "shortening"} <= dataset.channels.keys():
+        swing, travel = (float(np.ptp(dataset.values(key))) for key in ("pitch", "shortening"))
+        if travel > 5e-3 and swing == 0.0:
+            warnings.append("the pitch never changes: is it the right column?")
+        elif travel > 5e-3 and swing < _MIN_ANGLE:
+            warnings.append(
+                f"pitch swings by {np.degrees(swing):.3g} deg over {travel * 1000:.3g} mm of shortening: rad read as "
+                "deg, or the wrong axis of the IMU?"
+            )
+    if {"time", "shortening"} <= dataset.channels.keys() and dataset.n_samples >= 3:
+        time = dataset.values("time")
+        moving = np.diff(time) > 0.0
+        speeds = np.abs(np.diff(dataset.values("shortening"))[moving] / np.diff(time)[moving])
+        if not moving.any():
+            warnings.append("time never advances: is it the right column?")
+        elif (speed := float(np.max(speeds))) > _MAX_SPEED:
+            limit = f"above {_MAX_SPEED:g} m/s: time in min or ms?"
+            warnings.append(f"the crosshead moves at {speed:.3g} m/s, {limit}")
+    # Rows written more than once would count as measurements of their own.
+    table = np.column_stack([channel.values for channel in dataset.channels.values()])
+    repeats = int(np.sum(np.all(table[1:] == table[:-1], axis=1)))
+    if repeats > _REPEATED * dataset.n_samples:
+        warnings.append(
+            f"{repeats} of {dataset.n_samples} rows repeat the one before in every channel. Each counts as an "
+            "independent measurement, so standard errors are too small if rows were written more than once."
+        )
+    return tuple(f"{dataset.name}: {warning}" for warning in warnings)
 
 
 def copies(datasets: Mapping[str, Dataset], compared: Mapping[str, Sequence[str]]) -> dict[str, str]:
@@ -52,38 +94,17 @@ def copies(datasets: Mapping[str, Dataset], compared: Mapping[str, Sequence[str]
     return found
 
 
-def _units(dataset: Dataset) -> list[str]:
-    """Units in names of columns that are none to the reader, such as [x1000 N] or "Force in kN"."""
-    warnings: list[str] = []
-    for step in dataset.provenance:
-        for key, column in (step.settings.get("columns") or {}).items() if step.name == "read_table" else ():
-            si_unit = column_unit(key) or "1"
-            name, in_brackets = split_header(column["header"])
-            words = re.findall(r"[^\W\d_][^\W_]*|[µ°]\w*", f"{name} {in_brackets or ''}")[1:]
-            units = {word for word in words if word.casefold() != "in" and is_unit_of(word, si_unit)}
-            if si_unit == "1" or is_unit_of(in_brackets or "", si_unit) or not units:
-                continue
-            factor = unit_factor(column["unit"], si_unit)
-            agree = any(np.isclose(unit_factor(unit, si_unit), factor, rtol=1e-9) for unit in units)
-            if not agree or any(unit in (in_brackets or "") for unit in units):
-                warnings.append(
-                    f"{dataset.name}: the column '{column['header']}' is read in {column['unit']}: does its name say "
-                    f"another unit? Then state that one"
-                )
-    return warnings
-
-
 def _stiffness(dataset: Dataset) -> list[str]:
     if not {"tension", "shortening"} <= dataset.channels.keys():
         return []
     shortening, tension = dataset.values("shortening"), dataset.values("tension")
     if dataset.n_samples == 1:
         needed = "a stiffness needs two or more, at different shortenings"
-        return [f"{dataset.name}: the record has one sample, and {needed}: do where or skip_rows leave out too many?"]
+        return [f"the record has one sample, and {needed}: do where or skip_rows leave out too many?"]
     if np.ptp(shortening) <= 0.0:
-        return [f"{dataset.name}: the shortening never changes: is it the right column?"]
+        return ["the shortening never changes: is it the right column?"]
     if np.ptp(tension) <= 0.0:
-        return [f"{dataset.name}: the tension never changes: is it the right column?"]
+        return ["the tension never changes: is it the right column?"]
     s, values = curve(shortening, {"tension": tension}, _BINS)
     force = values["tension"]
     if len(s) < 2:
@@ -91,72 +112,20 @@ def _stiffness(dataset: Dataset) -> list[str]:
     taut = force[1:] > force.min() + _FLOOR * np.ptp(force)
     if not taut.any():
         ends = f"{tension.min():.3g} to {tension.max():.3g} N"
-        return [f"{dataset.name}: the tension does not rise with the shortening ({ends}): is it the right column?"]
+        return [f"the tension does not rise with the shortening ({ends}): is it the right column?"]
     median = float(np.median((np.diff(force) / np.diff(s))[taut]))
     lower, upper = STIFFNESS_RANGE
     warnings: list[str] = []
     if median < 0.0 or float(np.mean(tension)) < -0.1 * float(np.max(np.abs(tension))):
         warnings.append(
-            f"{dataset.name}: tension is {np.mean(tension):.3g} N on average and changes by {median:.3g} N/m with "
+            f"tension is {np.mean(tension):.3g} N on average and changes by {median:.3g} N/m with "
             f"shortening: does the machine write tension or displacement negative (scale: -1)?"
         )
     elif not lower <= median <= upper:
         guess = "displacement in m" if median > upper else "displacement in um"
         force_guess = "force in N read as kN" if median > upper else "force in kN read as N"
         warnings.append(
-            f"{dataset.name}: the stiffness dT/dd is {median:.3g} N/m (median), expected {lower:g} to {upper:g} N/m: "
+            f"the stiffness dT/dd is {median:.3g} N/m (median), expected {lower:g} to {upper:g} N/m: "
             f"force in kN or displacement in m by mistake ({force_guess}, or {guess} read as mm)?"
         )
     return warnings
-
-
-def _ranges(dataset: Dataset) -> list[str]:
-    warnings: list[str] = []
-    for key, measured in dataset.channels.items():
-        kind = channel_name(key).kind
-        largest = float(np.abs(measured.values[np.isfinite(measured.values)]).max(initial=0.0))
-        if largest > kind.most:
-            unit, factor = ("deg", np.degrees(1.0)) if kind.is_angle else (kind.unit, 1.0)
-            reached = f"reaches {factor * largest:.3g} {unit}, above {factor * kind.most:g} {unit}"
-            warnings.append(f"{dataset.name}: {key} {reached}: {kind.mistake}?")
-    return warnings
-
-
-def _swing(dataset: Dataset) -> list[str]:
-    if not {"pitch", "shortening"} <= dataset.channels.keys():
-        return []
-    swing = float(np.ptp(dataset.values("pitch")))
-    travel = float(np.ptp(dataset.values("shortening")))
-    if travel <= 5e-3 or swing >= _MIN_ANGLE:
-        return []
-    if swing == 0.0:
-        return [f"{dataset.name}: the pitch never changes: is it the right column?"]
-    return [
-        f"{dataset.name}: pitch swings by {np.degrees(swing):.3g} deg over {travel * 1000:.3g} mm of "
-        f"shortening: rad read as deg, or the wrong axis of the IMU?"
-    ]
-
-
-def _time(dataset: Dataset) -> list[str]:
-    if not {"time", "shortening"} <= dataset.channels.keys() or dataset.n_samples < 3:
-        return []
-    time = dataset.values("time")
-    moving = np.diff(time) > 0.0
-    if not moving.any():
-        return [f"{dataset.name}: time never advances: is it the right column?"]
-    speed = float(np.max(np.abs(np.diff(dataset.values("shortening"))[moving] / np.diff(time)[moving])))
-    if speed > _MAX_SPEED:
-        return [f"{dataset.name}: the crosshead moves at {speed:.3g} m/s, above {_MAX_SPEED:g} m/s: time in min or ms?"]
-    return []
-
-
-def _repeated(dataset: Dataset) -> list[str]:
-    """Rows written more than once would count as measurements of their own."""
-    table = np.column_stack([channel.values for channel in dataset.channels.values()])
-    repeats = int(np.sum(np.all(table[1:] == table[:-1], axis=1)))
-    if repeats <= _REPEATED * dataset.n_samples:
-        return []
-    return [
-        f"{dataset.name}: {repeats} of {dataset.n_samples} rows repeat the one before in every channel. Each counts as "
-        "an independent measurement, so standard errors are too small if rows were written more than once."
-    ]

@@ -13,7 +13,7 @@ from typing import Any
 
 from softcal.errors import DatasetError, Fault, InputError, unknown
 from softcal.experiments.dataset import Dataset
-from softcal.experiments.step import STEPS, PreparationStep, Setting
+from softcal.experiments.step import STEPS, PreparationStep
 from softcal.limits import LIMITS
 from softcal.quantities import QUANTITIES
 from softcal.sensing.channel import channel_unit, kinds
@@ -120,7 +120,20 @@ def _parse_setting(
         return value
     match setting.kind:
         case "of channel":
-            return _parse_of_channel(preparation, setting, value, given, where)
+            default = inspect.signature(preparation.function).parameters[setting.channel_from].default
+            unit = channel_unit(str(given.get(setting.channel_from, default)))
+            if unit is None:
+                # That setting is reported as a fault itself; the unit of this one is unknown.
+                named = f"a quantity in the unit of the channel that '{setting.channel_from}' names"
+                raise _wrong(where, value, named)
+            try:
+                return parse_quantity(value, unit, where=where)
+            except InputError:
+                if setting.choices and isinstance(value, str) and not any(c.isdigit() for c in value):
+                    more = f", or a quantity such as '1 {unit}'"
+                    fault = unknown(_WRONG, where, value, setting.choices, got=repr(value), more=more)
+                    raise DatasetError(fault) from None
+                raise
         case "count":
             if isinstance(value, int) and not isinstance(value, bool) and value >= 0:
                 if value:
@@ -146,24 +159,6 @@ def _parse_setting(
             raise DatasetError(unknown(_WRONG, where, str(value), setting.choices, got=repr(value)))
         case quantity:
             return QUANTITIES[quantity].read(value, where=where)
-
-
-def _parse_of_channel(
-    preparation: PreparationStep, setting: Setting, value: object, given: Mapping[str, Any], where: str
-) -> float:
-    default = inspect.signature(preparation.function).parameters[setting.channel_from].default
-    channel = given.get(setting.channel_from, default)
-    unit = channel_unit(str(channel))
-    if unit is None:
-        # That setting is reported as a fault itself; the unit of this one is unknown.
-        raise _wrong(where, value, f"a quantity in the unit of the channel that '{setting.channel_from}' names")
-    try:
-        return parse_quantity(value, unit, where=where)
-    except InputError:
-        if setting.choices and isinstance(value, str) and not any(c.isdigit() for c in value):
-            more = f", or a quantity such as '1 {unit}'"
-            raise DatasetError(unknown(_WRONG, where, value, setting.choices, got=repr(value), more=more)) from None
-        raise
 
 
 def _wrong(where: str, value: object, allowed: str) -> DatasetError:

@@ -11,7 +11,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault, InputError
-from softcal.experiments.columns import N_NAMED, Columns, Filter, Odd, cells_of, read_columns
+from softcal.experiments.columns import N_NAMED, Odd, cells_of, read_columns
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.header import column_unit, raise_faults, read_layout
 from softcal.experiments.orientation import QUATERNION, plate_angles
@@ -77,7 +77,10 @@ def read_table(
         label=layout.label,
         decimal=written.decimal,
     )
-    faults += _unmet(table, layout.filters, held)
+    for i, (missing, seen) in list(held.unmet.items())[:1]:  # later filters saw only the rows of the first
+        shown = ", ".join(f"'{value}'" for value in seen[:_N_VALUES]) + (", …" if len(seen) > _N_VALUES else "")
+        column = f"{table.path}, column '{table.headers[layout.filters[i].column]}'"
+        faults += [Fault(f"no row holds '{value}'", where=column, allowed=shown) for value in missing]
     values: dict[str, Floats] = {}
     for key, place in places.items():
         if key in held.odd:
@@ -86,12 +89,59 @@ def read_table(
             values[key] = held.numbers[key]
             values[key] *= layout.factors[key] * columns[key].scale
     if layout.label is not None:
-        faults += _doubled_labels(table, layout.label, held)
-    n_equal_times = _check_time(table, held, values, places, faults)
+        column, first = f"{table.path}, column '{table.headers[layout.label]}'", dict[str, int]()
+        nameless = [i for i, text in enumerate(held.labels) if not text]
+        twice = [i for i, text in enumerate(held.labels) if first.setdefault(text, i) < i]
+        if nameless:
+            place = f"{column}, {line_numbers(held.lines[nameless[:N_NAMED]].tolist(), len(nameless))}"
+            attempt = "skip_footer or where, to leave them out"
+            faults.append(Fault(f"{len(nameless)} row(s) have no label", place, attempt=attempt))
+        elif twice:
+            place = f"{column}, {line_numbers(held.lines[twice[:N_NAMED]].tolist(), len(twice))}"
+            faults.append(Fault("two rows have the same label", place, got=f"'{held.labels[twice[0]]}'"))
+    steps = np.diff(values.get("time", np.zeros(0)))
+    if len(back := np.flatnonzero(steps < 0)):
+        before, after = cells_of(table, places["time"], held.lines[back[0] : back[0] + 2].tolist())
+        lines = line_numbers(held.lines[back[:N_NAMED] + 1].tolist(), len(back))
+        faults.append(
+            Fault(
+                f"time runs backwards {len(back)} time(s)",
+                where=f"{table.path}, column '{table.headers[places['time']]}', {lines}",
+                got=f"'{after}' after '{before}'",
+                allowed="times that never fall",
+                attempt="a filter `where`, if the file holds several tests one after the other",
+            )
+        )
+    n_equal_times = int(np.count_nonzero(steps == 0))
     raise_faults(faults, layout.unit_faults)
     n_kept, n_rows, labels, used_decimal = len(held.lines), held.n_rows, held.labels, held.decimal
     del held  # its numbers are in `values`; frees memory of large tables
-    channels, notes = _channels(table, values, written.axes, written.rest_samples)
+    notes: list[str] = []
+    if QUATERNION[0] in values:
+        quaternions = np.column_stack([values.pop(key) for key in QUATERNION])
+        try:
+            angles = plate_angles(quaternions, axes=written.axes, rest_samples=written.rest_samples)
+        except InputError as error:
+            raise DatasetError(
+                [replace(fault, where=f"{table.path}, {fault.where}") for fault in error.faults]
+            ) from error
+        values.update(zip((angle.name for angle in ANGLES), angles, strict=True))
+        notes.append(
+            f"quaternions turned into pitch, roll and yaw about the mean pose of the first "
+            f"{min(written.rest_samples, len(quaternions))} samples, robot axes {', '.join(written.axes)} of the sensor"
+        )
+    else:
+        for key in (angle.name for angle in ANGLES):
+            if key in values:
+                unwrapped = np.unwrap(values[key]) if (np.abs(np.diff(values[key])) >= np.pi).any() else values[key]
+                if not np.array_equal(unwrapped, values[key]):
+                    notes.append(f"jumps of a full turn taken out of {key}")
+                values[key] = unwrapped
+    for key, value in values.items():
+        if np.isnan(value).any():
+            notes.append(f"{key} is missing in {int(np.isnan(value).sum())} row(s)")
+    # One after the other, since a channel is a copy.
+    channels = {key: Channel(values.pop(key), column_unit(key) or "1") for key in list(values)}
     if n_equal_times:
         notes.append(f"{n_equal_times} sample(s) share their time with the one before")
     settings: dict[str, Any] = {
@@ -117,33 +167,6 @@ def read_table(
     units_read = ", ".join(f"{key} from '{spec.name}' in {layout.units[key]}" for key, spec in columns.items())
     outcome = "; ".join([f"{kept} read: {units_read}", *notes])
     return Dataset(name or Path(path).stem, channels, (Step("read_table", settings, outcome),), labels=labels)
-
-
-def _doubled_labels(table: Table, place: int, held: Columns) -> list[Fault]:
-    """Fault of rows without a label, or of two with the same."""
-    if nameless := [i for i, text in enumerate(held.labels) if not text]:
-        where = line_numbers(held.lines[nameless[:N_NAMED]].tolist(), len(nameless))
-        where = f"{table.path}, column '{table.headers[place]}', {where}"
-        return [
-            Fault(f"{len(nameless)} row(s) have no label", where, attempt="skip_footer or where, to leave them out")
-        ]
-    first: dict[str, int] = {}
-    twice = [i for i, text in enumerate(held.labels) if first.setdefault(text, i) < i]
-    if not twice:
-        return []
-    lines = line_numbers(held.lines[twice[:N_NAMED]].tolist(), len(twice))
-    where = f"{table.path}, column '{table.headers[place]}', {lines}"
-    return [Fault("two rows have the same label", where, got=f"'{held.labels[twice[0]]}'")]
-
-
-def _unmet(table: Table, filters: Sequence[Filter], held: Columns) -> list[Fault]:
-    """Faults of the first filter's values that no row has; later filters saw only its rows."""
-    if not held.unmet:
-        return []
-    i, (missing, seen) = next(iter(held.unmet.items()))
-    shown = ", ".join(f"'{value}'" for value in seen[:_N_VALUES]) + (", …" if len(seen) > _N_VALUES else "")
-    column = f"{table.path}, column '{table.headers[filters[i].column]}'"
-    return [Fault(f"no row holds '{value}'", where=column, allowed=shown) for value in missing]
 
 
 def not_numbers(table: Table, place: int, odd: Odd, decimal: str) -> Fault:
@@ -173,58 +196,3 @@ def line_numbers(first: Sequence[int], n: int) -> str:
     """The first of n lines in words."""
     numbers = ", ".join(map(str, first[:N_NAMED]))
     return ("line " if n == 1 else "lines ") + numbers + (", …" if n > N_NAMED else "")
-
-
-def _check_time(
-    table: Table, held: Columns, values: Mapping[str, Floats], places: Mapping[str, int], faults: list[Fault]
-) -> int:
-    """Record descending times; return the number of samples with the time of the previous one."""
-    if "time" not in values:
-        return 0
-    steps = np.diff(values["time"])
-    back = np.flatnonzero(steps < 0)
-    if len(back):
-        place, (i, *_) = places["time"], back.tolist()
-        before, after = cells_of(table, place, held.lines[[i, i + 1]].tolist())
-        lines = line_numbers(held.lines[back[:N_NAMED] + 1].tolist(), len(back))
-        faults.append(
-            Fault(
-                f"time runs backwards {len(back)} time(s)",
-                where=f"{table.path}, column '{table.headers[place]}', {lines}",
-                got=f"'{after}' after '{before}'",
-                allowed="times that never fall",
-                attempt="a filter `where`, if the file holds several tests one after the other",
-            )
-        )
-    return int(np.count_nonzero(steps == 0))
-
-
-def _channels(
-    table: Table, values: dict[str, Floats], axes: Sequence[str], rest_samples: int
-) -> tuple[dict[str, Channel], list[str]]:
-    notes: list[str] = []
-    if QUATERNION[0] in values:
-        quaternions = np.column_stack([values.pop(key) for key in QUATERNION])
-        try:
-            angles = plate_angles(quaternions, axes=axes, rest_samples=rest_samples)
-        except InputError as error:
-            raise DatasetError(
-                [replace(fault, where=f"{table.path}, {fault.where}") for fault in error.faults]
-            ) from error
-        values.update(zip((angle.name for angle in ANGLES), angles, strict=True))
-        notes.append(
-            f"quaternions turned into pitch, roll and yaw about the mean pose of the first "
-            f"{min(rest_samples, len(quaternions))} samples, robot axes {', '.join(axes)} of the sensor"
-        )
-    else:
-        for key in (angle.name for angle in ANGLES):
-            if key in values:
-                unwrapped = np.unwrap(values[key]) if (np.abs(np.diff(values[key])) >= np.pi).any() else values[key]
-                if not np.array_equal(unwrapped, values[key]):
-                    notes.append(f"jumps of a full turn taken out of {key}")
-                values[key] = unwrapped
-    for key, value in values.items():
-        if np.isnan(value).any():
-            notes.append(f"{key} is missing in {int(np.isnan(value).sum())} row(s)")
-    # One after the other, since a channel is a copy.
-    return {key: Channel(values.pop(key), column_unit(key) or "1") for key in list(values)}, notes

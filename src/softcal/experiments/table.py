@@ -236,20 +236,18 @@ def _uncomment(line: str) -> str:
 
 def _cells(path: Path, number: int, line: str, delimiter: str, *, header: bool = False) -> list[str]:
     try:
-        cells = _split(line, delimiter, header=header)
+        if delimiter.isspace() and delimiter != "\t":
+            cells = [cell.strip('"').strip() for cell in (_HEADER_CELL if header else _CELL).findall(line)]
+        elif '"' in line:
+            row = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+            cells = [cell.strip() for cell in row]
+        else:
+            cells = line.split(delimiter)
+            if not (line.isascii() and line.isprintable() and " " not in line):
+                cells = [cell.strip() for cell in cells]
         return [plain(cell) for cell in cells] if "'" in line else cells
     except csv.Error as error:
         raise DatasetError(Fault("the line cannot be cut into cells", f"{path}, line {number}", str(error))) from error
-
-
-def _split(line: str, delimiter: str, *, header: bool = False) -> list[str]:
-    if delimiter.isspace() and delimiter != "\t":
-        cells = (_HEADER_CELL if header else _CELL).findall(line)
-        return [cell.strip('"').strip() for cell in cells]
-    if '"' not in line:
-        cells = line.split(delimiter)
-        return cells if line.isascii() and line.isprintable() and " " not in line else [cell.strip() for cell in cells]
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])]
 
 
 def _padded(cells: list[str], width: int) -> list[str]:

@@ -52,7 +52,18 @@ def open_text(path: Path) -> TextFile:
     DatasetError
         If it is not text, or has a line of more than a million characters.
     """
-    for encoding in _candidates(path):
+    with _reading(path) as file:
+        raw = file.read(400)
+    if raw.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
+        what, got = "the file is not text", "an archive, such as a workbook of a spreadsheet"
+        raise DatasetError(Fault(what, str(path), got, "text such as CSV", "save the sheet as CSV"))
+    encodings = ["utf-8-sig", "latin-1"]
+    first, second = raw[::2].count(0), raw[1::2].count(0)
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        encodings = ["utf-16"]
+    elif max(first, second) > len(raw) // 4 > 4 * min(first, second):  # Latin text in UTF-16: every second byte is zero
+        encodings = ["utf-16-be" if first > second else "utf-16-le"]
+    for encoding in encodings:
         digest = hashlib.sha256()
         try:
             n_lines = sum(len(lines) for lines in _blocks(path, encoding, digest.update))
@@ -62,20 +73,6 @@ def open_text(path: Path) -> TextFile:
     raise DatasetError(
         Fault("the file is not text", where=str(path), allowed="UTF-8, Latin-1 or UTF-16 text such as CSV or TXT")
     )
-
-
-def _candidates(path: Path) -> list[str]:
-    with _reading(path) as file:
-        raw = file.read(400)
-    if raw.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
-        what, got = "the file is not text", "an archive, such as a workbook of a spreadsheet"
-        raise DatasetError(Fault(what, str(path), got, "text such as CSV", "save the sheet as CSV"))
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return ["utf-16"]
-    first, second = raw[::2].count(0), raw[1::2].count(0)
-    if max(first, second) > len(raw) // 4 > 4 * min(first, second):  # Latin text in UTF-16: every second byte is zero
-        return ["utf-16-be" if first > second else "utf-16-le"]
-    return ["utf-8-sig", "latin-1"]
 
 
 def _blocks(path: Path, encoding: str, seen: Callable[[bytes], object] = bytes) -> Iterator[list[str]]:

@@ -62,7 +62,13 @@ def wall_around(mesh: TetMesh, point: Floats) -> Wall | None:
         if ring is None:
             continue
         points, faces = ring
-        diameter = _diameter(points, axis)
+        # The circle fitted to points across the axis.
+        first = across(axis)
+        flat = (points - points.mean(axis=0)) @ np.stack([first, np.cross(axis, first)], axis=1)
+        solved = np.linalg.lstsq(np.column_stack([2.0 * flat, np.ones(len(flat))]), (flat**2).sum(axis=1), rcond=None)[
+            0
+        ]
+        diameter = float(2.0 * np.sqrt(solved[2] + solved[0] ** 2 + solved[1] ** 2))
         if part:
             second = _ring(triangles, point + (part + np.sign(part)) * radius * axis, axis)
             if second is None:
@@ -77,14 +83,6 @@ def _ring(triangles: Floats, centre: Floats, axis: Floats) -> tuple[Floats, Ints
     rays = ring_points(np.zeros(3), axis, across(axis), 1.0, RAYS)
     distance, hit = _first_hits(triangles, centre, rays)
     return None if (hit < 0).any() else ((centre + distance[:, None] * rays)[::EACH], hit[::EACH])
-
-
-def _diameter(points: Floats, axis: Floats) -> float:
-    """Diameter of the circle fitted to points across an axis [m]."""
-    first = across(axis)
-    flat = (points - points.mean(axis=0)) @ np.stack([first, np.cross(axis, first)], axis=1)
-    solved = np.linalg.lstsq(np.column_stack([2.0 * flat, np.ones(len(flat))]), (flat**2).sum(axis=1), rcond=None)[0]
-    return float(2.0 * np.sqrt(solved[2] + solved[0] ** 2 + solved[1] ** 2))
 
 
 def _first_hits(triangles: Floats, origin: Floats, rays: Floats) -> tuple[Floats, Ints]:

@@ -211,7 +211,15 @@ def polyline(points: ArrayLike, *, first: Sequence[float] | None = None) -> Cent
     tangents[-1] = 2.0 * (u[-1] @ tangents[-2]) * u[-1] - tangents[-2] if len(nodes) > 2 else u[0]
     half = 0.5 * np.linalg.norm(np.diff(tangents, axis=0), axis=1)  # sine of half the angle of an arc
     lengths = h * np.where(half > 1e-8, np.arcsin(np.minimum(half, 1.0)) / np.maximum(half, 1e-300), 1.0)
-    return Centreline(nodes, _without_twist(nodes, tangents, _triad(tangents[0], first)), lengths)
+    triads = [_triad(tangents[0], first)]
+    for i in range(len(nodes) - 1):
+        v = nodes[i + 1] - nodes[i]
+        d1 = _reflected(triads[-1][:, 0], v)
+        w = tangents[i + 1] - _reflected(tangents[i], v)
+        if w @ w > 1e-30:
+            d1 = _reflected(d1, w)
+        triads.append(_triad(tangents[i + 1], d1))
+    return Centreline(nodes, np.array(triads), lengths)
 
 
 def curve_through(
@@ -246,18 +254,6 @@ def curve_through(
     s = s[np.append(True, np.diff(s) > same)]  # a station at one of the points
     curve = CubicHermiteSpline(known, coarse.nodes, coarse.triads[:, :, 2])
     return polyline(curve(s), first=first)
-
-
-def _without_twist(nodes: Floats, tangents: Floats, triad: Floats) -> Floats:
-    triads = [triad]
-    for i in range(len(nodes) - 1):
-        v = nodes[i + 1] - nodes[i]
-        d1 = _reflected(triads[-1][:, 0], v)
-        w = tangents[i + 1] - _reflected(tangents[i], v)
-        if w @ w > 1e-30:
-            d1 = _reflected(d1, w)
-        triads.append(_triad(tangents[i + 1], d1))
-    return np.array(triads)
 
 
 def _reflected(vector: Floats, normal: Floats) -> Floats:

@@ -124,28 +124,24 @@ class SolidDisc(Filled):
         }
         arrays = run_gmsh(job, where=where, timeout=timeout)
         mesh = TetMesh(MILLIMETRE * arrays["points"], arrays["tets"])
-        face_sets = _sides(self, mesh)
+        near = ON_SURFACE * self.diameter
+        faces = boundary_faces(mesh)
+        corners = mesh.points[faces[:, :3]]
+        bottom = (np.abs(corners[..., 2]) <= near).all(axis=1)
+        top = (np.abs(corners[..., 2] - self.thickness) <= near).all(axis=1)
+        sides = {"bottom": faces[bottom], "top": faces[top]}
+
+        def around(x: float, y: float, diameter: float) -> Ints:
+            distance = np.linalg.norm(corners[..., :2] - [x, y], axis=2)
+            return faces[(np.abs(distance - 0.5 * diameter) <= near).all(axis=1) & ~bottom & ~top]
+
+        sides["rim"] = around(0.0, 0.0, self.diameter)
+        circles = list(self.circles)
+        if self.centre_hole > 0.0:
+            sides["centre"] = around(*circles.pop(0))
+        guides = {f"h{k + 1}": around(*circle) for k, circle in enumerate(circles)}
+        if guides:
+            sides["holes"] = np.concatenate(list(guides.values()))
+        face_sets = sides | guides
         node_sets: dict[str, Ints] = {name: np.unique(rows) for name, rows in face_sets.items()}
         return TetMesh(mesh.points, mesh.tets, node_sets=node_sets, face_sets=face_sets)
-
-
-def _sides(shape: SolidDisc, mesh: TetMesh) -> dict[str, Ints]:
-    near = ON_SURFACE * shape.diameter
-    faces = boundary_faces(mesh)
-    corners = mesh.points[faces[:, :3]]
-    bottom = (np.abs(corners[..., 2]) <= near).all(axis=1)
-    top = (np.abs(corners[..., 2] - shape.thickness) <= near).all(axis=1)
-    sides = {"bottom": faces[bottom], "top": faces[top]}
-
-    def around(x: float, y: float, diameter: float) -> Ints:
-        distance = np.linalg.norm(corners[..., :2] - [x, y], axis=2)
-        return faces[(np.abs(distance - 0.5 * diameter) <= near).all(axis=1) & ~bottom & ~top]
-
-    sides["rim"] = around(0.0, 0.0, shape.diameter)
-    circles = list(shape.circles)
-    if shape.centre_hole > 0.0:
-        sides["centre"] = around(*circles.pop(0))
-    guides = {f"h{k + 1}": around(*circle) for k, circle in enumerate(circles)}
-    if guides:
-        sides["holes"] = np.concatenate(list(guides.values()))
-    return sides | guides

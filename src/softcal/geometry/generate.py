@@ -215,7 +215,11 @@ def run_gmsh(job: Mapping[str, Any], *, where: str, timeout: float) -> dict[str,
             report = json.loads(fault.read_text())
             got, attempt = report["got"], report["attempt"]
             if attempt == "apt":
-                attempt = f"apt-get install {_apt_package(got)}"
+                library = re.search(r"(lib[\w+-]+)\.so", got)
+                package = " ".join(sorted(APT_PACKAGES.values()))
+                if library is not None:
+                    package = APT_PACKAGES.get(library[1], f"the package that holds {library[1]}.so")
+                attempt = f"apt-get install {package}"
             raise MeshError(Fault(report["fault"], where, got, report["allowed"], attempt))
         if hasattr(signal, "SIGPROF") and done.returncode == -signal.SIGPROF:  # a step's limit of time
             attempt = "a larger size, a smaller count, or repair the model"
@@ -227,10 +231,3 @@ def run_gmsh(job: Mapping[str, Any], *, where: str, timeout: float) -> dict[str,
             raise MeshError(Fault("Gmsh crashed", where, f"{end}: {last[0]}", attempt=attempt))
         with np.load(mesh) as arrays:
             return dict(arrays)
-
-
-def _apt_package(message: str) -> str:
-    match = re.search(r"(lib[\w+-]+)\.so", message)
-    if match is None:
-        return " ".join(sorted(APT_PACKAGES.values()))
-    return APT_PACKAGES.get(match[1], f"the package that holds {match[1]}.so")

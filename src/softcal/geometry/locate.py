@@ -46,10 +46,18 @@ def locate_points(
     points = frozen_floats(points, name=where or "points", shape=(None, 3))
     found = nearest_places(mesh, points, tolerance=tolerance)
     if found.is_off.any():
+        lower, upper = mesh.points.min(axis=0), mesh.points.max(axis=0)
+        spans = ", ".join(f"{axis} {a:.6g} to {b:.6g} m" for axis, a, b in zip("xyz", lower, upper, strict=True))
+        off = (values[found.is_off] for values in (points, found.distances, found.allowed))
         raise MeshError(
             [
-                _outside(points[i], float(found.distances[i]), float(found.allowed[i]), mesh, where)
-                for i in np.flatnonzero(found.is_off)
+                Fault(
+                    f"the point lies outside its body by {format_quantity(float(distance), 'm')}",
+                    where=where,
+                    got="(" + ", ".join(f"{x:.6g}" for x in point) + ") m",
+                    allowed=f"at most {format_quantity(float(limit), 'm')} outside the body, which spans {spans}",
+                )
+                for point, distance, limit in zip(*off, strict=True)
             ]
         )
     return found.tets, found.weights
@@ -180,14 +188,3 @@ def distances_to_triangles(point: Floats, triangles: Floats) -> Floats:
         along = np.clip(np.einsum("ij,ij->i", point - start, edge) / np.einsum("ij,ij->i", edge, edge), 0.0, 1.0)
         to_edges = np.minimum(to_edges, np.linalg.norm(start + along[:, None] * edge - point, axis=1))
     return np.where(above, np.abs(height), to_edges)
-
-
-def _outside(point: Floats, distance: float, limit: float, mesh: TetMesh, where: str) -> Fault:
-    lower, upper = mesh.points.min(axis=0), mesh.points.max(axis=0)
-    spans = ", ".join(f"{axis} {a:.6g} to {b:.6g} m" for axis, a, b in zip("xyz", lower, upper, strict=True))
-    return Fault(
-        f"the point lies outside its body by {format_quantity(distance, 'm')}",
-        where=where,
-        got="(" + ", ".join(f"{x:.6g}" for x in point) + ") m",
-        allowed=f"at most {format_quantity(limit, 'm')} outside the body, which spans {spans}",
-    )

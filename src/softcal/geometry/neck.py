@@ -243,10 +243,23 @@ class Neck(Filled):
         where = "neck"
         socket, rest = _cut(self, _outline(self), self.clamp_depth)
         body, collar = _cut(self, rest, self.collar_start)
+        regions: list[list[list[list[float]]]] = []
+        for curves in (socket, body, collar):
+            first, last = curves[0].start, curves[-1].end
+            low, high = (0.0, first[1]), (0.0, last[1])
+            closing = [_Curve(last, high), _Curve(high, low), _Curve(low, first)]
+            closed = [*curves, *(curve for curve in closing if curve.start != curve.end)]
+            region: list[list[list[float]]] = []  # points of each curve: a line through two, a spline through more
+            for curve in closed:
+                inner: Sequence[Place] = ()
+                if curve.dome_of is not None:
+                    inner = self.dome_places(curve.start[1], curve.end[1], curve.dome_of)[1:-1]
+                region.append([_in_millimetres(place) for place in (curve.start, *inner, curve.end)])
+            regions.append(region)
         job: dict[str, Any] = {
             "kind": "revolution" if self.sectors is None else "section",
             "sectors": self.sectors,
-            "regions": [[_item(self, curve) for curve in _closed(curves)] for curves in (socket, body, collar)],
+            "regions": regions,
             **target_of(self.size, self.tets, MILLIMETRE, where=where),
             "order": self.order if self.sectors is None else 2,
             # Half of a short piece of a dome, such as from the skirt to the clamp's plane, would be swept into slivers.
@@ -319,22 +332,6 @@ def _cut(shape: Neck, curves: list[_Curve], height: float) -> tuple[list[_Curve]
     elif below[-1].start[1] == below[-1].end[1] and below[-1].end[0] > below[-1].start[0]:
         above.insert(0, below.pop())  # an overhanging underside belongs to the region above
     return below, above
-
-
-def _closed(curves: list[_Curve]) -> list[_Curve]:
-    first, last = curves[0].start, curves[-1].end
-    bottom, top = (0.0, first[1]), (0.0, last[1])
-    closing = [_Curve(last, top), _Curve(top, bottom), _Curve(bottom, first)]
-    return [*curves, *(curve for curve in closing if curve.start != curve.end)]
-
-
-def _item(shape: Neck, curve: _Curve) -> list[list[float]]:
-    """Points of a curve [mm]: a line through two, a spline through more."""
-    places = [curve.start, curve.end]
-    if curve.dome_of is not None:
-        inner = shape.dome_places(curve.start[1], curve.end[1], curve.dome_of)[1:-1]
-        places = [curve.start, *inner, curve.end]
-    return [_in_millimetres(place) for place in places]
 
 
 def _in_millimetres(place: Place) -> list[float]:

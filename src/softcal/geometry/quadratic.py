@@ -27,13 +27,18 @@ def to_quadratic(mesh: TetMesh) -> TetMesh:
     edges, number = numbered_edges(mesh.tets, mesh.n_points)
     middles = 0.5 * (mesh.points[edges[:, 0]] + mesh.points[edges[:, 1]])
     tets = np.hstack([mesh.tets, mesh.n_points + number.reshape(-1, len(QUADRATIC.edges))])
-    return TetMesh(
-        np.vstack([mesh.points, middles]),
-        tets,
-        node_sets={name: _with_middles(mesh, nodes, edges) for name, nodes in mesh.node_sets.items()},
-        face_sets={name: _quadratic_faces(mesh, faces, edges) for name, faces in mesh.face_sets.items()},
-        element_sets=dict(mesh.element_sets),
-    )
+    node_sets: dict[str, Ints] = {}
+    for name, nodes in mesh.node_sets.items():
+        inside = np.zeros(mesh.n_points, dtype=bool)
+        inside[nodes] = True
+        node_sets[name] = np.concatenate([nodes, mesh.n_points + np.flatnonzero(inside[edges].all(axis=1))])
+    keys = edges[:, 0] * mesh.n_points + edges[:, 1]
+    face_sets: dict[str, Ints] = {}
+    for name, faces in mesh.face_sets.items():
+        pairs = np.sort(faces[:, TRIANGLE_EDGES], axis=2)
+        places = np.searchsorted(keys, pairs[..., 0] * mesh.n_points + pairs[..., 1])
+        face_sets[name] = np.hstack([faces, mesh.n_points + places])
+    return TetMesh(np.vstack([mesh.points, middles]), tets, node_sets, face_sets, dict(mesh.element_sets))
 
 
 def to_linear(mesh: TetMesh) -> TetMesh:
@@ -68,16 +73,3 @@ def numbered_edges(tets: Ints, n_points: int) -> tuple[Ints, Ints]:
     pairs = np.sort(tets[:, QUADRATIC.edges].reshape(-1, 2), axis=1)
     keys, number = np.unique(pairs[:, 0] * n_points + pairs[:, 1], return_inverse=True)
     return np.column_stack([keys // n_points, keys % n_points]), number
-
-
-def _with_middles(mesh: TetMesh, nodes: Ints, edges: Ints) -> Ints:
-    inside = np.zeros(mesh.n_points, dtype=bool)
-    inside[nodes] = True
-    return np.concatenate([nodes, mesh.n_points + np.flatnonzero(inside[edges].all(axis=1))])
-
-
-def _quadratic_faces(mesh: TetMesh, faces: Ints, edges: Ints) -> Ints:
-    pairs = np.sort(faces[:, TRIANGLE_EDGES], axis=2)
-    keys = edges[:, 0] * mesh.n_points + edges[:, 1]
-    middles = np.searchsorted(keys, pairs[..., 0] * mesh.n_points + pairs[..., 1])
-    return np.hstack([faces, mesh.n_points + middles])

@@ -62,6 +62,8 @@ class MeshReport:
 
 def check_quality(mesh: TetMesh) -> MeshReport:
     """Measure a mesh; never raises an error for a poor one."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components  # pyright: ignore[reportUnknownVariableType]
     from scipy.spatial import KDTree  # pyright: ignore[reportUnknownVariableType, reportAttributeAccessIssue]
 
     corners = mesh.points[mesh.tets[:, :4]]
@@ -78,6 +80,10 @@ def check_quality(mesh: TetMesh) -> MeshReport:
     # The Jacobian of a quadratic tet is cubic: five points integrate it exactly.
     five = np.vstack([np.full((1, 4), 0.25), np.full((4, 4), 1 / 6) + np.eye(4) / 3])
     weights = np.array([-0.8, 0.45, 0.45, 0.45, 0.45]) / 6.0
+    first = np.repeat(mesh.tets[:, 0], mesh.tets.shape[1] - 1)
+    others = mesh.tets[:, 1:].ravel()
+    graph = coo_array((np.ones(len(first), dtype=np.int8), (first, others)), shape=(mesh.n_points, mesh.n_points))
+    _, labels = cast("tuple[int, Ints]", connected_components(graph, directed=False))
     return MeshReport(
         n_points=mesh.n_points,
         n_tets=mesh.n_tets,
@@ -90,7 +96,7 @@ def check_quality(mesh: TetMesh) -> MeshReport:
         min_dihedral=float(dihedral.min()),
         inverted=tuple(inverted.tolist()),
         slivers=tuple(np.setdiff1d(np.flatnonzero(dihedral < SLIVER_ANGLE), inverted).tolist()),
-        n_parts=_count_parts(mesh, used),
+        n_parts=len(np.unique(labels[used])),
         unreferenced=tuple(np.flatnonzero(~used).tolist()),
         n_duplicate_nodes=len(tree.query_pairs(near)),
     )
@@ -183,17 +189,6 @@ def _jacobians(mesh: TetMesh, places: Floats) -> Floats:
     nodes = mesh.points[mesh.tets]
     by_barycentric = np.einsum("pai,ead->epid", mesh.cell.gradients(places), nodes)
     return np.linalg.det(by_barycentric[:, :, 1:] - by_barycentric[:, :, :1])
-
-
-def _count_parts(mesh: TetMesh, used: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> int:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components  # pyright: ignore[reportUnknownVariableType]
-
-    first = np.repeat(mesh.tets[:, 0], mesh.tets.shape[1] - 1)
-    others = mesh.tets[:, 1:].ravel()
-    graph = coo_array((np.ones(len(first), dtype=np.int8), (first, others)), shape=(mesh.n_points, mesh.n_points))
-    _, labels = cast("tuple[int, Ints]", connected_components(graph, directed=False))
-    return len(np.unique(labels[used]))
 
 
 def _triple(values: Floats) -> tuple[float, float, float]:

@@ -86,7 +86,22 @@ def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
     """
     path = Path(path)
     factor = unit_factor(unit, "m", where=str(path))
-    size = _readable_size(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise MeshError(
+            Fault(
+                "this is not a mesh file that can be read",
+                where=str(path),
+                got=f"'{path.suffix}'",
+                allowed=", ".join(SUFFIXES),
+                attempt="mesh_file for .stl and .step" if path.suffix.lower() in (".stl", ".step", ".stp") else "",
+            )
+        )
+    if not path.is_file():
+        raise MeshError(Fault("the file does not exist", where=str(path)))
+    if (size := path.stat().st_size) == 0:
+        raise MeshError(Fault("the file is empty", where=str(path)))
+    if fault := LIMITS["bytes of a mesh file"].fault(size, str(path)):
+        raise MeshError(fault)
     seconds, memory = MOST_SECONDS + SECONDS_EACH * size, MOST_BYTES + BYTES_EACH * size
     try:
         with time_limit(seconds), memory_limit(memory):
@@ -136,7 +151,13 @@ def _read(path: Path, factor: float) -> TetMesh:
                 allowed="tetrahedra of one order",
             )
         )
-    numbered, tets = _numbered_tets(blocks)
+    # Tet number of each row of each block, and the tets; Gmsh writes a tet once for each of its groups.
+    of_tets = [i for i, (kind, cells) in enumerate(blocks) if DIMENSION.get(kind) == 3 and len(cells)]
+    stacked = np.concatenate([blocks[i][1] for i in of_tets])
+    _, first, same = np.unique(np.sort(stacked, axis=1), axis=0, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    numbers = np.split(rank[same], np.cumsum([len(blocks[i][1]) for i in of_tets])[:-1])
+    numbered, tets = dict(zip(of_tets, numbers, strict=True)), stacked[np.sort(first)]
     if fault := LIMITS["tets"].fault(len(tets), str(path)):
         raise MeshError(fault)
     mesh = _checked(path, factor * np.asarray(raw.points, dtype=np.float64), tets)
@@ -160,27 +181,6 @@ def _read(path: Path, factor: float) -> TetMesh:
         else:
             node_sets[name] = np.unique(np.concatenate([rows.ravel() for rows in nodes]))
     return TetMesh(mesh.points, mesh.tets, node_sets=node_sets, face_sets=face_sets, element_sets=element_sets)
-
-
-def _readable_size(path: Path) -> int:
-    """The size [B] of a file that may be a mesh."""
-    if path.suffix.lower() not in SUFFIXES:
-        raise MeshError(
-            Fault(
-                "this is not a mesh file that can be read",
-                where=str(path),
-                got=f"'{path.suffix}'",
-                allowed=", ".join(SUFFIXES),
-                attempt="mesh_file for .stl and .step" if path.suffix.lower() in (".stl", ".step", ".stp") else "",
-            )
-        )
-    if not path.is_file():
-        raise MeshError(Fault("the file does not exist", where=str(path)))
-    if (size := path.stat().st_size) == 0:
-        raise MeshError(Fault("the file is empty", where=str(path)))
-    if fault := LIMITS["bytes of a mesh file"].fault(size, str(path)):
-        raise MeshError(fault)
-    return size
 
 
 def _read_raw(path: Path) -> Any:
@@ -268,16 +268,6 @@ def _checked(path: Path, points: Floats, tets: Ints) -> TetMesh:
     if faults:
         raise MeshError(faults)
     return TetMesh(points, tets)
-
-
-def _numbered_tets(blocks: list[tuple[str, Ints]]) -> tuple[dict[int, Ints], Ints]:
-    """Tet number of each row of each block, and the tets; Gmsh writes a tet once for each of its groups."""
-    of_tets = [i for i, (kind, cells) in enumerate(blocks) if DIMENSION.get(kind) == 3 and len(cells)]
-    stacked = np.concatenate([blocks[i][1] for i in of_tets])
-    _, first, same = np.unique(np.sort(stacked, axis=1), axis=0, return_index=True, return_inverse=True)
-    rank = np.argsort(np.argsort(first))
-    numbers = np.split(rank[same], np.cumsum([len(blocks[i][1]) for i in of_tets])[:-1])
-    return dict(zip(of_tets, numbers, strict=True)), stacked[np.sort(first)]
 
 
 def _groups(path: Path, raw: Any, blocks: list[tuple[str, Ints]]) -> Iterator[tuple[str, int, list[tuple[int, Ints]]]]:

@@ -55,7 +55,13 @@ def count(mesh: TetMesh) -> MeshCounts:
     """Corners, edges, faces and tets of a mesh of any order."""
     corners = mesh.tets[:, :4]
     kinds = [np.sort(corners[:, local].reshape(-1, len(local[0])), axis=1) for local in (TET_EDGES, TET_FACES)]
-    edges, faces = (len(np.unique(_keys(kind, mesh.n_points))) for kind in kinds)
+    counts: list[int] = []
+    for rows in kinds:
+        keys = rows[:, 0]  # one number for each row of sorted node numbers
+        for column in rows.T[1:]:
+            keys = keys * mesh.n_points + column
+        counts.append(len(np.unique(keys)))
+    edges, faces = counts
     return MeshCounts(len(mesh.corners), edges, faces, mesh.n_tets)
 
 
@@ -67,11 +73,16 @@ def refined_mesh(mesh: TetMesh) -> TetMesh:
     """
     nodes = to_quadratic(mesh)
     pieces = _pieces(nodes.points[nodes.tets])
+    face_sets: dict[str, Ints] = {}
+    for name, faces in nodes.face_sets.items():
+        if faces.shape[1] == 3:  # a quadratic mesh whose set lists only the corners
+            faces = matching_faces(nodes, faces)
+        face_sets[name] = faces[:, QUADRATIC.flat_faces].reshape(-1, 3)
     cut = TetMesh(
         nodes.points,
         nodes.tets[np.arange(nodes.n_tets)[:, None, None], pieces].reshape(-1, 4),
         node_sets=dict(nodes.node_sets),
-        face_sets={name: _quartered(nodes, faces) for name, faces in nodes.face_sets.items()},
+        face_sets=face_sets,
         element_sets={
             name: (PIECES * tets[:, None] + np.arange(PIECES)).ravel() for name, tets in nodes.element_sets.items()
         },
@@ -80,7 +91,11 @@ def refined_mesh(mesh: TetMesh) -> TetMesh:
         return cut
     fine = to_quadratic(cut)
     points = np.array(fine.points)
-    points[fine.tets[:, 4:]] = _middles_on_map(nodes, pieces)
+    # Middles of the edges of a quadratic mesh's pieces by its own map, (8 n_tets, 6, 3) [m].
+    at = QUADRATIC.nodes[pieces]  # (n_tets, 8, 4, 4)
+    L = 0.5 * (at[:, :, [a for a, _ in TET_EDGES]] + at[:, :, [b for _, b in TET_EDGES]])
+    N = QUADRATIC.functions(L.reshape(-1, 4)).reshape(*L.shape[:3], QUADRATIC.n_nodes)
+    points[fine.tets[:, 4:]] = np.einsum("epka,eai->epki", N, nodes.points[nodes.tets]).reshape(-1, len(TET_EDGES), 3)
     return TetMesh(points, fine.tets, dict(fine.node_sets), dict(fine.face_sets), dict(fine.element_sets))
 
 
@@ -127,36 +142,11 @@ def _pieces(X: Floats) -> Ints:
     # For each choice of the diagonal the nodes of all pieces (3, 8, 4), positively oriented.
     tables: list[list[tuple[int, ...]]] = []
     for (a, b), around in _DIAGONALS:
-        inner = [(a, b, *pair) for pair in pairwise((*around, around[0]))]
-        tables.append([*_AT_CORNERS, *(_upright(tet, places) for tet in inner)])
+        tables.append([*_AT_CORNERS])
+        for pair in pairwise((*around, around[0])):
+            at = places[[a, b, *pair]]
+            tables[-1].append((a, b, *pair) if np.linalg.det(at[1:] - at[0]) > 0.0 else (b, a, *pair))
     return np.array(tables, dtype=np.int64)[shortest]
-
-
-def _upright(tet: tuple[int, ...], places: Floats) -> tuple[int, ...]:
-    X = places[list(tet)]
-    return tet if np.linalg.det(X[1:] - X[0]) > 0.0 else (tet[1], tet[0], *tet[2:])
-
-
-def _middles_on_map(nodes: TetMesh, pieces: Ints) -> Floats:
-    """Middles of the edges of a quadratic mesh's pieces by its own map, (8 n_tets, 6, 3) [m]."""
-    at = QUADRATIC.nodes[pieces]  # (n_tets, 8, 4, 4)
-    L = 0.5 * (at[:, :, [a for a, _ in TET_EDGES]] + at[:, :, [b for _, b in TET_EDGES]])
-    N = QUADRATIC.functions(L.reshape(-1, 4)).reshape(*L.shape[:3], QUADRATIC.n_nodes)
-    return np.einsum("epka,eai->epki", N, nodes.points[nodes.tets]).reshape(-1, len(TET_EDGES), 3)
-
-
-def _quartered(mesh: TetMesh, faces: Ints) -> Ints:
-    if faces.shape[1] == 3:  # a quadratic mesh whose set lists only the corners
-        faces = matching_faces(mesh, faces)
-    return faces[:, QUADRATIC.flat_faces].reshape(-1, 3)
-
-
-def _keys(rows: Ints, n: int) -> Ints:
-    """One number for each row of sorted node numbers."""
-    keys = rows[:, 0]
-    for column in rows.T[1:]:
-        keys = keys * n + column
-    return keys
 
 
 def _screw_map(turn: Floats) -> Floats:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from softcal.checks import Floats
 from softcal.errors import Fault, MeshError
 
 _HEADER, _TRIANGLE = 80, 50
@@ -31,7 +30,39 @@ def checked_stl(path: Path) -> bytes:
     expected = _HEADER + 4 + _TRIANGLE * int.from_bytes(data[_HEADER : _HEADER + 4], "little")
     head = data[:4000].lower()
     binary = len(data) == expected or not (head.startswith(b"solid") and (b"facet" in head or b"endsolid" in head))
-    corners = _binary_corners(data, path) if binary else _text_corners(data, path)
+    if binary:
+        start = _HEADER + 4
+        count = int.from_bytes(data[_HEADER:start], "little")
+        if len(data) < start + _TRIANGLE * count:
+            raise MeshError(
+                Fault(
+                    "the file is no STL, or it is cut off",
+                    str(path),
+                    f"{len(data)} bytes, which say that they hold {count} triangles",
+                    f"{start + _TRIANGLE * count} bytes for so many",
+                )
+            )
+        corners = np.frombuffer(data, _RECORD, count, start)["corners"].astype(np.float64)
+    else:
+        words: list[bytes] = [word for corner in _VERTEX.findall(data) for word in corner]
+        try:
+            numbers = np.array(words, dtype=np.bytes_).astype(np.float64).reshape(-1, 3)
+        except ValueError as error:
+            wrong = next((i for i, word in enumerate(words) if not _NUMBER.fullmatch(word)), 0)
+            got = f"corner {wrong // 3 + 1}: '{words[wrong].decode(errors='replace')[:40]}'"
+            what, allowed = "a coordinate of a triangle's corner is no number", "such as 1.5 or -2e-3"
+            raise MeshError(Fault(what, str(path), got, allowed)) from error
+        facets = len(re.findall(rb"endfacet", data, re.IGNORECASE))
+        if len(numbers) != 3 * facets:
+            raise MeshError(
+                Fault(
+                    "the file is cut off, or its triangles are incomplete",
+                    str(path),
+                    f"{len(numbers)} corners of {facets} triangles",
+                    "three corners of each",
+                )
+            )
+        corners = numbers.reshape(-1, 3, 3)
     if len(corners) == 0:
         raise MeshError(Fault("the file holds no triangles", str(path), allowed="a closed surface of triangles"))
     broken = np.flatnonzero(~np.isfinite(corners).all(axis=(1, 2)))
@@ -62,40 +93,3 @@ def checked_stl(path: Path) -> bytes:
             )
         )
     return _NAMED + data[_HEADER:] if binary else data
-
-
-def _binary_corners(data: bytes, path: Path) -> Floats:
-    start = _HEADER + 4
-    count = int.from_bytes(data[_HEADER:start], "little")
-    if len(data) < start + _TRIANGLE * count:
-        raise MeshError(
-            Fault(
-                "the file is no STL, or it is cut off",
-                str(path),
-                f"{len(data)} bytes, which say that they hold {count} triangles",
-                f"{start + _TRIANGLE * count} bytes for so many",
-            )
-        )
-    return np.frombuffer(data, _RECORD, count, start)["corners"].astype(np.float64)
-
-
-def _text_corners(data: bytes, path: Path) -> Floats:
-    words: list[bytes] = [word for corner in _VERTEX.findall(data) for word in corner]
-    try:
-        numbers = np.array(words, dtype=np.bytes_).astype(np.float64).reshape(-1, 3)
-    except ValueError as error:
-        wrong = next((i for i, word in enumerate(words) if not _NUMBER.fullmatch(word)), 0)
-        got = f"corner {wrong // 3 + 1}: '{words[wrong].decode(errors='replace')[:40]}'"
-        what, allowed = "a coordinate of a triangle's corner is no number", "such as 1.5 or -2e-3"
-        raise MeshError(Fault(what, str(path), got, allowed)) from error
-    facets = len(re.findall(rb"endfacet", data, re.IGNORECASE))
-    if len(numbers) != 3 * facets:
-        raise MeshError(
-            Fault(
-                "the file is cut off, or its triangles are incomplete",
-                str(path),
-                f"{len(numbers)} corners of {facets} triangles",
-                "three corners of each",
-            )
-        )
-    return numbers.reshape(-1, 3, 3)

@@ -59,7 +59,14 @@ def sweep(section: Floats, triangles: Ints, *, sectors: int) -> TetMesh:
     points = _around(place, angle * (nodes // n))
     new = np.full(n * sectors, -1, dtype=np.int64)
     new[nodes] = np.arange(len(nodes))
-    between = _section_middles(section, triangles, rank, edges % n)
+    ends = np.sort(rank[triangles[:, :3]][:, TRIANGLE_EDGES], axis=2).reshape(-1, 2)
+    keys, first = np.unique(ends[:, 0] * n + ends[:, 1], return_index=True)
+    middle_nodes = triangles[:, 3:].ravel()[first]
+    low, high = np.sort(edges % n, axis=1).T
+    between = np.empty((len(edges), 2))
+    same = low == high
+    between[same] = section[corners[low[same]]]
+    between[~same] = section[middle_nodes[np.searchsorted(keys, low[~same] * n + high[~same])]]
     layers_of_ends = edges // n
     at_axis = on_axis[edges % n]
     lower, upper = layers_of_ends[:, 0].astype(np.float64), layers_of_ends[:, 1].astype(np.float64)
@@ -76,20 +83,6 @@ def sweep(section: Floats, triangles: Ints, *, sectors: int) -> TetMesh:
 def _around(place: Floats, angle: Floats) -> Floats:
     r, z = place.T
     return np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
-
-
-def _section_middles(section: Floats, triangles: Ints, rank: Ints, pairs: Ints) -> Floats:
-    n = rank.max() + 1
-    ends = np.sort(rank[triangles[:, :3]][:, TRIANGLE_EDGES], axis=2).reshape(-1, 2)
-    keys, first = np.unique(ends[:, 0] * n + ends[:, 1], return_index=True)
-    middle_nodes = triangles[:, 3:].ravel()[first]
-    low, high = np.sort(pairs, axis=1).T
-    place = np.empty((len(pairs), 2))
-    same = low == high
-    corners = np.flatnonzero(rank >= 0)
-    place[same] = section[corners[low[same]]]
-    place[~same] = section[middle_nodes[np.searchsorted(keys, low[~same] * n + high[~same])]]
-    return place
 
 
 def upright(points: Floats, tets: Ints) -> Ints:

@@ -47,22 +47,6 @@ TAKEN = (
 RESERVED = (*AT_REST, *FUNCTIONS, "pi", "e", *(f"ln_{name}" for name in STRETCHES))
 
 
-def _clashes(law: Law, known: Mapping[str, Law]) -> list[Fault]:
-    """The constants of a law that other laws have in another unit."""
-    others = constants_of(known)
-    return [
-        Fault(
-            "another law has a constant of this name in another unit",
-            where=f"{law.name}.{parameter.name}",
-            got=parameter.quantity.unit,
-            allowed=others[parameter.name].quantity.unit,
-            attempt="another name",
-        )
-        for parameter in law.parameters
-        if parameter.name in others and others[parameter.name].quantity.unit != parameter.quantity.unit
-    ]
-
-
 def _faults(law: Law, known: Mapping[str, Law]) -> list[Fault]:
     """The faults of a law's names, beside those of the other laws."""
     if not isinstance(law, Law):
@@ -101,7 +85,19 @@ def _faults(law: Law, known: Mapping[str, Law]) -> list[Fault]:
             faults.append(Fault(f"two {kind} have one name", where=f"law {law.name}", got=", ".join(twice)))
     if not law.parameters:
         faults.append(Fault("the law has no constants", where=f"law {law.name}"))
-    return [*faults, *_clashes(law, known), *(() if faults else _text_faults(law))]
+    others = constants_of(known)
+    clashes = [
+        Fault(
+            "another law has a constant of this name in another unit",
+            where=f"{law.name}.{one.name}",
+            got=one.quantity.unit,
+            allowed=others[one.name].quantity.unit,
+            attempt="another name",
+        )
+        for one in law.parameters
+        if one.name in others and others[one.name].quantity.unit != one.quantity.unit
+    ]
+    return [*faults, *clashes, *(() if faults else _text_faults(law))]
 
 
 def _text_faults(law: Law) -> Iterator[Fault]:

@@ -13,17 +13,10 @@ from softcal.errors import Fault
 from softcal.geometry.cell import LINEAR, QUADRATIC
 from softcal.mechanics.element import Element, Quadrature
 
-
-def _four_points() -> Quadrature:
-    """Exact to degree two, as CalculiX has for its C3D10."""
-    a, b = (5.0 + 3.0 * np.sqrt(5.0)) / 20.0, (5.0 - np.sqrt(5.0)) / 20.0
-    points = np.full((4, 4), b)
-    np.fill_diagonal(points, a)
-    return Quadrature(points, np.full(4, 1.0 / 24.0), degree=2)
-
-
 ONE_POINT = Quadrature(np.full((1, 4), 0.25), np.array([1.0 / 6.0]), degree=1)
-FOUR_POINTS = _four_points()
+# Exact to degree two, as CalculiX has for its C3D10.
+_A, _B = (5.0 + 3.0 * np.sqrt(5.0)) / 20.0, (5.0 - np.sqrt(5.0)) / 20.0
+FOUR_POINTS = Quadrature(np.where(np.eye(4, dtype=bool), _A, _B), np.full(4, 1.0 / 24.0), degree=2)
 
 P1 = Element("P1", "linear tets, which lock as Poisson's ratio nears 0.5; SOFA's", LINEAR, ONE_POINT, rank=0)
 P2 = Element("P2", "quadratic tets", QUADRATIC, FOUR_POINTS, rank=1)

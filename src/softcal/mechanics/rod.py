@@ -158,7 +158,14 @@ class RodTerm(Term):
         """The derivative of the memory in the elements that the state leaves, by a parameter."""
         if not self.history.parts:
             return memory_rate
-        strain = self._coordinate_rates(given.state, rate)
+        # Rates of (rho, theta) (n, 6) at rates of the frames.
+        spin = rate.rotation @ np.swapaxes(given.state.rotation, 1, 2)
+        turning = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
+        moves = np.concatenate([rate.position, turning], axis=1)[self.frames].reshape(-1, 12)
+        strain = np.empty((len(moves), 6))
+        for i, unit in enumerate(np.eye(6)):
+            ways = self._gradient(given.state.position, given.state.rotation, np.tile(unit, (len(moves), 1)))
+            strain[:, i] = (ways * moves).sum(axis=1)
         return self._passed(given).rates(strain, memory_rate, parameter.removeprefix(f"{self.name}."))[1]
 
     def measure(self, sizes: Sizes, theta: Theta) -> None:
@@ -256,17 +263,6 @@ class RodTerm(Term):
         """Add the gradient of forces and moments, which are given by volume (n, 6)."""
         forces = self.volumes[:, None] * by_volume
         self.blocks.add_gradient(into.own, self._gradient(given.state.position, given.state.rotation, forces))
-
-    def _coordinate_rates(self, state: State, rate: State) -> Floats:
-        """Rates of (rho, theta) (n, 6) at rates of the frames."""
-        spin = rate.rotation @ np.swapaxes(state.rotation, 1, 2)
-        turning = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
-        moves = np.concatenate([rate.position, turning], axis=1)[self.frames].reshape(-1, 12)
-        out = np.empty((len(moves), 6))
-        for i, unit in enumerate(np.eye(6)):
-            ways = self._gradient(state.position, state.rotation, np.tile(unit, (len(moves), 1)))
-            out[:, i] = (ways * moves).sum(axis=1)
-        return out
 
     def _coordinates(self, position: Floats, rotation: Floats) -> tuple[Floats, Floats]:
         xi, turn = np.empty((len(self.frames), 6)), np.empty(len(self.frames))

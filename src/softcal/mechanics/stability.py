@@ -87,7 +87,12 @@ def overdamped_equilibrium(
                 at = statics.system.linearise(state, controls, statics.theta)
             residual = statics.norm(at)
             if residual < FREE and (residual < 0.1 * tried or step % ASK_AGAIN == 0):
-                ended, tried = _at_rest(statics, state, controls), residual
+                # The equilibrium close by up to free modes, its tangent factorised without them.
+                statics.free_modes = exclude_free_modes(statics, statics.tangent_at(state, controls))
+                ended, tried = statics.equilibrium(state, controls), residual
+                statics.free_modes = NO_MODES
+                if ended.converged:
+                    exclude_free_modes(statics, statics.tangent_at(ended.state, controls))
                 stays = ended.converged and switched(ended.state, controls) is controls
                 if stays and statics.n_unstable() == 0:
                     return replace(ended, n_iterations=step + ended.n_iterations, work=work)
@@ -122,22 +127,6 @@ def is_stable(statics: Statics, at: Linearisation) -> bool:
     held = statics.n_unstable() == 0
     statics.factorise(at)
     return held
-
-
-def _at_rest(statics: Statics, state: State, controls: Controls) -> Equilibrium:
-    """The equilibrium close to a state up to free modes, its tangent factorised without them.
-
-    Raises
-    ------
-    SimulationError
-        Where the tangent is singular.
-    """
-    statics.free_modes = exclude_free_modes(statics, statics.tangent_at(state, controls))
-    ended = statics.equilibrium(state, controls)
-    statics.free_modes = NO_MODES
-    if ended.converged:
-        exclude_free_modes(statics, statics.tangent_at(ended.state, controls))
-    return ended
 
 
 def _holding(statics: Statics, at: Linearisation, drag: float) -> float:

@@ -51,26 +51,23 @@ class Trail:
     def beyond(self, controls: Controls, by_command: Floats) -> State:
         """The state predicted at other commands, with dz/dcommand (n_unknowns, n_actuators) of a tangent nearby."""
         away = self._commands - prescribed(controls)
-        weights = _weights(away * np.linalg.norm(by_command, axis=0))
+        # Weights (k,) of values at points (k, m) for the value at the origin of a polynomial through them.
+        far = away * np.linalg.norm(by_command, axis=0)
+        far = far[:, far.any(axis=0)]
+        far = far / np.abs(far).max(initial=1e-300)
+        moments = [
+            PRIORITY ** (DEGREE - d) * far[:, each].prod(axis=2) for d, each in enumerate(_monomials(far.shape[1]))
+        ]
+        first = np.zeros(sum(block.shape[1] for block in moments))
+        first[0] = PRIORITY**DEGREE
+        weights = np.linalg.lstsq(np.hstack(moments).T, first, rcond=None)[0]
+        weights = weights / weights.sum()
         return moved(self._layout, self._origin, weights @ self._steps - by_command @ (weights @ away))
 
 
 def prescribed(controls: Controls) -> Floats:
     """The prescribed values (n_actuators,), of each actuator its effort or its coordinate."""
     return np.where(controls.is_held, controls.effort, controls.coordinate)
-
-
-def _weights(away: Floats) -> Floats:
-    """Weights (k,) of values at points (k, m) for the value at the origin of a polynomial through them."""
-    away = away[:, away.any(axis=0)]
-    away = away / np.abs(away).max(initial=1e-300)
-    moments = [
-        PRIORITY ** (DEGREE - d) * away[:, each].prod(axis=2) for d, each in enumerate(_monomials(away.shape[1]))
-    ]
-    first = np.zeros(sum(block.shape[1] for block in moments))
-    first[0] = PRIORITY**DEGREE
-    weights = np.linalg.lstsq(np.hstack(moments).T, first, rcond=None)[0]
-    return weights / weights.sum()
 
 
 @cache

@@ -18,7 +18,6 @@ from softcal.mechanics.crossing import Skins
 from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.kept_nodes import KeptPaths
 from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
-from softcal.mechanics.mesh_motion import MeshMotion
 from softcal.mechanics.rod import build_rod
 from softcal.mechanics.rod_points import place_on_rod
 from softcal.mechanics.solid import SolidTerm
@@ -123,7 +122,20 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
             raise MeshError(
                 Fault("no tet of the body can deform: its nodes are all fixed or on one plate", where=body.name)
             )
-        motion = _motion(body, mesh, rider, first)
+        motion = body.motion(mesh, first)
+        if motion is not None and body.zone is not None:
+            carried = motion.way.any(axis=1) & (rider != FREE) & (rider != FIXED)
+            if carried.any():
+                near = format_quantity(body.zone.length, "m")
+                raise MeshError(
+                    Fault(
+                        "the body is tied to a plate or another body near its clamp, where a depth moves its mesh",
+                        where=f"{body.name}.clamp",
+                        got=f"{int(carried.sum())} tied nodes within {near} of the face",
+                        allowed="a body that is tied further away",
+                        attempt="no clamp: its depth must then be drawn",
+                    )
+                )
         for material in body.materials:
             tets = mesh.tets[material.elements[deforms[material.elements]]]
             if len(tets) == 0:
@@ -391,22 +403,3 @@ def _riders(body: Body, mesh: TetMesh, robot: Robot, frame: dict[str, int]) -> I
             Fault("the body is not attached: no node is fixed or tied to a plate or another body", where=body.name)
         )
     return rider
-
-
-def _motion(body: Body, mesh: TetMesh, rider: Ints, first: int) -> MeshMotion | None:
-    """How the depth of the body's clamp moves its mesh; what is tied to plates or bodies cannot move with it."""
-    motion = body.motion(mesh, first)
-    if motion is None:
-        return None
-    carried = motion.way.any(axis=1) & (rider != FREE) & (rider != FIXED)
-    if carried.any() and body.zone is not None:
-        raise MeshError(
-            Fault(
-                "the body is tied to a plate or another body near its clamp, where a depth moves its mesh",
-                where=f"{body.name}.clamp",
-                got=f"{int(carried.sum())} tied nodes within {format_quantity(body.zone.length, 'm')} of the face",
-                allowed="a body that is tied further away",
-                attempt="no clamp: its depth must then be drawn",
-            )
-        )
-    return motion

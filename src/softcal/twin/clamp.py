@@ -108,27 +108,8 @@ def clamp_zone(mesh: TetMesh, fixed: Ints, clamp: Clamp, *, where: str = "") -> 
         attempt = "the opposite direction" if ends_fixed else ""
         raise InputError(Fault("no fixed face lies behind the body", where, got, allowed, attempt))
     face = float(height[before].max())
-    length = _constant_length(mesh, direction, face, slack, where)
-    beyond = height[is_fixed & (height > face + slack) & (height < face + length)]
-    if len(beyond):
-        raise InputError(
-            Fault(
-                "the fixed region does not end at a plane across the direction",
-                where,
-                got=f"fixed nodes up to {format_quantity(float(beyond.max()) - face, 'm')} beyond the first free ones",
-                allowed="a plane face, with free nodes alone beyond it",
-            )
-        )
-    zone = Zone(direction, face, length)
-    zone.depths.checked(clamp.depth, where=f"{where}.depth" if where else "depth")
-    return zone
-
-
-def _constant_length(mesh: TetMesh, direction: Floats, face: float, slack: float, where: str) -> float:
-    """The length [m] behind the face over which the cross-section is constant, up to the square root of its area.
-
-    The section's area changes by the area of the surface as seen along the direction.
-    """
+    # The length [m] behind the face over which the cross-section is constant, up to the square root of its area. The
+    # section's area changes by the area of the surface as seen along the direction.
     straight = to_linear(mesh)
     a, b, c = np.moveaxis(straight.points[boundary_faces(straight)], 1, 0)
     seen = 0.5 * np.cross(b - a, c - a) @ direction
@@ -150,4 +131,16 @@ def _constant_length(mesh: TetMesh, direction: Floats, face: float, slack: float
                 allowed="a face behind which the body is prismatic",
             )
         )
-    return length
+    beyond = height[is_fixed & (height > face + slack) & (height < face + length)]
+    if len(beyond):
+        raise InputError(
+            Fault(
+                "the fixed region does not end at a plane across the direction",
+                where,
+                got=f"fixed nodes up to {format_quantity(float(beyond.max()) - face, 'm')} beyond the first free ones",
+                allowed="a plane face, with free nodes alone beyond it",
+            )
+        )
+    zone = Zone(direction, face, length)
+    zone.depths.checked(clamp.depth, where=f"{where}.depth" if where else "depth")
+    return zone

@@ -138,6 +138,14 @@ def pressing_skins(
     n, faces = len(press.base), skin.triangles
     cores = skin.weights + contact.depth * skin.core
     points, weights = columns(sp.vstack([press.weights @ skin.weights, cores], format="csr"))
+    # Pressing points, by the skin's point next to each, and vertices of cores never touch each other within a triangle,
+    # nor where points of the skin are bonded, both ways.
+    size = int(faces.max(initial=-1)) + 1
+    edges = edges_of(faces)
+    own = np.repeat(np.arange(size), 2).reshape(-1, 2)
+    each = np.concatenate([own, edges, edges[:, ::-1], bonded, bonded[:, ::-1]])
+    of_skin = sp.csr_matrix((np.ones(len(each)), (each[:, 0], each[:, 1])), shape=(size, size))
+    of_points = of_skin[press.base].tocoo()
     term = ContactTerm(
         points=points,
         weights=weights,
@@ -147,27 +155,12 @@ def pressing_skins(
         reach=np.full(n, contact.depth),
         depth=contact.depth,
         stiffness=stiffness,
-        apart=_apart(press.base, faces, bonded),
+        apart=np.stack([of_points.row, of_points.col + n], axis=1),
         group=rigid_groups(weights, moving_together(layout, points)),
         friction_coefficient=contact.friction_coefficient,
         creep=contact.creep,
     )
     return _from_where_it_is(term, press.normals, skin.X)
-
-
-def _apart(base: Ints, faces: Ints, pairs: Ints) -> Ints:
-    """Pairs of pressing points, by the skin's point next to each, and vertices of cores that never touch: of one
-    triangle, and in `pairs` of points of the skin, both ways.
-    """
-    import scipy.sparse as sp
-
-    size = int(faces.max(initial=-1)) + 1
-    edges = edges_of(faces)
-    own = np.repeat(np.arange(size), 2).reshape(-1, 2)
-    each = np.concatenate([own, edges, edges[:, ::-1], pairs, pairs[:, ::-1]])
-    of_skin = sp.csr_matrix((np.ones(len(each)), (each[:, 0], each[:, 1])), shape=(size, size))
-    of_points = of_skin[base].tocoo()
-    return np.stack([of_points.row, of_points.col + len(base)], axis=1)
 
 
 def rigid_groups(weights: Any, group: Ints) -> Ints:

@@ -61,8 +61,30 @@ def halved(robot: Robot) -> Robot:
 
     Tied nodes stay tied, also where the finer mesh's default tolerance would exclude them.
     """
-    bodies = {body.name: _refined_body(body, robot) for body in robot.bodies}
-    meshes = {name: mesh for name, (_, mesh) in bodies.items()}
+    bodies: list[Body] = []
+    meshes: dict[str, TetMesh] = {}  # with the robot's supports, ties and loads as sets
+    for body in robot.bodies:
+        node_sets = {_OURS + "fixed": body.fixed}
+        node_sets |= {f"{_OURS}plate {p.name}": p.nodes[body.name] for p in robot.plates if body.name in p.nodes}
+        node_sets |= {f"{_OURS}tie {tie.name}": tie.nodes for tie in robot.ties if tie.body == body.name}
+        face_sets = {
+            f"{_OURS}load {load.name}": load.faces
+            for load in robot.loads
+            if isinstance(load, SurfaceLoad) and load.on == body.name
+        }
+        old = body.mesh
+        mesh = meshes[body.name] = refined_mesh(
+            TetMesh(
+                old.points,
+                old.tets,
+                {**old.node_sets, **node_sets},
+                {**old.face_sets, **face_sets},
+                {**old.element_sets, **{_OURS + part.name: part.elements for part in body.inclusions}},
+            )
+        )
+        own = TetMesh(mesh.points, mesh.tets, _own(mesh.node_sets), _own(mesh.face_sets), _own(mesh.element_sets))
+        inclusions = tuple(replace(part, elements=mesh.element_sets[_OURS + part.name]) for part in body.inclusions)
+        bodies.append(replace(body, mesh=own, fixed=mesh.node_sets[_OURS + "fixed"], inclusions=inclusions))
 
     def nodes(body: str, key: str) -> Ints:
         return meshes[body].node_sets[_OURS + key]
@@ -77,7 +99,7 @@ def halved(robot: Robot) -> Robot:
 
     return replace(
         robot,
-        bodies=tuple(body for body, _ in bodies.values()),
+        bodies=tuple(bodies),
         rods=tuple(
             replace(
                 rod,
@@ -102,31 +124,6 @@ def halved(robot: Robot) -> Robot:
         ),
         loads=tuple(load(old) for old in robot.loads),
     )
-
-
-def _refined_body(body: Body, robot: Robot) -> tuple[Body, TetMesh]:
-    """The body on its refined mesh, and that mesh with the robot's supports, ties and loads on it as sets."""
-    node_sets = {_OURS + "fixed": body.fixed}
-    node_sets |= {f"{_OURS}plate {p.name}": p.nodes[body.name] for p in robot.plates if body.name in p.nodes}
-    node_sets |= {f"{_OURS}tie {tie.name}": tie.nodes for tie in robot.ties if tie.body == body.name}
-    face_sets = {
-        f"{_OURS}load {load.name}": load.faces
-        for load in robot.loads
-        if isinstance(load, SurfaceLoad) and load.on == body.name
-    }
-    old = body.mesh
-    mesh = refined_mesh(
-        TetMesh(
-            old.points,
-            old.tets,
-            {**old.node_sets, **node_sets},
-            {**old.face_sets, **face_sets},
-            {**old.element_sets, **{_OURS + part.name: part.elements for part in body.inclusions}},
-        )
-    )
-    own = TetMesh(mesh.points, mesh.tets, _own(mesh.node_sets), _own(mesh.face_sets), _own(mesh.element_sets))
-    inclusions = tuple(replace(part, elements=mesh.element_sets[_OURS + part.name]) for part in body.inclusions)
-    return replace(body, mesh=own, fixed=mesh.node_sets[_OURS + "fixed"], inclusions=inclusions), mesh
 
 
 def _own(sets: Mapping[str, Ints]) -> dict[str, Ints]:

@@ -13,7 +13,6 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import Fault, MeshError
-from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quality import inverted_tets
 from softcal.geometry.shape import LENGTHS
 from softcal.mechanics.attachment import attach_point
@@ -54,8 +53,28 @@ def with_lengths(robot: Robot, values: Mapping[str, float]) -> Robot:
 
 def _with_body(robot: Robot, old: Body, new: Body) -> Robot:
     """The robot with one body in the place of another one with the same nodes elsewhere."""
-    shifts = {plate.name: _shift(plate, old, new.mesh) for plate in robot.plates}
-    _require_free(robot, old, shifts)
+    shifts: dict[str, Floats] = {}
+    for plate in robot.plates:
+        # The affine motion of the plate's nodes, where their box is nearest to its reference.
+        shifts[plate.name] = np.zeros(3)
+        if not plate.fixed and old.name in plate.nodes:
+            before, after = (points[plate.nodes[old.name]] for points in (old.mesh.points, new.mesh.points))
+            at = np.clip(plate.reference, before.min(axis=0), before.max(axis=0))
+            motion, *_ = np.linalg.lstsq(np.column_stack([np.ones(len(before)), before - at]), after - before)
+            shifts[plate.name] = motion[0]
+    moving = [plate for plate in robot.plates if shifts[plate.name].any()]
+    parts = [f"tie {tie.name}" for tie in robot.ties if old.name in (tie.body, tie.on)]
+    parts += [f"body {name} on {plate.name}" for plate in moving for name in plate.nodes if name != old.name]
+    parts += [f"rod {rod.name} on {plate.name}" for plate in moving for rod in robot.rods if plate.name in rod.clamped]
+    if parts:
+        raise MeshError(
+            Fault(
+                "the lengths of a body cannot vary where other parts would have to move along",
+                old.name,
+                got=", ".join(parts),
+                allowed="a body that is attached to plates of its own",
+            )
+        )
 
     def place(at: Floats, on: str, *, beside: bool = False) -> Floats:
         """The new place of a point (3,) [m] on a part; beside: it may be outside the material."""
@@ -92,32 +111,3 @@ def _with_body(robot: Robot, old: Body, new: Body) -> Robot:
         ),
         markers=tuple(replace(marker, at=place(marker.at, marker.on, beside=True)) for marker in robot.markers),
     )
-
-
-def _shift(plate: Plate, old: Body, mesh: TetMesh) -> Floats:
-    """Displacement of a plate (3,) [m]: that of the affine motion of its nodes, where their box is nearest to its
-    reference.
-    """
-    if plate.fixed or old.name not in plate.nodes:
-        return np.zeros(3)
-    before, after = (points[plate.nodes[old.name]] for points in (old.mesh.points, mesh.points))
-    at = np.clip(plate.reference, before.min(axis=0), before.max(axis=0))
-    motion, *_ = np.linalg.lstsq(np.column_stack([np.ones(len(before)), before - at]), after - before)
-    return motion[0]
-
-
-def _require_free(robot: Robot, body: Body, shifts: Mapping[str, Floats]) -> None:
-    """Refuse parts that are attached to a body and would not move along with it."""
-    moving = [plate for plate in robot.plates if shifts[plate.name].any()]
-    parts = [f"tie {tie.name}" for tie in robot.ties if body.name in (tie.body, tie.on)]
-    parts += [f"body {name} on {plate.name}" for plate in moving for name in plate.nodes if name != body.name]
-    parts += [f"rod {rod.name} on {plate.name}" for plate in moving for rod in robot.rods if plate.name in rod.clamped]
-    if parts:
-        raise MeshError(
-            Fault(
-                "the lengths of a body cannot vary where other parts would have to move along",
-                body.name,
-                got=", ".join(parts),
-                allowed="a body that is attached to plates of its own",
-            )
-        )

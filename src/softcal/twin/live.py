@@ -281,7 +281,19 @@ class LiveTwin(_InOneProcess):
         ParameterError
             For a cable that is not driven, or a command that no cable can follow.
         """
-        named = self._commands(commands, elapsed)
+        faults = [
+            unknown("this cable is not driven", name, name, self._controls, got="")
+            for name in commands
+            if name not in self._controls
+        ]
+        if not elapsed >= 0.0:
+            faults.append(Fault("time does not go back", "elapsed", f"{elapsed:g} s", ">= 0 s"))
+        if faults:
+            raise ParameterError(faults)
+        protocol = Protocol({name: Command(self._controls[name], np.array([v])) for name, v in commands.items()})
+        if faults := command_faults(self.robot, protocol):
+            raise ParameterError(faults)
+        named = dict(protocol.completed(self.robot, 1).commands)
         values = {name: float(command.values[0]) for name, command in named.items()}
         steps, n = self._steps, self._steps.statics.n_factorisations
         before = steps.last.state
@@ -339,22 +351,6 @@ class LiveTwin(_InOneProcess):
             before = np.array(list(last.channels.values()))[turns]
             values[turns] += 2.0 * np.pi * np.round((before - values[turns]) / (2.0 * np.pi))
         return values
-
-    def _commands(self, commands: Mapping[str, float], elapsed: float) -> dict[str, Command]:
-        """The commands of all driven cables, checked."""
-        faults = [
-            unknown("this cable is not driven", name, name, self._controls, got="")
-            for name in commands
-            if name not in self._controls
-        ]
-        if not elapsed >= 0.0:
-            faults.append(Fault("time does not go back", "elapsed", f"{elapsed:g} s", ">= 0 s"))
-        if faults:
-            raise ParameterError(faults)
-        protocol = Protocol({name: Command(self._controls[name], np.array([v])) for name, v in commands.items()})
-        if faults := command_faults(self.robot, protocol):
-            raise ParameterError(faults)
-        return dict(protocol.completed(self.robot, 1).commands)
 
     def _told(self, commands: Mapping[str, float]) -> str:
         """Commands in brackets, after a blank."""

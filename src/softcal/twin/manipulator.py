@@ -178,7 +178,35 @@ class Manipulator(Declared):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if faults := [*_name_faults(self), *_fit_faults(self)]:
+        key, moduli, names = "springs.youngs_modulus", self.springs.youngs_modulus, self.spring_names
+        springs, cables, hole = self.springs, self.cables, self.discs.hole_diameter
+        faults: list[Fault] = []
+        if isinstance(moduli, Mapping):
+            what = "there is no such spring"
+            faults += [unknown(what, f"{key}.{name}", name, names) for name in moduli if name not in names]
+            if missing := [name for name in names if name not in moduli]:
+                allowed = "one for each, or one for all"
+                faults.append(Fault("springs have no modulus", key, ", ".join(missing), allowed))
+        if beyond := [f"'{end}'" for end in cables.ends if end not in self.disc_names]:
+            allowed = f"S1 to S{self.sections}"
+            faults.append(Fault("cables end at a disc that is not there", "cables.ends", ", ".join(beyond), allowed))
+        # Lengths that do not fit together, though each by itself is allowed.
+        if self.spring_length <= 0.0:
+            thick = self.base.thickness + self.sections * self.discs.thickness
+            allowed = f"more than {1e3 * thick:.4g} mm, the thickness of base and discs"
+            got = f"{1e3 * self.total_length:.4g} mm"
+            raise InputError([*faults, Fault("the discs leave no room for springs", "total_length", got, allowed)])
+        faults += [replace(fault, where="springs") for fault in self.coil.wire_faults(springs.wire_diameter)]
+        wide = springs.coil_diameter + springs.wire_diameter
+        widest = max(wide, 2.0 * cables.radius + hole)
+        for key, part in (("discs", self.discs), ("base", self.base)):
+            if part.diameter < widest:
+                got, allowed = f"{1e3 * part.diameter:.4g} mm", f"at least {1e3 * widest:.4g} mm"
+                faults.append(Fault("springs and guide holes do not fit on the disc", f"{key}.diameter", got, allowed))
+        if cables.radius - 0.5 * hole < 0.5 * wide:
+            got, allowed = f"{1e3 * cables.radius:.4g} mm", f"at least {500 * (wide + hole):.4g} mm"
+            faults.append(Fault("the cables run through the springs", "cables.radius", got, allowed))
+        if faults:
             raise InputError(faults)
 
     @property
@@ -311,23 +339,6 @@ def manipulator(of: Manipulator, *, gravity: Sequence[float] = (0.0, 0.0, -9.81)
         parameters = {"youngs_modulus": modulus, "poissons_ratio": springs.poissons_ratio}
         clamped = {before: np.array([0]), after: np.array([elements])}
         rods.append(Rod(name, line, RoundBar(springs.wire_diameter), parameters, clamped, density=springs.density))
-    plates = _plates(of)
-    markers = [
-        Marker(name, disc, of.on_disc(k + 1, of.markers.radius, of.markers.azimuth))
-        for k, (name, disc) in enumerate(zip(of.marker_names, of.disc_names, strict=True))
-    ]
-    robot = Robot(
-        plates=plates,
-        cables=_cables(of, plates),
-        rods=tuple(rods),
-        markers=tuple(markers),
-        gravity=np.asarray(gravity),
-    )
-    return with_solid_rods(robot, rings=rings, element=springs.element or DEFAULT.name) if is_solid else robot
-
-
-def _plates(of: Manipulator) -> tuple[Plate, ...]:
-    """The base, which does not move, and the discs."""
     mass = of.springs.density * of.disc_volume if of.discs.mass is None else of.discs.mass
     plates: list[Plate] = []
     for number, name in enumerate((BASE, *of.disc_names)):
@@ -338,11 +349,10 @@ def _plates(of: Manipulator) -> tuple[Plate, ...]:
         }
         disc = Disc(shape.diameter, shape.thickness, of.outwards, hole_diameter=of.discs.hole_diameter)
         plates.append(Plate(name, {}, middle, 0.0 if is_base else mass, fixed=is_base, holes=holes, disc=disc))
-    return tuple(plates)
-
-
-def _cables(of: Manipulator, plates: Sequence[Plate]) -> tuple[Cable, ...]:
-    """The cables, each from where it is pulled through the base and every disc to the one at which it ends."""
+    markers = [
+        Marker(name, disc, of.on_disc(k + 1, of.markers.radius, of.markers.azimuth))
+        for k, (name, disc) in enumerate(zip(of.marker_names, of.disc_names, strict=True))
+    ]
     ends = [1 + of.disc_names.index(end) for end in of.cables.ends for _ in range(of.cables.per_end)]
     cables: list[Cable] = []
     for k, (name, end) in enumerate(zip(of.cable_names, ends, strict=True)):
@@ -350,42 +360,11 @@ def _cables(of: Manipulator, plates: Sequence[Plate]) -> tuple[Cable, ...]:
         exit_point = plates[0].holes[hole] - (of.cables.exit + 0.5 * of.base.thickness) * of.outwards
         via = (ViaPoint(exit_point), *(plate.via(hole) for plate in plates[: end + 1]))
         cables.append(Cable(name, via, of.cables.friction_coefficient, "first", line=of.cables.line))
-    return tuple(cables)
-
-
-def _name_faults(of: Manipulator) -> list[Fault]:
-    """The faults of names of springs and discs."""
-    key, moduli, springs = "springs.youngs_modulus", of.springs.youngs_modulus, of.spring_names
-    faults: list[Fault] = []
-    if isinstance(moduli, Mapping):
-        faults += [
-            unknown("there is no such spring", f"{key}.{name}", name, springs) for name in moduli if name not in springs
-        ]
-        if missing := [name for name in springs if name not in moduli]:
-            allowed = "one for each, or one for all"
-            faults.append(Fault("springs have no modulus", key, ", ".join(missing), allowed))
-    if beyond := [f"'{end}'" for end in of.cables.ends if end not in of.disc_names]:
-        allowed = f"S1 to S{of.sections}"
-        faults.append(Fault("cables end at a disc that is not there", "cables.ends", ", ".join(beyond), allowed))
-    return faults
-
-
-def _fit_faults(of: Manipulator) -> list[Fault]:
-    """The faults of lengths that do not fit together, though each by itself is allowed."""
-    thick = of.base.thickness + of.sections * of.discs.thickness
-    if of.spring_length <= 0.0:
-        got = f"{1e3 * of.total_length:.4g} mm"
-        allowed = f"more than {1e3 * thick:.4g} mm, the thickness of base and discs"
-        return [Fault("the discs leave no room for springs", "total_length", got, allowed)]
-    springs, cables, hole = of.springs, of.cables, of.discs.hole_diameter
-    faults = [replace(fault, where="springs") for fault in of.coil.wire_faults(springs.wire_diameter)]
-    wide = springs.coil_diameter + springs.wire_diameter
-    widest = max(wide, 2.0 * cables.radius + hole)
-    for key, part in (("discs", of.discs), ("base", of.base)):
-        if part.diameter < widest:
-            got, allowed = f"{1e3 * part.diameter:.4g} mm", f"at least {1e3 * widest:.4g} mm"
-            faults.append(Fault("springs and guide holes do not fit on the disc", f"{key}.diameter", got, allowed))
-    if cables.radius - 0.5 * hole < 0.5 * wide:
-        got, allowed = f"{1e3 * cables.radius:.4g} mm", f"at least {500 * (wide + hole):.4g} mm"
-        faults.append(Fault("the cables run through the springs", "cables.radius", got, allowed))
-    return faults
+    robot = Robot(
+        plates=tuple(plates),
+        cables=tuple(cables),
+        rods=tuple(rods),
+        markers=tuple(markers),
+        gravity=np.asarray(gravity),
+    )
+    return with_solid_rods(robot, rings=rings, element=springs.element or DEFAULT.name) if is_solid else robot

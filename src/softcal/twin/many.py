@@ -143,7 +143,16 @@ def simulate_many(
         solved, values, rates = solved[:n_ready], values[:n_ready], rates[:n_ready]
     status = f"Solved: {protocol.n_samples} equilibria, {statics.n_factorisations} factorisations.{met}"
     if failed:
-        status = _not_reached(protocol, failed, len(solved))
+        first, n = list(failed)[:SENTENCES], protocol.n_samples
+        sentences = [f"Sample {i + 1} of {n} was not reached{_pulls(protocol, i)}: {failed[i]}" for i in first]
+        others = [str(i + 1) for i in list(failed)[SENTENCES:]]
+        if others:
+            sentences.append(
+                f"Nor was sample {others[0]}." if len(others) == 1 else f"Nor were samples {', '.join(others)}."
+            )
+        if solved:
+            sentences.append("The other one is solved." if len(solved) == 1 else f"The other {len(solved)} are solved.")
+        status = " ".join(sentences)
     if stopped is not None:
         status = f"Stopped by {str(stopped) or 'the user'}: {len(solved)} of {protocol.n_samples} samples are solved."
     if snaps_at:
@@ -185,22 +194,6 @@ def _beyond(protocol: Protocol, i: int, failed: Collection[int], *, remembers: b
         if ahead and np.abs(commands[:, i] - factor * commands[:, k]).max() <= 1e-9 * factor * size:
             return f"it is beyond sample {k + 1} on the same load path."
     return ""
-
-
-def _not_reached(protocol: Protocol, failed: Mapping[int, str], n_solved: int) -> str:
-    """The sentences on samples without an equilibrium: the first few with their reasons, the others by number."""
-    n = protocol.n_samples
-    sentences = [
-        f"Sample {i + 1} of {n} was not reached{_pulls(protocol, i)}: {failed[i]}" for i in list(failed)[:SENTENCES]
-    ]
-    numbers = [str(i + 1) for i in list(failed)[SENTENCES:]]
-    if numbers:
-        sentences.append(
-            f"Nor was sample {numbers[0]}." if len(numbers) == 1 else f"Nor were samples {', '.join(numbers)}."
-        )
-    if n_solved:
-        sentences.append("The other one is solved." if n_solved == 1 else f"The other {n_solved} are solved.")
-    return " ".join(sentences)
 
 
 def _shortenings(protocol: Protocol, i: int) -> dict[str, float]:

@@ -42,7 +42,18 @@ def average(dataset: Dataset, *, last: float | None = None) -> Dataset:
         rows = time > time[-1] - last + 1e-9 * max(abs(float(time[-1])), last)
     unseen = [key for key, channel in dataset.channels.items() if np.isnan(channel.values[rows]).all()]
     if unseen:
-        raise DatasetError([_unseen(dataset, owner, last) for owner in dict.fromkeys(map(_owner, unseen))])
+        within = "" if last is None else f" in the last {format_quantity(last, 's')}"
+        faults: list[Fault] = []
+        for owner in dict.fromkeys(map(_owner, unseen)):
+            name = next(key for key in dataset.channels if _owner(key) == owner)
+            there = np.flatnonzero(np.isfinite(dataset.values(name)))
+            got = "not once in the record"
+            if len(there) and "time" in dataset.channels:
+                time = dataset.values("time")
+                got = f"last at {time[there[-1]]:.4g} s of {time[-1]:.4g} s"
+            what = f"{owner} was not measured in the window"
+            faults.append(Fault(what, dataset.name, got, f"at least one value{within}"))
+        raise DatasetError(faults)
     channels: dict[str, Channel] = {}
     for key, channel in dataset.channels.items():
         values = channel.values[rows]
@@ -60,17 +71,6 @@ def average(dataset: Dataset, *, last: float | None = None) -> Dataset:
     outcome = f"the mean of {int(rows.sum())} samples, {what}; the largest spread is {spread}, of {widest}"
     step = Step("average", {"last": last}, outcome)
     return Dataset(dataset.name, channels, (*dataset.provenance, step))
-
-
-def _unseen(dataset: Dataset, owner: str, last: float | None) -> Fault:
-    name = next(key for key in dataset.channels if _owner(key) == owner)
-    rows = np.flatnonzero(np.isfinite(dataset.values(name)))
-    got = "not once in the record"
-    if len(rows) and "time" in dataset.channels:
-        time = dataset.values("time")
-        got = f"last at {time[rows[-1]]:.4g} s of {time[-1]:.4g} s"
-    allowed = "at least one value" if last is None else f"at least one value in the last {format_quantity(last, 's')}"
-    return Fault(f"{owner} was not measured in the window", dataset.name, got, allowed)
 
 
 def _owner(channel: str) -> str:

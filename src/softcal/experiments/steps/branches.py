@@ -50,7 +50,14 @@ def cycle_rows(dataset: Dataset) -> tuple[CycleRows, ...]:
     numbers = np.unique(cycle[cycle >= 0]).astype(int)
     if not numbers.size:
         raise DatasetError(Fault("no sample belongs to a cycle", where=dataset.name, attempt="find_cycles"))
-    return tuple(_split(shortening, np.flatnonzero(cycle == number), int(number)) for number in numbers)
+    found: list[CycleRows] = []
+    for number in numbers.tolist():
+        rows = np.flatnonzero(cycle == number)
+        travel = shortening[rows]
+        dwell = _DWELL * float(np.ptp(travel)) + 3.0 * white_noise(travel)
+        top = np.flatnonzero(travel >= travel.max() - dwell)
+        found.append(CycleRows(number, rows[: top[0] + 1], rows[top[-1] :]))
+    return tuple(found)
 
 
 def curve(abscissa: Floats, ordinates: dict[str, Floats], n_bins: int) -> tuple[Floats, dict[str, Floats]]:
@@ -181,13 +188,6 @@ def require_branch(dataset: Dataset, branch: Branch) -> None:
                     attempt=f"'branch: {branch}' in {PULLEY_STEP}, or that step after take_branch",
                 )
             )
-
-
-def _split(shortening: Floats, rows: Ints, number: int) -> CycleRows:
-    travel = shortening[rows]
-    dwell = _DWELL * float(np.ptp(travel)) + 3.0 * white_noise(travel)
-    top = np.flatnonzero(travel >= travel.max() - dwell)
-    return CycleRows(number, rows[: top[0] + 1], rows[top[-1] :])
 
 
 def _let_go(dataset: Dataset, cycle: CycleRows) -> Ints:

@@ -6,7 +6,6 @@ from typing import Literal
 
 import numpy as np
 
-from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset, Step
 from softcal.experiments.step import Setting, register_step
@@ -82,7 +81,27 @@ def detrend(dataset: Dataset, channel: str, *, at: Literal["returns", "ends"] = 
         anchors = np.array([0, dataset.n_samples - 1])
         levels = values[anchors]
     elif at == "returns":
-        anchors, levels = _returns(dataset, values)
+        cycle = dataset.cycle
+        numbers = [] if cycle is None else [int(number) for number in np.unique(cycle[cycle >= 0])]
+        if cycle is None or len(numbers) < 2:
+            raise DatasetError(
+                Fault(
+                    "the drift needs the returns between two or more cycles",
+                    where=dataset.name,
+                    got=f"{len(numbers)} cycle(s)",
+                    attempt="find_cycles before detrend, or at: ends",
+                )
+            )
+        if len(numbers) > 3:
+            numbers = numbers[1:]
+        starts: list[int] = []
+        means: list[float] = []
+        for number in numbers:
+            rows = np.flatnonzero(cycle == number)
+            start = rows[: max(1, len(rows) // 200)]
+            starts.append(int(start[len(start) // 2]))
+            means.append(float(values[start].mean()))
+        anchors, levels = np.array(starts), np.array(means)
     else:
         raise DatasetError(Fault("no such drift", where=dataset.name, got=f"'{at}'", allowed="returns, ends"))
     if np.ptp(time[anchors]) <= 0.0:
@@ -134,27 +153,3 @@ def smooth(dataset: Dataset, channel: str, n_samples: int, *, order: int = 2) ->
     outcome = f"{channel} moved by {format_quantity(moved, dataset.channels[channel].unit)} (root mean square)"
     settings = {"channel": channel, "n_samples": n_samples, "order": order}
     return dataset.with_channels(Step("smooth", settings, outcome), **{channel: smoothed})
-
-
-def _returns(dataset: Dataset, values: Floats) -> tuple[np.ndarray, Floats]:
-    cycle = dataset.cycle
-    numbers = [] if cycle is None else [int(number) for number in np.unique(cycle[cycle >= 0])]
-    if cycle is None or len(numbers) < 2:
-        raise DatasetError(
-            Fault(
-                "the drift needs the returns between two or more cycles",
-                where=dataset.name,
-                got=f"{len(numbers)} cycle(s)",
-                attempt="find_cycles before detrend, or at: ends",
-            )
-        )
-    if len(numbers) > 3:
-        numbers = numbers[1:]
-    anchors: list[int] = []
-    levels: list[float] = []
-    for number in numbers:
-        rows = np.flatnonzero(cycle == number)
-        start = rows[: max(1, len(rows) // 200)]
-        anchors.append(int(start[len(start) // 2]))
-        levels.append(float(values[start].mean()))
-    return np.array(anchors), np.array(levels)

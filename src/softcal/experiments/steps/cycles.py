@@ -181,7 +181,28 @@ def select_cycles(
     if which == "all":
         numbers = there
     elif isinstance(which, str):
-        numbers = _of_class(dataset, which, there)
+        classified = [step for step in dataset.provenance if step.name == "classify_cycles"]
+        if not classified:
+            raise DatasetError(
+                Fault(
+                    "the cycles have not been classified",
+                    where=dataset.name,
+                    got=f"which: {which}",
+                    attempt="classify_cycles before select_cycles",
+                )
+            )
+        classes: dict[str, str] = classified[-1].settings["classes"]
+        numbers = [number for number in there if classes.get(str(number)) == which]
+        if not numbers:
+            raise DatasetError(
+                Fault(
+                    f"no cycle is of the kind '{which}'",
+                    where=dataset.name,
+                    got=classified[-1].outcome,
+                    allowed="first, preconditioning, stable, all, or a list of numbers",
+                    attempt="a larger threshold of classify_cycles",
+                )
+            )
     else:
         numbers = sorted({int(number) for number in which})
         unknown = [number for number in numbers if number not in there]
@@ -195,32 +216,6 @@ def select_cycles(
     outcome = f"{len(numbers)} of {len(there)} cycles kept ({_numbers(numbers)}), {int(mask.sum())} samples"
     settings = {"which": which if isinstance(which, str) else numbers}
     return dataset.take(mask, Step("select_cycles", settings, outcome))
-
-
-def _of_class(dataset: Dataset, which: str, there: list[int]) -> list[int]:
-    classified = [step for step in dataset.provenance if step.name == "classify_cycles"]
-    if not classified:
-        raise DatasetError(
-            Fault(
-                "the cycles have not been classified",
-                where=dataset.name,
-                got=f"which: {which}",
-                attempt="classify_cycles before select_cycles",
-            )
-        )
-    classes: dict[str, str] = classified[-1].settings["classes"]
-    numbers = [number for number in there if classes.get(str(number)) == which]
-    if not numbers:
-        raise DatasetError(
-            Fault(
-                f"no cycle is of the kind '{which}'",
-                where=dataset.name,
-                got=classified[-1].outcome,
-                allowed="first, preconditioning, stable, all, or a list of numbers",
-                attempt="a larger threshold of classify_cycles",
-            )
-        )
-    return numbers
 
 
 def _peaks(tension: Floats, prominence: float) -> Ints:

@@ -48,7 +48,24 @@ def resample(dataset: Dataset, by: str = "shortening", *, n: int | None = None, 
     abscissa = dataset.values(by)
     unit = dataset.channels[by].unit
     span = float(np.ptp(abscissa))
-    n_asked = _n_samples(dataset, by, n, step, span)
+    if (n is None) == (step is None):
+        raise DatasetError(
+            Fault("resample needs either n or step", where=dataset.name, got="both" if n is not None else "neither")
+        )
+    n_asked = n
+    if step is not None:
+        if step > 0.0:
+            LIMITS["samples"].check(1 + span / step, where=dataset.name)
+        n_asked = int(np.floor(span / step * (1 + 1e-12))) + 1 if step > 0.0 else 0
+    if n_asked is None or n_asked < 2:
+        raise DatasetError(
+            Fault(
+                f"resampling by {by} would leave fewer than two samples",
+                where=dataset.name,
+                got=f"n {n}" if step is None else f"a step of {format_quantity(step, unit)}",
+                allowed=f"n of 2 or more, or a step up to {format_quantity(span, unit)}",
+            )
+        )
     # Largest decrease from the running maximum: zero if strictly increasing.
     rises = bool(np.all(np.diff(abscissa) > 0.0))
     fall = float(np.max(np.maximum.accumulate(abscissa) - abscissa))
@@ -131,24 +148,3 @@ def window(dataset: Dataset, channel: str, *, lower: float | None = None, upper:
         )
     outcome = f"{int(mask.sum())} of {len(values)} samples with {channel} from {asked}"
     return dataset.take(mask, Step("window", {"channel": channel, "lower": lower, "upper": upper}, outcome))
-
-
-def _n_samples(dataset: Dataset, by: str, n: int | None, step: float | None, span: float) -> int:
-    if (n is None) == (step is None):
-        raise DatasetError(
-            Fault("resample needs either n or step", where=dataset.name, got="both" if n is not None else "neither")
-        )
-    if step is not None:
-        if step > 0.0:
-            LIMITS["samples"].check(1 + span / step, where=dataset.name)
-        n = int(np.floor(span / step * (1 + 1e-12))) + 1 if step > 0.0 else 0
-    if n is None or n < 2:
-        raise DatasetError(
-            Fault(
-                f"resampling by {by} would leave fewer than two samples",
-                where=dataset.name,
-                got=f"n {n}" if step is None else f"a step of {format_quantity(step, dataset.channels[by].unit)}",
-                allowed=f"n of 2 or more, or a step up to {format_quantity(span, dataset.channels[by].unit)}",
-            )
-        )
-    return n

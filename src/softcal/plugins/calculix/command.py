@@ -15,7 +15,7 @@ from softcal.cli.values import LOCAL, On, Pull, Source, Values, Workers, names, 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from softcal.plugins.calculix.crosscheck import Crosscheck, EngineComparison
+    from softcal.plugins.calculix.crosscheck import EngineComparison
 
 AT_REST = "at rest"
 
@@ -58,7 +58,7 @@ def crosscheck(
     if out is not None:
         require_free_folder(out)
     project = load_calibrated(source, parsed_values(values))
-    from softcal.plugins.calculix.workflow import crosscheck_project, write_crosscheck
+    from softcal.plugins.calculix.workflow import NOTHING_MOVES, crosscheck_project, write_crosscheck
     from softcal.workflows.cases import cases
 
     chosen = cases(project, pull or ())
@@ -71,18 +71,6 @@ def crosscheck(
             workers=executor,
             progress=lambda state, engine: show(f"{state or AT_REST}: {engine} compared with softcal"),
         )
-    _print_crosscheck(found)
-    if out is not None:
-        write_crosscheck(project, found, out)
-        echo(f"Wrote {shown_path(out)}")
-    compared = any(result.comparisons for result in found.values())
-    if not compared or not all(result.agrees for result in found.values()):
-        raise typer.Exit(FAILED)
-
-
-def _print_crosscheck(found: dict[str, Crosscheck]) -> None:
-    from softcal.plugins.calculix.workflow import NOTHING_MOVES
-
     absent: dict[str, str] = {}
     refused: dict[str, str] = {}
     for state, result in found.items():
@@ -102,6 +90,12 @@ def _print_crosscheck(found: dict[str, Crosscheck]) -> None:
         echo(f"{name} was skipped, it does not support this robot: {why}", err=True)
     for name, why in absent.items():
         echo(f"{name} was skipped, it is not installed: {why}", err=True)
+    if out is not None:
+        write_crosscheck(project, found, out)
+        echo(f"Wrote {shown_path(out)}")
+    compared = any(result.comparisons for result in found.values())
+    if not compared or not all(result.agrees for result in found.values()):
+        raise typer.Exit(FAILED)
 
 
 def _table(comparison: EngineComparison) -> Table:

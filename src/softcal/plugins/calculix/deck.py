@@ -112,17 +112,35 @@ def calculix_deck(robot: Robot, shapes: Sequence[Snapshot], notes: Sequence[str]
         *(f"** {note}" for note in notes),
         *_nodes(twin),
         *cables.nodes,
-        *_elements(twin),
-        *_bonds(twin),
-        *_materials(robot),
-        *cables.springs,
-        *cables.equations,
-        *(["*INITIAL CONDITIONS, TYPE=TEMPERATURE", "ALL, 0.0"] if cables.springs else []),
     ]
+    n_tets = 0
+    for body in twin.robot.bodies:
+        mesh, first = twin.meshes[body.name], twin.first_point[body.name]
+        for material in body.materials:
+            lines.append(f"*ELEMENT, TYPE={mesh.cell.calculix}, ELSET={set_name(material.name)}")
+            for tet in mesh.tets[material.elements]:
+                n_tets += 1
+                lines.append(f"{n_tets}, " + ", ".join(str(first + n + 1) for n in tet))
+    lines += _bonds(twin)
+    for body in robot.bodies:
+        for material in body.materials:
+            name = set_name(material.name)
+            laws = law_lines(body.law, material.parameters)
+            lines += [f"*MATERIAL, NAME={name}", *laws, f"*SOLID SECTION, ELSET={name}, MATERIAL={name}"]
+    lines += [*cables.springs, *cables.equations]
+    lines += ["*INITIAL CONDITIONS, TYPE=TEMPERATURE", "ALL, 0.0"] if cables.springs else []
     dead = twin.system.loads.total(parameter_values(robot))
+    moves = (layout.rider != FIXED) & (layout.rider < layout.n_moving_frames)  # forces on fixed nodes are omitted
     for k, shape in enumerate(shapes, start=1):
         temperature = ["*TEMPERATURE", f"ALL, {number(k)}"] if cables.springs else []
-        loads = _point_loads(layout, dead + dead_pulls(twin, shape))
+        force = dead + dead_pulls(twin, shape)
+        loads = [
+            f"{i + 1}, {axis + 1}, {number(force[i, axis])}"
+            for i in np.flatnonzero(moves & np.any(force != 0.0, axis=1))
+            for axis in np.flatnonzero(force[i])
+        ]
+        # In a static step CalculiX ramps linearly from the previous loads to these; loads not listed go to zero.
+        loads = ["*CLOAD, OP=NEW", *loads] if loads else []
         lines += [f"** {shape.label}", *_STEP, *temperature, *loads, *_OUTPUT]
     return Deck("\n".join([*lines, ""]), dict(twin.first_point), len(shapes), last_node)
 
@@ -164,7 +182,20 @@ def write_calculix(robot: Robot, shape: Snapshot, folder: Path, *, given: Robot 
         As `calculix_deck`.
     """
     _require(robot)
-    notes = _notes(given or robot)
+    source = given or robot
+    notes = [*not_exported(source, PLACE)]
+    for body in source.bodies:
+        if body.law not in CARDS:
+            notes.append(
+                f"{body.name}: CalculiX has no law '{body.law}'; written with its isochoric neo-Hookean one at the "
+                "same modulus and ratio, which agrees at small strain."
+            )
+        element = ELEMENTS[body.element]
+        if element is not ITS_ELEMENTS[element.cell]:
+            notes.append(
+                f"{body.name}: {element.name} is written as {element.cell.calculix}, which stiffens as Poisson's ratio "
+                "nears 0.5."
+            )
     deck = calculix_deck(robot, load_path(robot, shape).shapes, notes)
     path, readme = folder / DECK, folder / "README.txt"
     path.write_text(deck.text, encoding="utf-8")
@@ -216,17 +247,6 @@ def _pivots(twin: Twin) -> Floats:
     return out
 
 
-def _elements(twin: Twin) -> Iterator[str]:
-    number = 0
-    for body in twin.robot.bodies:
-        mesh, first = twin.meshes[body.name], twin.first_point[body.name]
-        for material in body.materials:
-            yield f"*ELEMENT, TYPE={mesh.cell.calculix}, ELSET={set_name(material.name)}"
-            for tet in mesh.tets[material.elements]:
-                number += 1
-                yield f"{number}, " + ", ".join(str(first + n + 1) for n in tet)
-
-
 def _bonds(twin: Twin) -> Iterator[str]:
     layout = twin.system.layout
     still = np.flatnonzero((layout.rider == FIXED) | (layout.rider >= layout.n_moving_frames))
@@ -247,41 +267,3 @@ def _bonds(twin: Twin) -> Iterator[str]:
         own = ties.point == point
         terms = zip(ties.master[own].tolist(), ties.weight[own].tolist(), strict=True)
         yield from weighted_sum(int(point) + 1, [(m + 1, w) for m, w in terms if w != 0.0])
-
-
-def _materials(robot: Robot) -> Iterator[str]:
-    for law, material in ((body.law, material) for body in robot.bodies for material in body.materials):
-        yield f"*MATERIAL, NAME={set_name(material.name)}"
-        yield from law_lines(law, material.parameters)
-        yield f"*SOLID SECTION, ELSET={set_name(material.name)}, MATERIAL={set_name(material.name)}"
-
-
-def _point_loads(layout: Layout, force: Floats) -> Iterator[str]:
-    """Forces (n_points, 3) [N] on free and plate nodes; forces on fixed nodes are omitted."""
-    moves = (layout.rider != FIXED) & (layout.rider < layout.n_moving_frames)
-    rows = [
-        f"{i + 1}, {axis + 1}, {number(force[i, axis])}"
-        for i in np.flatnonzero(moves & np.any(force != 0.0, axis=1))
-        for axis in np.flatnonzero(force[i])
-    ]
-    if rows:
-        # In a static step CalculiX ramps linearly from the previous loads to these; loads not listed go to zero.
-        yield "*CLOAD, OP=NEW"
-        yield from rows
-
-
-def _notes(robot: Robot) -> tuple[str, ...]:
-    notes = [*not_exported(robot, PLACE)]
-    for body in robot.bodies:
-        if body.law not in CARDS:
-            notes.append(
-                f"{body.name}: CalculiX has no law '{body.law}'; written with its isochoric neo-Hookean one at the "
-                "same modulus and ratio, which agrees at small strain."
-            )
-        element = ELEMENTS[body.element]
-        if element is not ITS_ELEMENTS[element.cell]:
-            notes.append(
-                f"{body.name}: {element.name} is written as {element.cell.calculix}, which stiffens as Poisson's ratio "
-                "nears 0.5."
-            )
-    return tuple(notes)

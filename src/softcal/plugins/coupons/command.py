@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,7 +14,6 @@ from softcal.cli.running import clock
 from softcal.errors import Fault, ParameterError
 
 if TYPE_CHECKING:
-    from softcal.plugins.coupons.coupon import Coupon
     from softcal.plugins.coupons.fitted_material import PredictedCoupon
 
 
@@ -93,8 +91,23 @@ def coupon(  # noqa: PLR0913 (one argument for each option)
     from softcal.names import part_name_fault
     from softcal.workflows.output import require_free_folder
 
-    data, predict, test = data or [], predict or [], test or []
-    _require_consistent(data, predict, test, law or [], history or [], stored)
+    data, predict, test, law, history = data or [], predict or [], test or [], law or [], history or []
+    faults: list[Fault] = []
+    if stored is None and not data:
+        faults.append(Fault("there is no test to fit", "DATA", "", "tables of coupon tests", "or --from DIR --predict"))
+    if stored is not None and not predict:
+        faults.append(Fault("there is no test to predict", "--from", str(stored), attempt="--predict FILE"))
+    if stored is not None and (data or history):
+        got = ", ".join([*map(str, data), *history])
+        faults.append(Fault("a stored fit is not fitted again", "--from", got, "--predict FILE, --law, --laws, --out"))
+    if stored is not None and len(law) > 1:
+        faults.append(Fault("a prediction is by one law", "--law", ", ".join(law), "one"))
+    if (data or predict) and not test:
+        faults.append(
+            Fault("the kind of test is missing", "--test", "", "uniaxial, planar, equibiaxial, biaxial, shear")
+        )
+    if faults:
+        raise ParameterError(faults)
     if fault := part_name_fault(body):
         raise ParameterError(replace(fault, where="--body"))
     if out is not None:
@@ -114,7 +127,34 @@ def coupon(  # noqa: PLR0913 (one argument for each option)
     coupons, further = all_coupons(data, test, predict)
     print_warnings(implausible([*coupons, *further]))
     if stored is None:
-        _fit(data, coupons, further, law or [], history or [], nu, reach, body, out)
+        from softcal.materials.histories import history_of
+        from softcal.plugins.coupons.comparison import compare_laws, require_times
+        from softcal.plugins.coupons.material_block import material_block
+        from softcal.plugins.coupons.sentences import moduli, verdict
+        from softcal.plugins.coupons.tables import constants_table, laws_table, moduli_table, tests_table
+        from softcal.plugins.coupons.workflow import write_comparison
+
+        require_times(further, history_of(history, "--history"))
+        with clock() as doing:
+            found = compare_laws(coupons, law, history=history, poissons_ratio=nu, reach=reach, doing=doing)
+        print_report_table(laws_table(found))
+        print_report_table(moduli_table(found))
+        for name, other in found.same_as.items():
+            echo(f"{name}: in an incompressible body the same as {other}.")
+        for name, why in found.left_out.items():
+            echo(f"{name}: {why}.")
+        shown, chosen = found.shown, found.recommended
+        print_report_table(constants_table(shown))
+        predicted = [shown.fit.material.predict(one) for one in further]
+        if history or predicted:
+            print_report_table(tests_table(shown.name, shown.fit.tests(found.coupons), predicted))
+        echo(verdict(found))
+        echo(moduli(shown))
+        if chosen is not None:
+            echo("\n" + material_block(chosen.fit, found, body))
+        if out is not None:
+            write_comparison(found, body, out, predicted, data)
+            echo(f"Wrote {shown_path(out)}")
     else:
         from softcal.plugins.coupons.comparison import require_times
         from softcal.plugins.coupons.record import read_material
@@ -129,71 +169,3 @@ def coupon(  # noqa: PLR0913 (one argument for each option)
         if out is not None:
             write_predictions(predicted, name, out)
             echo(f"Wrote {shown_path(out)}")
-
-
-def _require_consistent(
-    data: Sequence[Path],
-    predict: Sequence[Path],
-    test: Sequence[str],
-    law: Sequence[str],
-    history: Sequence[str],
-    stored: Path | None,
-) -> None:
-    """Check that the arguments make one request."""
-    faults: list[Fault] = []
-    if stored is None and not data:
-        faults.append(Fault("there is no test to fit", "DATA", "", "tables of coupon tests", "or --from DIR --predict"))
-    if stored is not None and not predict:
-        faults.append(Fault("there is no test to predict", "--from", str(stored), attempt="--predict FILE"))
-    if stored is not None and (data or history):
-        got = ", ".join([*map(str, data), *history])
-        faults.append(Fault("a stored fit is not fitted again", "--from", got, "--predict FILE, --law, --laws, --out"))
-    if stored is not None and len(law) > 1:
-        faults.append(Fault("a prediction is by one law", "--law", ", ".join(law), "one"))
-    if (data or predict) and not test:
-        faults.append(
-            Fault("the kind of test is missing", "--test", "", "uniaxial, planar, equibiaxial, biaxial, shear")
-        )
-    if faults:
-        raise ParameterError(faults)
-
-
-def _fit(  # noqa: PLR0913 (one argument for each option)
-    files: Sequence[Path],
-    coupons: Sequence[Coupon],
-    further: Sequence[Coupon],
-    law: Sequence[str],
-    history: Sequence[str],
-    poissons_ratio: float,
-    reach: float | None,
-    body: str,
-    out: Path | None,
-) -> None:
-    from softcal.materials.histories import history_of
-    from softcal.plugins.coupons.comparison import compare_laws, require_times
-    from softcal.plugins.coupons.material_block import material_block
-    from softcal.plugins.coupons.sentences import moduli, verdict
-    from softcal.plugins.coupons.tables import constants_table, laws_table, moduli_table, tests_table
-    from softcal.plugins.coupons.workflow import write_comparison
-
-    require_times(further, history_of(history, "--history"))
-    with clock() as doing:
-        found = compare_laws(coupons, law, history=history, poissons_ratio=poissons_ratio, reach=reach, doing=doing)
-    print_report_table(laws_table(found))
-    print_report_table(moduli_table(found))
-    for name, other in found.same_as.items():
-        echo(f"{name}: in an incompressible body the same as {other}.")
-    for name, why in found.left_out.items():
-        echo(f"{name}: {why}.")
-    shown, chosen = found.shown, found.recommended
-    print_report_table(constants_table(shown))
-    predicted = [shown.fit.material.predict(one) for one in further]
-    if history or predicted:
-        print_report_table(tests_table(shown.name, shown.fit.tests(found.coupons), predicted))
-    echo(verdict(found))
-    echo(moduli(shown))
-    if chosen is not None:
-        echo("\n" + material_block(chosen.fit, found, body))
-    if out is not None:
-        write_comparison(found, body, out, predicted, files)
-        echo(f"Wrote {shown_path(out)}")

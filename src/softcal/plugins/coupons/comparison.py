@@ -165,7 +165,24 @@ def compare_laws(
     if not coupons:
         raise ParameterError(Fault("there are none", "coupons", allowed="one test or more"))
     reach = REACH * max(coupon.largest_stretch for coupon in coupons) if reach is None else reach
-    constants, left_out = _fittable(laws, poissons_ratio, history)
+    # The constants of every law that can be fitted, and why others cannot: a fault where they are named.
+    faults = [LAWS.unknown(name, "--law") for name in laws if name not in LAWS]
+    try:
+        history_of(history, "--history")
+    except ParameterError as error:
+        raise ParameterError([*faults, *error.faults]) from None
+    constants: list[FreeConstants] = []
+    left_out: dict[str, str] = {}
+    for name in dict.fromkeys(laws or LAWS):
+        if name not in LAWS:
+            continue
+        try:
+            constants.append(free_constants(LAWS[name], poissons_ratio, history))
+        except ParameterError as error:
+            faults += error.faults if laws else []
+            left_out[name] = error.faults[0].what
+    if faults:
+        raise ParameterError(faults)
     coupons = [one if history or one.time is not None else one.along_strain() for one in coupons]
     require_times(coupons, history_of(history))
     found: list[ComparedLaw] = []
@@ -212,30 +229,6 @@ def require_times(coupons: Sequence[Coupon], history: History) -> None:
     ]
     if faults:
         raise ParameterError(faults)
-
-
-def _fittable(
-    laws: Sequence[str], poissons_ratio: float, history: Sequence[str]
-) -> tuple[list[FreeConstants], dict[str, str]]:
-    """The constants of every law that can be fitted, and why others cannot: a fault where they are named."""
-    faults = [LAWS.unknown(name, "--law") for name in laws if name not in LAWS]
-    try:
-        history_of(history, "--history")
-    except ParameterError as error:
-        raise ParameterError([*faults, *error.faults]) from None
-    constants: list[FreeConstants] = []
-    left_out: dict[str, str] = {}
-    for name in dict.fromkeys(laws or LAWS):
-        if name not in LAWS:
-            continue
-        try:
-            constants.append(free_constants(LAWS[name], poissons_ratio, history))
-        except ParameterError as error:
-            faults += error.faults if laws else []
-            left_out[name] = error.faults[0].what
-    if faults:
-        raise ParameterError(faults)
-    return constants, left_out
 
 
 def _are_same(one: LawFit, other: LawFit) -> bool:

@@ -100,7 +100,18 @@ class FreeConstants:
 
     def space(self, modulus: float) -> SearchSpace:
         """The fitted constants with bounds far beyond any rubber-like body of that modulus [Pa]."""
-        return SearchSpace(tuple(_bounded(p, modulus) for p in self.fitted))
+        free: list[FreeParameter] = []
+        for p in self.fitted:
+            quantity, size = p.quantity, _size(p, modulus)
+            if quantity.lower >= 0.0:
+                lower = max(quantity.lower if quantity.ends[0] == "[" else quantity.lower * (1 + 1e-3), size / _WIDE)
+                upper = min(quantity.upper, size * _WIDE)
+                free.append(FreeParameter(p.name, quantity.unit, lower, upper, "log"))
+            else:
+                wide = _STEEPEST if quantity is QUANTITIES["exponent of stretches"] else size * _WIDE**0.5
+                lower, upper = max(quantity.lower, -wide), min(quantity.upper, wide)
+                free.append(FreeParameter(p.name, quantity.unit, lower, upper))
+        return SearchSpace(tuple(free))
 
 
 def free_constants(law: Law, poissons_ratio: float = POISSONS_RATIO, history: Sequence[str] = ()) -> FreeConstants:
@@ -157,12 +168,3 @@ def _stated(parameter: Parameter, poissons_ratio: float) -> float:
 def _size(parameter: Parameter, modulus: float) -> float:
     """A typical magnitude of a constant."""
     return modulus if parameter.quantity.unit == "Pa" else abs(parameter.typical)
-
-
-def _bounded(parameter: Parameter, modulus: float) -> FreeParameter:
-    quantity, size = parameter.quantity, _size(parameter, modulus)
-    if quantity.lower >= 0.0:
-        lower = max(quantity.lower if quantity.ends[0] == "[" else quantity.lower * (1 + 1e-3), size / _WIDE)
-        return FreeParameter(parameter.name, quantity.unit, lower, min(quantity.upper, size * _WIDE), "log")
-    wide = _STEEPEST if quantity is QUANTITIES["exponent of stretches"] else size * _WIDE**0.5
-    return FreeParameter(parameter.name, quantity.unit, max(quantity.lower, -wide), min(quantity.upper, wide))

@@ -121,6 +121,10 @@ def fit_law(constants: FreeConstants, coupons: Sequence[Coupon], reach: float) -
     found = local_estimator(space, problem.loss, z, blocks)
     statistics = local_statistics(space, problem.loss, fitted, blocks, found=found)
     has_intervals = all(ends is not None for ends in statistics.intervals.values())
+    # Akaike's criterion of independent errors of one size: that size counts as a parameter. Infinite with too few rows.
+    n, k, aic = len(residuals), len(values) + 1, math.inf
+    if n - k - 1 > 0:
+        aic = n * math.log(max(float(residuals @ residuals), 1e-300) / n) + 2 * k + 2 * k * (k + 1) / (n - k - 1)
     return LawFit(
         constants,
         space,
@@ -129,7 +133,7 @@ def fit_law(constants: FreeConstants, coupons: Sequence[Coupon], reach: float) -
         predicted,
         relative_errors(problem.loss, coupons, predicted),
         math.sqrt(float(residuals @ residuals) / len(residuals)),
-        _aic(residuals, len(values)),
+        aic,
         statistics,
         stability(constants, values, coupons, reach),
         fitted_material(constants, values, found, space.jacobian(z), has_intervals=has_intervals),
@@ -154,14 +158,6 @@ def relative_errors(loss: CouponLoss, coupons: Sequence[Coupon], predicted: Sequ
             np.square((stress - coupon.stress) / loss.scales[coupon.test]).ravel()
         )
     return {test: math.sqrt(float(np.concatenate(parts).mean())) for test, parts in squares.items()}
-
-
-def _aic(residuals: Floats, size: int) -> float:
-    """Of independent errors of one size: that size counts as a parameter. Infinite where there are too few rows."""
-    n, k = len(residuals), size + 1
-    if n - k - 1 <= 0:
-        return math.inf
-    return n * math.log(max(float(residuals @ residuals), 1e-300) / n) + 2 * k + 2 * k * (k + 1) / (n - k - 1)
 
 
 STEP = 1e-6  # of a constant, for a central difference

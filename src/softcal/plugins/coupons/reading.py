@@ -8,16 +8,15 @@ their order.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from softcal.checks import Floats
 from softcal.declare import checked_arguments
 from softcal.errors import DatasetError, Fault, ParameterError, UnitError, unknown
-from softcal.experiments.columns import N_NAMED, Columns, read_columns
+from softcal.experiments.columns import N_NAMED, read_columns
 from softcal.experiments.header import find_column, unit_of_column
 from softcal.experiments.read import line_numbers, not_numbers
 from softcal.experiments.table import Table, load_table
@@ -108,7 +107,25 @@ def read_coupons(path: str | Path, test: str, *, needs_stress: bool = True) -> l
     with np.errstate(over="ignore"):  # what is infinite is out of range
         values = [held.numbers[str(column.place)] * column.factor for column in columns]
         strain = np.column_stack([kind.strains[c.measure](v) for c, v in zip(columns[:k], values[:k], strict=True)])
-    faults += _strain_faults(kind, table, held, columns, strain)
+    for i in range(strain.shape[1]):
+        low = -_LARGEST if kind.smallest is None else kind.smallest
+        out = np.flatnonzero(~((strain[:, i] > low) & (strain[:, i] <= _LARGEST)))
+        if len(out):
+            strains = "% as the unit, if these are in per cent"
+            attempt = (
+                "the name engineering_strain, if these are strains" if columns[i].measure == "stretch" else strains
+            )
+            what = "the amount of shear" if kind.smallest is None else "the stretch"
+            lines = line_numbers([int(line) for line in held.lines[out[:N_NAMED]]], len(out))
+            faults.append(
+                Fault(
+                    f"{what} is out of range in {len(out)} row(s)",
+                    f"{table.path}, column '{table.headers[columns[i].place]}', {lines}",
+                    ", ".join(f"{value:.6g}" for value in strain[out[:N_NAMED], i]),
+                    f"above {low:g}, to {_LARGEST:g}",
+                    attempt,
+                )
+            )
     names = list(held.labels or (path.stem,) * len(strain))
     faults += [
         Fault("there are too few rows", f"{table.path}, specimen '{name}'", str(n), f"{FEWEST} or more")
@@ -117,7 +134,27 @@ def read_coupons(path: str | Path, test: str, *, needs_stress: bool = True) -> l
     ]
     time = None if clock is None else held.numbers[str(clock.place)] * clock.factor
     if time is not None:
-        faults += _time_faults(table, held, time, names)
+        # Times of a specimen that go back, or begin before it was at rest.
+        last: dict[str, float] = {}
+        back: list[int] = []
+        for row, name in enumerate(names):
+            if time[row] < last.get(name, 0.0):
+                back.append(row)
+            last[name] = float(time[row])
+        if back:
+            lines = line_numbers([int(held.lines[row]) for row in back[:N_NAMED]], len(back))
+            attempt = (
+                "the rows in the order in which they were measured, and a column 'specimen' where there are several"
+            )
+            faults.append(
+                Fault(
+                    f"the time goes back in {len(back)} row(s)",
+                    f"{table.path}, {lines}",
+                    ", ".join(f"{time[row]:.6g} s" for row in back[:N_NAMED]),
+                    "times from 0 on, at which the specimen is at rest, that grow",
+                    attempt,
+                )
+            )
     if faults:
         raise DatasetError(faults)
     stress = np.full_like(strain, np.nan)
@@ -166,52 +203,3 @@ def _column(
     place = find_column(table, present[0] + axis, faults)
     unit = None if place is None else unit_of_column(table, place, si_unit, unit_faults)
     return None if place is None or unit is None else _Column(present[0], place, unit[1])
-
-
-def _strain_faults(
-    kind: CouponKind, table: Table, held: Columns, columns: list[_Column], strain: Floats
-) -> list[Fault]:
-    """Strains that no body has."""
-    faults: list[Fault] = []
-    for k in range(strain.shape[1]):
-        low = -_LARGEST if kind.smallest is None else kind.smallest
-        out = np.flatnonzero(~((strain[:, k] > low) & (strain[:, k] <= _LARGEST)))
-        if len(out):
-            strains = "% as the unit, if these are in per cent"
-            attempt = (
-                "the name engineering_strain, if these are strains" if columns[k].measure == "stretch" else strains
-            )
-            what = "the amount of shear" if kind.smallest is None else "the stretch"
-            lines = line_numbers([int(line) for line in held.lines[out[:N_NAMED]]], len(out))
-            faults.append(
-                Fault(
-                    f"{what} is out of range in {len(out)} row(s)",
-                    f"{table.path}, column '{table.headers[columns[k].place]}', {lines}",
-                    ", ".join(f"{value:.6g}" for value in strain[out[:N_NAMED], k]),
-                    f"above {low:g}, to {_LARGEST:g}",
-                    attempt,
-                )
-            )
-    return faults
-
-
-def _time_faults(table: Table, held: Columns, time: Floats, names: Sequence[str]) -> list[Fault]:
-    """Times of a specimen that go back, or begin before it was at rest."""
-    last: dict[str, float] = {}
-    back: list[int] = []
-    for row, name in enumerate(names):
-        if time[row] < last.get(name, 0.0):
-            back.append(row)
-        last[name] = float(time[row])
-    if not back:
-        return []
-    lines = line_numbers([int(held.lines[row]) for row in back[:N_NAMED]], len(back))
-    return [
-        Fault(
-            f"the time goes back in {len(back)} row(s)",
-            f"{table.path}, {lines}",
-            ", ".join(f"{time[row]:.6g} s" for row in back[:N_NAMED]),
-            "times from 0 on, at which the specimen is at rest, that grow",
-            "the rows in the order in which they were measured, and a column 'specimen' where there are several",
-        )
-    ]

@@ -77,29 +77,27 @@ def read_material(folder: Path, law: str | None = None) -> FittedMaterial:
             raise ParameterError(unknown(what, "--law", law or "", laws, got=law or ""))
         if name not in LAWS:
             raise ParameterError(LAWS.unknown(name, f"{path}: laws"))
-        return _material(name, laws[name]["material"], float(record["poissons_ratio"]))
+        stored = laws[name]["material"]
+        poissons_ratio = float(record["poissons_ratio"])
+        constants = free_constants(LAWS[name], poissons_ratio, [str(part) for part in stored["history"]])
+        given = dict(zip(stored["names"], stored["values"], strict=True))
+        n = len(constants.names)
+        values = np.array([float(given[name]) for name in constants.names])
+        covariance = None if stored["covariance"] is None else np.array(stored["covariance"], dtype=float).reshape(n, n)
+        spread = np.array(stored["spread"], dtype=float).reshape(n)
+        for one, value in zip(constants.fitted, values.tolist(), strict=True):
+            if not one.quantity.allows(value):
+                raise ValueError(f"{one.name} {value:.4g} (allowed {one.quantity.allowed})")
+        if not NU.allows(poissons_ratio):
+            raise ValueError(f"poissons_ratio {poissons_ratio:.4g} (allowed {NU.allowed})")
+        dof = math.inf if stored["dof"] is None else float(stored["dof"])
+        noise = {str(test): float(size) for test, size in stored["noise"].items()}
+        variances = np.zeros(1) if covariance is None else np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
+        sizes = np.array([*spread, *noise.values(), *variances, dof])
+        if np.isnan(sizes).any() or not (sizes[:-1] < np.inf).all() or not (spread >= 0.0).all() or not dof > 0.0:
+            raise ValueError("a variance, noise or number of degrees of freedom that is none")
+        if variances[0] < -ROUNDING * variances[-1] or min(noise.values(), default=0.0) < 0.0:
+            raise ValueError("a variance or noise below zero")
+        return FittedMaterial(constants, values, covariance, spread, dof, noise)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(Fault("this record of softcal coupon is damaged", str(path), str(error)[:100])) from error
-
-
-def _material(law: str, stored: dict[str, Any], poissons_ratio: float) -> FittedMaterial:
-    constants = free_constants(LAWS[law], poissons_ratio, [str(part) for part in stored["history"]])
-    given = dict(zip(stored["names"], stored["values"], strict=True))
-    n = len(constants.names)
-    values = np.array([float(given[name]) for name in constants.names])
-    covariance = None if stored["covariance"] is None else np.array(stored["covariance"], dtype=float).reshape(n, n)
-    spread = np.array(stored["spread"], dtype=float).reshape(n)
-    for one, value in zip(constants.fitted, values.tolist(), strict=True):
-        if not one.quantity.allows(value):
-            raise ValueError(f"{one.name} {value:.4g} (allowed {one.quantity.allowed})")
-    if not NU.allows(poissons_ratio):
-        raise ValueError(f"poissons_ratio {poissons_ratio:.4g} (allowed {NU.allowed})")
-    dof = math.inf if stored["dof"] is None else float(stored["dof"])
-    noise = {str(test): float(size) for test, size in stored["noise"].items()}
-    variances = np.zeros(1) if covariance is None else np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
-    sizes = np.array([*spread, *noise.values(), *variances, dof])
-    if np.isnan(sizes).any() or not (sizes[:-1] < np.inf).all() or not (spread >= 0.0).all() or not dof > 0.0:
-        raise ValueError("a variance, noise or number of degrees of freedom that is none")
-    if variances[0] < -ROUNDING * variances[-1] or min(noise.values(), default=0.0) < 0.0:
-        raise ValueError("a variance or noise below zero")
-    return FittedMaterial(constants, values, covariance, spread, dof, noise)

@@ -83,8 +83,16 @@ def conclusions(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> l
     """
     said: list[Remark] = []
     one = found.shown
-    if one.fit.stability.is_stable:
-        said.append(Remark(_stable(one), "good"))
+    stability = one.fit.stability
+    if stability.is_stable:
+        ends = [f"{plain(end, 3)} in {mode}" for mode, end in stability.limits.items() if end is not None]
+        if ends:
+            beyond = f"beyond strains of the size measured: from a stretch of {joined(ends)} tension"
+            text = f"{one.name} gives way only {beyond}."
+        else:
+            text = f"up to a stretch of {plain(stability.reach, 3)}, the largest that was looked at"
+            text = f"{one.name} is stable in {joined(stability.limits)} tension {text}."
+        said.append(Remark(text, "good"))
     nearer: list[str] = []
     for other in found.laws:
         if found.recommended is not None and other.held_out_error < found.recommended.held_out_error:
@@ -95,20 +103,18 @@ def conclusions(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> l
         said.append(Remark(text, "note"))
     said.append(_specimens(found, one))
     said.append(Remark(moduli(one), "note"))
-    said += [_prediction(p) for p in predicted if p.is_measured]
+    for p in predicted:
+        if p.is_measured:
+            text = f"{p.coupon.name}, which was not fitted, is predicted with an NMAD of {percent(p.nmad, 2)}"
+            holds = np.isfinite(p.inside)
+            text += f"; the 95 % band holds {percent(p.inside, 0)} of its stresses." if holds else "; it has no band."
+            if math.isfinite(p.factor) and math.isfinite(p.nmad_by_factor):
+                better = f"the NMAD would be {percent(p.nmad_by_factor, 2)}"
+                text += f" With the predicted stresses times {plain(p.factor, 3)} {better}."
+            said.append(Remark(text, "good" if holds and p.inside >= HOLDS else "warning"))
     of_robots = ONE_EXPERIMENT, not_included(())
     said += [note for note in one.fit.statistics.notes if note.text not in of_robots]
     return sorted(said, key=lambda sentence: sentence.tone != "warning")
-
-
-def _stable(one: ComparedLaw) -> str:
-    stability = one.fit.stability
-    ends = [f"{plain(end, 3)} in {mode}" for mode, end in stability.limits.items() if end is not None]
-    if not ends:
-        text = f"up to a stretch of {plain(stability.reach, 3)}, the largest that was looked at"
-        return f"{one.name} is stable in {joined(stability.limits)} tension {text}."
-    beyond = f"beyond strains of the size measured: from a stretch of {joined(ends)} tension"
-    return f"{one.name} gives way only {beyond}."
 
 
 def _specimens(found: LawComparison, one: ComparedLaw) -> Remark:
@@ -127,14 +133,3 @@ def _specimens(found: LawComparison, one: ComparedLaw) -> Remark:
             "narrow for another specimen."
         )
     return Remark(text, "warning")
-
-
-def _prediction(one: PredictedCoupon) -> Remark:
-    """Of a measured test that was not fitted: its errors, its band, and whether a factor explains them."""
-    text = f"{one.coupon.name}, which was not fitted, is predicted with an NMAD of {percent(one.nmad, 2)}"
-    holds = np.isfinite(one.inside)
-    text += f"; the 95 % band holds {percent(one.inside, 0)} of its stresses." if holds else "; it has no band."
-    if math.isfinite(one.factor) and math.isfinite(one.nmad_by_factor):
-        better = f"the NMAD would be {percent(one.nmad_by_factor, 2)}"
-        text += f" With the predicted stresses times {plain(one.factor, 3)} {better}."
-    return Remark(text, "good" if holds and one.inside >= HOLDS else "warning")

@@ -150,7 +150,22 @@ def write_comparison(
         write_text(part / LAWS_TABLE, laws_csv(found))
         write_text(part / CONSTANTS, constants_csv(found))
         write_text(part / STRESSES, stresses_csv(found))
-        charts = _draw_comparison(found, predicted, part)
+        said = {one.name: one.fit.tests(found.coupons) for one in found.laws}
+        best = {one.name: said[one.name] for one in found.laws[:_DRAWN]}
+        caption = f"Points: measured. Curves: {joined(best)}, the nearest on what was held out."
+        several = _draw(best, part / "laws", caption) if len(said) > 1 else None
+        shown: dict[str, Picture] = {}
+        for one in found.laws:
+            with_band = one.fit.material.covariance is not None
+            band = (
+                ", with the 95 % band of a further test"
+                if with_band
+                else ", without a band: not all constants have intervals"
+            )
+            caption = f"Nominal stress as measured (points) and by {one.name} (curves){band}."
+            shown[one.name] = _draw({one.name: said[one.name]}, part / file_stem(one.name), caption)
+        further = _add_predictions(predicted, found.shown.name, part) if predicted else None
+        charts = CouponCharts(shown[found.shown.name], several, further)
         chosen = found.recommended
         block = "" if chosen is None else material_block(chosen.fit, found, body)
         if block:
@@ -160,26 +175,6 @@ def write_comparison(
         created = datetime.now(UTC).isoformat()
         page = render_coupon_page(found, charts, block=block, predicted=predicted, files=names, created=created)
         write_text(part / PAGE, page)
-
-
-def _draw_comparison(found: LawComparison, predicted: Sequence[PredictedCoupon], folder: Path) -> CouponCharts:
-    """Draw every chart into a folder; those of the page."""
-    said = {one.name: one.fit.tests(found.coupons) for one in found.laws}
-    best = {one.name: said[one.name] for one in found.laws[:_DRAWN]}
-    caption = f"Points: measured. Curves: {joined(best)}, the nearest on what was held out."
-    several = _draw(best, folder / "laws", caption) if len(said) > 1 else None
-    shown: dict[str, Picture] = {}
-    for one in found.laws:
-        with_band = one.fit.material.covariance is not None
-        band = (
-            ", with the 95 % band of a further test"
-            if with_band
-            else ", without a band: not all constants have intervals"
-        )
-        caption = f"Nominal stress as measured (points) and by {one.name} (curves){band}."
-        shown[one.name] = _draw({one.name: said[one.name]}, folder / file_stem(one.name), caption)
-    further = _add_predictions(predicted, found.shown.name, folder) if predicted else None
-    return CouponCharts(shown[found.shown.name], several, further)
 
 
 def laws_csv(found: LawComparison) -> str:

@@ -174,21 +174,17 @@ def _normal_equations(bundle: Bundle, sightings: Sequence[Sighting], hold_views:
         place = np.concatenate([first + np.arange(6) for first, _ in parts])
         downhill[place] -= slope.T @ (bundle.residuals(sighting).ravel() * sighting.weight)
         blocks.append((place, slope.T @ slope))
-    return _assembled(blocks, size), downhill
-
-
-def _assembled(blocks: Sequence[tuple[Ints, Floats]], size: int) -> Any:
-    """Assembled matrix of square blocks; dense if it is small."""
-    from scipy.sparse import coo_matrix
-
     if size <= _SMALL:
         matrix = np.zeros((size, size))
         for place, block in blocks:
             matrix[np.ix_(place, place)] += block
-        return matrix
+        return matrix, downhill
+    from scipy.sparse import coo_matrix
+
     rows = np.concatenate([np.repeat(place, len(place)) for place, _ in blocks])
     columns = np.concatenate([np.tile(place, len(place)) for place, _ in blocks])
-    return coo_matrix((np.concatenate([block.ravel() for _, block in blocks]), (rows, columns)), (size, size)).tocsc()
+    values = np.concatenate([block.ravel() for _, block in blocks])
+    return coo_matrix((values, (rows, columns)), (size, size)).tocsc(), downhill
 
 
 def _diagonal(values: Floats, like: Any) -> Any:

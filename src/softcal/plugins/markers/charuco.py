@@ -139,13 +139,7 @@ def calibrate_camera(views: Sequence[BoardView], width: int, height: int) -> Cal
     coverage = len({(int(x), int(y)) for x, y in cells}) / (_CELLS[0] * _CELLS[1])
     normals = [Pose.of(np.ravel(turn)).rotation[:, 2] for turn in turns]
     tilt = float(np.arccos(np.clip(min(abs(normal[2]) for normal in normals), 0.0, 1.0)))  # the largest
-    warnings = _warnings(camera, rms_by_image, float(rms), focal_sd, coverage, tilt)
-    return Calibration(camera, float(rms), rms_by_image, focal_sd, centre_sd, coverage, warnings)
-
-
-def _warnings(
-    camera: Camera, rms_by_image: Mapping[str, float], rms: float, focal_sd: Floats, coverage: float, tilt: float
-) -> tuple[str, ...]:
+    rms = float(rms)
     found: list[str] = []
     if len(rms_by_image) < _ENOUGH_IMAGES:
         found.append(f"only {len(rms_by_image)} images were used; {2 * _ENOUGH_IMAGES} make the camera more certain")
@@ -179,4 +173,5 @@ def _warnings(
     worst = [f"{image} ({one:.2g} px)" for image, one in rms_by_image.items() if one > max(3 * typical, 0.3)]
     if worst:
         found.append(f"far worse than the other images, so better left out: {', '.join(worst)}")
-    return tuple(found)
+    warnings = tuple(found)
+    return Calibration(camera, float(rms), rms_by_image, focal_sd, centre_sd, coverage, warnings)

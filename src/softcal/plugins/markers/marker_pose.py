@@ -145,10 +145,41 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
     for sighting, image in zip(problem.sightings, problem.images, strict=True):
         squares.setdefault(image, []).extend(np.sum(best.bundle.residuals(sighting) ** 2, axis=1))
     misfit = {image: float(np.sqrt(np.mean(found))) for image, found in squares.items()}
-    _check_misfit(misfit, used)
+    group_of = {one.image: one.group for one in used}
+    faults = [
+        Fault(
+            f"the markers of this image do not fit together with the other images of '{group_of[image]}'",
+            image,
+            f"{rms:.2g} px away on average (rms)",
+            f"below {_LARGEST_MISFIT:g} px",
+            "check that the images show one state of the robot (--group-by), that the camera did not move where "
+            "--viewpoints says so, and the markers' sizes, the base's layout and the camera file",
+        )
+        for image, rms in misfit.items()
+        if not rms <= _LARGEST_MISFIT
+    ]
+    if faults:
+        raise DatasetError(faults)
     noise = _noise(best, problem)
     problem = replace(problem, sightings=_weighed(markers, problem, best.bundle, noise))
-    estimates = _estimates(problem, adjust(best.bundle, problem.sightings), noise)
+    final = adjust(best.bundle, problem.sightings)
+    bundle = final.bundle
+    covariances = final.covariances(list(problem.bodies.values()))
+    estimates: dict[Key, MarkerEstimate] = {}
+    for (key, body), covariance in zip(problem.bodies.items(), covariances, strict=True):
+        mine = [sighting for sighting in problem.sightings if sighting.body == body]
+        cost = bundle.cost([replace(sighting, weight=1.0) for sighting in mine])
+        n_images = len(mine)
+        # Images that disagree on a marker's position (it moved or vibrated) increase its uncertainty.
+        own = cost / (8 * n_images - 6) if n_images > 1 else 0.0
+        variance = max(noise**2, own)
+        second = _second_pose(bundle, mine, cost + _TELLING * variance)
+        pose = bundle.bodies[body]
+        spread = variance * covariance
+        if second is not None:
+            shift = (second.position - pose.position) / 2
+            spread[3:, 3:] += np.outer(shift, shift)
+        estimates[key] = MarkerEstimate(pose, spread, n_images, second is not None)
     unplaced = {
         group: "two poses of the base fit its images equally well"
         for group, start in starts.items()
@@ -260,45 +291,6 @@ def _weighed(markers: MarkerSet, problem: _Problem, bundle: Bundle, noise: float
         replace(sighting, weight=noise / np.sqrt(noise**2 + (counts[one] - 1) * _SMALLEST_NOISE**2))
         for sighting, one in zip(problem.sightings, alike, strict=True)
     )
-
-
-def _check_misfit(misfit: Mapping[str, float], used: Sequence[Glimpse]) -> None:
-    groups = {one.image: one.group for one in used}
-    faults = [
-        Fault(
-            f"the markers of this image do not fit together with the other images of '{groups[image]}'",
-            image,
-            f"{rms:.2g} px away on average (rms)",
-            f"below {_LARGEST_MISFIT:g} px",
-            "check that the images show one state of the robot (--group-by), that the camera did not move where "
-            "--viewpoints says so, and the markers' sizes, the base's layout and the camera file",
-        )
-        for image, rms in misfit.items()
-        if not rms <= _LARGEST_MISFIT
-    ]
-    if faults:
-        raise DatasetError(faults)
-
-
-def _estimates(problem: _Problem, best: Adjustment, noise: float) -> dict[Key, MarkerEstimate]:
-    bundle = best.bundle
-    covariances = best.covariances(list(problem.bodies.values()))
-    found: dict[Key, MarkerEstimate] = {}
-    for (key, body), covariance in zip(problem.bodies.items(), covariances, strict=True):
-        mine = [sighting for sighting in problem.sightings if sighting.body == body]
-        cost = bundle.cost([replace(sighting, weight=1.0) for sighting in mine])
-        n_images = len(mine)
-        # Images that disagree on a marker's position (it moved or vibrated) increase its uncertainty.
-        own = cost / (8 * n_images - 6) if n_images > 1 else 0.0
-        variance = max(noise**2, own)
-        second = _second_pose(bundle, mine, cost + _TELLING * variance)
-        pose = bundle.bodies[body]
-        spread = variance * covariance
-        if second is not None:
-            shift = (second.position - pose.position) / 2
-            spread[3:, 3:] += np.outer(shift, shift)
-        found[key] = MarkerEstimate(pose, spread, n_images, second is not None)
-    return found
 
 
 def _second_pose(bundle: Bundle, sightings: Sequence[Sighting], highest_cost: float) -> Pose | None:

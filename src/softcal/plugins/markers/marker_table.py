@@ -113,7 +113,21 @@ def marker_table(
     if not wanted:
         raise DatasetError(Fault("there is no marker in the images but the base", got=str(sorted(seen))))
     groups = poses.groups
-    notes = {group: _notes(markers, group, wanted, glimpses, poses, unclear) for group in groups}
+    notes: dict[str, tuple[str, ...]] = {}
+    for group in groups:
+        found: list[str] = []
+        mine = [one for one in glimpses if one.group == group]
+        for number in () if group in poses.unplaced else wanted:
+            estimate = poses.estimates.get((group, number))
+            if estimate is None:
+                blurred = any(number in unclear.get(one.image, ()) for one in mine)
+                why = "has no clear edges" if blurred else "is missing"
+                found.append(f"{markers.label(number)} {why}")
+            elif estimate.is_ambiguous:
+                found.append(f"{markers.label(number)} is ambiguous: two orientations fit the images equally well")
+        if group in poses.unplaced:
+            found = [f"no marker could be located: {poses.unplaced[group]}"]
+        notes[group] = tuple(found)
     strangers = sorted(seen - base - set(wanted))
     remarks = [
         f"{markers.label(number)} is in none of the images, which show markers {there}; the table leaves it out"
@@ -141,26 +155,3 @@ def marker_table(
         tuple(remarks),
         poses.noise,
     )
-
-
-def _notes(
-    markers: MarkerSet,
-    group: str,
-    wanted: Sequence[int],
-    glimpses: Sequence[Glimpse],
-    poses: MarkerPoses,
-    unclear: Mapping[str, Sequence[int]],
-) -> tuple[str, ...]:
-    if group in poses.unplaced:
-        return (f"no marker could be located: {poses.unplaced[group]}",)
-    mine = [one for one in glimpses if one.group == group]
-    found: list[str] = []
-    for number in wanted:
-        estimate = poses.estimates.get((group, number))
-        if estimate is None:
-            blurred = any(number in unclear.get(one.image, ()) for one in mine)
-            why = "has no clear edges" if blurred else "is missing"
-            found.append(f"{markers.label(number)} {why}")
-        elif estimate.is_ambiguous:
-            found.append(f"{markers.label(number)} is ambiguous: two orientations fit the images equally well")
-    return tuple(found)

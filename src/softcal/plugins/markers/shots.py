@@ -84,9 +84,31 @@ def find_shots(given: Sequence[str | Path], group_by: Grouping = "name") -> tupl
         faults.append(Fault("no image is given", allowed="files, folders or patterns such as 'run1/*.png'"))
     if faults:
         raise StorageError(faults)
-    shots = tuple(_shot(path, group_by) for path in paths)
-    _check_numbers(shots)
-    return shots
+    shots: list[Shot] = []
+    for path in paths:
+        match = _NUMBERED.fullmatch(path.stem)
+        number = match["number"] if match else ""
+        if group_by == "folder":
+            shots.append(Shot(path, path.absolute().parent.name, path.stem))
+        elif group_by == "image" or match is None:
+            shots.append(Shot(path, path.stem, number))
+        else:
+            shots.append(Shot(path, match["group"], number))
+    first: dict[tuple[str, str], Shot] = {}
+    for shot in shots:
+        other = first.setdefault((shot.group, shot.number), shot)
+        if other is not shot:
+            faults.append(
+                Fault(
+                    f"two images have the same name and number in the state '{shot.group}'",
+                    str(shot.path),
+                    f"{other.path} as well",
+                    attempt="--group-by folder, where each folder holds the images of one state",
+                )
+            )
+    if faults:
+        raise DatasetError(faults)
+    return tuple(shots)
 
 
 def read_image(path: Path) -> Image:
@@ -181,30 +203,3 @@ def _stated(raw: bytes) -> tuple[int, bool]:
 
 def _pictures(entries: Iterable[Path]) -> list[Path]:
     return sorted(path for path in entries if path.suffix.lower() in SUFFIXES and path.is_file())
-
-
-def _shot(path: Path, group_by: Grouping) -> Shot:
-    if group_by == "folder":
-        return Shot(path, path.absolute().parent.name, path.stem)
-    match = _NUMBERED.fullmatch(path.stem)
-    if group_by == "image" or match is None:
-        return Shot(path, path.stem, match["number"] if match else "")
-    return Shot(path, match["group"], match["number"])
-
-
-def _check_numbers(shots: Sequence[Shot]) -> None:
-    first: dict[tuple[str, str], Shot] = {}
-    faults: list[Fault] = []
-    for shot in shots:
-        other = first.setdefault((shot.group, shot.number), shot)
-        if other is not shot:
-            faults.append(
-                Fault(
-                    f"two images have the same name and number in the state '{shot.group}'",
-                    str(shot.path),
-                    f"{other.path} as well",
-                    attempt="--group-by folder, where each folder holds the images of one state",
-                )
-            )
-    if faults:
-        raise DatasetError(faults)

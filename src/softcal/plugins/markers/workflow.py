@@ -17,7 +17,7 @@ from softcal.plugins.markers.fiducials import CharucoBoard, dictionary_size
 from softcal.plugins.markers.marker_pose import MarkerPoses, estimate_poses
 from softcal.plugins.markers.marker_scene import Glimpse, MarkerSet
 from softcal.plugins.markers.marker_table import MarkerTable, marker_table
-from softcal.plugins.markers.shots import Grouping, Shot, find_shots, read_image
+from softcal.plugins.markers.shots import Grouping, find_shots, read_image
 from softcal.project.base_file import read_base
 from softcal.quantities import QUANTITIES
 from softcal.workflows.output import require_free_file, write_new_file
@@ -164,32 +164,6 @@ def measure_markers(  # noqa: PLR0913 (one keyword for each option)
     out = Path(out)
     require_free_file(out)
     lens = read_camera(Path(camera))
-    markers = _marker_set(base, dictionary, size, sizes, names)
-    shots = find_shots(images, group_by)
-    keys = _viewpoints(shots, viewpoints)
-    glimpses: list[Glimpse] = []
-    unclear: dict[str, tuple[int, ...]] = {}
-    faults: list[Fault] = []
-    for i, (shot, key) in enumerate(zip(shots, keys, strict=True)):
-        name = str(shot.path)
-        try:
-            detection = detect_markers(read_image(shot.path), dictionary, lens, where=name)
-        except InputError as error:
-            faults.extend(error.faults)
-        else:
-            glimpses.append(Glimpse(name, shot.group, key, detection.corners))
-            unclear[name] = detection.unclear
-        if progress is not None:
-            progress(i + 1, len(shots))
-    if faults:
-        raise DatasetError(faults)
-    poses = estimate_poses(lens, markers, glimpses)
-    table = marker_table(markers, glimpses, poses, unclear)
-    write_new_file(out, table.csv())
-    return MarkerRun(table, poses)
-
-
-def _marker_set(base: str, dictionary: str, size: str, sizes: str, names: str) -> MarkerSet:
     standing = read_base(base)
     given_sizes = {
         number: QUANTITIES["size"].read(text, where=f"--sizes, marker {number}")
@@ -210,13 +184,42 @@ def _marker_set(base: str, dictionary: str, size: str, sizes: str, names: str) -
     ]
     if faults:
         raise InputError(faults)
-    return MarkerSet(
+    markers = MarkerSet(
         standing.placed,
         QUANTITIES["size"].read(size, where="--size"),
         standing.companions,
         {**standing.sizes, **given_sizes},
         given_names,
     )
+    shots = find_shots(images, group_by)
+    if viewpoints not in get_args(Viewpoints):
+        allowed = "each (image its own), numbered (images of one number share one), one (for all images)"
+        raise InputError(Fault("unknown choice of viewpoints", "--viewpoints", f"'{viewpoints}'", allowed))
+    if viewpoints == "numbered":
+        bare = [shot for shot in shots if not shot.number]
+        allowed = "a name such as cable6_2kgf_01.png"
+        if bare:
+            raise InputError([Fault("the image has no number", str(shot.path), allowed=allowed) for shot in bare])
+    glimpses: list[Glimpse] = []
+    unclear: dict[str, tuple[int, ...]] = {}
+    for i, shot in enumerate(shots):
+        name = str(shot.path)
+        viewpoint = {"each": name, "numbered": shot.number, "one": ""}[viewpoints]
+        try:
+            detection = detect_markers(read_image(shot.path), dictionary, lens, where=name)
+        except InputError as error:
+            faults.extend(error.faults)
+        else:
+            glimpses.append(Glimpse(name, shot.group, viewpoint, detection.corners))
+            unclear[name] = detection.unclear
+        if progress is not None:
+            progress(i + 1, len(shots))
+    if faults:
+        raise DatasetError(faults)
+    poses = estimate_poses(lens, markers, glimpses)
+    table = marker_table(markers, glimpses, poses, unclear)
+    write_new_file(out, table.csv())
+    return MarkerRun(table, poses)
 
 
 def _by_number(text: str, option: str, example: str) -> dict[int, str]:
@@ -234,29 +237,6 @@ def _by_number(text: str, option: str, example: str) -> dict[int, str]:
     if faults:
         raise InputError(faults)
     return found
-
-
-def _viewpoints(shots: Sequence[Shot], viewpoints: Viewpoints) -> list[str]:
-    """Identifier of the camera pose of each image."""
-    if viewpoints not in get_args(Viewpoints):
-        raise InputError(
-            Fault(
-                "unknown choice of viewpoints",
-                "--viewpoints",
-                f"'{viewpoints}'",
-                "each (image its own), numbered (images of one number share one), one (for all images)",
-            )
-        )
-    if viewpoints == "numbered":
-        bare = [
-            Fault("the image has no number", str(shot.path), allowed="a name such as cable6_2kgf_01.png")
-            for shot in shots
-            if not shot.number
-        ]
-        if bare:
-            raise InputError(bare)
-        return [shot.number for shot in shots]
-    return ["" if viewpoints == "one" else str(shot.path) for shot in shots]
 
 
 def _pixels(size: tuple[int, int]) -> str:

@@ -95,7 +95,32 @@ def identify(robot: Robot, linear: LinearRobot, protocol: Protocol) -> Identifie
         return Identified(linear, {}, {})
     thinned = protocol.thinned(SAMPLES)
     target = _simulated(robot, thinned)
-    experiment = _experiment(robot, thinned, target)
+    # The twin's response as a dataset: all channels that change, with noise proportional to the change.
+    drives = tuple(thinned.drives)
+    free = [cable.name for cable in robot.cables if cable.name not in thinned.commands]
+    slack = [str(ChannelName(kind, name)) for name in free for kind in CableSensor.kinds]
+    places = {plate.name: plate.reference for plate in robot.plates}
+    places |= {marker.name: marker.place for marker in robot.markers}
+    rest = {str(part): float(x) for name, at in places.items() for part, x in zip(positions(name), at, strict=True)}
+    change = {
+        channel: float(np.abs(values - rest.get(channel, 0.0)).max())
+        for channel, values in target.channels.items()
+        if channel not in drives and channel not in slack
+    }
+    largest = {unit: max((change[c] for c in change if target.units[c] == unit), default=0.0) for unit in UNITS}
+    compared = tuple(c for c in change if change[c] > 1e-6 * largest[target.units[c]])
+    if not compared:
+        raise ParameterError(
+            Fault(
+                "nothing moves, so the parameters for SOFA's linear tets cannot be identified",
+                attempt="--pull, or element: P1 in the project",
+            )
+        )
+    channels = {
+        name: Channel(target.channels[name], target.units[name], NOISE * largest[target.units[name]])
+        for name in (*compared, *drives)
+    }
+    experiment = Experiment(EXPERIMENT, Dataset(EXPERIMENT, channels), drive=drives, compared=compared)
     E = {body.name: body.parameters["youngs_modulus"] for body in foreign}
     moduli = [FreeParameter(f"{name}.youngs_modulus", "Pa", at / 100.0, 10.0 * at, "log") for name, at in E.items()]
     ratios = [FreeParameter(f"{body.name}.poissons_ratio", "1", 0.0, LARGEST_RATIO) for body in foreign]
@@ -146,32 +171,3 @@ def _simulated(robot: Robot, protocol: Protocol) -> Response:
     if not response.succeeded:
         raise SimulationError(f"The parameters for SOFA cannot be identified: {response.status}")
     return response
-
-
-def _experiment(robot: Robot, protocol: Protocol, target: Response) -> Experiment:
-    """The twin's response as a dataset: all channels that change, with noise proportional to the change."""
-    drives = tuple(protocol.drives)
-    free = [cable.name for cable in robot.cables if cable.name not in protocol.commands]
-    slack = [str(ChannelName(kind, name)) for name in free for kind in CableSensor.kinds]
-    places = {plate.name: plate.reference for plate in robot.plates}
-    places |= {marker.name: marker.place for marker in robot.markers}
-    rest = {str(part): float(x) for name, at in places.items() for part, x in zip(positions(name), at, strict=True)}
-    change = {
-        channel: float(np.abs(values - rest.get(channel, 0.0)).max())
-        for channel, values in target.channels.items()
-        if channel not in drives and channel not in slack
-    }
-    largest = {unit: max((change[c] for c in change if target.units[c] == unit), default=0.0) for unit in UNITS}
-    compared = tuple(c for c in change if change[c] > 1e-6 * largest[target.units[c]])
-    if not compared:
-        raise ParameterError(
-            Fault(
-                "nothing moves, so the parameters for SOFA's linear tets cannot be identified",
-                attempt="--pull, or element: P1 in the project",
-            )
-        )
-    channels = {
-        name: Channel(target.channels[name], target.units[name], NOISE * largest[target.units[name]])
-        for name in (*compared, *drives)
-    }
-    return Experiment(EXPERIMENT, Dataset(EXPERIMENT, channels), drive=drives, compared=compared)

@@ -46,7 +46,27 @@ def rod_parameters(rod: Rod, density: float) -> dict[str, Any]:
     axes of the section at the earlier end. kinds: the kind of every element; axes: those axes at rest, as quaternions.
     """
     rod = finer(rod, SEGMENTS)
-    flexibilities, kinds = _flexibilities(rod)
+    # Flexibility of every kind of element, and the kind of each element; all elements of a helix are of one kind.
+    nodes, term = np.array(rod.centreline.nodes), _on_own_nodes(rod)
+    axes = np.tile(np.eye(3), (len(nodes), 1, 1))
+    found: list[Floats] = []
+    for ratio in FLEXIBILITY_OF:
+        tangent = term.assemble(nodes, axes, {"youngs_modulus": 1.0, "poissons_ratio": ratio}).tangent
+        found.append(np.asarray(np.linalg.inv(tangent[:, 6:, 6:]), dtype=np.float64))
+    turn = np.kron(np.eye(2), rod.centreline.triads[:-1])
+    shear = np.swapaxes(turn, 1, 2) @ (found[1] - found[0]) @ turn
+    bending = np.swapaxes(turn, 1, 2) @ found[0] @ turn - shear
+    length = np.repeat([1.0, float(rod.centreline.lengths.mean())], 3)  # scales moments and rotations
+    values = np.stack([bending, shear], axis=1) * length[:, None] * length
+    apart = SAME_KIND * float(np.abs(values).max())
+    firsts: list[int] = []
+    kinds: list[int] = []
+    for one in values:
+        kind = next((k for k, i in enumerate(firsts) if np.abs(values[i] - one).max() <= apart), len(firsts))
+        if kind == len(firsts):
+            firsts.append(len(kinds))
+        kinds.append(kind)
+    flexibilities = [{"by_bending": bending[i].tolist(), "by_shear": shear[i].tolist()} for i in firsts]
     masses = density * node_volumes(rod)
     section = rod.section.constants
     inertia = (section.I1 + section.I2) / section.area
@@ -114,27 +134,3 @@ def node_volumes(rod: Rod) -> Floats:
 def _on_own_nodes(rod: Rod) -> RodTerm:
     nodes = rod.centreline.nodes
     return build_rod(rod.name, rod.section, rod.centreline, np.arange(len(nodes)), nodes)
-
-
-def _flexibilities(rod: Rod) -> tuple[list[dict[str, Any]], list[int]]:
-    """Flexibility of every kind of element, and the kind of each element; all elements of a helix are of one kind."""
-    nodes, term = np.array(rod.centreline.nodes), _on_own_nodes(rod)
-    axes = np.tile(np.eye(3), (len(nodes), 1, 1))
-    found: list[Floats] = []
-    for ratio in FLEXIBILITY_OF:
-        tangent = term.assemble(nodes, axes, {"youngs_modulus": 1.0, "poissons_ratio": ratio}).tangent
-        found.append(np.asarray(np.linalg.inv(tangent[:, 6:, 6:]), dtype=np.float64))
-    turn = np.kron(np.eye(2), rod.centreline.triads[:-1])
-    shear = np.swapaxes(turn, 1, 2) @ (found[1] - found[0]) @ turn
-    bending = np.swapaxes(turn, 1, 2) @ found[0] @ turn - shear
-    length = np.repeat([1.0, float(rod.centreline.lengths.mean())], 3)  # scales moments and rotations
-    values = np.stack([bending, shear], axis=1) * length[:, None] * length
-    apart = SAME_KIND * float(np.abs(values).max())
-    firsts: list[int] = []
-    kinds: list[int] = []
-    for one in values:
-        kind = next((k for k, i in enumerate(firsts) if np.abs(values[i] - one).max() <= apart), len(firsts))
-        if kind == len(firsts):
-            firsts.append(len(kinds))
-        kinds.append(kind)
-    return [{"by_bending": bending[i].tolist(), "by_shear": shear[i].tolist()} for i in firsts], kinds

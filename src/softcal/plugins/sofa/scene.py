@@ -22,7 +22,7 @@ from softcal.plugins.sofa.settings import SofaSettings
 from softcal.twin.loads import surface_forces
 from softcal.twin.masses import plate_inertia
 from softcal.twin.protocol import Protocol
-from softcal.twin.robot import Body, Cable, Control, Marker, Plate, PointLoad, Robot, Rod, SurfaceLoad
+from softcal.twin.robot import Body, Cable, Control, PointLoad, Robot, Rod, SurfaceLoad
 from softcal.twin.time_settings import TimeSettings
 
 FORMAT = 1
@@ -64,6 +64,39 @@ def scene_parameters(
     meshes = {body.name: body.mesh for body in robot.bodies}
     controls: dict[str, Control] = {name: command.control for name, command in protocol.commands.items()}
     largest = {name: float(np.abs(command.values).max(initial=0.0)) for name, command in protocol.commands.items()}
+    plates: dict[str, Any] = {}
+    for plate in robot.plates:
+        per_mass = np.zeros((3, 3)) if plate.mass <= 0.0 else plate_inertia(plate) / plate.mass
+        if np.linalg.eigvalsh(per_mass)[0] < RADIUS_OF_GYRATION**2:
+            per_mass = per_mass + RADIUS_OF_GYRATION**2 * np.eye(3)
+        plates[plate.name] = {
+            "reference": plate.reference.tolist(),
+            "centre_of_mass": plate.centre_of_mass.tolist(),
+            "mass": plate.mass,
+            "inertia_per_mass": per_mass.tolist(),
+            "fixed": plate.fixed,
+            "nodes": {name: nodes.tolist() for name, nodes in plate.nodes.items()},
+        }
+    cables: dict[str, Any] = {}
+    for cable in robot.cables:
+        control, most = controls.get(cable.name, "tension"), largest.get(cable.name, 0.0)
+        via = cable.via_points if begins_first(cable) else cable.via_points[::-1]
+        at = np.array([point.at for point in via])
+        ends_in_space = via[0].on == ""
+        cables[cable.name] = {
+            "control": control,
+            "pull_point": via[0].at.tolist() if ends_in_space else None,
+            "points": [{"on": p.on, "at": p.at.tolist()} for p in (via[1:] if ends_in_space else via)],
+            "length": float(np.linalg.norm(np.diff(at, axis=0), axis=1).sum()),
+            "key_step": most / 50.0 if most > 0.0 else {"tension": 0.1, "shortening": 1e-3}[control],
+        }
+    markers: dict[str, Any] = {}
+    for marker in robot.markers:
+        on = "" if marker.on in linear.still else marker.on
+        markers[marker.name] = {"on": on, "at": marker.place.tolist()}
+        if marker.on in meshes:
+            nodes, weights = attach(meshes[marker.on], marker.place[None], tolerance=np.inf, where=marker.name)
+            markers[marker.name] |= {"nodes": nodes[0].tolist(), "weights": weights[0].tolist()}
     return {
         "format": FORMAT,
         "units": "m, kg, s, N, Pa, rad",
@@ -85,14 +118,11 @@ def scene_parameters(
             for body in robot.bodies
         },
         "rods": {rod.name: rod_parameters(rod, density_in_motion(rod)) for rod in robot.rods},
-        "plates": {plate.name: _plate(plate) for plate in robot.plates},
+        "plates": plates,
         "ties": {tie.name: {"body": tie.body, "on": tie.on, "nodes": tie.nodes.tolist()} for tie in robot.ties},
         "loads": _loads(robot, linear.still, meshes),
-        "cables": {
-            cable.name: _cable(cable, controls.get(cable.name, "tension"), largest.get(cable.name, 0.0))
-            for cable in robot.cables
-        },
-        "markers": {marker.name: _marker(marker, linear.still, meshes) for marker in robot.markers},
+        "cables": cables,
+        "markers": markers,
     }
 
 
@@ -178,37 +208,10 @@ def density_in_motion(part: Body | Rod) -> float:
     return part.density if part.density > 0.0 else ASSUMED_DENSITY
 
 
-def _plate(plate: Plate) -> dict[str, Any]:
-    per_mass = np.zeros((3, 3)) if plate.mass <= 0.0 else plate_inertia(plate) / plate.mass
-    if np.linalg.eigvalsh(per_mass)[0] < RADIUS_OF_GYRATION**2:
-        per_mass = per_mass + RADIUS_OF_GYRATION**2 * np.eye(3)
-    return {
-        "reference": plate.reference.tolist(),
-        "centre_of_mass": plate.centre_of_mass.tolist(),
-        "mass": plate.mass,
-        "inertia_per_mass": per_mass.tolist(),
-        "fixed": plate.fixed,
-        "nodes": {name: nodes.tolist() for name, nodes in plate.nodes.items()},
-    }
-
-
 def begins_first(cable: Cable) -> bool:
     """Whether the scene's cable starts at the first via point: an end fixed in space, of two the pulled one."""
     in_space = cable.via_points[0].on == "", cable.via_points[-1].on == ""
     return in_space[0] if in_space[0] != in_space[1] else cable.pulled_end == "first"
-
-
-def _cable(cable: Cable, control: Control, largest: float) -> dict[str, Any]:
-    via = cable.via_points if begins_first(cable) else cable.via_points[::-1]
-    at = np.array([point.at for point in via])
-    ends_in_space = via[0].on == ""
-    return {
-        "control": control,
-        "pull_point": via[0].at.tolist() if ends_in_space else None,
-        "points": [{"on": p.on, "at": p.at.tolist()} for p in (via[1:] if ends_in_space else via)],
-        "length": float(np.linalg.norm(np.diff(at, axis=0), axis=1).sum()),
-        "key_step": largest / 50.0 if largest > 0.0 else {"tension": 0.1, "shortening": 1e-3}[control],
-    }
 
 
 def _loads(robot: Robot, still: tuple[str, ...], meshes: Mapping[str, TetMesh]) -> dict[str, Any]:
@@ -242,11 +245,3 @@ def _loads(robot: Robot, still: tuple[str, ...], meshes: Mapping[str, TetMesh]) 
         nodes = np.flatnonzero(total.any(axis=1))
         loads[load.name] = {"on": load.on, "nodes": nodes.tolist(), "forces": total[nodes].tolist()}
     return loads
-
-
-def _marker(marker: Marker, still: tuple[str, ...], meshes: Mapping[str, TetMesh]) -> dict[str, Any]:
-    found: dict[str, Any] = {"on": "" if marker.on in still else marker.on, "at": marker.place.tolist()}
-    if marker.on in meshes:
-        nodes, weights = attach(meshes[marker.on], marker.place[None], tolerance=np.inf, where=marker.name)
-        found |= {"nodes": nodes[0].tolist(), "weights": weights[0].tolist()}
-    return found

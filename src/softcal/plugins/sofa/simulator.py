@@ -127,11 +127,20 @@ class _EngineRun:
                     succeeded, by_name = False, {}
                     failure = f"No derivative by {name}: {failure}"
                     break
+        status = f"SOFA: {failure}."
+        if succeeded:
+            n_states, shortest = len(outcome.records), min(record["dt"] for record in outcome.records)
+            status = f"Solved by SOFA: {n_states} states at rest, {self.steps} steps, the shortest of {shortest:g} s."
+            if seen.error > 0.0:
+                status += f" Samples: cubic spline, with an error of about {seen.error:.1g} of the largest value."
+            elif np.isnan(seen.error):
+                status += " Samples: a spline through too few states to estimate its error."
+            status = f"{status} {self.remarks}".rstrip()
         units = channel_units(twin)
         return Response(
             channels=by_column(units, seen.values),
             units=units,
-            status=self._status(outcome, seen) if succeeded else f"SOFA: {failure}.",
+            status=status,
             succeeded=succeeded,
             n_factorisations=self.steps,
             sensitivities=Derivatives(tuple(units), tuple(by_name), np.stack(list(by_name.values()), axis=-1))
@@ -142,15 +151,6 @@ class _EngineRun:
             tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
             remarks=self.remarks,
         )
-
-    def _status(self, outcome: ProcessOutcome, seen: SofaSamples) -> str:
-        n_states, shortest = len(outcome.records), min(record["dt"] for record in outcome.records)
-        text = f"Solved by SOFA: {n_states} states at rest, {self.steps} steps, the shortest of {shortest:g} s."
-        if seen.error > 0.0:
-            text += f" Samples: cubic spline, with an error of about {seen.error:.1g} of the largest value."
-        elif np.isnan(seen.error):
-            text += " Samples: a spline through too few states to estimate its error."
-        return f"{text} {self.remarks}".rstrip()
 
     def _along(self, protocol: Protocol) -> Floats:
         """Ascending commands of the driven cable that are run to rest."""

@@ -17,6 +17,7 @@ from softcal.analysis.candidate_bench import Plan, Simulated, added_test, base_b
 from softcal.calibration.problem.experiment import rig_kind
 from softcal.calibration.problem.parameters import FreeParameter
 from softcal.calibration.problem.problem import Problem
+from softcal.calibration.results.digits import format_interval
 from softcal.calibration.statistics.added_test import ExpectedEstimates, with_added_test
 from softcal.calibration.statistics.estimator import Estimator, estimator, unseen_parameters
 from softcal.calibration.statistics.intervals import box_intervals, student
@@ -25,7 +26,10 @@ from softcal.display import displayed
 from softcal.errors import CalibrationError, InputError, ParameterError, unknown
 from softcal.executors.executor import Executor
 from softcal.html_text import summary
-from softcal.units import format_quantity
+from softcal.units import format_quantity, plain
+
+_ALIKE = 1.02  # of the shortest expected length: longer ones are worth a difference
+_LITTLE = 0.95  # of the present length: a shorter interval is worth a sentence
 
 
 @displayed
@@ -83,9 +87,6 @@ class NextTests:
     n_solves: int = 0
 
     def _repr_html_(self) -> str:
-        from softcal.analysis.next_test_verdict import verdict
-        from softcal.calibration.results.digits import format_interval
-
         def cells(interval: tuple[float, float] | None, share: float | None) -> list[str]:
             return [format_interval(interval, self.unit) if interval else "–", "–" if share is None else f"{share:.2f}"]
 
@@ -261,3 +262,31 @@ class _Present:
 
 def _mixed(one: Estimator | ExpectedEstimates) -> np.ndarray:
     return unseen_parameters(one.unseen)
+
+
+def verdict(found: NextTests) -> str:
+    """The best candidate and its expected interval, as a sentence."""
+    best = found.best
+    if best is None:
+        return f"No candidate would give {found.parameter} an interval."
+    expected = format_interval(best.interval, found.unit) if best.interval else ""
+    if found.interval is None:
+        return (
+            f"{found.parameter} has no interval: the data do not determine it. With '{best.candidate.name}' one of "
+            f"{expected} is expected."
+        )
+    now = f"The 95 % interval of {found.parameter} is {format_interval(found.interval, found.unit)}."
+    if best.share is None or best.share > _LITTLE:
+        return f"{now} No candidate would shorten it by more than {100 * (1 - _LITTLE):.0f} %."
+    alike = [one for one in found.outlooks if one.share is not None and one.share < _ALIKE * best.share]
+    if len(alike) > 2:
+        most = max(one.share for one in alike if one.share is not None)
+        shares = " to ".join(dict.fromkeys(plain(share, 2) for share in (best.share, most)))
+        return (
+            f"{now} {len(alike)} candidates are expected to shorten it alike, to {shares} of its length: "
+            f"{expected} with '{best.candidate.name}'."
+        )
+    return (
+        f"{now} '{best.candidate.name}' is expected to shorten it most, to {plain(best.share, 2)} of its length: "
+        f"{expected}."
+    )

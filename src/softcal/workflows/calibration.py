@@ -33,7 +33,7 @@ from softcal.project.project import Project, ProjectSource, project_of
 from softcal.project.section import changed
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.workflows.engines import SOFTCAL, engine_for, engine_identity, left_out_sentence
-from softcal.workflows.outcome import Outcome
+from softcal.workflows.run import Outcome
 from softcal.workflows.run_folder import begin_run, calibration_folder, finish_run, reopen_run
 
 # Called after every trial, and at every stage after them: the label of the calibration, and how far it is.

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from softcal.analysis.candidate import Candidate
 from softcal.analysis.default_candidates import default_candidates, furthest
-from softcal.analysis.next_test import NextTests, next_tests
-from softcal.analysis.next_test_verdict import verdict
+from softcal.analysis.next_test import NextTests, next_tests, verdict
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, StorageError

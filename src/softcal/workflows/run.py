@@ -1,15 +1,16 @@
-"""A run that was read from its folder: of calibrations, or of a sweep."""
+"""A run: its outcome beside the result as it ends, and calibrations or a sweep as they are read from its folder."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
 
 from softcal.calibration.results.result import CalibrationResult, SearchResult, SweepResult, result_html
 from softcal.calibration.statistics.estimate import Estimate
 from softcal.display import displayed
+from softcal.errors import Fault, StorageError
 from softcal.html_text import paragraph
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project
@@ -68,6 +69,42 @@ class Run(ABC):
         InputError
             As `watch_run`.
         """
+        return watch_run(self.folder)
+
+
+@dataclass(frozen=True)
+class Outcome(ABC):
+    """A search of a project, done or stopped.
+
+    Attributes
+    ----------
+    folder
+        Where it is kept, or None.
+    stopped_by
+        What stopped it before its end, Ctrl-C or another signal; what was found by then is there.
+    """
+
+    _: KW_ONLY
+    folder: Path | None
+    stopped_by: KeyboardInterrupt | None = None
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether it was stopped before its end."""
+        return self.stopped_by is not None
+
+    def watch(self) -> WatchedPage:
+        """Its page, without waiting; see `watch_run`.
+
+        Raises
+        ------
+        StorageError
+            Where it is kept in no folder.
+        InputError
+            As `watch_run`.
+        """
+        if self.folder is None:
+            raise StorageError(Fault("there is no folder to show", "watch", attempt="out, a folder of the run"))
         return watch_run(self.folder)
 
 

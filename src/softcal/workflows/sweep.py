@@ -29,8 +29,7 @@ from softcal.project.bench_names import experiments_named
 from softcal.project.project import Project, ProjectSource, project_of
 from softcal.units import format_quantity
 from softcal.workflows.calibration import make_loss
-from softcal.workflows.outcome import Outcome
-from softcal.workflows.run import SWEEP
+from softcal.workflows.run import SWEEP, Outcome
 from softcal.workflows.run_folder import begin_run, calibration_folder, finish_sweep, reopen_run
 
 FORMULA = "nominal error / error of the best cell - 1; 100 % where the error was halved"

@@ -39,7 +39,7 @@ from softcal.plugins.fleet.statement import FleetStatement, fleet_statement
 from softcal.plugins.fleet.table import FleetRow, FleetTable, merged, parse_fleet, row_project
 from softcal.plugins.fleet.verdict import fleet_sentences
 from softcal.workflows.calibration import calibrate
-from softcal.workflows.outcome import Outcome
+from softcal.workflows.run import Outcome
 from softcal.workflows.run_folder import inputs_changed
 
 Observer = Callable[[str, int, int, int], None]

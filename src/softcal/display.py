@@ -1,16 +1,21 @@
-"""How softcal's objects are shown: a short text, and a small table in a notebook.
+"""How softcal's objects are shown: a short text, and a small table and pictures in a notebook.
 
 `displayed` gives a class both, by its fields; a class that says more of itself defines `_repr_html_` or `__repr__`.
+Pictures are asked for here, and the layers above that draw register them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import MISSING, fields, is_dataclass
+from functools import singledispatch
+from importlib import import_module
 from pathlib import PurePath
 from typing import Any, TypeVar
 
 from softcal.html_text import heading, html_table
+
+_HOME = "softcal.report.notebook"  # imported when it is needed: it is in a layer above those that ask for pictures
 
 T = TypeVar("T")
 
@@ -114,3 +119,18 @@ def _is_same(value: Any, other: Any) -> bool:
     if type(value) is not type(other) or is_dataclass(value):
         return value is other
     return bool(value.tolist() == other.tolist() if hasattr(value, "tolist") else value == other)
+
+
+@singledispatch
+def drawn(thing: object) -> Iterable[bytes]:
+    """Pictures of an object as PNG; none of a kind for which nothing is registered."""
+    return ()
+
+
+def pictures_of(thing: object) -> tuple[bytes, ...]:
+    """The pictures of an object; none where they cannot be drawn, since what is said in words is shown anyway."""
+    try:
+        import_module(_HOME)
+        return tuple(drawn(thing))
+    except Exception:  # noqa: BLE001 - whatever a library raises: a notebook shows the tables
+        return ()

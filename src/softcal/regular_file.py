@@ -1,6 +1,7 @@
 """Whether a regular file is at a path, or what else: a pipe would be waited for, a device has no end.
 
 Files of a run's folder, which a stranger may have made, are opened by `own_file` alone, and written by `write_whole`.
+A `whole_folder` is there with all its files or not at all, also where its process is killed meanwhile.
 """
 
 from __future__ import annotations
@@ -8,8 +9,11 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import shutil
 import stat
-from collections.abc import Iterable
+import tempfile
+from collections.abc import Generator, Iterable
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -120,3 +124,30 @@ def write_whole(path: Path, content: bytes) -> None:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Generator[Path]:
+    """A temporary folder beside `folder`, which is new or empty: renamed to it on success, removed on failure.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be made or renamed.
+    """
+    part = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    try:
+        part.chmod(0o700)  # whatever the mask: else its files could neither be written nor removed
+        yield part
+        part.chmod(0o755)
+        if folder.is_dir():
+            folder.rmdir()
+        part.rename(folder)
+    finally:
+        shutil.rmtree(part, onerror=_remove_closed)
+
+
+def _remove_closed(_: object, path: str, error: object) -> None:
+    """Remove a folder that the mask of rights has closed: nothing could be written into it."""
+    with suppress(OSError):
+        os.rmdir(path)

@@ -15,7 +15,7 @@ from project_case import write_project
 import softcal
 from softcal.analysis.importance import SIMULATIONS
 from softcal.cli import main
-from softcal.cli.commands import importance_command
+from softcal.cli.commands import study_commands
 from softcal.errors import StorageError
 from softcal.report.figure import report_pictures
 from softcal.report.html import render_page
@@ -125,7 +125,7 @@ def test_bad_input_ends_with_a_sentence_and_no_files(
 
 
 def test_the_defaults_are_those_of_the_library():
-    of_command = inspect.signature(importance_command.importance).parameters
+    of_command = inspect.signature(study_commands.importance).parameters
     of_library = inspect.signature(softcal.importance).parameters
     assert of_command["simulations"].default == SIMULATIONS == of_library["simulations"].default
     assert of_command["seed"].default == of_library["seed"].default

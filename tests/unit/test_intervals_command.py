@@ -13,7 +13,7 @@ from project_case import bench_values, write_project
 
 import softcal
 from softcal.cli import main
-from softcal.cli.commands import intervals_command
+from softcal.cli.commands import study_commands
 from softcal.cli.printing import shown_path
 from softcal.errors import StorageError
 from softcal.workflows.intervals import INTERVALS, METHODS, POINTS, WITHOUT_MESH, default_folder, intervals
@@ -150,7 +150,7 @@ def test_damaged_files_are_named(studied: tuple[Path, str], tmp_path: Path):
 
 def test_python_and_the_command_line_have_the_same_defaults():
     python = inspect.signature(intervals).parameters
-    command = inspect.signature(intervals_command.intervals).parameters
+    command = inspect.signature(study_commands.intervals).parameters
     # Without --workers the executor of --on chooses their number: on this machine one, as in Python.
     for name in set(python) & set(command) - {"path", "out", "workers"}:
         assert python[name].default == command[name].default, name

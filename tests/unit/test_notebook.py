@@ -16,8 +16,8 @@ from project_case import write_project
 import softcal
 from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.statistics.estimate import Remark
+from softcal.display import pictures_of
 from softcal.html_text import MOST_ROWS, curve, heading, html_table, paragraph, picture
-from softcal.pictures import pictures_of
 from softcal.project.project import Project
 from softcal.report import notebook
 from softcal.report.scene import Projection, Surface

@@ -20,8 +20,16 @@ from softcal.calibration.results.result_reading import load_result
 from softcal.calibration.run import calibrate
 from softcal.calibration.statistics.estimate import Remark
 from softcal.cli.calibration_table import print_results
-from softcal.report.agreement import MISFIT, MORE_THAN_NOISE, OUTLIERS, STEPS, residual_sentences, spread_sentences
-from softcal.report.left_out import left_out_sentence, left_out_table
+from softcal.report.agreement import (
+    MISFIT,
+    MORE_THAN_NOISE,
+    OUTLIERS,
+    STEPS,
+    left_out_sentence,
+    left_out_table,
+    residual_sentences,
+    spread_sentences,
+)
 
 MODULUS = FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=2e6)
 DIFFERENT = "differs between the tests by more than their noise explains"

@@ -112,8 +112,8 @@ class Project:
 
     def _repr_html_(self) -> str:
         """Parts, experiments with their samples and channels, parameters with their bounds or values, warnings."""
+        from softcal.display import pictures_of
         from softcal.html_text import heading, html_table, paragraph, picture
-        from softcal.pictures import pictures_of
         from softcal.units import format_quantity, format_range
 
         robot = self.robot

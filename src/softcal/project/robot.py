@@ -11,10 +11,9 @@ from softcal.geometry.quality import MeshReport, check_quality
 from softcal.project.document import Findings
 from softcal.project.robot_bodies import MeshMaker, build_bodies
 from softcal.project.robot_fit import check_whole
-from softcal.project.robot_names import KINDS, generated_names
 from softcal.project.robot_parts import Carriers, build_cable, build_load, build_marker, build_plate, build_tie
 from softcal.project.robot_rods import build_rod
-from softcal.project.robot_schema import RobotSection
+from softcal.project.robot_schema import KINDS, RobotSection, generated_names
 from softcal.project.sensor_schema import built_sensors
 from softcal.twin.manipulator import manipulator
 from softcal.twin.robot import Robot, Rod

@@ -22,10 +22,12 @@ from softcal.geometry.ring import Ring
 from softcal.limits import LIMITS
 from softcal.mechanics.elements import ElementName
 from softcal.mechanics.path_limits import PathLimits
+from softcal.names import folded, part_name_fault
 from softcal.project.constants import ConstantsSection, LawSection
+from softcal.project.document import Document, Findings
 from softcal.project.mesh_schema import Mesh, MeshShape, RegionSection
 from softcal.project.rod_schema import RodSection
-from softcal.project.section import Section
+from softcal.project.section import Section, validated
 from softcal.project.sensor_schema import SensorSection
 from softcal.quantities import Clearance, Density, Direction, Force, Friction, Mass, Size
 from softcal.quantities import Moment as MomentSize
@@ -34,6 +36,8 @@ from softcal.twin.cables import Cable, CableLine, RoutingAxis
 from softcal.twin.clamp import Clamp
 from softcal.twin.manipulator import Manipulator
 from softcal.twin.robot import Body, Disc, Inertia, Plate, PointLoad, Tie, ViaPoint
+
+KINDS = ("bodies", "rods", "plates", "ties", "cables", "loads", "markers", "sensors")
 
 
 class MaterialSection(ConstantsSection):
@@ -248,3 +252,49 @@ class RobotSection(Section):
         """Names of all parts of a kind such as "plates", including those that the manipulator generates."""
         own = self.manipulator.part_names(kind) if self.manipulator else ()
         return [*own, *(name for name in getattr(self, kind) if name not in own)]
+
+
+def generated_names(section: RobotSection, kind: str) -> tuple[str, ...]:
+    """The parts of a kind that a manipulator generates."""
+    return section.manipulator.part_names(kind) if section.manipulator else ()
+
+
+def part_names(document: Document) -> dict[str, list[str]] | None:
+    """Names of the robot's parts by kind, even if the robot has other faults; None without a robot, or if its
+    manipulator has faults.
+    """
+    robot = document.data.get("robot")
+    if not isinstance(robot, dict):
+        return None
+    given: dict[str, object] = robot
+    own: Manipulator | None = None
+    if given.get("manipulator") is not None:
+        own = validated(Manipulator, given["manipulator"], (), Findings(document))
+        if own is None:
+            return None
+    found: dict[str, list[str]] = {}
+    for kind in KINDS:
+        written = given.get(kind)
+        names = [str(name) for name in written] if isinstance(written, dict) else []
+        found[kind] = list(dict.fromkeys([*(own.part_names(kind) if own else ()), *names]))
+    return found
+
+
+def check_part_names(section: RobotSection, findings: Findings) -> None:
+    """Record part names that are not allowed or appear twice: parameters and channels are named after parts, so all
+    share one namespace.
+    """
+    seen: dict[str, str] = {
+        folded(name): "the manipulator's own" for kind in KINDS for name in generated_names(section, kind)
+    }
+    for kind in KINDS:
+        for name in getattr(section, kind):
+            path = ("robot", kind, name)
+            if fault := part_name_fault(name):
+                findings.add(path, fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
+            if folded(name) in seen:
+                got = f"'{name}', first as {seen[folded(name)]}"
+                findings.add(path, "two parts of the robot share a name", got=got)
+            seen.setdefault(folded(name), kind)
+    if fault := LIMITS["parts of a robot"].fault(max(len(seen), 1)):
+        findings.add(("robot",), fault.what, got=fault.got, allowed=fault.allowed)

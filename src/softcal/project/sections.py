@@ -25,8 +25,7 @@ from softcal.project.document import Document, Findings, KeyPath
 from softcal.project.files import InputFiles
 from softcal.project.law_schema import OwnLawSection, register_laws
 from softcal.project.mesh_schema import MeshFile
-from softcal.project.robot_names import check_part_names, part_names
-from softcal.project.robot_schema import BodySection, RobotSection
+from softcal.project.robot_schema import BodySection, RobotSection, check_part_names, part_names
 from softcal.project.search import Wanted, build_search, check_kinds, check_owners, wanted_by
 from softcal.project.section import entries, validated
 from softcal.project.sensor_schema import check_sensors

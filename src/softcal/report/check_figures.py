@@ -1,4 +1,6 @@
-"""Pictures for the visual check of a project: mesh with regions, cables, loads; curves of every experiment."""
+"""Pictures for the visual check of a project: mesh with regions, cables, loads; curves of every experiment; states
+before the fit.
+"""
 
 from __future__ import annotations
 
@@ -49,18 +51,64 @@ from softcal.report.scene import (
 )
 from softcal.report.scene_figure import draw_side_by_side
 from softcal.report.scene_render import render_scenes
-from softcal.report.scene_twin import cable_radius
-from softcal.report.start_scenes import StartScenes
+from softcal.report.scene_twin import bending_axes, cable_radius, displacements, twin_parts
 from softcal.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, SKY, as_png
+from softcal.report.twin_view import TwinView
 from softcal.report.write import write_files
 from softcal.twin.facing import up_direction
+from softcal.twin.response import Snapshot
 from softcal.twin.robot import Body, Moment, PointLoad, Robot, SurfaceLoad
+
+MOST = 4  # side by side
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_EDGES = 20000  # tets of a mesh whose edges can be told apart
 _SEEN_THROUGH = 0.6  # opacity of what may have cables or markers inside
+
+
+@dataclass(frozen=True)
+class StartScenes:
+    """Scenes in one projection; largest: the largest displacement [m], top of the colour scale."""
+
+    scenes: tuple[Scene, ...]
+    cameras: tuple[Projection, ...]
+    largest: float
+
+
+def start_scenes(
+    robot: Robot, undeformed: Snapshot, shapes: Mapping[str, Snapshot], tets: Mapping[str, Ints]
+) -> StartScenes | None:
+    """The undeformed shape and the most displaced ones, coloured by displacement; None if nothing moved.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    undeformed
+        Its shape without loads.
+    shapes
+        Title -> shape.
+    tets
+        Body -> connectivity of `Snapshot.points` (n_tets, 4 or 10).
+    """
+    views = {name: TwinView(robot, undeformed, shape, tets) for name, shape in shapes.items()}
+    moved = {name: displacements(view.rest, view.bent) for name, view in views.items()}
+    furthest = {name: max(float(d.max()) for d in parts.values()) for name, parts in moved.items()}
+    largest = max(furthest.values(), default=0.0)
+    if largest <= 0.0:
+        return None
+    chosen = set(sorted(furthest, key=lambda name: -furthest[name])[: MOST - 1])
+    far = views[max(furthest, key=lambda name: furthest[name])]
+    scenes = [Scene("Undeformed", *twin_parts(far, undeformed, None, largest))]
+    scenes += [
+        Scene(name, *twin_parts(view, view.bent, moved[name], largest))
+        for name, view in views.items()
+        if name in chosen
+    ]
+    camera = bending_camera(extent_points(tuple(scenes)), *bending_axes(far))
+    return StartScenes(tuple(scenes), (camera,) * len(scenes), largest)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from softcal.calibration.statistics.estimate import Remark, Tone
 from softcal.report.agreement import (
     agreement_sentences,
     chance_text,
+    left_out_sentence,
     range_text,
     residual_sentences,
     size_text,
@@ -33,7 +34,6 @@ from softcal.report.format import (
     result_label,
 )
 from softcal.report.headline import headline
-from softcal.report.left_out import left_out_sentence
 from softcal.report.positions import fit_sentence, prediction_sentence
 from softcal.report.record import record_sentence
 from softcal.report.tables import grouped_failures

@@ -1,4 +1,4 @@
-"""What a notebook shows of robots, responses and results beside their tables; see `softcal.pictures`."""
+"""What a notebook shows of robots, responses and results beside their tables; see `softcal.display`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from itertools import islice
 import numpy as np
 
 from softcal.calibration.results.result import CalibrationResult
+from softcal.display import drawn
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.fine_surface import fine_surface
 from softcal.geometry.surface import boundary
-from softcal.pictures import drawn
 from softcal.report.content import JOINT, ExperimentContent, ReportContent
 from softcal.report.scene import Part, Surface, Tube, bending_camera, length_scale
 from softcal.report.scene_twin import displacements

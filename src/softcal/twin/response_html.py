@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from softcal.display import pictures_of
 from softcal.html_text import curve, heading, html_table, paragraph, picture
-from softcal.pictures import pictures_of
 from softcal.twin.response import Response
 from softcal.units import format_quantity
 

@@ -111,8 +111,7 @@ def check(
         rows, warnings = (*rows, *states.rows), [*warnings, *states.warnings, *stiffness]
     if out_dir is None:
         return CheckReport(rows, tuple(warnings))
-    from softcal.report.check_figures import draw_check
-    from softcal.report.start_scenes import start_scenes
+    from softcal.report.check_figures import draw_check, start_scenes
 
     progress("Drawing")
     # With the cycles if they were searched, so that the picture shows them.

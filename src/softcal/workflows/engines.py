@@ -48,8 +48,7 @@ def left_out_sentence(name: str, robot: Robot) -> str:
     """A sentence on contact of a robot that the engine leaves out, or ""."""
     if name == SOFTCAL:
         return ""
-    from softcal.export.engine import ENGINES
-    from softcal.export.left_out_contact import left_out_by
+    from softcal.export.engine import ENGINES, left_out_by
 
     return left_out_by(name) if ENGINES[name].leaves_out_contact(robot) else ""
 

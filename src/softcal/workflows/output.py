@@ -8,8 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from softcal.errors import Fault, StorageError
-from softcal.regular_file import write_whole
-from softcal.whole_folder import whole_folder
+from softcal.regular_file import whole_folder, write_whole
 
 ANOTHER = "another --out"
 

@@ -18,10 +18,9 @@ from softcal.calibration.statistics.left_out import LeftOut
 from softcal.calibration.statistics.random_effects import Spread
 from softcal.calibration.statistics.residuals import ResidualRecord
 from softcal.checks import Floats, ReadOnly
-from softcal.display import MOST, displayed
+from softcal.display import MOST, displayed, pictures_of
 from softcal.experiments.hysteresis import Loop
 from softcal.html_text import heading, html_table, paragraph, picture
-from softcal.pictures import pictures_of
 from softcal.sensing.channel import channel_name
 
 _SETTINGS = {"importance_kind": str, "method": str, "hold_out": list, "trials": int, "seed": int, "batch": int}

@@ -25,8 +25,7 @@ from softcal.calibration.results.result import Trial
 from softcal.calibration.results.stored import Record, read_record, sealed
 from softcal.calibration.results.trial_journal import ARRAYS, JOURNAL, StoredTrial, TrialJournal, arrays_file, mend
 from softcal.errors import Fault, StorageError
-from softcal.regular_file import require_inside, write_whole
-from softcal.whole_folder import whole_folder
+from softcal.regular_file import require_inside, whole_folder, write_whole
 
 RECORD, RESULT = "run.json", "result.json"
 _FORMAT = 2

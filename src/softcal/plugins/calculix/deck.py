@@ -17,8 +17,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
-from softcal.export.engine import cable_faults, history_faults
-from softcal.export.left_out_contact import contact_faults, not_exported
+from softcal.export.engine import cable_faults, contact_faults, history_faults, not_exported
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import ELEMENTS, P1, P2
 from softcal.mechanics.layout import FIXED, Layout

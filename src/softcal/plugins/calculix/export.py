@@ -14,7 +14,7 @@ def calculix(request: ExportRequest, folder: Path) -> list[Path]:
 
     That state is solved with CalculiX's material law and elements, so that it is in equilibrium there.
     """
-    from softcal.export.left_out_contact import not_exported
+    from softcal.export.engine import not_exported
     from softcal.plugins.calculix.deck import PLACE, in_its_law, write_calculix
     from softcal.twin.crossings import REMEDY
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 @register_export("scene.py", "run.py", "README.md", "*/*", hint="run it with: runSofa -l SofaPython3 {out}/scene.py")
 def sofa(request: ExportRequest, folder: Path) -> list[Path]:
     """For SOFA: a scene for SofaPython3 and SoftRobots, with meshes, parameters as JSON, keys and a schedule."""
-    from softcal.export.left_out_contact import not_exported
+    from softcal.export.engine import not_exported
     from softcal.plugins.sofa.writing import PLACE
     from softcal.twin.protocol import Protocol
     from softcal.workflows.cases import Case

@@ -10,8 +10,7 @@ import numpy as np
 
 from softcal.checks import Ints
 from softcal.errors import Fault, ParameterError
-from softcal.export.engine import cable_faults, history_faults
-from softcal.export.left_out_contact import contact_faults
+from softcal.export.engine import cable_faults, contact_faults, history_faults
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import linear_numbers
 from softcal.geometry.varied_section import VariedSection

@@ -14,7 +14,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import ParameterError
-from softcal.export.left_out_contact import left_out_by
+from softcal.export.engine import left_out_by
 from softcal.plugins.sofa.install import Sofa, find_sofa
 from softcal.plugins.sofa.process import ProcessOutcome, run_states
 from softcal.plugins.sofa.response import SofaSamples, along_one_cable, row_by_row, shapes

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from softcal.errors import InputError
-from softcal.export.left_out_contact import not_exported
+from softcal.export.engine import not_exported
 from softcal.html_text import markdown
 from softcal.plugins.sofa.identify import Identified, identify
 from softcal.plugins.sofa.install import CONDA, ROOT

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from softcal.report.agreement import left_out_table
 from softcal.report.comparison import improvement_table
 from softcal.report.content import ReportContent
 from softcal.report.cycles import cycles_table, loops_table
 from softcal.report.format import material_kinds
 from softcal.report.headline import headline
-from softcal.report.left_out import left_out_table
 from softcal.report.positions import distances_table
 from softcal.report.section import Block, FoldedSteps, FoldedTable, Gallery, Heading, Small, register_section
 from softcal.report.tables import (

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from softcal.analysis.candidate import Candidate
-from softcal.analysis.next_test import NextTests, Outlook
-from softcal.analysis.next_test import verdict
+from softcal.analysis.next_test import NextTests, Outlook, verdict
 from softcal.calibration.interval_studies.checked_interval import CheckedInterval
 from softcal.calibration.results.digits import format_interval
 from softcal.units import digits_that_tell

@@ -27,7 +27,7 @@ from softcal import (
 from softcal.cli import app
 from softcal.report.content import ReportContent
 from softcal.report.figure import FIGURES, ReportFigure, named_figures
-from softcal.report.figures import configurations
+from softcal.report.figures import twin
 from softcal.report.scene_render import Rendering
 from softcal.report.section import SECTIONS, ReportSection
 from softcal.workflows.calibration import calibrate
@@ -103,7 +103,7 @@ def test_it_says_what_it_shows_and_stands_in_a_file_of_its_name(name: str) -> No
 def test_its_drawings_have_captions_and_names_of_their_own(
     name: str, whole: ReportContent, bare: ReportContent, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(configurations, "render_scenes", lambda *_: Rendering((), ""))
+    monkeypatch.setattr(twin, "render_scenes", lambda *_: Rendering((), ""))
     for content in (whole, bare):
         drawn = list(FIGURES[name].function(content))
         assert all(one.caption.endswith(".") and one.figure.axes for one in drawn)
@@ -225,7 +225,7 @@ def test_what_is_no_figure_is_refused(whole: ReportContent) -> None:
     assert "figure unexplained: the figure has no description" in told
     assert "the report has no such section; got 'middle'; allowed: one of 11 names" in told
     with pytest.raises(ParameterError, match="there is another figure of this name"):
-        FIGURES.add(ReportFigure("twin", configurations.twin, "fit"))
+        FIGURES.add(ReportFigure("twin", twin.twin, "fit"))
     with pytest.raises(ParameterError, match="this is not a figure"):
         FIGURES.add(whole)  # type: ignore[arg-type]
     assert "unexplained" not in FIGURES

@@ -18,7 +18,7 @@ from softcal.geometry.surface import border, boundary, boundary_triangles
 from softcal.report import check_figures
 from softcal.report.check_figures import draw_check, region_colours, robot_scenes
 from softcal.report.figure import FIGURES
-from softcal.report.figures import configurations
+from softcal.report.figures import twin
 from softcal.report.robot_view import material_colours
 from softcal.report.scene import (
     Arrow,
@@ -142,8 +142,8 @@ def test_materials_have_colours_of_their_own_and_a_legend(tmp_path: Path, monkey
         assert enclosed(inner.points, inner.triangles) == pytest.approx(volume, rel=1e-9)
     assert all(part.opacity == 1.0 for part in bent.parts if isinstance(part, Surface))
     monkeypatch.setattr(check_figures, "render_scenes", lambda scenes, _: blank(len(scenes)))
-    monkeypatch.setattr(configurations, "render_scenes", lambda scenes, _: blank(len(scenes)))
-    figures = [configurations.draw_twin(replace(view, robot=robot)).figure]
+    monkeypatch.setattr(twin, "render_scenes", lambda scenes, _: blank(len(scenes)))
+    figures = [twin.draw_twin(replace(view, robot=robot)).figure]
     monkeypatch.setattr(check_figures, "as_png", lambda figure: figures.append(figure) or b"")
     draw_check(robot, {}, tmp_path)
     for figure in figures:

@@ -16,7 +16,7 @@ from softcal.report.comparison import comparison, improvement_table, improvement
 from softcal.report.conclusions import conclusions, verdict
 from softcal.report.content import ReportContent
 from softcal.report.figure import report_pictures
-from softcal.report.figures import configurations
+from softcal.report.figures import configurations, twin
 from softcal.report.figures.error_curves import draw_curves
 from softcal.report.figures.error_surfaces import draw_surfaces
 from softcal.report.figures.nominal_and_tuned import draw_comparison
@@ -57,7 +57,8 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> ReportContent:
 @pytest.fixture
 def flat(monkeypatch: pytest.MonkeyPatch) -> None:
     """No 3-D renderer: scenes have no pictures."""
-    monkeypatch.setattr(configurations, "render_scenes", lambda *_: Rendering((), ""))
+    for module in (configurations, twin):
+        monkeypatch.setattr(module, "render_scenes", lambda *_: Rendering((), ""))
 
 
 def test_surfaces_hold_every_cell_in_ascending_order(content: ReportContent):

@@ -19,7 +19,7 @@ from softcal.experiments.dataset import Channel, Dataset
 from softcal.experiments.steps.cycles import find_cycles
 from softcal.project.project import load
 from softcal.report.conclusions import conclusions
-from softcal.report.figures.trajectory import record as record_figure
+from softcal.report.figures.record import record as record_figure
 from softcal.report.html import render_page
 from softcal.report.section import all_tables
 from softcal.twin.protocol import Command, Protocol

@@ -113,7 +113,7 @@ def _draw(robot: Robot, name: str, response: Response, folder: Path) -> None:
     view = twin_view(robot, response)
     if view is None:
         return
-    from softcal.report.figures.configurations import draw_twin
+    from softcal.report.figures.twin import draw_twin
     from softcal.report.style import encode
 
     png, svg = encode(draw_twin(view).figure)

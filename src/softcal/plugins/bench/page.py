@@ -63,13 +63,7 @@ def write_page(runs: Path, out: Path) -> list[Path]:
         found = [one for one in scores if one[1].case == name]
         if not found:
             continue
-        scenes, cameras = robot_scenes(case.robot())
-        drawn = draw_side_by_side(scenes, cameras, render_scenes(scenes, cameras))
-        pictures = {"robot": encode(drawn.figure)[0]}
-        record = case.record()
-        tables = [(s, folder / PREDICTIONS) for folder, s in found if (folder / PREDICTIONS).is_file() and not s.data]
-        if tables:
-            pictures["errors"] = encode(_error_figure(case, record, tables))[0]
+        pictures = _pictures(case, found)
         for stem, picture in pictures.items():
             files[out.parent / f"bench-{name}-{stem}.png"] = picture
         text.append(_section(case, [score for _, score in found], list(pictures)))
@@ -169,6 +163,18 @@ def _published(case: BenchmarkCase, row: Published) -> str:
     share = "–" if whole is None else f"{100 * whole / case.length:.2g} %"
     note = f"{row.note} ({row.source})" if row.note else row.source
     return _line([row.method, *pairs, share, "–", "–", "–", note])
+
+
+def _pictures(case: BenchmarkCase, found: Sequence[tuple[Path, Score]]) -> dict[str, bytes]:
+    """The robot, and the errors of softcal's or the first method's predicted samples."""
+    scenes, cameras = robot_scenes(case.robot())
+    drawn = draw_side_by_side(scenes, cameras, render_scenes(scenes, cameras))
+    pictures = {"robot": encode(drawn.figure)[0]}
+    record = case.record()
+    tables = [(s, folder / PREDICTIONS) for folder, s in found if (folder / PREDICTIONS).is_file() and not s.data]
+    if tables:
+        pictures["errors"] = encode(_error_figure(case, record, tables))[0]
+    return pictures
 
 
 def _error_figure(case: BenchmarkCase, record: CaseRecord, tables: Sequence[tuple[Score, Path]]) -> Figure:

@@ -1,9 +1,9 @@
-"""Paper A's Fig. 6: channels over the trajectory, measured and simulated, their residuals; and the whole record."""
+"""Paper A's Fig. 6: channels over the trajectory, measured and simulated, with their residuals."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,6 @@ import numpy as np
 
 from softcal.calibration.results.result import ExperimentFit
 from softcal.checks import Floats
-from softcal.experiments.steps.branches import PULLEY_STEP
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import Scale, file_stem, joined, result_label, scale_of
@@ -204,34 +203,3 @@ def _draw_residual(axes: Axes, path: TrajectoryPanels, panel: TrajectoryPanel) -
 def _lone(piece: slice) -> str:
     """Plot marker for a piece of one sample, which a line does not show."""
     return "D" if piece.stop - piece.start == 1 else ""
-
-
-@register_figure("record")
-def record(content: ReportContent) -> Iterator[Drawing]:
-    """The twin driven through every sample of each corrected record, loading and unloading."""
-    # Each experiment once: from the headline's calibration if it includes it, else from the first that does.
-    drawn: set[str] = set()
-    for label in dict.fromkeys([content.headline, *content.records]):
-        fresh = {name: whole for name, whole in content.records.get(label, {}).items() if name not in drawn}
-        drawn.update(fresh)
-        for name, whole in fresh.items():
-            if whole.fit is None:
-                continue
-            driven = replace(content.experiments[name], prepared=whole.record, drive="time")
-            caption = (
-                f"{name}: the whole record and the twin ({result_label(label)}), driven by {joined(whole.drives)} as "
-                "measured. The twin was fitted to part of these samples, or to averages of them."
-            )
-            if not whole.remembers:
-                caption += " It is elastic: the hysteresis loop remains in the residual."
-            if any(step.name == PULLEY_STEP for step in whole.record.provenance) and "tension" in whole.fit.measured:
-                caption += " Pulley friction is subtracted from every sample as on the fitted branch."
-            if whole.every > 1:
-                caption += f" One sample in {whole.every} is compared."
-            yield Drawing(
-                draw_trajectory(trajectory_panels(driven, whole.fit), 9.0),
-                caption,
-                of=name,
-                shown="png",
-                title=f"The whole record of {name}",
-            )

@@ -63,6 +63,8 @@ def test_every_link_of_the_site_leads_somewhere(site: Path, look: Callable[..., 
                     dead.append(f"{page.relative_to(site)}: {address}")
     assert n > 1000
     assert dead == []
+    own = {path.stem for path in (ROOT / "docs").glob("*.md")}
+    assert own.isdisjoint({"search", "genindex", "py-modindex"}), "pages that the site makes itself"
 
 
 @pytest.mark.slow

@@ -154,8 +154,7 @@ def test_a_page_that_cannot_be_served_is_an_error_of_the_input(tmp_path: Path):
 
 def test_every_run_has_a_page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     asked: list[Any] = []
-    for module in ("outcome", "run"):
-        monkeypatch.setattr(f"softcal.workflows.{module}.watch_run", asked.append)
+    monkeypatch.setattr("softcal.workflows.run.watch_run", asked.append)
     Calibrations({}, folder=tmp_path / "a").watch()
     CalibrationRun(tmp_path / "b", *[None] * 5, {}).watch()  # type: ignore[arg-type]
     Swept(None, None, (), folder=tmp_path / "c").watch()  # type: ignore[arg-type]

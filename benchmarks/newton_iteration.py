@@ -101,9 +101,8 @@ def measure(quick: bool) -> Section:
             n_tets = sum(len(s.conn) for s in case.twin.system.of(SolidTerm))
             n = case.twin.system.layout.n_unknowns
             rows.append([element, f"{n_tets:,}", f"{n:,}", str(n_threads), *row])
-            if element == "P1":
-                what = f"Newton iteration over bare factorisation, P1, {n_threads} MKL thread(s)"
-                goals.append(Goal(what, ratio, LIMIT))
+            what = f"Newton iteration over bare factorisation, {element}, {n_threads} MKL thread(s)"
+            goals.append(Goal(what, ratio, LIMIT))
     notes = [
         "Milliseconds. *Iteration*: residual and tangent, their reduction to the plate, the residual's norm, numeric "
         "factorisation, solve (the cable's border column and the step), update of the state, half way through the "

@@ -56,9 +56,9 @@ html_theme_options: dict[str, Any] = {
 
 
 def link(app: Any, name: str, source: list[str]) -> None:
-    """Links of a page to files of the repository that are pages of the site."""
+    """Links of a page of this folder to files of the repository that are pages of the site."""
     path = Path(app.srcdir) / f"{name}.md"
-    if path.is_file():
+    if path.is_file() and path.parent == Path(app.srcdir):  # those below were written with theirs
         source[0] = linked(source[0], path, path)
 
 

@@ -69,8 +69,6 @@ FAMILIES: Mapping[str, tuple[Catalogue[Any], str]] = {
     "Figures of the report": (FIGURES, "`softcal.register_figure`."),
     "Sections of the report": (SECTIONS, "`softcal.register_section`."),
 }
-
-
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 EXAMPLES = ("beam", "finger", "fleet", "manipulator", "neck", "neck-bench")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from pathlib import Path
@@ -90,8 +91,8 @@ def has_no_disk(shared: object, number: int) -> int:
 def has_no_disk_here(shared: Path, number: int) -> int:
     """Which the first process to be asked has not."""
     first = shared / "first"
-    if not first.exists():
-        first.write_text(str(os.getpid()))
+    with contextlib.suppress(FileExistsError), first.open("x") as file:  # two processes ask at once: one makes it
+        file.write(str(os.getpid()))
     if first.read_text() == str(os.getpid()):
         raise OSError(28, "No space left on device")
     return number

@@ -123,7 +123,7 @@ def tried(environment: Environment, folder: Path) -> list[str]:
 def ok(code: int, said: str, extra: str, brought: bool) -> bool:
     """Whether a command that needs an extra does what it should: names the extra where that is missing."""
     named = f"softcal[{extra}]" in said
-    return code in (0, 2) and "Traceback" not in said and named is not brought and (brought or code == 2)
+    return "Traceback" not in said and named is not brought and (brought or code == 2)
 
 
 def direct(extra: str) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""What `python -m scripts.sizes --clean` makes of an environment: which packages are MKL, and whether a command is right."""
+"""What `python -m scripts.sizes --clean` makes of an environment: its MKL, and whether a command is right."""
 
 from __future__ import annotations
 

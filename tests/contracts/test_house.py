@@ -6,8 +6,8 @@ from scripts.house import floors, house
 
 # Figure -> its limit at present, and its goal. A change that lowers a figure lowers the limit.
 LIMITS = {
-    "lines": (97_890, 73_000),
-    "lines of the core": (79_141, 50_000),
+    "lines": (97_868, 73_000),
+    "lines of the core": (79_119, 50_000),
     "private helpers called once": (679, 400),
     "files below 60 lines": (104, 80),
     "share of imports [%]": (8.1, 7.0),

@@ -18,7 +18,7 @@ SLOW_LIMIT ?= 40m
 # The tests start hundreds of programs: the bytecode of the first serves the others.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test test-slow test-long bench coverage docs format clean constraints
+.PHONY: help demo test test-slow test-long bench coverage docs format clean constraints wheels
 .PHONY: lint lint-ruff lint-format lint-types lint-layers lint-licences lint-vulnerabilities
 
 help:
@@ -32,6 +32,7 @@ help:
 	@echo "make coverage   measure the coverage of 95 % intervals, write docs/uncertainty.md: ten minutes"
 	@echo "make docs       build the site into docs/_build"
 	@echo "make lint       ruff, pyright, layers, licences, known vulnerabilities"
+	@echo "make wheels     build sdist and wheel into dist, try them in environments of their own: an hour"
 	@echo "make constraints  install the newest versions that pyproject.toml allows, write constraints.txt"
 	@echo "make format     let ruff format and mend what it can"
 	@echo "make clean      remove the environment and the caches (runs are kept)"
@@ -108,6 +109,10 @@ constraints:
 	@scripts/bootstrap.sh newest
 	$(PYTHON_IN) -m scripts.write_constraints
 	@touch $(RUN) $(DEV)
+
+wheels: $(DEV)
+	$(PYTHON_IN) -m hatchling build -d dist
+	$(PYTHON_IN) -m scripts.sizes --clean
 
 format: $(DEV)
 	$(VENV)/bin/ruff format

@@ -397,9 +397,12 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from importlib.metadata import version
+        from importlib.metadata import PackageNotFoundError, version
 
-        return version("softcal")
+        try:
+            return version("softcal")
+        except PackageNotFoundError:  # the source tree alone: as a build of it without git
+            return "0.0"
     if name in _HOMES:
         value = getattr(importlib.import_module(_HOMES[name]), name)
     elif name in (brought := {} if name.startswith("_") else _brought()):

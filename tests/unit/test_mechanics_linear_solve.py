@@ -1,4 +1,10 @@
-"""Both factorisations solve symmetric indefinite systems given by their upper triangle, again and again."""
+"""All factorisations solve symmetric indefinite systems given by their upper triangle, again and again."""
+
+import ctypes
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -6,11 +12,32 @@ import scipy.sparse as sp
 
 from softcal.errors import SimulationError
 from softcal.mechanics import linear_solve
-from softcal.mechanics.linear_solve import Pardiso, SuperLU, factorisation
+from softcal.mechanics.linear_solve import Accelerate, Pardiso, SuperLU, factorisation
 
+FAKE = Path(__file__).parents[1] / "fake_accelerate" / "sparse.c"
+COMPILER = shutil.which("cc") or shutil.which("gcc")
 KINDS = [SuperLU]
+# On a Mac Apple's own library, elsewhere one with its structures that a compiler of C has laid out.
+if sys.platform == "darwin" or (COMPILER is not None and sys.platform == "linux"):
+    KINDS.append(Accelerate)
 if linear_solve._mkl_pardiso() is not None:
     KINDS.append(Pardiso)
+
+
+@pytest.fixture(scope="module")
+def fake(tmp_path_factory):
+    """The functions of Apple's library that softcal calls, where there is a compiler of C."""
+    if Accelerate not in KINDS or sys.platform == "darwin":
+        return None
+    path = tmp_path_factory.mktemp("accelerate") / "sparse.so"
+    subprocess.run([COMPILER, "-shared", "-fPIC", "-O1", "-w", "-o", str(path), str(FAKE)], check=True)
+    return ctypes.CDLL(str(path))
+
+
+@pytest.fixture(autouse=True)
+def accelerate(fake, monkeypatch):
+    if fake is not None:
+        monkeypatch.setattr(linear_solve, "_accelerate", lambda: fake)
 
 
 def saddle(n=60, m=15, seed=0):
@@ -88,13 +115,60 @@ def test_super_lu_says_that_a_matrix_is_singular():
         factors.factorise(np.zeros(len(triangle.data)))
 
 
-def test_super_lu_stands_in_where_mkl_is_absent(monkeypatch):
+needs_fake = pytest.mark.skipif(sys.platform == "darwin" or Accelerate not in KINDS, reason="no fake library here")
+
+
+@needs_fake
+def test_accelerate_is_called_as_documented_and_frees_what_it_made(fake):
+    calls = (ctypes.c_char * 100000).in_dll(fake, "calls")
+    calls.value = b""
+    triangle = upper(saddle())
+    factors = Accelerate(triangle.indptr.astype(np.int64), triangle.indices.astype(np.int64))
+    factors.factorise(triangle.data)
+    factors.factorise(2.0 * triangle.data)
+    factors.solve(np.ones((75, 2)))
+    assert factors.n_negative == 15
+    assert factors.solves_per_factorisation == pytest.approx(linear_solve.SOLVES * 75)
+    del factors
+    assert calls.value.split() == [b"factor", b"refactor", b"solve", b"destroy"]
+
+
+@needs_fake
+def test_accelerate_says_that_a_matrix_is_singular_or_not_finite():
+    triangle = upper(saddle())
+    factors = Accelerate(triangle.indptr.astype(np.int64), triangle.indices.astype(np.int64))
+    with pytest.raises(SimulationError, match="75 pivots of zero"):
+        factors.factorise(0.0 * triangle.data)
+    with pytest.raises(SimulationError, match="not finite"):
+        factors.factorise(np.nan * triangle.data)
+    factors.factorise(triangle.data)
+    assert factors.n_negative == 15
+
+
+@needs_fake
+def test_what_accelerate_refuses_is_said(monkeypatch):
+    triangle = upper(saddle())
+    monkeypatch.setattr(linear_solve, "_METIS", 4)
+    factors = Accelerate(triangle.indptr.astype(np.int64), triangle.indices.astype(np.int64))
+    with pytest.raises(SimulationError, match=r"Accelerate: status -4; not as documented"):
+        factors.factorise(triangle.data)
+
+
+@needs_fake
+def test_accelerate_stands_in_for_mkl_where_it_is_there(monkeypatch):
     monkeypatch.setattr(linear_solve, "_mkl_pardiso", lambda: None)
+    assert isinstance(factorisation(np.array([0, 1]), np.array([0])), Accelerate)
+
+
+def test_super_lu_stands_in_where_mkl_and_accelerate_are_absent(monkeypatch):
+    monkeypatch.setattr(linear_solve, "_mkl_pardiso", lambda: None)
+    monkeypatch.setattr(linear_solve, "_accelerate", lambda: None)
     assert isinstance(factorisation(np.array([0, 1]), np.array([0])), SuperLU)
 
 
+@pytest.mark.parametrize("kind", [one for one in KINDS if one is not Pardiso])
 @pytest.mark.skipif(Pardiso not in KINDS, reason="MKL is not installed")
-def test_the_twin_gives_the_same_with_either(monkeypatch):
+def test_the_twin_gives_the_same_with_each(monkeypatch, kind):
     from mechanics_cases import column_robot, pulled
 
     from softcal.twin.simulate import simulate
@@ -102,6 +176,8 @@ def test_the_twin_gives_the_same_with_either(monkeypatch):
     robot, protocol = column_robot("P2P1", divisions=(1, 1, 4)), pulled(0.01, 0.04)
     fast = simulate(robot, protocol, sensitivities=("neck.poissons_ratio",), curve_tolerance=0.0)
     monkeypatch.setattr(linear_solve, "_mkl_pardiso", lambda: None)
+    if kind is SuperLU:
+        monkeypatch.setattr(linear_solve, "_accelerate", lambda: None)
     slow = simulate(robot, protocol, sensitivities=("neck.poissons_ratio",), curve_tolerance=0.0)
     for name in ("front.tension", "plate.pitch"):
         np.testing.assert_allclose(slow.channels[name], fast.channels[name], rtol=1e-7)

@@ -1,4 +1,6 @@
-"""Sparse symmetric matrices given by their upper triangle: factorised by PARDISO, or SuperLU where MKL is absent."""
+"""Sparse symmetric matrices given by their upper triangle: factorised by MKL's PARDISO, by Apple's Accelerate, else by
+SuperLU.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +8,7 @@ import ctypes
 import functools
 import os
 import re
+import sys
 import weakref
 from importlib.metadata import PackageNotFoundError, distribution
 from typing import Any, NamedTuple, Protocol
@@ -56,6 +59,8 @@ def factorisation(indptr: Ints, indices: Ints, *, single: bool = False) -> Facto
     """
     if _mkl_pardiso() is not None:
         return Pardiso(indptr, indices, single=single)
+    if _accelerate() is not None:
+        return Accelerate(indptr, indices, single=single)
     return SuperLU(indptr, indices)
 
 
@@ -159,6 +164,180 @@ def _pardiso(handle: _Handle, phase: int, data: np.ndarray, b: np.ndarray, x: np
         by(nrhs), options, by(msglvl), _pointer(b), _pointer(x), by(error),
     )  # fmt: skip
     return int(error.value)
+
+
+# Structures and constants of Apple's Sparse/Solve.h, in its order; 64-bit systems alone.
+_I32, _U32, _U8, _SIZE, _POINTER = ctypes.c_int32, ctypes.c_uint32, ctypes.c_uint8, ctypes.c_size_t, ctypes.c_void_p
+_SYMMETRIC_LOWER = 3 << 2 | 1 << 1  # attributes: kind and triangle; columns of it are the rows of the upper triangle
+_METIS = 3  # order: nested dissection
+_LDLT = _U8(4)  # with threshold partial pivoting, so that the inertia is right for every symmetric matrix
+_SPARSE = "/System/Library/Frameworks/Accelerate.framework/Accelerate"
+# Inertia is a function of C with overloads, so its name is that of C++; it came with macOS 13.
+_INERTIA = "_Z16SparseGetInertia{0}SparseOpaqueFactorization_{1}PiS0_S0_"
+_ReportError = ctypes.CFUNCTYPE(None, ctypes.c_char_p)
+
+
+class _Pattern(ctypes.Structure):
+    _fields_ = (
+        ("n_rows", _I32), ("n_columns", _I32), ("starts", _POINTER), ("rows", _POINTER), ("attributes", _U32),
+        ("block_size", _U8),
+    )  # fmt: skip
+
+
+class _Matrix(ctypes.Structure):
+    _fields_ = (("pattern", _Pattern), ("data", _POINTER))
+
+
+class _Columns(ctypes.Structure):
+    _fields_ = (("n_rows", _I32), ("n_columns", _I32), ("stride", _I32), ("attributes", _U32), ("data", _POINTER))
+
+
+class _SymbolicOptions(ctypes.Structure):
+    _fields_ = (
+        ("control", _U32), ("order", _U8), ("permutation", _POINTER), ("ignored", _POINTER), ("malloc", _POINTER),
+        ("free", _POINTER), ("report_error", _ReportError),
+    )  # fmt: skip
+
+
+class _NumericOptions(ctypes.Structure):
+    _fields_ = (
+        ("control", _U32), ("scaling_method", _U8), ("scaling", _POINTER), ("pivot_tolerance", ctypes.c_double),
+        ("zero_tolerance", ctypes.c_double),
+    )  # fmt: skip
+
+
+class _Symbolic(ctypes.Structure):
+    _fields_ = (
+        ("status", _I32), ("n_rows", _I32), ("n_columns", _I32), ("attributes", _U32), ("block_size", _U8),
+        ("kind", _U8), ("factors", _POINTER), ("workspace_Float", _SIZE), ("workspace_Double", _SIZE),
+        ("size_Float", _SIZE), ("size_Double", _SIZE),
+    )  # fmt: skip
+
+
+class _Numeric(ctypes.Structure):
+    _fields_ = (
+        ("status", _I32), ("attributes", _U32), ("symbolic", _Symbolic), ("own_storage", ctypes.c_bool),
+        ("factors", _POINTER), ("workspace", _SIZE), ("workspace_per_column", _SIZE),
+    )  # fmt: skip
+
+
+class Accelerate:
+    """The sparse LDL^T of Apple's Accelerate for symmetric indefinite matrices; the pattern is analysed once."""
+
+    def __init__(self, indptr: Ints, indices: Ints, *, single: bool = False) -> None:
+        self._type: type[np.floating] = np.float32 if single else np.float64
+        self._precision = "Float" if single else "Double"
+        self._arrays = (np.ascontiguousarray(indptr, dtype=np.int64), np.ascontiguousarray(indices, dtype=np.int32))
+        self._n = len(indptr) - 1
+        starts, rows = (array.ctypes.data for array in self._arrays)
+        self._pattern = _Pattern(self._n, self._n, starts, rows, _SYMMETRIC_LOWER, 1)
+        self._faults = faults = list[str]()  # not by `self`, which would keep this object in a cycle
+        # Without a report of its own, Accelerate ends the process where it refuses an argument.
+        report = _ReportError(lambda text: faults.append(text.decode(errors="replace").strip()))
+        memory = [ctypes.cast(function, _POINTER) for function in (ctypes.CDLL(None).malloc, ctypes.CDLL(None).free)]
+        self._symbolic = _SymbolicOptions(0, _METIS, None, None, *memory, report)
+        pivots = 0.1 if single else 0.01  # Apple's defaults, as the next
+        self._options = _NumericOptions(0, 0, None, pivots, 1e-4 * float(np.finfo(self._type).eps))
+        self._numeric = _Numeric()
+        self._n_negative = 0
+        self._finalizer = weakref.finalize(self, _destroy, self._function("_SparseDestroyOpaqueNumeric"), self._numeric)
+
+    def factorise(self, data: Floats) -> None:
+        """Numeric factorisation of the values `data` (nnz,).
+
+        Raises
+        ------
+        SimulationError
+            Where the matrix is singular to working precision.
+        """
+        if not np.all(np.isfinite(data)):  # of which Accelerate says nothing
+            raise SimulationError("The tangent could not be factorised (it has entries that are not finite).")
+        values = np.ascontiguousarray(data, dtype=self._type)
+        matrix = _Matrix(self._pattern, values.ctypes.data)
+        by = ctypes.byref
+        if self._numeric.factors and self._numeric.status == 0:
+            workspace = _bytes(getattr(self._numeric.symbolic, f"workspace_{self._precision}"))
+            refactor = self._function("_SparseRefactorSymmetric")
+            refactor(by(matrix), by(self._numeric), by(self._options), _pointer(workspace))
+        else:
+            self.release()
+            factor = self._function("_SparseFactorSymmetric")
+            factor.restype = _Numeric
+            made = factor(_LDLT, by(matrix), by(self._symbolic), by(self._options))
+            ctypes.memmove(by(self._numeric), by(made), ctypes.sizeof(_Numeric))
+        self._check(f"status {self._numeric.status}", self._numeric.status == 0)
+        counts = [ctypes.c_int() for _ in range(3)]  # of positive, zero and negative pivots
+        code = _inertia(_accelerate(), self._precision)(self._numeric, *map(ctypes.byref, counts))
+        _, zero, negative = (count.value for count in counts)
+        self._check(f"{zero} pivots of zero", code == 0 and zero == 0)  # its status is in order with them
+        self._n_negative = negative
+
+    def solve(self, b: Floats) -> Floats:
+        """x with A x = b; b (n,) or (n, k)."""
+        given = np.array(b, dtype=self._type, order="F", copy=True)
+        x = np.empty_like(given, order="F")
+        n_columns = 1 if given.ndim == 1 else given.shape[1]
+        of = [_Columns(self._n, n_columns, self._n, 0, array.ctypes.data) for array in (given, x)]
+        workspace = _bytes(self._numeric.workspace + n_columns * self._numeric.workspace_per_column)
+        self._function("_SparseSolveOpaque")(
+            ctypes.byref(self._numeric), ctypes.byref(of[0]), ctypes.byref(of[1]), _pointer(workspace)
+        )
+        self._check("no solution", True)
+        return np.asarray(x, dtype=np.float64)
+
+    @property
+    def n_negative(self) -> int:
+        """The number of negative eigenvalues of the matrix factorised last."""
+        return self._n_negative
+
+    @property
+    def solves_per_factorisation(self) -> float:
+        """The number of solutions by iteration that cost about as much as a factorisation."""
+        size = getattr(self._numeric.symbolic, f"size_{self._precision}")
+        return SOLVES * size / np.dtype(self._type).itemsize / self._n
+
+    def release(self) -> None:
+        """Release the factors' memory."""
+        _destroy(self._function("_SparseDestroyOpaqueNumeric"), self._numeric)
+
+    def _function(self, name: str) -> Any:
+        return _accelerate()[f"{name}_{self._precision}"]
+
+    def _check(self, what: str, right: bool) -> None:
+        """Raise where Accelerate has reported an error, or the caller found one."""
+        if self._faults or not right:
+            said = "; ".join([what, *self._faults])
+            self._faults.clear()
+            raise SimulationError(f"The tangent could not be factorised (Accelerate: {said}).")
+
+
+def _destroy(function: Any, numeric: _Numeric) -> None:
+    """Free what Accelerate holds; also called when its owner is collected, or at exit."""
+    if numeric.factors or numeric.symbolic.factors:
+        function(ctypes.byref(numeric))
+        ctypes.memset(ctypes.byref(numeric), 0, ctypes.sizeof(numeric))
+
+
+def _bytes(n: int) -> np.ndarray:
+    return np.empty(n // 16 + 1, dtype=np.complex128)  # aligned to 16 bytes
+
+
+def _inertia(library: Any, precision: str) -> Any:
+    """Its function that counts the signs of the pivots; raises AttributeError before macOS 13."""
+    return library[_INERTIA.format(len(f"SparseOpaqueFactorization_{precision}"), precision)]
+
+
+@functools.cache
+def _accelerate() -> Any:
+    """Apple's library, or None elsewhere, and where it cannot count negative eigenvalues."""
+    if sys.platform != "darwin":
+        return None
+    library = ctypes.CDLL(_SPARSE)
+    try:
+        _inertia(library, "Double")
+    except AttributeError:
+        return None
+    return library
 
 
 class SuperLU:

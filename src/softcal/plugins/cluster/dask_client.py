@@ -12,7 +12,6 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
-from importlib.metadata import version
 from pathlib import Path
 from sysconfig import get_python_version
 from typing import TYPE_CHECKING, Any, Protocol, cast
@@ -81,21 +80,20 @@ async def _identity(address: str) -> None:
 def require_same_code(client: distributed.Client, address: str) -> None:
     """Raise where a worker has another softcal or another Python than this process; all such workers at once.
 
+    softcal is compared by its code and not by its version: that of a state between two releases names the commit, or
+    the day, at which it was installed.
+
     Raises
     ------
     InputError
         As said.
     """
-    ours = (get_python_version(), version("softcal"), code_hash())
-    asked: list[tuple[str, Callable[..., Any], tuple[str, ...]]] = [
-        ("Python", get_python_version, ()),
-        ("softcal", version, ("softcal",)),
-        ("softcal's code", code_hash, ()),
-    ]
+    asked: list[tuple[str, Callable[..., Any]]] = [("Python", get_python_version), ("softcal's code", code_hash)]
     faults: dict[str, Fault] = {}
-    for (what, function, args), own in zip(asked, ours, strict=True):
+    for what, function in asked:
+        own = function()
         asked_now = [worker for worker in client.scheduler_info(n_workers=-1)["workers"] if worker not in faults]
-        told = _answers(client, function, args, asked_now)
+        told = _answers(client, function, asked_now)
         if not told:  # no worker yet, or one that does not answer: the code is compared with every call
             break
         for worker, found in told.items():
@@ -109,15 +107,13 @@ def require_same_code(client: distributed.Client, address: str) -> None:
         raise InputError([*faults.values(), same])
 
 
-def _answers(
-    client: distributed.Client, function: Callable[..., Any], args: tuple[str, ...], workers: list[str]
-) -> dict[str, Any]:
+def _answers(client: distributed.Client, function: Callable[..., Any], workers: list[str]) -> dict[str, Any]:
     """What each worker answers; nothing where one does not: it is asked again with every call."""
     found: dict[str, Any] = {}
 
     def ask() -> None:
         with contextlib.suppress(Exception):  # the connection is closed while it waits
-            found.update(cast("dict[str, Any]", client.run(function, *args, workers=workers, on_error="return")))
+            found.update(cast("dict[str, Any]", client.run(function, workers=workers, on_error="return")))
 
     asking = threading.Thread(target=ask, daemon=True)  # a worker that is stopped never answers
     asking.start()

@@ -1,0 +1,81 @@
+"""The files for a forge, a release and other installers agree with pyproject.toml and the Makefile."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+from ruamel.yaml import YAML
+
+from scripts.sizes import PYTHONS
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+OTHERS = (".pre-commit-config.yaml", "CITATION.cff", "conda/recipe.yaml")
+FILES = sorted([*ROOT.glob(".github/**/*.yml"), *(ROOT / one for one in OTHERS)])
+WORKFLOWS = [path for path in FILES if path.parent.name == "workflows"]
+TEXTS = [*FILES, ROOT / "Containerfile", ROOT / "CODE_OF_CONDUCT.md", ROOT / ".github/pull_request_template.md"]
+
+
+def read(path: Path) -> Any:
+    return YAML(typ="safe").load(path.read_text(encoding="utf-8"))
+
+
+def name(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("path", FILES, ids=name)
+def test_it_is_yaml(path: Path) -> None:
+    assert isinstance(read(path), dict)
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=name)
+def test_what_it_calls_of_the_makefile_is_there(path: Path) -> None:
+    targets = set(re.findall(r"(?m)^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8")))
+    text = path.read_text(encoding="utf-8")
+    assert set(re.findall(r"`?\bmake ([a-z]+(?:-[a-z]+)*)", text)) <= targets
+    for test in re.findall(r"tests/[\w/]+(?:\.py)?", text):
+        assert (ROOT / test).exists()
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=name)
+def test_extras_and_versions_of_python_are_those_of_the_project(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    for extras in re.findall(r"[.\")]\[([a-z,]+)\]", text):
+        assert set(extras.split(",")) <= set(PROJECT["optional-dependencies"])
+    for version in re.findall(r"\b3\.\d\d\b(?!\.)", text):
+        assert version in PYTHONS
+
+
+def test_the_versions_that_are_tested_are_those_that_the_project_takes() -> None:
+    matrix = read(ROOT / ".github/workflows/tests.yml")["jobs"]["others"]["strategy"]["matrix"]
+    assert tuple(matrix["python"]) == PYTHONS
+    assert all(SpecifierSet(PROJECT["requires-python"]).contains(version) for version in PYTHONS)
+    assert {one.partition("-")[0] for one in matrix["os"]} == {"ubuntu", "macos", "windows"}
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=name)
+def test_a_workflow_may_only_read_unless_a_job_says_more(path: Path) -> None:
+    assert read(path)["permissions"] == {"contents": "read"}
+
+
+def test_only_a_tag_publishes_and_without_a_password() -> None:
+    release = read(ROOT / ".github/workflows/release.yml")
+    assert release["on" if "on" in release else True] == {"push": {"tags": ["v*"]}}
+    assert release["jobs"]["publish"]["permissions"] == {"id-token": "write"}
+    assert "secrets." not in (ROOT / ".github/workflows/release.yml").read_text(encoding="utf-8")
+
+
+def test_the_recipe_needs_what_the_project_needs() -> None:
+    """But MKL, which stays a choice there; conda has Matplotlib without its windows under another name."""
+    lines = [str(line) for line in read(ROOT / "conda/recipe.yaml")["requirements"]["run"]]
+    recipe = {line.split()[0].removesuffix("-base"): line.partition(" ")[2] for line in lines}
+    assert SpecifierSet(recipe.pop("python")) == SpecifierSet(PROJECT["requires-python"])
+    needed = [one for one in map(Requirement, PROJECT["dependencies"]) if one.marker is None]
+    assert {one: SpecifierSet(spec) for one, spec in recipe.items()} == {one.name: one.specifier for one in needed}

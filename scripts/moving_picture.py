@@ -8,7 +8,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 import softcal
@@ -28,6 +27,8 @@ SIZE, DPI = (7.2, 3.4), 100  # [in]
 
 def main() -> None:
     """Calibrate all tests together, pull the twin as in the longest, draw."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     project = softcal.load(ROOT / "examples" / "neck" / "project.yaml")
     found = softcal.calibrate(project, fit="joint", seed=1).headline
     fit, slack = found.experiments[TEST], found.parameters[f"front.slack[{TEST}]"].value

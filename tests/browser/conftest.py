@@ -68,8 +68,8 @@ def serve() -> Generator[Callable[..., Server]]:
     """Start a server of a folder's page; all end with the test."""
     running: list[Server] = []
 
-    def start(folder: Path, *options: str) -> Server:
-        command = [sys.executable, "-m", "softcal", "watch", str(folder), "--no-browser", *options]
+    def start(folder: Path, *options: str, name: str = "watch") -> Server:
+        command = [sys.executable, "-m", "softcal", name, str(folder), "--no-browser", *options]
         environment = {key: value for key, value in os.environ.items() if "PYTEST" not in key}
         process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment

@@ -89,7 +89,12 @@ def sobol_indices(values: Floats, size: int, error: float = 0.0) -> Indices:
     """
     from scipy.special import stdtrit
 
-    components = _components(values - values.mean(axis=0))
+    components = values - values.mean(axis=0)
+    if components.shape[1] > 1:  # principal components, without those of negligible variance
+        some = components[np.linspace(0, len(components) - 1, min(_DRAFT, len(components))).astype(int)]
+        _, sizes, axes = np.linalg.svd(some, full_matrices=False)
+        left = 1 - np.cumsum(sizes**2) / np.sum(sizes**2)
+        components = np.asarray(components @ axes[: int(np.argmax(left <= _LEFT)) + 1].T, dtype=np.float64)
     found = np.array([_one(part, size) for part in np.split(components, REPEATS)])
     sampling = float(stdtrit(REPEATS - 1, 0.975)) * found.std(axis=0, ddof=1) / np.sqrt(REPEATS)
     all_of = [_index(float(v), float(e), error) for v, e in zip(found.mean(axis=0), sampling, strict=True)]
@@ -120,16 +125,6 @@ def _index(value: float, sampling: float, error: float) -> Index:
     """
     inside = min(max(value, 0.0), 1.0)
     return Index(value, sampling + error * (2 * math.sqrt(inside * (1 - inside)) + error))
-
-
-def _components(centred: Floats) -> Floats:
-    """The principal components (n, c) of values (n, k), without those of negligible variance."""
-    if centred.shape[1] == 1:
-        return centred
-    some = centred[np.linspace(0, len(centred) - 1, min(_DRAFT, len(centred))).astype(int)]
-    _, sizes, axes = np.linalg.svd(some, full_matrices=False)
-    left = 1 - np.cumsum(sizes**2) / np.sum(sizes**2)
-    return np.asarray(centred @ axes[: int(np.argmax(left <= _LEFT)) + 1].T, dtype=np.float64)
 
 
 def _box(size: int) -> dict[str, object]:

@@ -123,7 +123,7 @@ def mesh_file(
         source = path.resolve()
         if kind == "stl":
             source = Path(folder) / "surface.stl"
-            source.write_bytes(checked_stl(path))
+            source.write_bytes(checked_stl(path)[1])
         arrays = run_gmsh({**job, "path": str(source)}, where=str(path), timeout=timeout)
     mesh = TetMesh(factor * arrays["points"], arrays["tets"])
     faces = boundary_faces(mesh)

@@ -12,7 +12,7 @@ from softcal.checks import Floats, Ints
 from softcal.declare import Declared
 from softcal.errors import Fault, MeshError, nearest
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.surface import boundary_faces, matching_faces
+from softcal.geometry.surface import boundary_faces, matching_faces, nearest_triangle
 from softcal.quantities import Clearance, Direction, Point, Size
 
 Mask = NDArray[np.bool_]
@@ -20,6 +20,7 @@ Side = Literal["on", "above", "below"]
 
 # Coordinates in files are rounded: a point this near to a region, relative to the mesh's diagonal, is in it.
 ROUNDING = 1e-6
+SHARP = 35.0  # [deg]
 
 
 @dataclass(frozen=True)
@@ -106,6 +107,39 @@ class Sphere(Declared):
 
 Shape = Box | Plane | Cylinder | Sphere
 Region = Named | Shape
+
+
+def plane_at(triangles: Floats, point: Floats) -> Plane | None:
+    """The plane of the flat face at a point of a surface, its normal outwards; None where the surface is curved.
+
+    A face is curved where most of its border bends by less than `SHARP` into the next one.
+
+    Parameters
+    ----------
+    triangles
+        The surface of a part (n, 3, 3) [m], its corners ordered so that normals are outwards.
+    point
+        A point of it (3,) [m].
+    """
+    corners, numbers = np.unique(np.round(triangles.reshape(-1, 3), 9), axis=0, return_inverse=True)
+    faces = numbers.reshape(-1, 3)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    near = nearest_triangle(triangles, point)
+    normal = np.round(normals[near], 6) + 0.0
+    plane = Plane(tuple(np.round(triangles[near].mean(axis=0), 7) + 0.0), tuple(normal))
+    rounding = ROUNDING * float(np.linalg.norm(np.ptp(corners, axis=0)))
+    on = plane.contains(corners, rounding)[faces].all(axis=1) & (normals @ normal > 0.0)
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    order = np.lexsort(edges.T)
+    pairs = (
+        order[:-1][(edges[order][:-1] == edges[order][1:]).all(axis=1)],
+        order[1:][(edges[order][:-1] == edges[order][1:]).all(axis=1)],
+    )
+    first, second = (one % len(faces) for one in pairs)  # triangles on both sides of an edge
+    border = on[first] != on[second]
+    bend = np.degrees(np.arccos(np.clip((normals[first] * normals[second]).sum(axis=1)[border], -1.0, 1.0)))
+    return plane if len(bend) and np.median(bend) >= SHARP else None
 
 
 def select_nodes(mesh: TetMesh, region: Region, *, where: str = "") -> Ints:

@@ -1,4 +1,4 @@
-"""Validation of an .stl file before Gmsh reads it, since Gmsh ignores corners with invalid numbers."""
+"""The triangles of an .stl file, validated before Gmsh reads it, since Gmsh ignores corners with invalid numbers."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from softcal.checks import Floats
 from softcal.errors import Fault, MeshError
 
 _HEADER, _TRIANGLE = 80, 50
@@ -18,8 +19,8 @@ _NUMBER = re.compile(rb"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|nan|inf|infini
 _NAMED = b"binary STL".ljust(_HEADER)
 
 
-def checked_stl(path: Path) -> bytes:
-    """The validated bytes of an .stl file, in a form that Gmsh reads reliably.
+def checked_stl(path: Path) -> tuple[Floats, bytes]:
+    """The triangles of an .stl file (n, 3, 3) in its own unit, normals outwards; its bytes as Gmsh reads them reliably.
 
     Raises
     ------
@@ -81,7 +82,8 @@ def checked_stl(path: Path) -> bytes:
         raise MeshError(Fault("a corner is too far away", str(path), got, allowed, "export it again in millimetres"))
     size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     a, b, c = np.swapaxes(corners - corners[0, 0], 0, 1)
-    volume = abs(float(np.einsum("ij,ij->", a, np.cross(b, c)))) / 6.0
+    signed = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+    volume = abs(signed)
     if not volume > 1e-9 * size**3:
         raise MeshError(
             Fault(
@@ -92,4 +94,5 @@ def checked_stl(path: Path) -> bytes:
                 "repair it in the CAD program and export it again",
             )
         )
-    return _NAMED + data[_HEADER:] if binary else data
+    outwards = corners if signed > 0.0 else corners[:, ::-1]
+    return outwards, _NAMED + data[_HEADER:] if binary else data

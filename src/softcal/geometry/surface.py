@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from softcal.checks import Ints
+from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.cell import all_faces, cell_of, face_keys, outer_faces
 from softcal.geometry.mesh import TetMesh
+
+BESIDE = 1e-6  # of a triangle: so far beyond its edges a point is beside it
 
 
 def boundary_faces(mesh: TetMesh) -> Ints:
@@ -116,3 +118,16 @@ def _handedness(faces: Ints) -> Ints:
     first = np.argmin(corners, axis=1)
     rows = np.arange(len(corners))
     return (corners[rows, (first + 1) % 3] < corners[rows, (first + 2) % 3]).astype(np.int64)
+
+
+def nearest_triangle(triangles: Floats, point: Floats) -> int:
+    """Number of the triangle nearest to a point (3,), of those (n, 3, 3) beside which it is; else of all."""
+    a, e1, e2 = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    normals = np.cross(e1, e2)
+    area = np.linalg.norm(normals, axis=1)
+    to, n = point - a, normals / area[:, None]
+    u, v = (np.einsum("nj,nj->n", n, np.cross(*pair)) / area for pair in ((to, e2), (e1, to)))
+    distance = np.abs(np.einsum("nj,nj->n", to, n))
+    beside = (u >= -BESIDE) & (v >= -BESIDE) & (u + v <= 1.0 + BESIDE)
+    centres = np.linalg.norm(triangles.mean(axis=1) - point, axis=1)
+    return int(np.argmin(np.where(beside, distance, np.inf) if beside.any() else centres))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 from softcal.calibration.problem.rig import CommonRig
 from softcal.errors import InputError
@@ -45,7 +44,16 @@ def plan_bench(
     """
     path: KeyPath = ("experiments", name)
     check_names(section, parts, path, findings)
-    steps = [_planned(step, (*path, "prepare", i), findings) for i, step in enumerate(section.prepare)]
+    steps: list[PlannedStep | None] = []
+    for i, step in enumerate(section.prepare):
+        try:
+            steps += parse_steps([step], where="")
+        except InputError as error:
+            steps.append(None)
+            for fault in error.faults:
+                keys = [key for key in re.sub(r"^\[0\]", "", fault.where).split(".") if key]
+                where = findings.document.where((*path, "prepare", i, *keys))
+                findings.faults.append(replace(fault, where=where))
     if rig.pulleys is not None and any(step is not None and step.name == PULLEY_STEP for step in steps):
         findings.add(
             (*path, "prepare"),
@@ -93,14 +101,3 @@ def check_headers(name: str, section: ExperimentSection, files: InputFiles, find
             with findings.at(("experiments", name)):
                 layout = read_layout(path, written=file, label=section.label, **asked_of(file))
                 raise_faults(layout.faults, layout.unit_faults)
-
-
-def _planned(step: str | Mapping[str, Any], path: KeyPath, findings: Findings) -> PlannedStep | None:
-    """A preparation step with its settings in SI; faults are recorded at the setting."""
-    try:
-        return parse_steps([step], where="")[0]
-    except InputError as error:
-        for fault in error.faults:
-            keys = [key for key in re.sub(r"^\[0\]", "", fault.where).split(".") if key]
-            findings.faults.append(replace(fault, where=findings.document.where((*path, *keys))))
-        return None

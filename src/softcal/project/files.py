@@ -48,7 +48,10 @@ class InputFiles:
         except RuntimeError as error:  # a home that does not exist
             raise StorageError(Fault(f"there is no such {kind}", got=shortened(written), allowed="a file")) from error
         if found := not_a_file(path):
-            near = _beside(path)
+            try:
+                near = sorted(entry.name for entry in path.parent.iterdir() if entry.is_file())[:8]
+            except OSError:
+                near = []
             raise StorageError(
                 Fault(
                     f"the {kind} is {found}" if found in OTHER_KINDS.values() else f"there is no such {kind}",
@@ -107,13 +110,6 @@ def require_file(path: Path, kind: str, limit: Limit) -> None:
 def shortened(text: str) -> str:
     """Text in quotes for a message, its middle left out where it is long."""
     return f"'{text}'" if len(text) <= 80 else f"'{text[:40]}…{text[-30:]}' ({len(text)} characters)"
-
-
-def _beside(path: Path) -> list[str]:
-    try:
-        return sorted(entry.name for entry in path.parent.iterdir() if entry.is_file())[:8]
-    except OSError:
-        return []
 
 
 def sha256(path: Path) -> str:

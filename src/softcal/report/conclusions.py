@@ -102,7 +102,11 @@ def conclusions(content: ReportContent) -> list[Remark]:
         ),
         *_each(results, residual_sentences),
         *_each(results, lambda result: _said(left_out_sentence(result))),
-        *_records(content),
+        *(
+            Remark(_of(label, content.judged, text), "note")
+            for label in content.judged
+            if (text := record_sentence(content, label))
+        ),
         *_each(results, lambda result: map(Remark, cycle_sentences(result))),
         *_each(results, lambda result: (*_said(fit_sentence(result)), *filter(None, [prediction_sentence(result)]))),
         *_gain(content),
@@ -168,12 +172,6 @@ def _differences(content: ReportContent) -> Iterable[Remark]:
             f"({range_text(one)}), more than their noise explains ({chance_text(one)})."
         )
         yield Remark(text, "warning")
-
-
-def _records(content: ReportContent) -> Iterable[Remark]:
-    for label in content.judged:
-        if text := record_sentence(content, label):
-            yield Remark(_of(label, content.judged, text), "note")
 
 
 def _gain(content: ReportContent) -> Iterable[Remark]:

@@ -22,7 +22,7 @@ from softcal.geometry.centreline import Centreline
 from softcal.geometry.locate import mean_edges, nearest_places, nearest_tets, tets_holding
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.attachment import attach_point, attach_rate
-from softcal.mechanics.rod_points import RodPlace, place_on_rod
+from softcal.mechanics.rod_points import place_on_rod
 from softcal.twin.cables import Cable, ViaPoint
 
 SPACING = 0.25  # of an edge of the tets around: the spacing of the points that represent a bore
@@ -180,15 +180,11 @@ def _along(centreline: Centreline, start: Floats, end: Floats) -> Floats:
         return np.zeros((0, 3))
     stations = centreline.stations
     s0, s1 = (np.interp(at, np.arange(len(stations)), stations) for at in (a, b))
-    offsets = [_offset(centreline, place, at) for place, at in ((first, start), (last, end))]
+    # Both ends less their sections' centres, in the sections' axes.
+    offsets = [
+        sum((w * centreline.triads[i].T @ (at - centreline.nodes[i]) for i, w in place.weights), np.zeros(3))
+        for place, at in ((first, start), (last, end))
+    ]
     t = ((stations[between] - s0) / (s1 - s0))[:, None]
     local = (1.0 - t) * offsets[0] + t * offsets[1]
     return centreline.nodes[between] + np.einsum("nij,nj->ni", centreline.triads[between], local)
-
-
-def _offset(centreline: Centreline, place: RodPlace, at: Floats) -> Floats:
-    """A point less its section's centre, in the section's axes (3,) [m]."""
-    return sum(
-        (weight * centreline.triads[node].T @ (at - centreline.nodes[node]) for node, weight in place.weights),
-        np.zeros(3),
-    )

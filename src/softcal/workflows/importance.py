@@ -10,7 +10,6 @@ from typing import Annotated
 from softcal.analysis.importance import SIMULATIONS, ImportanceStudy, Range, importance_study
 from softcal.analysis.importance_verdict import importance_sentences
 from softcal.calibration.interval_studies.likelihood_points import Observer
-from softcal.calibration.results.result import CalibrationResult
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.executors.chosen import Workers
@@ -121,11 +120,6 @@ def indices_csv(found: ImportanceStudy) -> str:
     return csv_text(["output", "order", "parameter", "with", "index [1]", "error [1]"], rows)
 
 
-def _is_of(study: ImportanceStudy, result: CalibrationResult) -> bool:
-    """Whether a run searched within the studied bounds."""
-    return study.ranges == {label: Range(e.lower, e.upper, e.unit, e.scale) for label, e in result.parameters.items()}
-
-
 INDICES = "indices.csv"
 IMPORTANCE = StudyKind(
     what="the importance study",
@@ -134,5 +128,7 @@ IMPORTANCE = StudyKind(
     folder="importance",
     sentences=importance_sentences,
     tables={INDICES: indices_csv},
-    is_of=_is_of,
+    is_of=lambda study, result: (  # whether a run searched within the studied bounds
+        study.ranges == {label: Range(e.lower, e.upper, e.unit, e.scale) for label, e in result.parameters.items()}
+    ),
 )

@@ -381,7 +381,11 @@ def _require_unchanged(folder: Path, record: _RunRecord) -> None:
         path = folder / (record.copies.get(written, written) if number else PROJECT)
         missing = not_a_file(path)
         what = "a file of the run is missing" if missing else "the file was changed after the calibration"
-        if missing or _sha256(path) != before:
+        try:
+            is_changed = bool(missing) or sha256(path) != before
+        except OSError as error:
+            raise StorageError(Fault("the file cannot be read", str(path), error.strerror or str(error))) from error
+        if is_changed:
             attempt = "restore it, or softcal calibrate the changed project with another --out"
             faults.append(Fault(what, str(path), attempt=attempt))
     # As of meshes that were generated before runs kept their hashes.
@@ -397,13 +401,6 @@ def _require_unchanged(folder: Path, record: _RunRecord) -> None:
     ]
     if faults:
         raise StorageError(faults)
-
-
-def _sha256(path: Path) -> str:
-    try:
-        return sha256(path)
-    except OSError as error:
-        raise StorageError(Fault("the file cannot be read", str(path), error.strerror or str(error))) from error
 
 
 def _digest(path: Path) -> str:

@@ -91,7 +91,14 @@ class Experiment(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "compared", tuple(dict.fromkeys(self.compared or self._comparable())))
+        if not self.compared:
+            names = {c: channel_name(c) for c in self.dataset.channels if c not in self.drives}
+            names = {c: name for c, name in names.items() if not name.is_deviation}
+            of_cable = [c for c, name in names.items() if not name.carrier and name.kind.compared]
+            short = [c for c in of_cable if self.cable or not names[c].kind.drives]
+            short.sort(key=lambda c: names[c].kind.compared)
+            object.__setattr__(self, "compared", (*short, *(c for c, name in names.items() if name.carrier)))
+        object.__setattr__(self, "compared", tuple(dict.fromkeys(self.compared)))
         faults = [
             Fault(f"no channel '{channel}'", self.name, allowed=", ".join(self.dataset.channels))
             for channel in (*self.drives, *self.compared)
@@ -225,14 +232,6 @@ class Experiment(Checked):
         if self.points:
             values |= {f"frame.{axis}": value for axis, value in asdict(self.rig.frame).items()}
         return {name: self.settings.get(name, value) for name, value in values.items()}
-
-    def _comparable(self) -> tuple[str, ...]:
-        channels = {c: channel_name(c) for c in self.dataset.channels if c not in self.drives}
-        channels = {c: name for c, name in channels.items() if not name.is_deviation}
-        of_cable = [c for c, name in channels.items() if not name.carrier and name.kind.compared]
-        short = [c for c in of_cable if self.cable or not channels[c].kind.drives]
-        short.sort(key=lambda c: channels[c].kind.compared)
-        return (*short, *(c for c, name in channels.items() if name.carrier))
 
 
 def rig_parameters(experiments: Iterable[Experiment]) -> dict[str, ParameterInfo]:

@@ -1,7 +1,8 @@
-"""The command `softcal watch`."""
+"""The commands `softcal watch` and `softcal new`."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -44,6 +45,37 @@ def watch(
         got, attempt = ("", "--wait, if it will be there") if found == NOTHING else (found, "")
         raise InputError(Fault("there is no such folder", str(run), got, allowed, attempt))
 
+    _until_ctrl_c(lambda ready: serve(run, host=host, port=port, ready=ready), browser)
+
+
+@register_command("start", 1)
+def new(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="A folder with a mesh, STL or STEP file and tables.")
+    ] = Path(),
+    port: Annotated[
+        int | None,
+        typer.Option(min=0, max=PORTS, help="Port; by default the first free one from 8085 on.", show_default=False),
+    ] = None,
+    browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
+) -> None:
+    """Write a project file by clicks, on a local page: faces, bores, tables; checked as it grows."""
+    from softcal.errors import Fault, InputError
+    from softcal.extras import require_extra
+    from softcal.plugins.watch.new_page import serve_new
+    from softcal.regular_file import FOLDER, NOTHING, not_a_file
+
+    require_extra("watch", "nicegui", where="softcal new")
+    found = not_a_file(folder) or "a file"
+    if found != FOLDER:
+        got = "" if found == NOTHING else found
+        raise InputError(Fault("there is no such folder", str(folder), got, "a folder with the files of your robot"))
+    _until_ctrl_c(lambda ready: serve_new(folder, port=port, ready=ready), browser)
+
+
+def _until_ctrl_c(serve: Callable[[Callable[[str], None]], None], browser: bool) -> None:
+    """Serve a page, say where it is, and show it in the browser."""
+
     def ready(address: str) -> None:
         echo(f"Page: {address} (Ctrl-C ends it)")
         if browser:
@@ -52,7 +84,7 @@ def watch(
             webbrowser.open(address)
 
     try:
-        serve(run, host=host, port=port, ready=ready)
+        serve(ready)
     except KeyboardInterrupt as stop:
         if str(stop):  # another signal than Ctrl-C
             raise

@@ -1,4 +1,4 @@
-"""Who may see the page: this machine alone, or those who have the token; and what the page may load: itself alone."""
+"""Who may see a page: this machine alone, or those who have the token; and what the page may load: itself alone."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
 Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
-SOCKET = "/_nicegui_ws/"
+SOCKET, FILES = "/_nicegui_ws/", "/files/"
 _HOST = re.compile(r"(\[[\w:.%]+\]|[\w.-]+)(:\d+)?")
 REFUSED = b"This page needs the address with its token, as softcal watch printed it.\n"
 ELSEWHERE = b"This page is for this machine alone.\n"
@@ -49,11 +49,12 @@ class Gate:
     """ASGI application that lets requests and websockets through to `app`.
 
     token: what every one of them needs, in the address or in the cookie that the address sets; "" for a page of this
-    machine alone, whose requests must name it (a page from elsewhere could have its own name point here).
+    machine alone, whose requests must name it (a page from elsewhere could have its own name point here). most_bytes:
+    of a file that the page takes in, by `PUT` below `FILES`; 0 for a page that takes none.
     """
 
-    def __init__(self, app: App, token: str, port: int) -> None:
-        self.app, self._token, self._cookie = app, token, f"softcal-{port}"
+    def __init__(self, app: App, token: str, port: int, most_bytes: int = 0) -> None:
+        self.app, self._token, self._cookie, self._most_bytes = app, token, f"softcal-{port}", most_bytes
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
@@ -86,13 +87,13 @@ class Gate:
 
     def _refusal(self, scope: Scope, headers: dict[str, str]) -> bytes:
         """Why a request is refused, or nothing."""
+        is_file = scope["type"] == "http" and scope["method"] == "PUT" and scope["path"].startswith(FILES)
         if scope["type"] == "http" and scope["method"] not in ("GET", "HEAD"):
-            if scope["method"] != "POST" or not scope["path"].startswith(SOCKET):
+            is_packet = scope["method"] == "POST" and scope["path"].startswith(SOCKET)
+            if not is_packet and not (is_file and self._most_bytes):
                 return b"This page can only be read.\n"
-        length = headers.get("content-length", "0")
-        if "transfer-encoding" in headers or not (
-            length.isascii() and length.isdigit() and int(length[:20]) <= _MOST_BYTES
-        ):
+        length, most = headers.get("content-length", "0"), self._most_bytes if is_file else _MOST_BYTES
+        if "transfer-encoding" in headers or not (length.isascii() and length.isdigit() and int(length[:20]) <= most):
             return LARGE
         if scope["type"] == "http" and headers.get("upgrade", "").casefold() == "websocket":
             return b"This is no whole request for a websocket.\n"

@@ -1,4 +1,4 @@
-"""Serves the page of a folder until it is told to end."""
+"""Serves a page until it is told to end: that of a run, or any application that one makes of NiceGUI."""
 
 from __future__ import annotations
 
@@ -22,6 +22,9 @@ from softcal.plugins.watch.report_figures import figure_bytes
 from softcal.plugins.watch.run_reader import REPORT
 
 if TYPE_CHECKING:
+    from fastapi import FastAPI
+
+    from softcal.plugins.watch.packets import Packets
     from softcal.plugins.watch.watch import Watch
 
 LOOPBACK, PORT, FURTHER = "127.0.0.1", 8085, 50
@@ -53,6 +56,37 @@ def serve(folder: Path, *, host: str = LOOPBACK, port: int | None = None, ready:
         When it is ended.
     """
     require_extra("watch", "nicegui", where="softcal watch")
+    with ExitStack() as stack:
+
+        def application() -> Any:
+            app, watch = _application(folder)
+            stack.callback(watch.twins.close)
+            return app
+
+        serve_application(application, host=host, port=port, ready=ready)
+
+
+def serve_application(
+    application: Callable[[], Any], *, host: str, port: int | None, ready: Callable[[str], None], most_bytes: int = 0
+) -> None:
+    """Serve an application until Ctrl-C or another signal.
+
+    Parameters
+    ----------
+    application
+        Makes it, when the port is there.
+    host, port, ready
+        As of `serve`.
+    most_bytes
+        Of a file that it takes in; 0 where it takes none.
+
+    Raises
+    ------
+    InputError
+        Where the port or the address cannot be had.
+    KeyboardInterrupt
+        When it is ended.
+    """
     host = host.strip("[]")  # of an IPv6 address, as in a URL
     if not host:  # which the system would take for all addresses of the machine
         allowed = "an address of this machine, such as 127.0.0.1"
@@ -62,13 +96,12 @@ def serve(folder: Path, *, host: str = LOOPBACK, port: int | None = None, ready:
         number: int = listening.getsockname()[1]
         token = "" if is_loopback(host) else new_token()
         # What NiceGUI would keep beside the present folder; nothing is kept.
-        os.environ["NICEGUI_STORAGE_PATH"] = stack.enter_context(tempfile.TemporaryDirectory(prefix="softcal-watch-"))
-        app, watch = _application(folder)
-        stack.callback(watch.twins.close)
+        os.environ["NICEGUI_STORAGE_PATH"] = stack.enter_context(tempfile.TemporaryDirectory(prefix="softcal-page-"))
+        app = application()
         # A page on all addresses of the machine is called by the machine's name.
         name = socket.gethostname() if host in ("0.0.0.0", "::") else f"[{host}]" if ":" in host else host
         address = f"http://{name}:{number}/" + (f"?token={token}" if token else "")
-        server = _server(Gate(app, token, number), lambda: ready(address))
+        server = _server(Gate(app, token, number, most_bytes), lambda: ready(address))
         server.run(sockets=[listening])
 
 
@@ -97,17 +130,14 @@ def _listening(host: str, port: int | None) -> socket.socket:
 
 def _application(folder: Path) -> tuple[Any, Watch]:
     """The application, and what its pages share."""
-    from fastapi import Depends, FastAPI, HTTPException, Request
+    from fastapi import FastAPI
     from fastapi.responses import HTMLResponse, PlainTextResponse, Response
-    from nicegui import Client, core, ui
 
-    from softcal.plugins.watch.packets import Packets
     from softcal.plugins.watch.page import RunPage
     from softcal.plugins.watch.watch import Watch
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     watch = Watch(folder)
-    style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
 
     def report() -> Response:
         try:
@@ -136,9 +166,32 @@ def _application(folder: Path) -> tuple[Any, Watch]:
     app.get("/twin/{name}.glb")(twin)
     app.get("/figures/{name}")(figure)
 
-    def page() -> None:
+    return with_page(app, "softcal watch", lambda: RunPage(watch)), watch
+
+
+def with_page(app: FastAPI, title: str, page: Callable[[], object]) -> Packets:
+    """An application with a page of NiceGUI at its root, for so many browsers as `MOST_PAGES`.
+
+    Parameters
+    ----------
+    app
+        The other addresses.
+    title
+        Of the page.
+    page
+        Makes the elements of one browser's page.
+    """
+    from fastapi import Depends, HTTPException, Request
+    from fastapi.responses import PlainTextResponse, Response
+    from nicegui import Client, core, ui
+
+    from softcal.plugins.watch.packets import Packets
+
+    style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
+
+    def styled() -> None:
         ui.add_css(style)
-        RunPage(watch)
+        page()
 
     async def room() -> None:
         """Make room for one more page: those that no browser is connected to, which NiceGUI keeps for a minute, go."""
@@ -150,12 +203,12 @@ def _application(folder: Path) -> tuple[Any, Watch]:
     async def sentence(_: Request, error: Any) -> Response:
         return PlainTextResponse(f"{error.detail}\n", error.status_code)
 
-    ui.page("/", dependencies=[Depends(room)])(page)
+    ui.page("/", dependencies=[Depends(room)])(styled)
     for status in (404, 503):  # in the place of NiceGUI's, which are pages, too
         core.app.add_exception_handler(status, sentence)
     ui.run_with(
         app,
-        title="softcal watch",
+        title=title,
         tailwind=False,
         binding_refresh_interval=None,
         reconnect_timeout=5.0,
@@ -167,7 +220,7 @@ def _application(folder: Path) -> tuple[Any, Watch]:
     # Socket.IO learns by a TypeError that NiceGUI's answer to a disconnection takes no reason.
     handlers.update({name: _tolerant(answer) for name, answer in handlers.items() if name != "disconnect"})
     logging.getLogger("nicegui").addFilter(_is_no_event)
-    return Packets(app, core.sio.eio), watch
+    return Packets(app, core.sio.eio)
 
 
 def _is_no_event(record: logging.LogRecord) -> bool:

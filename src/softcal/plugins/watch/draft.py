@@ -1,0 +1,264 @@
+"""A project file in the making: what was chosen and picked, and the text that a person would write for it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.experiments.table import load_table, split_header
+from softcal.experiments.table_format import TableFormat
+from softcal.geometry.bore import Bore
+from softcal.geometry.generate import KINDS, mesh_file
+from softcal.geometry.read import read_mesh
+from softcal.geometry.regions import Plane
+from softcal.geometry.stl import checked_stl
+from softcal.geometry.surface import boundary_triangles
+from softcal.units import unit_factor
+
+MESHES = (*KINDS, ".msh", ".vtk", ".vtu", ".inp")
+TABLES = (".csv", ".txt", ".tsv", ".dat")
+SHOWN = 6000  # tets of the mesh by which a STEP file is shown and picked
+INSET = 5e-4  # [m], of a via point from the mouth of its bore, or a quarter of a short stretch
+BEYOND = 1e-2  # [m] from the last via point to where the cable is pulled
+# Channel -> noise of a common instrument, and what it is called in headers.
+CHANNELS: Mapping[str, tuple[str, str]] = {
+    "time": ("", r"time|zeit|\bt\b"),
+    "shortening": ("", r"displ|short|stroke|travel|weg|position|extension"),
+    "tension": ("0.05 N", r"force|tension|load|kraft"),
+    "pitch": ("0.3 deg", r"pitch|angle|winkel"),
+    "roll": ("0.3 deg", r"roll"),
+}
+AXES = ("-z", "+z", "-y", "+y", "-x", "+x")
+
+
+@dataclass(frozen=True)
+class BenchTable:
+    """A test: its file, and channel -> the column's header and its unit ("" where the header has it)."""
+
+    file: str
+    columns: Mapping[str, tuple[str, str]]
+
+
+@dataclass(frozen=True)
+class Draft:
+    """What is chosen so far; quantities are text with their unit, points are in metres in the frame of the mesh.
+
+    Attributes
+    ----------
+    mesh, unit, size
+        File of the body, the unit of its coordinates, and the length of an edge where Gmsh fills it.
+    youngs_modulus, poissons_ratio, density
+        Of the body's material.
+    down
+        Direction of gravity, of `AXES`; "" for none.
+    fixed, top
+        The face that is fixed, and the face that a rigid plate holds.
+    reference
+        Point (3,) of the plate.
+    via
+        Points (k, 3) of the cable in the body.
+    pulled_at
+        Point (3,) in space where the cable is pulled, behind the last via point.
+    tests
+        The tables.
+    """
+
+    mesh: str = ""
+    unit: str = "mm"
+    size: str = "4 mm"
+    youngs_modulus: str = "10 MPa"
+    poissons_ratio: str = "0.45"
+    density: str = "1180 kg/m^3"
+    down: str = "-z"
+    fixed: Plane | None = None
+    top: Plane | None = None
+    reference: Floats | None = None
+    via: tuple[Floats, ...] = ()
+    pulled_at: Floats | None = None
+    tests: tuple[BenchTable, ...] = field(default=())
+
+    @property
+    def body(self) -> str:
+        """Name of the body: that of its file."""
+        return name_of(self.mesh) or "body"
+
+    @property
+    def is_filled(self) -> bool:
+        """Whether Gmsh makes the mesh."""
+        return PurePath(self.mesh).suffix.lower() in KINDS
+
+
+def name_of(file: str) -> str:
+    """A name for a part or test by its file."""
+    name = re.sub(r"\W+", "_", PurePath(file).stem, flags=re.ASCII).strip("_")
+    return f"part_{name}" if name[:1].isdigit() else name
+
+
+def project_text(draft: Draft) -> str:
+    """The project file of a draft; what was not chosen yet is not there, and `softcal check` says what is missing."""
+    head = (
+        "# softcal check project.yaml        checks everything; draws mesh, regions, cables and data",
+        "# softcal calibrate project.yaml    finds the parameters and writes a run folder with a report",
+        "softcal: 1",
+        f"name: {draft.body}",
+        "",
+    )
+    return "\n".join([*head, *_robot(draft), *_tests(draft)]) + "\n"
+
+
+def _robot(draft: Draft) -> Iterator[str]:
+    yield "robot:"
+    yield "  bodies:"
+    yield f"    {draft.body}:"
+    size = f", size: {draft.size}" if draft.is_filled else ""
+    yield f"      mesh: {{file: {_text(draft.mesh)}, unit: {draft.unit}{size}}}"
+    yield f"      youngs_modulus: {draft.youngs_modulus}    # start of the search"
+    yield f"      poissons_ratio: {draft.poissons_ratio}    # fixed"
+    yield f"      density: {draft.density}"
+    if draft.fixed is not None or draft.top is not None:
+        yield "      regions:"
+        for name, plane in (("foot", draft.fixed), ("top", draft.top)):
+            if plane is not None:
+                normal = ", ".join(f"{x:g}" for x in plane.normal)
+                on = np.dot(plane.point, plane.normal) * np.array(plane.normal) / np.dot(plane.normal, plane.normal)
+                yield f"        {name}: {{plane: {{point: {_point(on)}, normal: [{normal}]}}}}"
+    if draft.fixed is not None:
+        yield "      fixed: foot"
+    if draft.top is not None and draft.reference is not None:
+        yield "  plates:"
+        yield f"    tip: {{body: {draft.body}, region: top, reference: {_point(draft.reference)}}}"
+    if draft.via:
+        yield "  cables:"
+        yield "    cable:"
+        yield "      via:    # from the knot to where it is pulled"
+        yield from (f"        - {{on: {draft.body}, at: {_point(at)}}}" for at in draft.via)
+        if draft.pulled_at is not None:
+            yield f"        - {{at: {_point(draft.pulled_at)}}}"
+    if draft.down:
+        g = {"+": "9.81", "-": "-9.81"}[draft.down[0]]
+        yield f"  gravity: [{', '.join(f'{g if axis == draft.down[1] else 0} m/s^2' for axis in 'xyz')}]"
+
+
+def _tests(draft: Draft) -> Iterator[str]:
+    compared: dict[str, None] = {}
+    if draft.tests:
+        yield ""
+        yield "experiments:"
+    for test in draft.tests:
+        drive = "shortening" if "shortening" in test.columns else "tension"
+        noise = {name: CHANNELS[name][0] for name in test.columns if name != drive and CHANNELS[name][0]}
+        compared |= dict.fromkeys(noise)
+        yield f"  {name_of(test.file)}:"
+        yield "    cable: cable"
+        yield from ("    plate: tip" for _ in [0] if draft.top is not None)
+        yield f"    drive: {drive}"
+        yield "    files:"
+        yield f"      - path: {_text(test.file)}"
+        yield "        columns:"
+        for name, (header, unit) in test.columns.items():
+            stated = f", unit: {_text(unit)}" if unit else ""
+            yield f"          {name}: {{name: {_text(header)}{stated}}}"
+        yield f"    noise: {{{', '.join(f'{name}: {sd}' for name, sd in noise.items())}}}    # of your instruments"
+        yield from ("    slack: 0.5 mm" for _ in [0] if drive == "shortening")
+    if draft.tests:
+        yield ""
+        yield "parameters:"
+        low, high = draft.youngs_modulus, draft.youngs_modulus
+        if number := re.match(r"\s*\d*\.?\d+(e[+-]?\d+)?", low, re.IGNORECASE):
+            low, high = (f"{factor * float(number[0]):g}{low[number.end() :]}" for factor in (0.1, 10.0))
+        yield f"  {draft.body}.youngs_modulus: {{bounds: [{low}, {high}], scale: log}}"
+        if any("shortening" in test.columns for test in draft.tests):
+            yield "  cable.slack: {bounds: [-1 mm, 3 mm], per: experiment}"
+        drifts = {"tension": "cable.tension_drift: {sd: 20 mN", "pitch": "tip.pitch_drift: {sd: 0.1 deg"}
+        if drifts.keys() & compared.keys():
+            yield ""
+            yield "# What the data sheets allow of each instrument's zero to drift during a test."
+            yield "uncertain:"
+            yield from (f"  {drift}, per: experiment}}" for name, drift in drifts.items() if name in compared)
+        yield ""
+        yield "calibration: {fit: both, method: least-squares, loss: likelihood, seed: 1}"
+
+
+def _text(word: str) -> str:
+    """Text of a YAML file: plain where it is a common file name, else in quotes."""
+    is_file = re.fullmatch(r"[A-Za-z][\w/-]*\.[A-Za-z]\w*", word, re.ASCII)
+    return word if is_file else '"' + word.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _point(at: Floats) -> str:
+    return "[" + ", ".join(f"{round(1e3 * x, 2) + 0.0:g} mm" for x in at) + "]"
+
+
+def part_surface(path: Path, unit: str) -> Floats:
+    """The surface of a part (n, 3, 3) [m], normals outwards: of an .stl its own triangles, else those of a mesh.
+
+    Raises
+    ------
+    MeshError, UnitError
+        If the file cannot be read or filled, or the unit is none of a length.
+    """
+    kind = path.suffix.lower()
+    if kind == ".stl":
+        return checked_stl(path)[0] * unit_factor(unit, "m")
+    mesh = mesh_file(path, tets=SHOWN, edges_around=12) if kind in KINDS else read_mesh(path, unit=unit)
+    return mesh.points[boundary_triangles(mesh.tets)]
+
+
+def on_plane(triangles: Floats, plane: Plane) -> Floats:
+    """The triangles (k, 3, 3) of a surface that lie on a plane."""
+    size = float(np.linalg.norm(np.ptp(triangles.reshape(-1, 3), axis=0)))
+    return triangles[plane.contains(triangles.reshape(-1, 3), 1e-6 * size).reshape(-1, 3).all(axis=1)]
+
+
+def middle(triangles: Floats) -> Floats:
+    """The middle (3,) of the box around triangles (k, 3, 3)."""
+    return 0.5 * (triangles.min(axis=(0, 1)) + triangles.max(axis=(0, 1)))
+
+
+def via_points(bore: Bore, fixed: Plane | None) -> tuple[Floats, ...]:
+    """Via points in every stretch of a bore, near both mouths, from the far end to the fixed face."""
+    points: list[Floats] = []
+    for first, last in bore.stretches:
+        inset = min(INSET / float(np.linalg.norm(last - first)), 0.25) * (last - first)
+        points += [first + inset, last - inset]
+    if fixed is not None and _height(points[0], fixed) < _height(points[-1], fixed):
+        points.reverse()
+    return tuple(points)
+
+
+def pulled_behind(via: Sequence[Floats]) -> Floats:
+    """A point (3,) in space behind the last via point, in the direction of the last two."""
+    way = via[-1] - via[-2]
+    return via[-1] + BEYOND * way / np.linalg.norm(way)
+
+
+def _height(at: Floats, plane: Plane) -> float:
+    return abs(float(np.dot(at - np.array(plane.point), plane.normal)))
+
+
+def table_columns(path: Path) -> dict[str, str]:
+    """The columns of a table: header -> its unit, "" where it has none.
+
+    Raises
+    ------
+    InputError
+        If it is no table.
+    """
+    table = load_table(path, (), TableFormat())
+    units = [split_header(header)[1] or cell for header, cell in zip(table.headers, table.unit_cells, strict=True)]
+    return dict(zip(table.headers, units, strict=True))
+
+
+def likely_columns(columns: Mapping[str, str]) -> dict[str, tuple[str, str]]:
+    """Channel -> header and "", of those columns of which the header says what they are."""
+    likely: dict[str, tuple[str, str]] = {}
+    for channel, (_, pattern) in CHANNELS.items():
+        header = next((one for one in columns if re.search(pattern, one, re.IGNORECASE)), None)
+        if header is not None and not any(header == taken for taken, _ in likely.values()):
+            likely[channel] = (header, "")
+    return likely

@@ -1,0 +1,103 @@
+"""A finger is set up by clicks, in a real browser."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from browser.conftest import Seen, Server
+from browser.test_watch_page import complaints, elsewhere
+
+from softcal.project.project import load
+
+pytestmark = pytest.mark.slow  # half a minute
+FINGER = Path(__file__).parents[2] / "examples" / "finger"
+WIDE = {390: 844, 1400: 1000}
+
+
+def test_a_finger_is_set_up_by_clicks(tmp_path: Path, serve: Callable[..., Server], look: Callable[..., Seen]):
+    for one in (FINGER / "finger.stl", *FINGER.glob("data/*.csv")):
+        shutil.copy(one, tmp_path)
+    seen = look(serve(tmp_path, "--port", "0", name="new").address, width=1400)
+    page = seen.page
+    seen.wait_for(lambda: "16 × 14 × 84 mm" in seen.fact("said"), "the only part is shown")
+    canvas = page.locator("canvas").bounding_box()
+    x, y = canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] / 2
+
+    def mode(name: str) -> None:
+        page.get_by_role("button", name=name, exact=True).click()
+
+    def turn(up: float) -> None:
+        """Turn the part by the mouse: by so many pixels downwards, to see it from above."""
+        mode("turn")
+        page.mouse.move(x - 200, y)
+        page.mouse.down()
+        page.mouse.move(x - 200, y + up, steps=8)
+        page.mouse.up()
+        page.wait_for_timeout(600)
+
+    def click(dx: float, dy: float, said: str) -> bool:
+        before = seen.fact("said")
+        page.mouse.click(x + dx, y + dy)
+        for _ in range(100):
+            page.wait_for_timeout(100)
+            if seen.fact("said") not in (before, "Following the bore …"):
+                break
+        return said in seen.fact("said")
+
+    turn(200)
+    mode("face of the plate")
+    assert click(-15, 0, "in the plane through (0, 0, 84) mm")
+    mode("bore of the cable")
+    # The wall of the channel, a few pixels wide from here.
+    assert any(click(dx, dy, "in 9 stretches") for dx, dy in ((30, 6), (28, 8), (26, 10), (32, 6), (24, 12), (30, 10)))
+    turn(-430)
+    mode("fixed face")
+    assert click(-15, 0, "in the plane through (0, 0, 0) mm")
+    for table in page.locator(".sc-test").all():
+        table.click()
+    for box in page.get_by_text("This is a test").all():
+        box.click()
+    seen.wait_for(lambda: "pull_7mm" in seen.fact("file") and seen.fact("state") == "No fault.", "no fault")
+    assert "experiment pull_10mm" in seen.fact("findings")
+    page.get_by_text("Write project.yaml").click()
+    seen.wait_for(lambda: "is written" in seen.fact("written"), "the file is written")
+    assert (tmp_path / "project.yaml").read_text() == seen.fact("file").rstrip("\n") + "\n"
+    project = load(tmp_path / "project.yaml")
+    assert list(project.experiments) == ["pull_10mm", "pull_7mm"]
+    assert len(project.robot.cables[0].via_points) > 19  # with those that are added in the bore
+    page.get_by_text("Write project.yaml").click()
+    seen.wait_for(lambda: "was not replaced" in seen.fact("written"), "nothing is overwritten")
+    assert complaints(seen) == []
+    assert elsewhere(seen) == []
+    assert sorted(one.name for one in tmp_path.iterdir()) == [
+        "finger.stl",
+        "project.yaml",
+        "pull-10mm.csv",
+        "pull-7mm.csv",
+    ]
+
+
+def test_files_are_dropped_onto_an_empty_folder_s_page(
+    tmp_path: Path, serve: Callable[..., Server], look: Callable[..., Seen]
+):
+    for width, height in WIDE.items():
+        seen = look(serve(tmp_path, "--port", "0", name="new").address, width=width, height=height)
+        seen.page.get_by_text("No table is in the folder yet").wait_for()
+        assert seen.page.evaluate("document.documentElement.scrollWidth") <= width
+        assert complaints(seen) == []
+    drop = """async text => {
+      const data = new DataTransfer();
+      data.items.add(new File([text], 'pull.csv'));
+      document.dispatchEvent(new DragEvent('drop', {dataTransfer: data, bubbles: true, cancelable: true}));
+    }"""
+    text = (FINGER / "data" / "pull-7mm.csv").read_text()
+    seen.page.evaluate(drop, text)
+    seen.page.get_by_text("pull.csv was copied into the folder").wait_for()
+    assert (tmp_path / "pull.csv").read_text() == text
+    seen.page.locator(".sc-test").wait_for()
+    seen.page.evaluate(drop, "other")
+    seen.page.get_by_text("was not replaced").wait_for()
+    assert (tmp_path / "pull.csv").read_text() == text

@@ -1,0 +1,282 @@
+"""A project by clicks: what a click on a surface means, the file that is written, files that are dropped."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+from collections.abc import AsyncGenerator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+import softcal
+from softcal.checks import Floats
+from softcal.cli import app
+from softcal.errors import ProjectFileError
+from softcal.geometry.bore import bore_at
+from softcal.geometry.regions import plane_at
+from softcal.plugins.watch.draft import (
+    BenchTable,
+    Draft,
+    likely_columns,
+    middle,
+    name_of,
+    on_plane,
+    part_surface,
+    project_text,
+    pulled_behind,
+    table_columns,
+    via_points,
+)
+from softcal.plugins.watch.gate import Gate
+from softcal.plugins.watch.new_page import NewProject, taken
+from softcal.project.project import load
+
+FINGER = Path(__file__).parents[2] / "examples" / "finger"
+RIBS = [(0, 14), *((k, k + 5) for k in range(17, 70, 8)), (73, 84)]  # [mm], in which the channel is
+IN_CHANNEL = 1e-3 * np.array([4.5, 1.49, 60.0])
+
+
+@pytest.fixture(scope="module")
+def finger() -> Floats:
+    return part_surface(FINGER / "finger.stl", "mm")
+
+
+def turned(rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """A random rotation and translation."""
+    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return q * np.sign(np.linalg.det(q)), rng.normal(scale=0.1, size=3)
+
+
+def test_the_face_at_a_click_is_its_plane(finger: Floats):
+    foot = plane_at(finger, np.array([0.0, 0.003, 0.0]))
+    assert foot is not None
+    assert foot.normal == (0.0, 0.0, -1.0)
+    assert foot.point[2] == 0.0
+    assert middle(on_plane(finger, foot)) == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+    assert plane_at(finger, IN_CHANNEL) is None
+
+
+def test_a_click_in_the_channel_finds_it_in_every_rib(finger: Floats):
+    bore = bore_at(finger, IN_CHANNEL)
+    assert bore is not None
+    assert np.abs(bore.axis) == pytest.approx([0, 0, 1], abs=1e-4)
+    assert bore.diameter == pytest.approx(3e-3, rel=0.02)  # through chords of 3 mm
+    assert bore.stretches[..., 2] == pytest.approx(1e-3 * np.array(RIBS, dtype=float), abs=2e-6)
+    assert bore.stretches[..., :2] == pytest.approx(np.broadcast_to([4.5e-3, 0.0], (len(RIBS), 2, 2)), abs=1e-5)
+
+
+@pytest.mark.parametrize("at", [[-0.008, 0.0, 0.04], [0.0, 0.0, 0.0], [0.0, 0.0, 0.084]])
+def test_no_bore_is_at_an_outer_face(finger: Floats, at: list[float]):
+    assert bore_at(finger, np.array(at)) is None
+
+
+@settings(max_examples=3, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_what_is_picked_turns_with_the_part(finger: Floats, seed: int):
+    R, t = turned(np.random.default_rng(seed))
+    bore, moved = bore_at(finger, IN_CHANNEL), bore_at(finger @ R.T + t, R @ IN_CHANNEL + t)
+    assert bore is not None
+    assert moved is not None
+    ends = (bore.stretches if moved.axis @ R @ bore.axis > 0 else bore.stretches[::-1, ::-1]) @ R.T + t
+    assert moved.stretches == pytest.approx(ends, abs=2e-5)
+    plane = plane_at(finger @ R.T + t, R @ np.array([0.0, 0.003, 0.0]) + t)
+    assert plane is not None
+    assert plane.normal == pytest.approx(R @ [0, 0, -1], abs=1e-5)
+
+
+def test_an_stl_that_is_inside_out_is_turned(tmp_path: Path, finger: Floats):
+    data = bytearray((FINGER / "finger.stl").read_bytes())
+    record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    triangles = np.frombuffer(bytes(data[84:]), record).copy()
+    triangles["corners"] = triangles["corners"][:, ::-1]
+    data[84:] = triangles.tobytes()
+    (tmp_path / "inside-out.stl").write_bytes(data)
+    assert np.array_equal(part_surface(tmp_path / "inside-out.stl", "mm"), finger)
+
+
+@pytest.fixture(scope="module")
+def draft(finger: Floats) -> Draft:
+    """The finger as it is set up by six clicks."""
+    fixed, top = plane_at(finger, np.array([0.0, 0.003, 0.0])), plane_at(finger, np.array([0.0, 0.0, 0.084]))
+    bore = bore_at(finger, IN_CHANNEL)
+    assert bore is not None
+    assert top is not None
+    via = via_points(bore, fixed)
+    columns = likely_columns(table_columns(FINGER / "data" / "pull-7mm.csv"))
+    tests = tuple(BenchTable(f"data/pull-{n}mm.csv", columns) for n in (7, 10))
+    reference = middle(on_plane(finger, top))
+    return Draft("finger.stl", "mm", "4 mm", fixed=fixed, top=top, reference=reference, via=via, tests=tests,
+                 pulled_at=pulled_behind(via))  # fmt: skip
+
+
+def loaded(draft: Draft, folder: Path) -> Any:
+    for name in ("finger.stl", "data"):
+        if not (folder / name).exists():
+            (folder / name).symlink_to(FINGER / name)
+    (folder / "project.yaml").write_text(project_text(draft), encoding="utf-8")
+    return load(folder / "project.yaml")
+
+
+@pytest.mark.slow  # both are meshed and built
+def test_the_file_is_the_finger_that_a_person_wrote(draft: Draft, tmp_path: Path):
+    project, ours = loaded(draft, tmp_path), load(FINGER / "project.yaml")
+    assert not softcal.check(project, solve=False).warnings
+    # The knot, and where the cable is pulled, are a person's choice.
+    made, written = ([via.at for via in one.robot.cables[0].via_points] for one in (project, ours))
+    stated = [at for at in written if 0.0 < at[2] < 0.074]
+    assert all(np.linalg.norm(np.array(made) - at, axis=1).min() < 1e-8 for at in stated)
+    assert project.robot.bodies[0].fixed.tolist() == ours.robot.bodies[0].fixed.tolist()
+    assert project.robot.plates[0].reference == pytest.approx(ours.robot.plates[0].reference)
+    assert [e.dataset.n_samples for e in project.experiments.values()] == [41, 41]
+    names = [{p.name: (p.lower, p.upper) for p in one.space.parameters} for one in (project, ours)]
+    assert sorted(names[0].values()) == sorted(names[1].values())
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"fixed": None}, "not fixed"),
+        ({"youngs_modulus": "10"}, "youngs_modulus"),
+        ({"youngs_modulus": "stiff"}, "youngs_modulus"),
+        ({"poissons_ratio": "0.6"}, "poissons_ratio"),
+        ({"size": "4"}, "size"),
+        ({"tests": (BenchTable("data/none.csv", {"tension": ("force [N]", "")}),)}, "none.csv"),
+        ({"tests": (BenchTable("data/pull-7mm.csv", {"tension": ("force", "K")}),)}, "force"),
+    ],
+    ids=["not fixed", "no unit", "no number", "ratio", "size", "no table", "no column"],
+)
+def test_what_is_missing_or_wrong_is_a_fault_of_the_file(
+    draft: Draft, tmp_path: Path, changes: dict[str, Any], said: str
+):
+    with pytest.raises(ProjectFileError, match=said):
+        loaded(replace(draft, **changes), tmp_path)
+
+
+@given(header=st.text(min_size=1, max_size=20), file=st.text(min_size=1, max_size=20))
+def test_any_name_of_a_column_or_file_is_text_of_the_file(header: str, file: str):
+    from ruamel.yaml import YAML
+
+    header, file = (" ".join(one.split()) or "a" for one in (header, file))
+    if not (header.isprintable() and file.isprintable()):
+        return
+    text = project_text(Draft("part.stl", tests=(BenchTable(f"{file}.csv", {"tension": (header, "N")}),)))
+    data = YAML(typ="safe").load(text)
+    (test,) = data["experiments"].values()
+    assert test["files"][0]["path"] == f"{file}.csv"
+    assert test["files"][0]["columns"]["tension"] == {"name": header, "unit": "N"}
+
+
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [("Finger v2.stl", "Finger_v2"), ("a/pull 7,5 mm.csv", "pull_7_5_mm"), ("3.stl", "part_3"), ("ü.stl", "")],
+)
+def test_parts_and_tests_are_called_as_their_files(file: str, name: str):
+    assert name_of(file) == name
+
+
+def test_columns_are_guessed_by_their_headers(tmp_path: Path):
+    (tmp_path / "a.csv").write_text("Zeit;Weg;Kraft;Winkel\ns;mm;N;deg\n0;1,5;2;3\n1;2;3;4\n")
+    columns = table_columns(tmp_path / "a.csv")
+    assert columns == {"Zeit": "s", "Weg": "mm", "Kraft": "N", "Winkel": "deg"}
+    assert {channel: header for channel, (header, _) in likely_columns(columns).items()} == {
+        "time": "Zeit", "shortening": "Weg", "tension": "Kraft", "pitch": "Winkel",
+    }  # fmt: skip
+
+
+class TestPage:
+    """The addresses of the page, without a browser."""
+
+    @pytest.fixture
+    def folder(self, tmp_path: Path) -> Path:
+        (tmp_path / "robot").mkdir()
+        return tmp_path / "robot"
+
+    def dropped(self, folder: Path, name: str, *parts: bytes) -> tuple[str, int]:
+        class Dropped:
+            async def stream(self) -> AsyncGenerator[bytes]:
+                for part in parts:
+                    yield part
+
+        return asyncio.run(taken(folder, name, cast("Any", Dropped())))
+
+    def test_a_file_that_is_dropped_is_copied_once(self, folder: Path):
+        assert self.dropped(folder, "part.stl", b"x" * 100, b"y")[1] == 201
+        assert (folder / "part.stl").read_bytes() == b"x" * 100 + b"y"
+        said, status = self.dropped(folder, "part.stl", b"other")
+        assert status == 409
+        assert "was not replaced" in said
+        assert (folder / "part.stl").read_bytes() == b"x" * 100 + b"y"
+
+    @pytest.mark.parametrize(
+        "name", [".hidden.csv", "a.exe", "project.yaml", "../a.csv", "a/b.csv", "/tmp/a.csv", ".."]
+    )
+    def test_what_is_not_read_here_is_not_copied(self, folder: Path, name: str):
+        assert self.dropped(folder, name, b"x")[1] == 415
+        assert list(folder.iterdir()) == []
+
+    def test_a_file_whose_sender_is_gone_is_not_left_half(self, folder: Path):
+        class Broken:
+            async def stream(self) -> AsyncGenerator[bytes]:
+                yield b"x"
+                raise asyncio.CancelledError
+
+        with pytest.raises(asyncio.CancelledError):
+            asyncio.run(taken(folder, "part.stl", cast("Any", Broken())))
+        assert list(folder.iterdir()) == []
+
+    def test_only_a_page_that_takes_files_lets_them_in(self):
+        def answer(most_bytes: int, **changes: Any) -> int:
+            sent: list[Any] = []
+
+            async def served(scope: Any, receive: Any, send: Any) -> None:
+                await send({"type": "http.response.start", "status": 201, "headers": []})
+
+            async def send(message: Any) -> None:
+                sent.append(message)
+
+            headers = [(b"host", b"127.0.0.1:8085"), (b"content-length", str(changes.pop("length", 10)).encode())]
+            headers += [(b"origin", changes.pop("origin").encode())] if "origin" in changes else []
+            scope = {"type": "http", "method": "PUT", "path": "/files/a.stl", "headers": headers, **changes}
+            asyncio.run(Gate(served, "", 8085, most_bytes)(scope, cast("Any", None), send))
+            return sent[0]["status"]
+
+        assert answer(0) == 403
+        assert answer(3_000_000) == 201
+        assert answer(3_000_000, length=2_000_000) == 201
+        assert answer(3_000_000, length=4_000_000) == 403
+        assert answer(3_000_000, path="/surface/a.stl") == 403
+        assert answer(3_000_000, method="DELETE") == 403
+        assert answer(3_000_000, origin="http://elsewhere.example") == 403
+
+    @pytest.mark.slow  # it is meshed and built
+    def test_findings_are_those_of_the_draft_and_nothing_is_written_beside_the_files(
+        self, draft: Draft, folder: Path, tmp_path: Path
+    ):
+        for name in ("finger.stl", "data"):
+            (shutil.copytree if (FINGER / name).is_dir() else shutil.copy)(FINGER / name, folder / name)
+        (tmp_path / "scratch").mkdir()
+        project = NewProject(folder, tmp_path / "scratch")
+        assert project.files((".stl", ".csv")) == ["data/pull-10mm.csv", "data/pull-7mm.csv", "finger.stl"]
+        found = project.findings(replace(draft, fixed=None))
+        assert len(found.faults) == 1
+        assert found.faults[0].startswith("project.yaml:")
+        found = project.findings(draft)
+        assert not found.faults
+        assert dict(found.rows)["plate tip"].startswith("on 34 nodes of finger")
+        assert sorted(one.name for one in folder.iterdir()) == ["data", "finger.stl"]
+
+
+@pytest.mark.parametrize("kind", ["absent", "file"])
+def test_the_command_needs_a_folder(tmp_path: Path, kind: str):
+    if kind == "file":
+        (tmp_path / "file").write_text("")
+    done = CliRunner().invoke(app, ["new", str(tmp_path / kind), "--no-browser"])
+    assert done.exit_code == 2
+    assert "there is no such folder" in done.stderr

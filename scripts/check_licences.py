@@ -23,7 +23,7 @@ PERMITTED_EXCEPTIONS = frozenset(["LLVM-exception"])
 
 # Not open source, but free to use and redistribute; each with the reason why it is here.
 INTEL = "redistributable Intel run time of pypardiso; SuperLU takes its place where it is not installed"
-ACCEPTED = {name: INTEL for name in ("mkl", "tbb", "tcmlib", "intel-openmp", "intel-cmplr-lib-ur")}
+ACCEPTED = {name: INTEL for name in ("mkl", "tbb", "tcmlib", "intel-openmp", "intel-cmplr-lib-ur", "umf")}
 
 # For packages whose metadata says it in free text: what to read there, and the identifier it stands for.
 SPELLINGS = (

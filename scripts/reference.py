@@ -7,7 +7,9 @@ python -m scripts.reference FOLDER
 from __future__ import annotations
 
 import collections.abc
+import functools
 import inspect
+import json
 import os
 import re
 import sys
@@ -18,10 +20,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
+from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
 import softcal
 from softcal.calibration.problem.loss import LOSSES
+from softcal.calibration.problem.rig import CommonRig
 from softcal.calibration.search.optimiser import OPTIMISERS
 from softcal.catalogue import Catalogue
 from softcal.cli import app
@@ -29,12 +33,16 @@ from softcal.cli.command import COMMANDS, PARTS
 from softcal.executors.executor import EXECUTORS
 from softcal.experiments.step import STEPS
 from softcal.export.engine import ENGINES
+from softcal.geometry.primitives import Primitive
 from softcal.materials.catalogue import LAWS
+from softcal.materials.infill import PrintInfill
 from softcal.materials.law import Law
 from softcal.project.bench_schema import ExperimentSection
 from softcal.project.calibration_schema import CalibrationSection, ParameterSection, SweepSection, UncertainSection
 from softcal.project.candidate_schema import CandidateSection
+from softcal.project.constants import ConstantsSection
 from softcal.project.law_schema import OwnLawSection
+from softcal.project.mesh_schema import PRIMITIVES
 from softcal.project.robot_schema import RobotSection
 from softcal.project.section import Section
 from softcal.quantities import Quantity
@@ -49,6 +57,7 @@ NEW = "Written by `make docs` from the code: change it there."
 FILE: Mapping[str, type] = {
     "laws.NAME": OwnLawSection,
     "robot": RobotSection,
+    "rig": CommonRig,
     "experiments.NAME": ExperimentSection,
     "parameters.NAME": ParameterSection,
     "uncertain.NAME": UncertainSection,
@@ -56,6 +65,8 @@ FILE: Mapping[str, type] = {
     "candidates.NAME": CandidateSection,
     "sweep": SweepSection,
     "dynamics": TimeSettings,
+    **{f"engines.{name}": engine.settings for name, engine in sorted(ENGINES.items()) if engine.settings is not None},
+    "print": PrintInfill,
 }
 FAMILIES: Mapping[str, tuple[Catalogue[Any], str]] = {
     "Elastic laws": (LAWS, "`law:` of a body or rod; `softcal.register_law`."),
@@ -69,6 +80,7 @@ FAMILIES: Mapping[str, tuple[Catalogue[Any], str]] = {
     "Figures of the report": (FIGURES, "`softcal.register_figure`."),
     "Sections of the report": (SECTIONS, "`softcal.register_section`."),
 }
+KEYS = Path(__file__).with_name("keys.yaml")  # examples of the keys that no example of softcal has
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 EXAMPLES = ("beam", "finger", "fleet", "manipulator", "neck", "neck-bench")
@@ -142,6 +154,7 @@ def keys() -> str:
     """Every key of the project file by its section: its kind, its range and its default."""
     parts = [
         f"<!-- {NEW} -->\n# Keys of the project file\n",
+        "At the top of the file are `softcal: 1`, the version of the format, `name: …`, a title, and these sections.",
         "How the sections work together, with examples, is in [the project file](../project-file.md).",
         "`NAME` is a name of your own. A number has its unit, `2.3 MPa`; the unit of a range is that in the table.\n",
     ]
@@ -156,24 +169,92 @@ def _mapping(path: str, kind: type, done: set[type]) -> Iterator[str]:
     done.add(kind)
     yield f"{_summary(kind)}\n"
     about, inner = _attributes(kind), dict[type, str]()
-    rows = ["| key | kind | default | meaning |\n|---|---|---|---|"]
-    for name, annotation, default in _entries(kind):
-        for mapping in _mappings(annotation):
+    rows = ["| key | kind | default | example | meaning |\n|---|---|---|---|---|"]
+    for name, annotation, default in entries(kind):
+        for mapping in mappings(annotation):
             inner.setdefault(mapping, f"{path}.{name}{_names(annotation)}")
-        rows.append(f"| `{name}` | {_cell(kind_text(annotation))} | {default} | {_cell(about.get(name, ''))} |")
+        shown = "below" if mappings(annotation) else _cell(f"`{example(kind, name)}`")
+        cells = (f"`{name}`", _cell(kind_text(annotation)), default, shown, _cell(about.get(name, "")))
+        rows.append(f"| {' | '.join(cells)} |")
     yield "\n".join(rows) + "\n"
+    if issubclass(kind, ConstantsSection):
+        yield "Each constant of its law is a key, too: `youngs_modulus: 2.3 MPa` ([laws](families.md#elastic-laws)).\n"
     for mapping, at in inner.items():
         if mapping not in done:
-            yield f"### `{at}`: {mapping.__name__.removesuffix('Section')}\n"
+            primitive = next((f", `primitive: {name}`" for name, one in PRIMITIVES.items() if one is mapping), "")
+            yield f"### `{at}`: {mapping.__name__.removesuffix('Section')}{primitive}\n"
             yield from _mapping(at, mapping, done)
 
 
-def _entries(kind: type) -> Iterator[tuple[str, Any, str]]:
+@functools.cache
+def examples() -> dict[tuple[type, str], Any]:
+    """Class of a mapping and key -> a value as it is written: of the first example that has it, or of `KEYS`."""
+    yaml, written = YAML(typ="safe"), dict[tuple[type, str], Any]()
+
+    def take(annotation: Any, value: Any) -> None:
+        origin, args = get_origin(annotation), get_args(annotation)
+        if origin in (collections.abc.Mapping, dict) and isinstance(value, dict):
+            for one in value.values():
+                take(args[1], one)
+        elif origin in (list, tuple, collections.abc.Sequence):
+            for one in value if isinstance(value, list) else []:
+                for kind in args:
+                    take(kind, one)
+        elif args:
+            for kind in args:
+                take(kind, value)
+        elif isinstance(value, dict) and mappings(annotation):
+            for name, inner, _ in entries(annotation):
+                if name in value:
+                    written.setdefault((annotation, name), value[name])
+                    take(inner, value[name])
+
+    for path in sorted(ROOT.glob("examples/*/*.yaml")):
+        document = yaml.load(path)
+        for section, kind in FILE.items():
+            top, _, name = section.partition(".")
+            inside = document.get(top, {})
+            for key in [name] if name in inside else inside if name == "NAME" else []:
+                take(kind, inside[key])
+            if not name:
+                take(kind, inside)
+    of_class = {kind.__name__: kind for kind in described()}
+    for name, values in yaml.load(KEYS).items():
+        written = {(of_class[name], key): value for key, value in values.items()} | written
+    return written
+
+
+def described() -> list[type]:
+    """The class of every mapping of the project file."""
+    found: dict[type, None] = {}
+
+    def add(kind: type) -> None:
+        if kind not in found:
+            found[kind] = None
+            for _, annotation, _ in entries(kind):
+                for inner in mappings(annotation):
+                    add(inner)
+
+    for kind in FILE.values():
+        add(kind)
+    return list(found)
+
+
+def example(kind: type, name: str) -> str:
+    """A key with a value, as a line of the file."""
+    value = examples()[kind, name]
+    text = json.dumps(value, ensure_ascii=False).replace('"', "") if isinstance(value, (dict, list, bool)) else value
+    return f"{name}: {text}"
+
+
+def entries(kind: type) -> Iterator[tuple[str, Any, str]]:
     """The keys of a mapping with their annotations and defaults."""
     hints = get_type_hints(kind, include_extras=True)
     if not is_dataclass(kind):
         for name, info in kind.model_fields.items():
             default = "" if info.is_required() else "empty" if info.default_factory else _value(info.default)
+            if name == "constants" and issubclass(kind, ConstantsSection):  # each is a key by its own name
+                continue
             yield info.alias or name, hints[name], "required" if info.is_required() else default
     else:
         for one in fields(kind):
@@ -212,12 +293,14 @@ def kind_text(annotation: Any) -> str:
     return getattr(annotation, "__name__", str(annotation)).removesuffix("Section")
 
 
-def _mappings(annotation: Any) -> list[type]:
-    """The classes of mappings in an annotation."""
+def mappings(annotation: Any) -> list[type]:
+    """The classes of mappings in an annotation; of primitives, those that a file can name."""
+    if annotation is Primitive:
+        return list(PRIMITIVES.values())
     if inspect.isclass(annotation) and (issubclass(annotation, Section) or is_dataclass(annotation)):
         return [] if annotation is Quantity else [annotation]
     inner = get_args(annotation)[:1] if get_origin(annotation) is Annotated else get_args(annotation)
-    return [mapping for one in inner for mapping in _mappings(one)]
+    return [mapping for one in inner for mapping in mappings(one)]
 
 
 def _names(annotation: Any) -> str:

@@ -33,7 +33,7 @@ from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 
 HERE = Path(__file__).resolve().parent
-PAGE, TEXT = HERE.parent / "docs" / "cluster.md", HERE / "cluster.md"
+PAGE = HERE.parent / "docs" / "cluster.md"
 WORKERS, CALLS_EACH, CALLS, SLEEP = (2, 16, 128, 1024), 20, 400, 0.02
 SOFA_TRIAL = 27.0  # [s]: 1000 trials of the neck through SOFA take 7.6 h
 GOAL = 5e-3  # [s] of a call on two workers
@@ -165,7 +165,7 @@ def page(calls: int) -> str:
         "table": "\n".join(table(header, rows)),
         "load": machine_load(),
     }
-    return written_page(TEXT, numbers)
+    return written_page(PAGE, numbers)
 
 
 def main() -> None:

@@ -55,7 +55,7 @@ HERE = Path(__file__).resolve().parent
 NECK = HERE.parent / "examples" / "neck-bench" / "project.yaml"
 EXAMPLE = HERE.parent / "examples" / "manipulator" / "project.yaml"
 MANIPULATOR = Path(softcal.__file__).parent / "templates" / "manipulator" / "project.yaml"
-PAGE, TEXT = HERE.parent / "docs" / "uncertainty.md", HERE / "coverage.md"
+PAGE = HERE.parent / "docs" / "uncertainty.md"
 STORED = HERE / "coverage.json"  # the rows of all cases, so that some can be studied again
 STUDIES = 200
 SLACK = "front.slack"
@@ -486,7 +486,7 @@ def page(found: Sequence[Coverage]) -> str:
         known = drifting and steady and drifting.times
         told[f"times {loss}"] = f"{drifting.times:.2f}" if known else "(not run)"
         told[f"long {loss}"] = f"{drifting.times * steady.ratio:.2f}" if known else "(not run)"
-    return written_page(TEXT, told)
+    return written_page(PAGE, told)
 
 
 def _unit(parameter: str) -> str:

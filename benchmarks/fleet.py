@@ -37,7 +37,7 @@ from softcal.twin.parameters import with_parameters
 from softcal.units import format_quantity
 
 HERE = Path(__file__).resolve().parent
-PAGE, TEXT = HERE.parent / "docs" / "fleet.md", HERE / "fleet.md"
+PAGE = HERE.parent / "docs" / "fleet.md"
 SPECIMENS, TETS, SEED = 1000, 1500, 2026
 SLACK = "front.slack"
 MEANS = {E: 2.3e6, NU: 0.455, SLACK: 2e-3}
@@ -242,7 +242,7 @@ def main() -> None:
     finally:
         if arguments.keep is None:
             shutil.rmtree(work, ignore_errors=True)
-    arguments.out.write_text(written_page(TEXT, numbers), encoding="utf-8")
+    arguments.out.write_text(written_page(PAGE, numbers), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from softcal.checks import Floats
 from softcal.units import format_quantity
 
 HERE = Path(__file__).resolve().parent
-TEXT, KEPT = HERE / "neck_cycles.md", HERE / "neck_cycles.json"
+PAGE, KEPT = HERE.parent / "docs" / "neck-cycles.md", HERE / "neck_cycles.json"
 # What is fitted [SI]: where the search starts, and how far it may go.
 START = {
     "youngs_modulus": (1.5e6, 2e5, 2e7), "relaxing_share1": (0.1, 1e-3, 0.5), "relaxation_time1": (0.8, 0.05, 20.0),
@@ -68,7 +68,7 @@ def page(values: Mapping[str, float], found: list[Compared]) -> str:
     """docs/neck-cycles.md."""
     told = {"constants": _constants(values), "curves": _curves(found), "loops": _loops(found), "peaks": _peaks(found)}
     told["n"] = [str(sum(len(one.at) for one in found))]
-    return written_page(TEXT, {name: "\n".join(part) for name, part in told.items()})
+    return written_page(PAGE, {name: "\n".join(part) for name, part in told.items()})
 
 
 def _constants(values: Mapping[str, float]) -> list[str]:

@@ -37,7 +37,7 @@ from softcal.workflows.calibration import calibrate as calibrate_project
 from softcal.workflows.next_test import next_test
 
 HERE = Path(__file__).resolve().parent
-PAGE, TEXT = HERE.parent / "docs" / "next-test.md", HERE / "next_test.md"
+PAGE = HERE.parent / "docs" / "next-test.md"
 EXAMPLES, TIMED, TEN = HERE.parent / "examples", ("neck", "neck-bench"), 10
 STUDIES = 60
 N = 60  # samples of a pull
@@ -226,7 +226,7 @@ def page(found: Sequence[Shrinkage], studies: int, costs: Sequence[Cost]) -> str
     ]
     of_costs = ["Example", "One calibration", "Ten candidates", "Ratio", "Trajectories of the ranking"]
     return written_page(
-        TEXT,
+        PAGE,
         {
             "table": "\n".join(table(head, rows)),
             "studies": str(studies),

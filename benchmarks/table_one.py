@@ -39,7 +39,7 @@ from softcal.cli.calibration_table import value_text
 from softcal.report.agreement import spread_sentences
 from softcal.units import format_quantity
 
-TEXT = Path(__file__).resolve().parent / "table_one.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "table-one.md"
 # The paper's Table II: detrended RMSE of force [N] and pitch [rad].
 PAPERS_ERRORS = ((0.1588, 0.0135), (0.2814, 0.0136), (0.1404, 0.0136), (0.1425, 0.0136))
 ELEMENTS = ("P1", "P2P1")
@@ -56,7 +56,7 @@ def page(found: Fits) -> str:
         "sentences": _sentences(found),
         **_figures(found),
     }
-    return written_page(TEXT, values)
+    return written_page(PAGE, values)
 
 
 def _tests(found: Fits) -> str:

@@ -30,7 +30,7 @@ from softcal.plugins.watch.trials import TrialReader
 from softcal.processes import beside
 
 HERE = Path(__file__).resolve().parent
-PAGE, TEXT = HERE.parent / "docs" / "watch.md", HERE / "watch.md"
+PAGE = HERE.parent / "docs" / "watch.md"
 PROJECT = HERE.parent / "examples" / "neck" / "project.yaml"
 TRIALS, ENDLESS, WORKERS = 200, 100_000, 2
 SETTLED = 20.0  # [s] until a page that was opened has drawn everything once
@@ -217,7 +217,7 @@ def page(finished: Sequence[Window], drawing: float, beside: Sequence[Window], l
     numbers |= {
         name: rates(by_kind[kind]) for name, kind in (("alone", ALONE), ("served", SERVED), ("looked", LOOKED_AT))
     }
-    return written_page(TEXT, numbers)
+    return written_page(PAGE, numbers)
 
 
 def main() -> None:

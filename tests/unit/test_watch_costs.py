@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 
@@ -29,8 +30,7 @@ def test_a_row_has_the_largest_memory_and_shares_of_a_core():
 def test_the_page_has_every_number():
     beside = [*windows(ALONE, 20, 22), *windows(SERVED, 20, 21), *windows(LOOKED_AT, 10, 11, browser=5.0)]
     finished = [*windows(SERVED, 0), *windows(LOOKED_AT, 0, browser=5.0)]
-    text = page(finished, 3.21, beside, "0.3")
-    assert "{{" not in text
+    text = re.sub(r"<!--.*?-->", "", page(finished, 3.21, beside, "0.3"))
     for said in (
         "load 0.3",
         "3.2 s of processor",

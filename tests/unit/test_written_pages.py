@@ -1,36 +1,50 @@
-"""Pages of the documents that commands write are the texts they are written from, with the places filled."""
+"""Pages of the documents with numbers that commands write, between marks."""
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from pathlib import Path
 
 import pytest
 
-from benchmarks.written_page import written_page
+from benchmarks.written_page import page_values, written_page
 
 ROOT = Path(__file__).resolve().parents[2]
-NAMED = {"coverage": "uncertainty"}  # the others' pages have the names of their texts
-TEXTS = sorted(path.stem for path in (ROOT / "benchmarks").glob("*.md") if "{{" in path.read_text(encoding="utf-8"))
+PAGES = sorted(path for path in (ROOT / "docs").glob("*.md") if "<!--{" in path.read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("name", TEXTS)
-def test_a_page_is_its_text_with_the_places_filled(name: str) -> None:
-    text = (ROOT / "benchmarks" / f"{name}.md").read_text(encoding="utf-8")
-    page = (ROOT / "docs" / f"{NAMED.get(name, name).replace('_', '-')}.md").read_text(encoding="utf-8")
-    parts = re.split(r"\{\{.*?\}\}", text)
-    at = 0
-    for part in parts:  # so that a difference is told by the part that is not there
-        assert part in page[at:]
-        at = page.index(part, at) + len(part)
-    assert re.fullmatch(".+?".join(map(re.escape, parts)), page, flags=re.DOTALL)
-    assert f"edit benchmarks/{name}.md instead" in page
+def test_seven_pages_have_numbers_of_commands() -> None:
+    assert len(PAGES) == 7
 
 
-def test_a_text_has_a_value_for_every_place_and_a_place_for_every_value(tmp_path: Path) -> None:
-    text = tmp_path / "text.md"
-    text.write_text("{{one}} of {{two words}}, not {one}\n", encoding="utf-8")
-    assert written_page(text, {"one": "{{1}}", "two words": "2"}) == "{{1}} of 2, not {one}\n"
-    for values, told in (({"one": "1"}, "two words"), ({"one": "1", "two words": "2", "three": "3"}, "three")):
-        with pytest.raises(KeyError, match=rf"text\.md: {told}'"):
-            written_page(text, values)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_page_names_its_command_and_has_every_mark_closed(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    command = re.search(r"numbers between marks are written by `python -m ([\w.]+)`", text)
+    assert command is not None
+    assert importlib.util.find_spec(command[1]) is not None
+    assert text.count("<!--{") == text.count("<!--/-->") == len(re.findall(r"<!--\{[^}]+\}-->[^<]+(?:<!--/-->)", text))
+    values = page_values(text)
+    assert all(values.values())
+    assert written_page(page, values) == text  # a name at several places has one value
+
+
+def test_only_what_is_between_marks_changes(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- a remark --> <!--{one}-->1<!--/--> of <!--{two words}-->2<!--/-->, not {one}\n\n"
+                    "<!--{table}-->\n\n| a |\n|---|\n\n<!--/-->\n", encoding="utf-8")  # fmt: skip
+    assert page_values(page.read_text()) == {"one": "1", "two words": "2", "table": "| a |\n|---|"}
+    made = written_page(page, {"one": "7 \\1", "two words": "{{x}}", "table": "| b |\n|---|"})
+    assert made == (
+        "<!-- a remark --> <!--{one}-->7 \\1<!--/--> of <!--{two words}-->{{x}}<!--/-->, not {one}\n\n"
+        "<!--{table}-->\n\n| b |\n|---|\n\n<!--/-->\n"
+    )
+
+
+def test_a_page_has_a_value_for_every_mark_and_a_mark_for_every_value(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!--{one}-->1<!--/--> of <!--{two words}-->2<!--/-->\n", encoding="utf-8")
+    for values, said in (({"one": "1"}, "two words"), ({"one": "1", "two words": "2", "three": "3"}, "three")):
+        with pytest.raises(KeyError, match=rf"page\.md: {said}'"):
+            written_page(page, values)

@@ -10,6 +10,7 @@ import pytest
 from browser.conftest import Seen, Server
 from browser.test_watch_page import complaints, elsewhere
 
+from scripts.new_picture import click_finger
 from softcal.project.project import load
 
 pytestmark = pytest.mark.slow  # half a minute
@@ -22,51 +23,15 @@ def test_a_finger_is_set_up_by_clicks(tmp_path: Path, serve: Callable[..., Serve
         shutil.copy(one, tmp_path)
     seen = look(serve(tmp_path, "--port", "0", name="new").address, width=1400)
     page = seen.page
-    seen.wait_for(lambda: "16 × 14 × 84 mm" in seen.fact("said"), "the only part is shown")
-    canvas = page.locator("canvas").bounding_box()
-    x, y = canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] / 2
-
-    def mode(name: str) -> None:
-        page.get_by_role("button", name=name, exact=True).click()
-
-    def turn(up: float) -> None:
-        """Turn the part by the mouse: by so many pixels downwards, to see it from above."""
-        mode("turn")
-        page.mouse.move(x - 200, y)
-        page.mouse.down()
-        page.mouse.move(x - 200, y + up, steps=8)
-        page.mouse.up()
-        page.wait_for_timeout(600)
-
-    def click(dx: float, dy: float, said: str) -> bool:
-        before = seen.fact("said")
-        page.mouse.click(x + dx, y + dy)
-        for _ in range(100):
-            page.wait_for_timeout(100)
-            if seen.fact("said") not in (before, "Following the bore …"):
-                break
-        return said in seen.fact("said")
-
-    turn(200)
-    mode("face of the plate")
-    assert click(-15, 0, "in the plane through (0, 0, 84) mm")
-    mode("bore of the cable")
-    # The wall of the channel, a few pixels wide from here.
-    assert any(click(dx, dy, "in 9 stretches") for dx, dy in ((30, 6), (28, 8), (26, 10), (32, 6), (24, 12), (30, 10)))
-    turn(-430)
-    mode("fixed face")
-    assert click(-15, 0, "in the plane through (0, 0, 0) mm")
-    for table in page.locator(".sc-test").all():
-        table.click()
-    for box in page.get_by_text("This is a test").all():
-        box.click()
-    seen.wait_for(lambda: "pull_7mm" in seen.fact("file") and seen.fact("state") == "No fault.", "no fault")
+    click_finger(page)
     assert "experiment pull_10mm" in seen.fact("findings")
     page.get_by_text("Write project.yaml").click()
     seen.wait_for(lambda: "is written" in seen.fact("written"), "the file is written")
     assert (tmp_path / "project.yaml").read_text() == seen.fact("file").rstrip("\n") + "\n"
     project = load(tmp_path / "project.yaml")
     assert list(project.experiments) == ["pull_10mm", "pull_7mm"]
+    first, *_, last = (via.at[2] for via in project.robot.cables[0].via_points)
+    assert (first, last) == pytest.approx((0.0835, -0.0095))  # to the fixed face, which was picked after the bore
     assert len(project.robot.cables[0].via_points) > 19  # with those that are added in the bore
     page.get_by_text("Write project.yaml").click()
     seen.wait_for(lambda: "was not replaced" in seen.fact("written"), "nothing is overwritten")

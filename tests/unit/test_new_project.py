@@ -32,6 +32,7 @@ from softcal.plugins.watch.draft import (
     project_text,
     pulled_behind,
     table_columns,
+    towards,
     via_points,
 )
 from softcal.plugins.watch.gate import Gate
@@ -72,6 +73,15 @@ def test_a_click_in_the_channel_finds_it_in_every_rib(finger: Floats):
     assert bore.stretches[..., :2] == pytest.approx(np.broadcast_to([4.5e-3, 0.0], (len(RIBS), 2, 2)), abs=1e-5)
 
 
+def test_a_cable_runs_to_the_fixed_face(draft: Draft):
+    for via in (draft.via, draft.via[::-1]):
+        assert [at[2] for at in towards(via, draft.fixed)] == [at[2] for at in draft.via]
+        assert [at[2] for at in towards(via, draft.top)] == [at[2] for at in draft.via[::-1]]
+        assert towards(via, None) == via
+    assert draft.via[0][2] == pytest.approx(0.0835, abs=1e-5)
+    assert pulled_behind(draft.via)[2] == pytest.approx(-0.0095, abs=1e-5)
+
+
 @pytest.mark.parametrize("at", [[-0.008, 0.0, 0.04], [0.0, 0.0, 0.0], [0.0, 0.0, 0.084]])
 def test_no_bore_is_at_an_outer_face(finger: Floats, at: list[float]):
     assert bore_at(finger, np.array(at)) is None
@@ -108,7 +118,7 @@ def draft(finger: Floats) -> Draft:
     bore = bore_at(finger, IN_CHANNEL)
     assert bore is not None
     assert top is not None
-    via = via_points(bore, fixed)
+    via = towards(via_points(bore), fixed)
     columns = likely_columns(table_columns(FINGER / "data" / "pull-7mm.csv"))
     tests = tuple(BenchTable(f"data/pull-{n}mm.csv", columns) for n in (7, 10))
     reference = middle(on_plane(finger, top))

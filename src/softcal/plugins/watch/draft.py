@@ -220,25 +220,27 @@ def middle(triangles: Floats) -> Floats:
     return 0.5 * (triangles.min(axis=(0, 1)) + triangles.max(axis=(0, 1)))
 
 
-def via_points(bore: Bore, fixed: Plane | None) -> tuple[Floats, ...]:
-    """Via points in every stretch of a bore, near both mouths, from the far end to the fixed face."""
+def via_points(bore: Bore) -> tuple[Floats, ...]:
+    """Via points in every stretch of a bore, near both mouths."""
     points: list[Floats] = []
     for first, last in bore.stretches:
         inset = min(INSET / float(np.linalg.norm(last - first)), 0.25) * (last - first)
         points += [first + inset, last - inset]
-    if fixed is not None and _height(points[0], fixed) < _height(points[-1], fixed):
-        points.reverse()
     return tuple(points)
+
+
+def towards(via: Sequence[Floats], fixed: Plane | None) -> tuple[Floats, ...]:
+    """Via points in the order in which a cable runs to the fixed face, where it is pulled; as they are without one."""
+    if fixed is None:
+        return tuple(via)
+    first, last = (abs(float(np.dot(at - np.array(fixed.point), fixed.normal))) for at in (via[0], via[-1]))
+    return tuple(via) if first >= last else tuple(via)[::-1]
 
 
 def pulled_behind(via: Sequence[Floats]) -> Floats:
     """A point (3,) in space behind the last via point, in the direction of the last two."""
     way = via[-1] - via[-2]
     return via[-1] + BEYOND * way / np.linalg.norm(way)
-
-
-def _height(at: Floats, plane: Plane) -> float:
-    return abs(float(np.dot(at - np.array(plane.point), plane.normal)))
 
 
 def table_columns(path: Path) -> dict[str, str]:

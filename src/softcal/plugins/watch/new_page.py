@@ -34,6 +34,7 @@ from softcal.plugins.watch.draft import (
     project_text,
     pulled_behind,
     table_columns,
+    towards,
     via_points,
 )
 from softcal.workflows.output import write_new_file
@@ -303,8 +304,7 @@ class NewPage:
             if bore is None:
                 self._said.set_text("No straight bore has its wall there: click in a bore, or type the points below.")
                 return
-            via = via_points(bore, self._draft.fixed)
-            self._via.set_value("\n".join(_shown(one) for one in (*via, pulled_behind(via))))
+            self._set_via(via_points(bore))
             stretches = f"in {len(bore.stretches)} stretches of the part" if len(bore.stretches) > 1 else "straight"
             self._said.set_text(f"A bore {1e3 * bore.diameter:.2g} mm wide, {stretches}.")
             return
@@ -316,9 +316,16 @@ class NewPage:
         self._said.set_text(f"The {self._mode.value}: all of the part in the plane through ({_shown(centre)}) mm.")
         if self._mode.value == FOOT:
             self._take(fixed=plane)
+            if len(self._draft.via) > 1:
+                self._set_via(self._draft.via)
         else:
             self._take(top=plane, reference=centre)
         self._draw()
+
+    def _set_via(self, via: Sequence[Floats]) -> None:
+        """The cable through these points to the fixed face, pulled behind it."""
+        via = towards(via, self._draft.fixed)
+        self._via.set_value("\n".join(_shown(one) for one in (*via, pulled_behind(via))))
 
     def _take_via(self, text: str) -> None:
         """The cable by the lines of its points."""

@@ -149,7 +149,8 @@ def plot_channel(response: Response, channel: str, over: str, ax: Axes | None) -
         if name not in response.channels:
             raise ParameterError(unknown("the response has no such channel", "plot", name, response.channels))
     scale, values = scale_of(response.units[channel]), response.channels[channel]
-    panel = TrajectoryPanel(channel, channel_name(channel).kind.label, scale, None, values / scale.factor, None)
+    kind = channel_name(channel).kind
+    panel = TrajectoryPanel(channel, kind.label or kind.name, scale, None, values / scale.factor, None)
     numbers = np.arange(len(values), dtype=np.float64)
     abscissa = Abscissa(numbers, "Sample", is_count=True)
     if over:

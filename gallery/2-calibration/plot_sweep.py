@@ -1,0 +1,31 @@
+"""
+A sweep: the loss on a grid
+===========================
+
+A sweep simulates the tests in every cell of a grid over any parameters. The map shows which of them the tests determine: the
+valley runs along what they can hardly tell apart: a stiffer strip on a cable with more slack.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import softcal
+
+project = softcal.load("../strip/project.yaml")
+over = {"strip.youngs_modulus": "3.2MPa:4.8MPa:0.2MPa", "front.slack": "0mm:1.2mm:0.1mm"}
+swept = softcal.sweep(project, over=over, experiments=["pull_20mm"])
+result = swept.result
+print(len(result.trials), "cells,", result.n_failed_trials, "failed; the best:")
+best = result.best.theta
+print({name: f"{value:.4g}" for name, value in best.items()})
+
+# %%
+# The best cell is the one that is nearest to the truth of this test, 4.08 MPa and 0.6 mm.
+assert abs(best["strip.youngs_modulus"] - 4.0e6) < 0.21e6
+assert abs(best["front.slack"] - 0.6e-3) < 0.11e-3
+losses = result.losses
+assert losses.shape == (9, 13)
+assert np.nanmin(losses) == result.loss
+
+result.plot_loss()
+plt.gcf().set_size_inches(6, 4)

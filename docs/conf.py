@@ -1,4 +1,6 @@
-"""The site: the pages of this folder, the examples, and a reference that is read from the code; `make docs`."""
+"""The site: the pages of this folder, the examples, the gallery, which is run, and a reference that is read from the code;
+`make docs`.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +25,10 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx_design",
     "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build"]
+# The gallery's scripts and notebooks are downloads, beside the page of each.
+exclude_patterns = ["_build", "gallery/**/*.ipynb", "gallery/**/*.py"]
 default_role = "code"  # of `text` in docstrings
 suppress_warnings = ["ref.python"]  # an attribute `name` is one of many classes
 
@@ -38,6 +42,27 @@ autodoc_default_options = {"members": True, "undoc-members": False}
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True
+
+# Every script of the gallery is run; one that fails ends the build.
+sphinx_gallery_conf: dict[str, Any] = {
+    "examples_dirs": str(ROOT / "gallery"),
+    "gallery_dirs": "gallery",
+    "filename_pattern": "/plot_",
+    "abort_on_example_error": True,
+    "within_subsection_order": "ExampleTitleSortKey",
+    "backreferences_dir": "gallery/uses",
+    "doc_module": ("softcal",),
+    "reference_url": {"softcal": None},
+    "inspect_global_variables": False,
+    "remove_config_comments": True,
+    "min_reported_time": 1,
+    "show_memory": False,
+    "show_signature": False,
+    "write_computation_times": False,
+    "capture_repr": (),
+    "matplotlib_animations": False,
+    "thumbnail_size": (400, 280),
+}
 
 html_theme = "pydata_sphinx_theme"
 html_title = "softcal"

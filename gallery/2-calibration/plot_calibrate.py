@@ -27,8 +27,8 @@ between = result.spreads["strip.youngs_modulus"]
 print(f"between the tests: {between.spread / 1e3:.0f} kPa, by chance in {100 * between.chance:.1f} % of such studies")
 assert between.differs
 
-figure, axes = plt.subplots(2, 2, figsize=(8.5, 6), layout="constrained")
+figure, axes = plt.subplots(2, 2, figsize=(9, 6), layout="constrained")
 found.plot_fit("tension", "pull_30mm", ax=axes[0, 0])
 found.plot_fit("pitch", "pull_30mm", ax=axes[0, 1])
 found.plot_loss(ax=axes[1, 0])
-found.plot_intervals("front.slack", ax=axes[1, 1])
+found.plot_intervals("front.slack", ax=axes[1, 1]).set_xlim(-0.1, 0.8)

@@ -41,4 +41,4 @@ for k, (output, one) in enumerate(study.outputs.items()):
     axes.bar(np.arange(len(names)) + k * width, [one.total[name].value for name in names], width, label=output)
 axes.set_xticks(np.arange(len(names)) + 0.4 - width / 2, names)
 axes.set_ylabel("total Sobol index")
-axes.legend()
+axes.legend(loc="upper center")

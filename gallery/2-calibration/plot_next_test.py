@@ -14,8 +14,8 @@ import softcal
 
 run = tempfile.mkdtemp() + "/run"
 found = softcal.calibrate("../strip/project.yaml", out=run).headline
-heavy = softcal.Candidate(name="twice, with 3 g on the tip", like="pull_20mm", settings={"tip.mass": 0.008}, repeats=2)
-ranking = softcal.next_test(run, parameter="strip.youngs_modulus", candidates=[heavy])
+light = softcal.Candidate(name="twice without the weight", like="pull_20mm", settings={"tip.mass": 0.0}, repeats=2)
+ranking = softcal.next_test(run, parameter="strip.youngs_modulus", candidates=[light])
 for one in ranking.outlooks:
     low, high = one.interval
     print(f"{one.candidate.name:55s} {low / 1e6:.3f} to {high / 1e6:.3f} MPa, {100 * one.share:.0f} % of the present")

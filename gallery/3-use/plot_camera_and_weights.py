@@ -38,7 +38,7 @@ print(f"the tip sinks by {1e3 * sunk:.1f} mm")
 assert 0.005 < sunk < 0.08
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(8.5, 3.6), layout="constrained")
-heavy.plot_shape(ax=left)
+replace(heavy, snapshots=(*light.snapshots[:1], *heavy.snapshots[-1:])).plot_shape(ax=left)
 for k, (name, fit) in enumerate(result.experiments.items()):
     right.bar(np.arange(len(fit.distances)) + 0.27 * k, [1e3 * d.mean for d in fit.distances.values()], 0.25, label=name)
 right.set_xticks(np.arange(len(fit.distances)) + 0.27, list(fit.distances))

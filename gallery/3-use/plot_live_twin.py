@@ -13,8 +13,8 @@ import numpy as np
 
 import softcal
 
-robot = softcal.load("../strip/project.yaml").robot
-heavier = softcal.with_parameters(robot, {"tip.mass": 0.008})
+robot = softcal.with_parameters(softcal.load("../strip/project.yaml").robot, {"strip.youngs_modulus": 4e6})
+heavier = softcal.with_parameters(robot, {"tip.mass": 0.0065})
 goal, tension, angles, tensions = np.radians(20.0), 0.0, [], []
 
 began = time.perf_counter()

@@ -17,7 +17,7 @@ import numpy as np
 import softcal
 
 folder, project = Path(tempfile.mkdtemp()) / "reduced", softcal.load("../strip/project.yaml")
-written = softcal.write_export("reduced", softcal.ExportRequest(project), folder, reach="0.35N", samples=9)
+written = softcal.write_export("reduced", softcal.ExportRequest(project), folder, reach="0.15N", samples=9)
 print(*sorted(path.name for path in written))
 
 # %%
@@ -27,14 +27,14 @@ module = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(module)
 model = module.ReducedModel(folder / "model.json")
 
-tensions = np.linspace(0.0, 0.35, 36)
+tensions = np.linspace(0.0, 0.15, 31)
 states = [model.state({"front": force}) for force in tensions]
 height = np.array([state["plates"]["tip"]["position"][2] for state in states])
 twin = softcal.simulate(project.robot, softcal.Protocol({"front": softcal.Command("tension", tensions)})).channels
 off = np.abs(height - twin["tip.z"]).max()
-stated = json.loads((folder / "model.json").read_text())["error"]
-print(f"largest difference of the height {1e6 * off:.2f} um; as stated in the file:", stated)
-assert off < 0.5e-3
+stated = json.loads((folder / "model.json").read_text())["error"]["tip.position"]
+print(f"largest difference of the height {1e6 * off:.1f} um; of a place, as the file states: {1e6 * stated['max']:.1f} um")
+assert off < 1.5 * stated["max"] < 0.2e-3
 compliance = np.gradient(twin["front.shortening"], tensions)[5]
 row = model.rows.index("front.shortening")
 assert abs(states[5]["compliance"][row][0] / compliance - 1) < 0.01

@@ -1,5 +1,5 @@
-"""The site: the pages of this folder, the examples, the gallery, which is run, and a reference that is read from the code;
-`make docs`.
+"""The site: the pages of this folder, the examples, the gallery, which is run, and a reference that is read from the
+code; `make docs`.
 """
 
 from __future__ import annotations
@@ -87,7 +87,15 @@ def link(app: Any, name: str, source: list[str]) -> None:
         source[0] = linked(source[0], path, path)
 
 
+def use(app: Any, what: str, name: str, _: object, options: object, lines: list[str]) -> None:
+    """Beneath the docstring of a public name: the examples of the gallery that use it."""
+    found = Path(app.srcdir) / sphinx_gallery_conf["backreferences_dir"] / f"{name}.examples"
+    if name.count(".") == 1 and found.is_file() and found.stat().st_size:
+        lines += ["", ".. rubric:: In the gallery", "", f".. minigallery:: {name}", ""]
+
+
 def setup(app: Any) -> None:
     """Before any page is read, the pages that come from elsewhere are written."""
     app.connect("builder-inited", lambda app: write_reference(Path(app.srcdir) / "reference"), priority=100)
     app.connect("source-read", link)
+    app.connect("autodoc-process-docstring", use, priority=900)  # after the sections are read

@@ -2,8 +2,8 @@
 A column that buckles
 =====================
 
-A cable along a slender column presses it until it gives way sideways: at Euler's load, and from there on along the elastica.
-The response says where it happened.
+A cable along a slender column presses it until it gives way sideways: at Euler's load, and from there on along the
+elastica. The response says where it happened.
 """
 
 import numpy as np
@@ -23,9 +23,7 @@ column = softcal.Rod(
     fixed=[0],
     clamped={"top": [elements]},
 )
-cable = softcal.Cable(
-    "cable", (softcal.ViaPoint((0.0, 0.0, 0.0)), softcal.ViaPoint(top, "top")), pulled_end="first"
-)
+cable = softcal.Cable("cable", (softcal.ViaPoint((0.0, 0.0, 0.0)), softcal.ViaPoint(top, "top")), pulled_end="first")
 robot = softcal.Robot(plates=(softcal.Plate("top", {}, top),), rods=(column,), cables=(cable,))
 pull = softcal.pull(robot, "cable", "shortening", 0.06, samples=61)
 response = softcal.simulate(robot, pull, snapshots=True)

@@ -2,8 +2,9 @@
 A cable that rubs: the loop of a pull and its way back
 ======================================================
 
-With a memory of its friction a cable is held on the way back by what it slides on. Over a drum of constant wrap the force
-behind it is T exp(-mu phi) on the way in, and T exp(mu phi) on the way back: the two branches differ by exp(2 mu phi).
+With a memory of its friction a cable is held on the way back by what it slides on. Over a drum of constant wrap the
+force behind it is T exp(-mu phi) on the way in, and T exp(mu phi) on the way back: the two branches differ by exp(2
+mu phi).
 """
 
 import numpy as np

@@ -2,8 +2,8 @@
 Grooves that close
 ==================
 
-A finger with notches is soft until the walls of the notches meet. Without contact they pass through each other, and the
-simulation says so; with it, the tendon's tension grows.
+A finger with notches is soft until the walls of the notches meet. Without contact they pass through each other, and
+the simulation says so; with it, the tendon's tension grows.
 """
 
 from dataclasses import replace

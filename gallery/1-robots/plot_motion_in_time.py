@@ -2,8 +2,8 @@
 Motion in time
 ==============
 
-`simulate_in_time` integrates the same robot with its masses. A strip that is let go swings at its first natural frequency,
-3.516 / (2 pi) sqrt(E I / (rho A L^4)).
+`simulate_in_time` integrates the same robot with its masses. A strip that is let go swings at its first natural
+frequency, 3.516 / (2 pi) sqrt(E I / (rho A L^4)).
 """
 
 import numpy as np

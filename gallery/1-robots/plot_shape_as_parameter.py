@@ -2,9 +2,9 @@
 Lengths of a body as parameters
 ===============================
 
-A printed part is not as it was drawn: its walls are thicker, all of it has shrunk. `DrawnShape` makes the scale of any mesh
-and the offset of its walls parameters, with exact derivatives, beside the moduli; the lengths of a primitive are by
-`PrimitiveShape`. The stiffness of a square bar in bending grows with the fourth power of its side.
+A printed part is not as it was drawn: its walls are thicker, all of it has shrunk. `DrawnShape` makes the scale of
+any mesh and the offset of its walls parameters, with exact derivatives, beside the moduli; the lengths of a primitive
+are by `PrimitiveShape`. The stiffness of a square bar in bending grows with the fourth power of its side.
 """
 
 import matplotlib.pyplot as plt
@@ -42,9 +42,7 @@ assert abs(modulus - 1) < 1e-6
 # %%
 # Walls that are thicker, without another mesh.
 offsets = np.linspace(-1e-3, 1e-3, 9)
-forces = [
-    softcal.simulate(robot, small, {"bar.wall_offset": one}).channels["cable.tension"][-1] for one in offsets
-]
+forces = [softcal.simulate(robot, small, {"bar.wall_offset": one}).channels["cable.tension"][-1] for one in offsets]
 assert abs(np.gradient(forces, offsets)[4] / by["bar.wall_offset"][-1] - 1) < 0.02
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(7.5, 3.6), layout="constrained")

@@ -2,8 +2,8 @@
 Silicone that softens: Mullins' effect
 ======================================
 
-The first pull of a rubber is stiffer than all that stay below it. A body has such a memory by its `history`; the samples of
-the protocol are then the way, in their order.
+The first pull of a rubber is stiffer than all that stay below it. A body has such a memory by its `history`; the
+samples of the protocol are then the way, in their order.
 """
 
 import numpy as np

@@ -2,8 +2,9 @@
 A manipulator of discs and springs
 ==================================
 
-Helical springs of a manipulator are rods: their wire twists and bends, and the coil does what a spring does. One alone has,
-for small loads, the stiffness G d^4 / (8 D^3 n) of the textbooks; a manipulator has several, with discs and cables.
+Helical springs of a manipulator are rods: their wire twists and bends, and the coil does what a spring does. One
+alone has, for small loads, the stiffness G d^4 / (8 D^3 n) of the textbooks; a manipulator has several, with discs
+and cables.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 A backbone that tapers: rods at a hundredth of the cost
 =======================================================
 
-Slender parts are rods, geometrically exact at any bending, with a section that may vary. Under a pure moment at its end a
-uniform rod is an arc of a circle, here a whole turn; a tapered one winds up towards its tip.
+Slender parts are rods, geometrically exact at any bending, with a section that may vary. Under a pure moment at its
+end a uniform rod is an arc of a circle, here a whole turn; a tapered one winds up towards its tip.
 """
 
 import matplotlib.pyplot as plt

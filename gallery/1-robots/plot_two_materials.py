@@ -2,8 +2,8 @@
 Two materials in one body
 =========================
 
-A strip of which one half is five times as stiff: each material is an inclusion of the body, with constants of its own that
-can be calibrated. Under a moment it bends as the theory of composite beams says.
+A strip of which one half is five times as stiff: each material is an inclusion of the body, with constants of its own
+that can be calibrated. Under a moment it bends as the theory of composite beams says.
 """
 
 import matplotlib.pyplot as plt

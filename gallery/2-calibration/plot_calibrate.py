@@ -2,8 +2,9 @@
 Young's modulus from three pulls
 ================================
 
-A project file names the robot, the tables of the bench and what is free. The tables of this strip were made by its own twin at
-4 MPa with noise, slack and a difference of 2 % between the tests, so that it is known what should come out.
+A project file names the robot, the tables of the bench and what is free. The tables of this strip were made by its
+own twin at 4 MPa with noise, slack and a difference of 2 % between the tests, so that it is known what should come
+out.
 """
 
 import matplotlib.pyplot as plt

@@ -2,9 +2,9 @@
 Which law for this rubber? Tests of coupons
 ===========================================
 
-Strips of the material alone, pulled, sheared and inflated, tell its law better than the robot does. `compare_laws` fits laws
-to all of them, judges each by tests that it was not fitted to and by its stability, and recommends the simplest that does.
-Here the tests are those of a Mooney-Rivlin material, with noise.
+Strips of the material alone, pulled, sheared and inflated, tell its law better than the robot does. `compare_laws`
+fits laws to all of them, judges each by tests that it was not fitted to and by its stability, and recommends the
+simplest that does. Here the tests are those of a Mooney-Rivlin material, with noise.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 A fleet of specimens
 ====================
 
-Many specimens of one design are calibrated by one template and a table with a row for each. What they say together is the
-mean, the spread of a further specimen, and the effect of what the table tells of them, here two filaments.
+Many specimens of one design are calibrated by one template and a table with a row for each. What they say together is
+the mean, the spread of a further specimen, and the effect of what the table tells of them, here two filaments.
 """
 
 import shutil
@@ -17,7 +17,11 @@ import softcal
 
 home = Path(tempfile.mkdtemp())
 text = Path("../strip/project.yaml").read_text()
-before, pulls, after = text.partition("  pull_20mm:")[0], text.partition("parameters:")[1], text.partition("parameters:")[2]
+before, pulls, after = (
+    text.partition("  pull_20mm:")[0],
+    text.partition("parameters:")[1],
+    text.partition("parameters:")[2],
+)
 (home / "project.yaml").write_text(before + pulls + after)
 shutil.copy("../strip/pull_10mm.csv", home)
 

@@ -2,8 +2,8 @@
 What the tests are sensitive to
 ===============================
 
-Sobol's indices say how much of the variance of each channel comes from which parameter, over the whole bounds of the search:
-what has no part in any channel cannot be calibrated by these tests.
+Sobol's indices say how much of the variance of each channel comes from which parameter, over the whole bounds of the
+search: what has no part in any channel cannot be calibrated by these tests.
 """
 
 import tempfile
@@ -27,7 +27,8 @@ for output, one in study.outputs.items():
 print({fact: round(value) for fact, value in study.facts.items()})
 
 # %%
-# The angle of a cable that is pulled by a length hardly depends on the modulus: it tells the slack. The force has both.
+# The angle of a cable that is pulled by a length hardly depends on the modulus: it tells the slack. The force has
+# both.
 tension, pitch = study.outputs["tension"], study.outputs["pitch"]
 modulus, slack = names
 assert tension.total[modulus].value > 0.2

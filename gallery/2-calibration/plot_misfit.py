@@ -2,8 +2,9 @@
 Intervals that know that the model is wrong
 ===========================================
 
-The machine of this bench adds a wobble to the force, of which the twin knows nothing. The best fit then leaves residuals that
-are no noise: they come in runs of one sign. The result says so, and its interval is as long as that makes it.
+The machine of this bench adds a wobble to the force, of which the twin knows nothing. The best fit then leaves
+residuals that are no noise: they come in runs of one sign. The result says so, and its interval is as long as that
+makes it.
 """
 
 import tempfile

@@ -2,8 +2,8 @@
 Which test to make next
 =======================
 
-After a calibration `next_test` simulates tests that could be made and ranks them by the interval that E is expected to have
-then: changes of the tests that there are, and candidates of one's own.
+After a calibration `next_test` simulates tests that could be made and ranks them by the interval that E is expected
+to have then: changes of the tests that there are, and candidates of one's own.
 """
 
 import tempfile
@@ -22,8 +22,8 @@ for one in ranking.outlooks:
 print(*ranking.notes, sep="\n")
 
 # %%
-# The tests differ among each other, so that one more of them is worth more than a better sensor: with any fourth test the
-# interval is shorter by a fifth.
+# The tests differ among each other, so that one more of them is worth more than a better sensor: with any fourth
+# test the interval is shorter by a fifth or more.
 low, high = found.parameters["strip.youngs_modulus"].interval
 assert abs((ranking.interval[1] - ranking.interval[0]) / (high - low) - 1) < 1e-3
 shares = [one.share for one in ranking.outlooks]

@@ -2,8 +2,9 @@
 Three ways to an interval
 =========================
 
-The quick interval is by the derivatives at the best values. A profile fixes one parameter at a time and fits the others; a
-posterior draws from the likelihood by a chain. Where the twin is nearly linear over its intervals the three agree.
+The quick interval is by the derivatives at the best values. A profile fixes one parameter at a time and fits the
+others; a posterior draws from the likelihood by a chain. Where the twin is nearly linear over its intervals the three
+agree.
 """
 
 import tempfile

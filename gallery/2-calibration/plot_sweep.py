@@ -2,8 +2,8 @@
 A sweep: the loss on a grid
 ===========================
 
-A sweep simulates the tests in every cell of a grid over any parameters. The map shows which of them the tests determine: the
-valley runs along what they can hardly tell apart: a stiffer strip on a cable with more slack.
+A sweep simulates the tests in every cell of a grid over any parameters. The map shows which of them the tests
+determine: the valley runs along what they can hardly tell apart: a stiffer strip on a cable with more slack.
 """
 
 import matplotlib.pyplot as plt
@@ -27,5 +27,10 @@ losses = result.losses
 assert losses.shape == (9, 13)
 assert np.nanmin(losses) == result.loss
 
-result.plot_loss()
-plt.gcf().set_size_inches(6, 4)
+figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+result.plot_loss(ax=left)
+values, slacks = (np.array(one) for one in result.axes.values())
+for k in (0, 4, 8):
+    right.semilogy(1e3 * slacks, losses[k], "o-", label=f"E {values[k] / 1e6:.1f} MPa")
+right.set(xlabel="slack [mm]", ylabel="loss")
+right.legend()

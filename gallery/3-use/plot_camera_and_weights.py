@@ -2,8 +2,8 @@
 Markers before a camera: a beam under weights
 =============================================
 
-Real measurements: a beam of silicone, a motion capture, two weights. The places of the markers are known in the camera's frame,
-whose pose is free beside Young's modulus; distances are compared marker by marker.
+Real measurements: a beam of silicone, a motion capture, two weights. The places of the markers are known in the
+camera's frame, whose pose is free beside Young's modulus; distances are compared marker by marker.
 """
 
 from dataclasses import replace
@@ -40,7 +40,9 @@ assert 0.005 < sunk < 0.08
 figure, (left, right) = plt.subplots(1, 2, figsize=(8.5, 3.6), layout="constrained")
 replace(heavy, snapshots=(*light.snapshots[:1], *heavy.snapshots[-1:])).plot_shape(ax=left)
 for k, (name, fit) in enumerate(result.experiments.items()):
-    right.bar(np.arange(len(fit.distances)) + 0.27 * k, [1e3 * d.mean for d in fit.distances.values()], 0.25, label=name)
+    right.bar(
+        np.arange(len(fit.distances)) + 0.27 * k, [1e3 * d.mean for d in fit.distances.values()], 0.25, label=name
+    )
 right.set_xticks(np.arange(len(fit.distances)) + 0.27, list(fit.distances))
 right.set_ylabel("mean distance [mm]")
 right.legend()

@@ -2,8 +2,9 @@
 A twin in a loop
 ================
 
-A `LiveTwin` keeps its equilibrium and its factorisation between calls: for a controller, a visualisation, or a filter. Here a
-controller holds the angle of a strip by the tension of its cable, although a weight is added on the way.
+A `LiveTwin` keeps its equilibrium and its factorisation between calls: for a controller, a visualisation, or a
+filter. Here a controller holds the angle of a strip by the tension of its cable, although a weight is added on the
+way.
 """
 
 import time

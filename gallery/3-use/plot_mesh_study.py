@@ -2,8 +2,9 @@
 What the mesh does to a number
 ==============================
 
-Linear tets lock in bending, and the more so the nearer Poisson's ratio is to 0.5. Elements of quadratic displacement with
-linear pressure, softcal's default, do not. The bending stiffness of a bar against that of a beam, on ever finer meshes.
+Linear tets lock in bending, and the more so the nearer Poisson's ratio is to 0.5. Elements of quadratic displacement
+with linear pressure, softcal's default, do not. The bending stiffness of a bar against that of a beam, on ever finer
+meshes.
 """
 
 import matplotlib.pyplot as plt
@@ -32,7 +33,8 @@ for element, values in found.items():
     print(element, dict(zip(layers[element], np.round(values, 3).tolist(), strict=True)))
 
 # %%
-# Two quadratic elements across are within a few per cent of the beam (the clamp takes a little); six linear ones are not.
+# Two quadratic elements across are within a few per cent of the beam (the clamp takes a little); six linear ones
+# are not.
 assert abs(found["P2P1"][1] - 1) < 0.05
 assert found["P1"][-1] > 1.5
 assert np.all(np.diff(found["P1"]) < 0)

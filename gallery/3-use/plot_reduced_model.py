@@ -2,8 +2,9 @@
 A reduced model for a controller
 ================================
 
-`write_export("reduced", …)` solves the twin on a grid of tensions, with its derivatives, and writes a file of numbers and an
-evaluator of fifty lines that needs nothing but Python. Its error is measured at random places and stated in the file.
+`write_export("reduced", …)` solves the twin on a grid of tensions, with its derivatives, and writes a file of numbers
+and an evaluator of fifty lines that needs nothing but Python. Its error is measured at random places and stated in
+the file.
 """
 
 import importlib.util
@@ -33,7 +34,9 @@ height = np.array([state["plates"]["tip"]["position"][2] for state in states])
 twin = softcal.simulate(project.robot, softcal.Protocol({"front": softcal.Command("tension", tensions)})).channels
 off = np.abs(height - twin["tip.z"]).max()
 stated = json.loads((folder / "model.json").read_text())["error"]["tip.position"]
-print(f"largest difference of the height {1e6 * off:.1f} um; of a place, as the file states: {1e6 * stated['max']:.1f} um")
+print(
+    f"largest difference of the height {1e6 * off:.1f} um; of a place, as the file states: {1e6 * stated['max']:.1f} um"
+)
 assert off < 1.5 * stated["max"] < 0.2e-3
 compliance = np.gradient(twin["front.shortening"], tensions)[5]
 row = model.rows.index("front.shortening")

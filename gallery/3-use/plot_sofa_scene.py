@@ -2,8 +2,8 @@
 The calibrated robot as a scene of SOFA
 =======================================
 
-`write_export("sofa", …)` writes a scene in SOFA's own Python, with its mesh and its cables, that runs without softcal. Bodies
-are P1 there, so the twin is best compared, or calibrated, with the same element.
+`write_export("sofa", …)` writes a scene in SOFA's own Python, with its mesh and its cables, that runs without
+softcal. Bodies are P1 there, so the twin is best compared, or calibrated, with the same element.
 """
 
 import ast

@@ -2,8 +2,8 @@
 Tensions for a pose, by exact derivatives
 =========================================
 
-Which tensions bring the tip of a finger to a place? The derivatives of every channel by every command come with the solution,
-so that Newton's method needs a few steps, where differences would need more simulations and lose digits.
+Which tensions bring the tip of a finger to a place? The derivatives of every channel by every command come with the
+solution, so that Newton's method needs a few steps, where differences would need more simulations and lose digits.
 """
 
 import matplotlib.pyplot as plt
@@ -45,7 +45,9 @@ assert misses[-1] < 1e-9
 assert len(misses) < 10
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.6), layout="constrained")
-pull = softcal.Protocol({c: softcal.Command("tension", t * np.array([0.0, 1.0])) for c, t in zip(names, tension, strict=True)})
+pull = softcal.Protocol(
+    {c: softcal.Command("tension", t * np.array([0.0, 1.0])) for c, t in zip(names, tension, strict=True)}
+)
 softcal.simulate(robot, pull, snapshots="samples").plot_shape(ax=left)
 right.semilogy(misses, "o-")
 right.set(xlabel="step of Newton's method", ylabel="distance from the goal [m]")

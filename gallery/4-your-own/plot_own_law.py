@@ -47,7 +47,9 @@ invariant = stretch**2 + 2 / stretch - 3
 exact = constants["shear_modulus"] * 4.0 / (4.0 - invariant) * (stretch - stretch**-2)
 stress = response.channels["rope.tension"] / side**2
 off = np.abs(stress[1:] / exact[1:] - 1).max()
-print(f"at a stretch of 2: {stress[-1] / 1e6:.4f} MPa, by hand {exact[-1] / 1e6:.4f} MPa; at most {100 * off:.1f} % off")
+print(
+    f"at a stretch of 2: {stress[-1] / 1e6:.4f} MPa, by hand {exact[-1] / 1e6:.4f} MPa; at most {100 * off:.1f} % off"
+)
 assert off < 0.03
 
 figure, axes = plt.subplots(figsize=(6, 3.8), layout="constrained")

@@ -2,8 +2,8 @@
 A loss of your own
 ==================
 
-A loss is a convex function of the residuals of each channel, with the weights of the quadratic one that touches it. Here
-absolute errors, which a few bad samples do not pull away. A registered loss is a word of the project file.
+A loss is a convex function of the residuals of each channel, with the weights of the quadratic one that touches it.
+Here absolute errors, which a few bad samples do not pull away. A registered loss is a word of the project file.
 """
 
 import tempfile

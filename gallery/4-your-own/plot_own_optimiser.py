@@ -2,8 +2,8 @@
 An optimiser of your own
 ========================
 
-An optimiser proposes points and is told their losses; workers, stops, stores and the report are the same for all. Here a
-pattern search: it looks around the best point so far, and halves its steps where nothing is better.
+An optimiser proposes points and is told their losses; workers, stops, stores and the report are the same for all.
+Here a pattern search: it looks around the best point so far, and halves its steps where nothing is better.
 """
 
 import matplotlib.pyplot as plt

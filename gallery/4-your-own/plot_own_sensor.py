@@ -2,8 +2,8 @@
 A sensor of your own
 ====================
 
-A sensor reads channels from places and rotations of parts, and gives their rates; exact derivatives follow. Here a string
-potentiometer between two points of a strip.
+A sensor reads channels from places and rotations of parts, and gives their rates; exact derivatives follow. Here a
+string potentiometer between two points of a strip.
 """
 
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Write the bench tables of the strip: its own twin at 4 MPa, 2 % between tests, slack, and noise of the instruments."""
+"""Write the bench tables of the strip: its own twin at 4 MPa, with 2 % between tests, slack, and noise."""
 
 from pathlib import Path
 

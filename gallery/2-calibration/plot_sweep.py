@@ -2,8 +2,8 @@
 A sweep: the loss on a grid
 ===========================
 
-A sweep simulates the tests in every cell of a grid over any parameters. The map shows which of them the tests
-determine: the valley runs along what they can hardly tell apart: a stiffer strip on a cable with more slack.
+A sweep simulates the tests in every cell of a grid over any parameters. The map shows whether the tests tell these
+apart: round contours where they do, a valley where they do not. Here the angle tells the slack, the force the modulus.
 """
 
 import matplotlib.pyplot as plt

@@ -51,7 +51,13 @@ _ROD, _CABLE = 0.015, 0.007  # radii over the size of the robot
 
 
 def plot_trajectory(of: ResultPlots, experiment: str) -> list[Axes]:
-    """See `ResultPlots.plot`."""
+    """See `ResultPlots.plot`.
+
+    Raises
+    ------
+    ParameterError
+        As it says.
+    """
     path = _path(of, experiment)
     if not path.panels:
         raise ParameterError(Fault("positions alone are compared", path.experiment, attempt="write_report"))
@@ -70,6 +76,11 @@ def plot_fit(of: ResultPlots, channel: str, experiment: str, ax: Axes | None) ->
         The channel and its experiment, or "".
     ax
         Where it is drawn, or None.
+
+    Raises
+    ------
+    ParameterError
+        As it says.
     """
     path = _path(of, experiment)
     panels = {panel.channel: panel for panel in path.panels}
@@ -144,6 +155,11 @@ def plot_channel(response: Response, channel: str, over: str, ax: Axes | None) -
         The channel, and that of the horizontal axis, or "".
     ax
         Where it is drawn, or None.
+
+    Raises
+    ------
+    ParameterError
+        As it says.
     """
     for name in filter(None, (channel, over)):
         if name not in response.channels:
@@ -166,7 +182,13 @@ def plot_channel(response: Response, channel: str, over: str, ax: Axes | None) -
 
 
 def plot_shape(of: Response | Robot, ax: Axes | None) -> Axes:
-    """See `Response.plot_shape` and `Robot.plot_shape`."""
+    """See `Response.plot_shape` and `Robot.plot_shape`.
+
+    Raises
+    ------
+    ParameterError
+        As they say.
+    """
     if isinstance(of, Response) and len(of.snapshots) < 2:
         raise ParameterError(Fault("the response has no two shapes", "plot_shape", attempt="simulate(snapshots=True)"))
     with _drawing(ax) as axes:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.declare import checked_arguments
 from softcal.errors import ParameterError, unknown
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ _IN_PAPER: Any = {"font.size": 8.0, "axes.titlesize": 8.5, "axes.labelsize": 8.0
 _paper: ContextVar[str] = ContextVar("paper", default="")
 
 
+@checked_arguments
 @contextmanager
 def paper_style(columns: str) -> Generator[None]:
     """The style of figures in a paper, as a context: what is drawn within it, by `plot` or else, has a column's width.

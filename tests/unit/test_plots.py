@@ -149,6 +149,8 @@ def test_in_the_style_of_a_paper_figures_are_as_wide_as_a_column(
             lambda done: done.response.plot_shape(ax=plt.figure().add_subplot(projection="3d")),
             "ax: this is drawn in axes of Matplotlib",
         ),
+        (lambda done: done.found.plot_fit(3), "channel: this is of the wrong kind; got 3; allowed: text"),
+        (lambda done: done.response.plot(["tension"]), "channel: this is of the wrong kind"),
         (lambda done: done.found.plot_fit("roll"), "pull: the fit has no such channel; got 'roll'; allowed: tension"),
         (lambda done: done.found.plot("push"), "the result has no such experiment; got 'push'; allowed: pull"),
         (lambda done: done.found.plot_loss("E"), f"the result has no such parameter; got 'E'; allowed: {E}"),
@@ -160,6 +162,6 @@ def test_in_the_style_of_a_paper_figures_are_as_wide_as_a_column(
 )
 def test_what_cannot_be_drawn_is_told(slip: Callable[[SimpleNamespace], object], words: str, done: SimpleNamespace):
     before = plt.get_fignums()
-    with pytest.raises(softcal.ParameterError, match=words.replace("(", r"\(")):
+    with pytest.raises(softcal.InputError, match=words.replace("(", r"\(")):
         slip(done)
     assert len(plt.get_fignums()) <= len(before) + 1

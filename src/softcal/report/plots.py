@@ -7,12 +7,13 @@ from __future__ import annotations
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from softcal.calibration.results.result import CalibrationResult, SearchResult
 from softcal.calibration.results.result_plots import ResultPlots
+from softcal.declare import checked_arguments
 from softcal.display import drawn
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.experiments.dataset import Channel, Dataset
@@ -50,7 +51,8 @@ MOST = 3  # experiments whose fit is shown there
 _ROD, _CABLE = 0.015, 0.007  # radii over the size of the robot
 
 
-def plot_trajectory(of: ResultPlots, experiment: str) -> list[Axes]:
+@checked_arguments
+def plot_trajectory(of: ResultPlots, experiment: str) -> list[Any]:
     """See `ResultPlots.plot`.
 
     Raises
@@ -65,7 +67,8 @@ def plot_trajectory(of: ResultPlots, experiment: str) -> list[Axes]:
         return [_lasting(axes) for axes in draw_trajectory(path, make=_new_figure).axes]
 
 
-def plot_fit(of: ResultPlots, channel: str, experiment: str, ax: Axes | None) -> Axes:
+@checked_arguments
+def plot_fit(of: ResultPlots, channel: str, experiment: str, ax: Any) -> Any:
     """See `ResultPlots.plot_fit`.
 
     Parameters
@@ -95,7 +98,8 @@ def plot_fit(of: ResultPlots, channel: str, experiment: str, ax: Axes | None) ->
         return axes
 
 
-def plot_intervals(of: ResultPlots, parameter: str, ax: Axes | None) -> Axes:
+@checked_arguments
+def plot_intervals(of: ResultPlots, parameter: str, ax: Any) -> Any:
     """See `ResultPlots.plot_intervals`.
 
     Parameters
@@ -116,7 +120,8 @@ def plot_intervals(of: ResultPlots, parameter: str, ax: Axes | None) -> Axes:
         return axes
 
 
-def plot_loss(of: ResultPlots, parameter: str, ax: Axes | None) -> Axes:
+@checked_arguments
+def plot_loss(of: ResultPlots, parameter: str, ax: Any) -> Any:
     """See `ResultPlots.plot_loss`.
 
     Parameters
@@ -144,7 +149,8 @@ def plot_loss(of: ResultPlots, parameter: str, ax: Axes | None) -> Axes:
         return axes
 
 
-def plot_channel(response: Response, channel: str, over: str, ax: Axes | None) -> Axes:
+@checked_arguments
+def plot_channel(response: Response, channel: str, over: str, ax: Any) -> Any:
     """See `Response.plot`.
 
     Parameters
@@ -181,7 +187,8 @@ def plot_channel(response: Response, channel: str, over: str, ax: Axes | None) -
         return axes
 
 
-def plot_shape(of: Response | Robot, ax: Axes | None) -> Axes:
+@checked_arguments
+def plot_shape(of: Response | Robot, ax: Any) -> Any:
     """See `Response.plot_shape` and `Robot.plot_shape`.
 
     Raises

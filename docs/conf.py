@@ -1,4 +1,6 @@
-"""The site: the pages of this folder, the examples, and a reference that is read from the code; `make docs`."""
+"""The site: the pages of this folder, the examples, the gallery, which is run, and a reference that is read from the
+code; `make docs`.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +25,10 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx_design",
     "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build"]
+# The gallery's scripts and notebooks are downloads, beside the page of each.
+exclude_patterns = ["_build", "gallery/**/*.ipynb", "gallery/**/*.py"]
 default_role = "code"  # of `text` in docstrings
 suppress_warnings = ["ref.python"]  # an attribute `name` is one of many classes
 
@@ -38,6 +42,27 @@ autodoc_default_options = {"members": True, "undoc-members": False}
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True
+
+# Every script of the gallery is run; one that fails ends the build.
+sphinx_gallery_conf: dict[str, Any] = {
+    "examples_dirs": str(ROOT / "gallery"),
+    "gallery_dirs": "gallery",
+    "filename_pattern": "/plot_",
+    "abort_on_example_error": True,
+    "within_subsection_order": "ExampleTitleSortKey",
+    "backreferences_dir": "gallery/uses",
+    "doc_module": ("softcal",),
+    "reference_url": {"softcal": None},
+    "inspect_global_variables": False,
+    "remove_config_comments": True,
+    "min_reported_time": 1,
+    "show_memory": False,
+    "show_signature": False,
+    "write_computation_times": False,
+    "capture_repr": (),
+    "matplotlib_animations": False,
+    "thumbnail_size": (400, 280),
+}
 
 html_theme = "pydata_sphinx_theme"
 html_title = "softcal"
@@ -62,7 +87,15 @@ def link(app: Any, name: str, source: list[str]) -> None:
         source[0] = linked(source[0], path, path)
 
 
+def use(app: Any, what: str, name: str, _: object, options: object, lines: list[str]) -> None:
+    """Beneath the docstring of a public name: the examples of the gallery that use it."""
+    found = Path(app.srcdir) / sphinx_gallery_conf["backreferences_dir"] / f"{name}.examples"
+    if name.count(".") == 1 and found.is_file() and found.stat().st_size:
+        lines += ["", ".. rubric:: In the gallery", "", f".. minigallery:: {name}", ""]
+
+
 def setup(app: Any) -> None:
     """Before any page is read, the pages that come from elsewhere are written."""
     app.connect("builder-inited", lambda app: write_reference(Path(app.srcdir) / "reference"), priority=100)
     app.connect("source-read", link)
+    app.connect("autodoc-process-docstring", use, priority=900)  # after the sections are read

@@ -82,7 +82,7 @@ FAMILIES: Mapping[str, tuple[Catalogue[Any], str]] = {
 }
 KEYS = Path(__file__).with_name("keys.yaml")  # examples of the keys that no example of softcal has
 ROOT = Path(__file__).resolve().parents[1]
-DOCS = ROOT / "docs"
+DOCS, GALLERY = ROOT / "docs", ROOT / "gallery"
 EXAMPLES = ("beam", "finger", "fleet", "manipulator", "neck", "neck-bench")
 # File of the repository -> its page of the site.
 OUTSIDE: Mapping[Path, Path] = {
@@ -116,6 +116,9 @@ def linked(text: str, source: Path, page: Path) -> str:
         at, anchor = match[2], match[3] or ""
         if re.match(r"[a-z]+:", at) or not (path := (source.parent / at).resolve()).exists():
             return match[0]
+        if path.is_relative_to(GALLERY):
+            path = DOCS / "gallery" / path.relative_to(GALLERY) / ("index.rst" if path.is_dir() else "")
+            path = path.with_suffix(".rst")
         path = OUTSIDE.get(path / "README.md" if path.is_dir() else path, path)
         return f"{match[1]}{os.path.relpath(path, page.parent)}{anchor})"
 

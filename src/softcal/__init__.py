@@ -81,6 +81,7 @@ if TYPE_CHECKING:
     from softcal.report.section import Gallery as Gallery
     from softcal.report.section import Small as Small
     from softcal.report.section import register_section as register_section
+    from softcal.report.style import paper_style as paper_style
     from softcal.report.tables import Column as Column
     from softcal.report.tables import ReportTable as ReportTable
     from softcal.sensing.kind import ChannelKind as ChannelKind
@@ -241,6 +242,7 @@ _HOMES = {
     "manipulator": "softcal.twin.manipulator",
     "mesh_study": "softcal.workflows.mesh_study",
     "next_test": "softcal.workflows.next_test",
+    "paper_style": "softcal.report.style",
     "pull": "softcal.workflows.simulation",
     "quantity": "softcal.quantities",
     "ramp": "softcal.twin.schedule",
@@ -367,6 +369,7 @@ __all__ = [
     "manipulator",
     "mesh_study",
     "next_test",
+    "paper_style",
     "pull",
     "quantity",
     "ramp",

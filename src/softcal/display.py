@@ -1,7 +1,7 @@
 """How softcal's objects are shown: a short text, and a small table and pictures in a notebook.
 
 `displayed` gives a class both, by its fields; a class that says more of itself defines `_repr_html_` or `__repr__`.
-Pictures are asked for here, and the layers above that draw register them.
+Pictures and plots are asked for here, and the layers above draw them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 from softcal.html_text import heading, html_table
 
-_HOME = "softcal.report.notebook"  # imported when it is needed: it is in a layer above those that ask for pictures
+_HOME = "softcal.report.plots"  # imported when it is needed: it is in a layer above those that ask for pictures
 
 T = TypeVar("T")
 
@@ -119,6 +119,11 @@ def _is_same(value: Any, other: Any) -> bool:
     if type(value) is not type(other) or is_dataclass(value):
         return value is other
     return bool(value.tolist() == other.tolist() if hasattr(value, "tolist") else value == other)
+
+
+def plotted(plot: str, thing: object, *args: Any) -> Any:
+    """What the function of that name of the report's plots draws of an object."""
+    return getattr(import_module(_HOME), plot)(thing, *args)
 
 
 @singledispatch

@@ -18,6 +18,8 @@ from softcal.cli.command import COMMANDS
 
 ROOT = Path(__file__).parents[2]
 WIDE, NARROW = 1400, 390
+SCRIPT = "gallery/2-calibration/plot_calibrate"
+PAGES = ["index", "start", "faq", "mechanics", "reference/keys", "reference/commands", "gallery/index", SCRIPT]
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +35,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["index", "start", "faq", "mechanics", "reference/keys", "reference/commands"])
+@pytest.mark.parametrize("page", PAGES)
 @pytest.mark.parametrize("width", [WIDE, NARROW])
 def test_a_page_fits_its_screen_without_a_complaint(
     site: Path, look: Callable[..., Seen], page: str, width: int
@@ -76,6 +78,7 @@ def test_the_reference_has_every_name_command_section_and_family(site: Path) -> 
     assert all(f"softcal {name}" in words("commands.html") for name in COMMANDS)
     assert all(path in words("keys.html") for path in FILE)
     assert "above 0, to 100 m" in words("keys.html")
+    assert "gallery/1-robots/plot_two_materials.html" in words("generated/softcal.Material.html"), "where it is used"
     assert all(f">{name}<" in words("families.html") for catalogue, _ in FAMILIES.values() for name in catalogue)
 
 

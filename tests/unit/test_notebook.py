@@ -19,7 +19,7 @@ from softcal.calibration.statistics.estimate import Remark
 from softcal.display import pictures_of
 from softcal.html_text import MOST_ROWS, curve, heading, html_table, paragraph, picture
 from softcal.project.project import Project
-from softcal.report import notebook
+from softcal.report import plots
 from softcal.report.scene import Projection, Surface
 from softcal.report.sketch import draw_sketch
 from softcal.report.style import as_png
@@ -165,8 +165,8 @@ def test_a_result_is_shown_with_its_losses_and_its_fit(result: CalibrationResult
     assert len(Cells(result._repr_html_()).pictures) == 2
     assert len(Cells(replace(result, trials=())._repr_html_()).pictures) == 1
     assert len(Cells(replace(result, experiments={})._repr_html_()).pictures) == 1
-    many = {f"pull {k}": result.experiments["pull"] for k in range(notebook.MOST + 2)}
-    assert len(Cells(replace(result, experiments=many)._repr_html_()).pictures) == 1 + notebook.MOST
+    many = {f"pull {k}": result.experiments["pull"] for k in range(plots.MOST + 2)}
+    assert len(Cells(replace(result, experiments=many)._repr_html_()).pictures) == 1 + plots.MOST
 
 
 def test_what_cannot_be_drawn_is_no_picture_and_the_tables_are_there(
@@ -175,7 +175,7 @@ def test_what_cannot_be_drawn_is_no_picture_and_the_tables_are_there(
     def broken(*_: object) -> None:
         raise RuntimeError("no canvas")
 
-    monkeypatch.setattr(notebook, "as_png", broken)
+    monkeypatch.setattr(plots, "as_png", broken)
     response = softcal.simulate(project, snapshots=True)
     for thing in (project, result, response):
         cells = Cells(thing._repr_html_())

@@ -12,6 +12,7 @@ from softcal.report.scene import Part, Projection
 from softcal.report.style import house_style, new_figure
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 HEIGHT, WIDEST = 3.2, 6.0  # [in]
@@ -30,24 +31,42 @@ def draw_sketch(parts: Sequence[Part], camera: Projection, behind: Sequence[Part
     behind
         Parts that are drawn first, where the others cover them.
     """
-    from matplotlib.collections import PolyCollection
-
     left, right, bottom, top = camera.window
     width = min(HEIGHT * (right - left) / (top - bottom), WIDEST)
     with house_style():
         figure = new_figure(width, width * (top - bottom) / (right - left))
         figure.set_layout_engine("none")
-        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        axes.set_axis_off()
-        axes.set(xlim=(left, right), ylim=(bottom, top))
-        for layer in (behind, parts):
-            if found := [_seen(part, camera) for part in layer]:
-                corners, colours = (np.concatenate(held) for held in zip(*found, strict=True))
-                order = np.argsort(corners[:, :, 2].mean(axis=1))
-                shown = PolyCollection(list(corners[order, :, :2]), facecolors=colours[order])
-                shown.set(linewidth=0.3, edgecolor="face")  # no seams between triangles
-                axes.add_collection(shown)
+        draw_parts(figure.add_axes((0.0, 0.0, 1.0, 1.0)), parts, camera, behind)
         return figure
+
+
+def draw_parts(axes: Axes, parts: Sequence[Part], camera: Projection, behind: Sequence[Part] = ()) -> None:
+    """As `draw_sketch`, in given axes.
+
+    Parameters
+    ----------
+    axes
+        Where they are drawn.
+    parts
+        What is drawn.
+    camera
+        Its projection.
+    behind
+        Parts that are drawn first.
+    """
+    from matplotlib.collections import PolyCollection
+
+    left, right, bottom, top = camera.window
+    axes.set_axis_off()
+    axes.set_aspect("equal")
+    axes.set(xlim=(left, right), ylim=(bottom, top))
+    for layer in (behind, parts):
+        if found := [_seen(part, camera) for part in layer]:
+            corners, colours = (np.concatenate(held) for held in zip(*found, strict=True))
+            order = np.argsort(corners[:, :, 2].mean(axis=1))
+            shown = PolyCollection(list(corners[order, :, :2]), facecolors=colours[order])
+            shown.set(linewidth=0.3, edgecolor="face")  # no seams between triangles
+            axes.add_collection(shown)
 
 
 def _seen(part: Part, camera: Projection) -> tuple[Floats, Floats]:

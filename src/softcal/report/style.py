@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.declare import checked_arguments
+from softcal.errors import ParameterError, unknown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,6 +62,38 @@ _STYLE: Any = {
     "text.parse_math": False,  # names of the user's may contain dollars
 }
 
+# Columns of a journal -> their width [in]; Nature's and Elsevier's are 89 and 183 mm.
+PAPERS: Mapping[str, float] = {"one column": 89 / 25.4, "two columns": 183 / 25.4}
+_IN_PAPER: Any = {"font.size": 8.0, "axes.titlesize": 8.5, "axes.labelsize": 8.0, "legend.fontsize": 7.5}
+_paper: ContextVar[str] = ContextVar("paper", default="")
+
+
+@checked_arguments
+@contextmanager
+def paper_style(columns: str) -> Generator[None]:
+    """The style of figures in a paper, as a context: what is drawn within it, by `plot` or else, has a column's width.
+
+    Parameters
+    ----------
+    columns
+        "one column" of 89 mm, or "two columns" of 183 mm. Texts have 7.5 points or more.
+
+    Raises
+    ------
+    ParameterError
+        For another style.
+    """
+    import matplotlib as mpl
+
+    if columns not in PAPERS:
+        raise ParameterError(unknown("there is no such style", "paper_style", columns, PAPERS))
+    before, width = _paper.set(columns), PAPERS[columns]
+    try:
+        with mpl.rc_context({**_STYLE, **_IN_PAPER, "figure.figsize": (width, 0.7 * min(width, PAPERS["one column"]))}):
+            yield
+    finally:
+        _paper.reset(before)
+
 
 @contextmanager
 def house_style() -> Generator[None]:
@@ -67,7 +102,7 @@ def house_style() -> Generator[None]:
 
     with mpl.rc_context():
         mpl.rcdefaults()
-        mpl.rcParams.update(_STYLE)
+        mpl.rcParams.update(_STYLE | (_IN_PAPER if _paper.get() else {}))
         yield
 
 
@@ -75,11 +110,19 @@ def new_figure(width: float = 5.2, height: float = 3.6) -> Figure:
     """An empty figure of a size in inches, on the Agg canvas, in no global registry."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    figure = Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.07, h_pad=0.07))
+    figure = Figure(**figure_settings(width, height))
     FigureCanvasAgg(figure)
     return figure
+
+
+def figure_settings(width: float = 5.2, height: float = 3.6) -> dict[str, Any]:
+    """Size and layout of a figure of that size [in], or as wide as the column of the paper that it is for."""
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    if column := PAPERS.get(_paper.get()):
+        width, height = column, height * min(1.0, column / width)
+    return {"figsize": (width, height), "layout": ConstrainedLayoutEngine(w_pad=0.07, h_pad=0.07)}
 
 
 def encode(figure: Figure, title: str = "") -> tuple[bytes, bytes]:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from softcal.checks import Floats, Ints, ReadOnly
-from softcal.display import displayed
+from softcal.display import displayed, plotted
 from softcal.errors import Fault, ParameterError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Shown = bool | Literal["samples"]
 
@@ -203,6 +206,50 @@ class Response(ReadOnly):
         from softcal.twin.response_html import response_html
 
         return response_html(self)
+
+    def plot(self, channel: str, over: str = "", *, ax: Axes | None = None) -> Axes:
+        """One channel over another one, or over the number of the sample, as the report draws it.
+
+        Parameters
+        ----------
+        channel
+            The channel, such as "front.tension".
+        over
+            The channel of the horizontal axis, such as "front.shortening" or, of a motion, "time".
+        ax
+            Where it is drawn, beside what is there; by default in a new figure.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            Where it was drawn; nothing is shown or saved.
+
+        Raises
+        ------
+        ParameterError
+            Where there is no such channel, or what is given are no axes.
+        """
+        return plotted("plot_channel", self, channel, over, ax)
+
+    def plot_shape(self, *, ax: Axes | None = None) -> Axes:
+        """The shape that is furthest from the first one, coloured by its displacement, over the first one in grey.
+
+        Parameters
+        ----------
+        ax
+            Where it is drawn; by default in a new figure.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            Where it was drawn; nothing is shown or saved.
+
+        Raises
+        ------
+        ParameterError
+            Where there are no two shapes (`snapshots=True` keeps them), or what is given are no axes.
+        """
+        return plotted("plot_shape", self, ax)
 
     def over(self, n_samples: int) -> Response:
         """The response with a row for each of the protocol's samples: NaN for those that were not reached."""

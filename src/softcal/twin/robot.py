@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from softcal.arrays import (
 )
 from softcal.checks import Floats, Ints, frozen_floats, require_below
 from softcal.declare import ByShape, Check, Checked, Declared
-from softcal.display import displayed
+from softcal.display import displayed, plotted
 from softcal.errors import Fault, InputError, unknown
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.mesh import TetMesh
@@ -43,6 +43,9 @@ from softcal.twin.clamp import Clamp, Zone, clamp_zone
 from softcal.twin.dead_loads import Moment, PointLoad, SurfaceLoad
 from softcal.twin.material import Material, complete_materials, materials_of
 from softcal.twin.part import NamedPart
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Control = Literal["tension", "shortening"]
 
@@ -405,6 +408,26 @@ class Robot(Checked):
             require_changing_length(cable, self.plates)
         if self.contact is not None:
             require_wires(self.rods)
+
+    def plot_shape(self, *, ax: Axes | None = None) -> Axes:
+        """The robot at rest, with its regions, cables and loads.
+
+        Parameters
+        ----------
+        ax
+            Where it is drawn; by default in a new figure.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            Where it was drawn; nothing is shown or saved.
+
+        Raises
+        ------
+        ParameterError
+            Where what is given are no axes.
+        """
+        return plotted("plot_shape", self, ax)
 
     @property
     def _numbered(self) -> Iterator[tuple[str, Ints, str]]:

@@ -14,6 +14,7 @@ from softcal.calibration.problem.option import options_of
 from softcal.calibration.problem.problem import Problem
 from softcal.calibration.results.digits import ESTIMATE, estimate_cells
 from softcal.calibration.results.result import CalibrationResult, SearchResult, result_html
+from softcal.calibration.results.result_plots import ResultPlots
 from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.calibration.run import require_joinable
 from softcal.calibration.search.hold_out import fitted_part
@@ -42,7 +43,7 @@ Observer = Callable[[str, Progress], None]
 
 @displayed
 @dataclass(frozen=True)
-class Calibrations(Outcome):
+class Calibrations(Outcome, ResultPlots):
     """Results by label (an experiment's name, or "joint"), and the folder that keeps them."""
 
     results: Mapping[str, CalibrationResult]

@@ -8,6 +8,7 @@ from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
 
 from softcal.calibration.results.result import CalibrationResult, SearchResult, SweepResult, result_html
+from softcal.calibration.results.result_plots import ResultPlots
 from softcal.calibration.statistics.estimate import Estimate
 from softcal.display import displayed
 from softcal.errors import Fault, StorageError
@@ -110,7 +111,7 @@ class Outcome(ABC):
 
 @displayed
 @dataclass(frozen=True)
-class CalibrationRun(Run):
+class CalibrationRun(Run, ResultPlots):
     """The stored run of one or several calibrations.
 
     Attributes

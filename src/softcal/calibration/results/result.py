@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import AfterValidator
 
 from softcal.calibration.results.digits import ESTIMATE, estimate_cells
+from softcal.calibration.results.result_plots import ResultPlots
 from softcal.calibration.results.stored import IN_TABLE, PERHAPS_IN_TABLE, Amount, Count, Schema, Share
 from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.calibration.statistics.left_out import LeftOut
@@ -193,7 +194,7 @@ class HeldOut:
 
 
 @dataclass(frozen=True, repr=False)
-class SearchResult(Schema, ABC):
+class SearchResult(Schema, ResultPlots, ABC):
     """The outcome of a search: the theta of the lowest loss, the twin there, and every evaluation.
 
     Attributes

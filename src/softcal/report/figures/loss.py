@@ -115,26 +115,43 @@ def draw_profiles(title: str, curves: Mapping[str, Estimate], result: SearchResu
         for axes in grid.flat[len(curves) :]:
             axes.set_visible(False)
         for axes, (name, estimate) in zip(grid.flat, curves.items(), strict=False):
-            scale = estimate_scale(estimate)
-            values, losses = np.array(estimate.profile).T
-            x = values / scale.factor
-            low, high = (end / scale.factor for end in interval(estimate))
-            axes.axvspan(low, high, color=FAINT, alpha=0.45, linewidth=0.0, label="95 % interval")
-            axes.plot(x, losses, color=BLUE, label="loss, by derivatives")
-            axes.plot(
-                [estimate.value / scale.factor], [result.loss], marker="*", markersize=13, color=ORANGE,
-                markeredgecolor=INK, linestyle="", clip_on=False, zorder=5, label="best value",
-            )  # fmt: skip
-            if estimate.scale == "log":
-                plain_log_axis(axes, x[0], x[-1])
-            else:
-                axes.set_xlim(x[0], x[-1])
-            axes.set_xlabel(scale.axis(parameter_label(name, result.parameters)))
+            draw_profile(axes, name, estimate, result)
         for axes in grid[:, 0]:
             axes.set_ylabel("Loss")
         figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
         figure.suptitle(title, x=0.02, ha="left", fontsize=10.0, fontweight="bold", color=INK)
         return figure
+
+
+def draw_profile(axes: Axes, name: str, estimate: Estimate, result: SearchResult) -> None:
+    """The least loss over one parameter.
+
+    Parameters
+    ----------
+    axes
+        Where it is drawn.
+    name
+        The parameter.
+    estimate
+        Its estimate, with the least losses over its values.
+    result
+        The calibration.
+    """
+    scale = estimate_scale(estimate)
+    values, losses = np.array(estimate.profile).T
+    x = values / scale.factor
+    low, high = (end / scale.factor for end in interval(estimate))
+    axes.axvspan(low, high, color=FAINT, alpha=0.45, linewidth=0.0, label="95 % interval")
+    axes.plot(x, losses, color=BLUE, label="loss, by derivatives")
+    axes.plot(
+        [estimate.value / scale.factor], [result.loss], marker="*", markersize=13, color=ORANGE,
+        markeredgecolor=INK, linestyle="", clip_on=False, zorder=5, label="best value",
+    )  # fmt: skip
+    if estimate.scale == "log":
+        plain_log_axis(axes, x[0], x[-1])
+    else:
+        axes.set_xlim(x[0], x[-1])
+    axes.set_xlabel(scale.axis(parameter_label(name, result.parameters)))
 
 
 def draw_loss_map(title: str, result: SearchResult, landscape: Landscape | None) -> Figure | None:
@@ -156,25 +173,45 @@ def draw_loss_map(title: str, result: SearchResult, landscape: Landscape | None)
         return None
     with house_style():
         figure = new_figure(5.2, 3.9)
-        axes = figure.add_subplot()
-        scales = tuple(_scale(result, name) for name in pair)
-        shown = _draw_contours(axes, landscape, scales) if landscape else _draw_trials(axes, result, pair, scales)
-        if shown is not None:
-            bar = figure.colorbar(shown, ax=axes, pad=0.02, aspect=28)
-            bar.set_label("Loss (dark is better)")
-            bar.outline.set_visible(False)  # type: ignore[operator]
-            low, high = bar.norm.vmin, bar.norm.vmax
-            if low and high and low > 0:
-                plain_log_ticks(bar.ax.yaxis, low, high)
-        _draw_bounds(axes, result, pair, scales)
-        _draw_optimum(axes, result, pair, scales)
-        axes.set_xlabel(scales[0].axis(parameter_label(pair[0], result.parameters)))
-        axes.set_ylabel(scales[1].axis(parameter_label(pair[1], result.parameters)))
-        axes.set_title(title)
-        axes.grid(False)
+        draw_surface(axes := figure.add_subplot(), title, result, pair, landscape)
         if axes.get_legend_handles_labels()[1]:
             figure.legend(loc="outside lower center", ncols=4, fontsize=8.5, markerscale=0.75)
         return figure
+
+
+def draw_surface(
+    axes: Axes, title: str, result: SearchResult, pair: tuple[str, str], landscape: Landscape | None
+) -> None:
+    """As `draw_loss_map`, in given axes.
+
+    Parameters
+    ----------
+    axes
+        Where it is drawn.
+    title
+        Of the axes.
+    result
+        The calibration, with its trials.
+    pair
+        The two parameters.
+    landscape
+        The loss over a grid of both; None: the trials are drawn.
+    """
+    scales = tuple(_scale(result, name) for name in pair)
+    shown = _draw_contours(axes, landscape, scales) if landscape else _draw_trials(axes, result, pair, scales)
+    if shown is not None:
+        bar = axes.figure.colorbar(shown, ax=axes, pad=0.02, aspect=28)
+        bar.set_label("Loss (dark is better)")
+        bar.outline.set_visible(False)  # type: ignore[operator]
+        low, high = bar.norm.vmin, bar.norm.vmax
+        if low and high and low > 0:
+            plain_log_ticks(bar.ax.yaxis, low, high)
+    _draw_bounds(axes, result, pair, scales)
+    _draw_optimum(axes, result, pair, scales)
+    axes.set_xlabel(scales[0].axis(parameter_label(pair[0], result.parameters)))
+    axes.set_ylabel(scales[1].axis(parameter_label(pair[1], result.parameters)))
+    axes.set_title(title)
+    axes.grid(False)
 
 
 def draw_loss_profile(title: str, result: SearchResult) -> Figure | None:
@@ -182,27 +219,43 @@ def draw_loss_profile(title: str, result: SearchResult) -> Figure | None:
     name = next(iter(result.parameters), None)
     if name is None:
         return None
-    estimate, scale = result.parameters[name], _scale(result, name)
-    done = sorted((t.theta[name], t.loss) for t in result.trials if t.loss is not None and name in t.theta)
     with house_style():
         figure = new_figure(5.2, 3.4)
-        axes = figure.add_subplot()
-        x, loss = (np.array(side) for side in zip(*done, strict=True)) if done else (np.array([]), np.array([]))
-        axes.plot(x / scale.factor, loss, color=BLUE, marker="o", markersize=3.5, linewidth=1.0)
-        axes.plot(
-            [estimate.value / scale.factor], [result.loss], marker="*", markersize=15, color=ORANGE,
-            markeredgecolor=INK, linestyle="", label=f"optimum: {estimate_text(estimate)}",
-        )  # fmt: skip
-        if len(loss) and loss.min() > 0:
-            axes.set_yscale("log")
-            plain_log_ticks(axes.yaxis, *axes.get_ylim())
-        if estimate.scale == "log":
-            plain_log_axis(axes, estimate.lower / scale.factor / 1.15, estimate.upper / scale.factor * 1.15)
-        axes.set_xlabel(scale.axis(parameter_label(name)))
-        axes.set_ylabel("Loss")
-        axes.set_title(title)
-        axes.legend(loc="best")
+        draw_trials_over(figure.add_subplot(), title, result, name)
         return figure
+
+
+def draw_trials_over(axes: Axes, title: str, result: SearchResult, name: str) -> None:
+    """The losses of all trials over one parameter.
+
+    Parameters
+    ----------
+    axes
+        Where they are drawn.
+    title
+        Of the axes.
+    result
+        The calibration, with its trials.
+    name
+        The parameter.
+    """
+    estimate, scale = result.parameters[name], _scale(result, name)
+    done = sorted((t.theta[name], t.loss) for t in result.trials if t.loss is not None and name in t.theta)
+    x, loss = (np.array(side) for side in zip(*done, strict=True)) if done else (np.array([]), np.array([]))
+    axes.plot(x / scale.factor, loss, color=BLUE, marker="o", markersize=3.5, linewidth=1.0)
+    axes.plot(
+        [estimate.value / scale.factor], [result.loss], marker="*", markersize=15, color=ORANGE,
+        markeredgecolor=INK, linestyle="", label=f"optimum: {estimate_text(estimate)}",
+    )  # fmt: skip
+    if len(loss) and loss.min() > 0:
+        axes.set_yscale("log")
+        plain_log_ticks(axes.yaxis, *axes.get_ylim())
+    if estimate.scale == "log":
+        plain_log_axis(axes, estimate.lower / scale.factor / 1.15, estimate.upper / scale.factor * 1.15)
+    axes.set_xlabel(scale.axis(parameter_label(name)))
+    axes.set_ylabel("Loss")
+    axes.set_title(title)
+    axes.legend(loc="best")
 
 
 def _scale(result: SearchResult, name: str) -> Scale:

@@ -64,28 +64,42 @@ def draw_forest(name: str, label: str, results: Mapping[str, SearchResult]) -> F
     rows = forest_rows(name, results)
     with house_style():
         figure = new_figure(5.2, 1.3 + 0.42 * len(rows))
-        axes = figure.add_subplot()
-        first = next(iter(rows.values()))
-        scale = estimate_scale(first)
-        draw_rows(axes, rows, scale)
-        low, high = min(e.lower for e in rows.values()), max(e.upper for e in rows.values())
-        reach = [edge for estimate in rows.values() for edge in interval(estimate)]
-        near_low, near_high = min(reach), max(reach)
-        margin = 0.15 * (near_high - near_low) or 0.1 * abs(near_high) or 1.0
-        left, right = (
-            max(near_low - margin, low - 0.02 * (high - low)),
-            min(near_high + margin, high + 0.02 * (high - low)),
-        )
-        axes.set_xlim(left / scale.factor, right / scale.factor)
-        for bound in (low, high):
-            if left <= bound <= right:
-                named = "bound" if "bound" not in axes.get_legend_handles_labels()[1] else None
-                axes.axvline(bound / scale.factor, color=MUTED, linestyle="--", linewidth=1.0, label=named)
-        axes.set_title(label)
-        axes.set_xlabel(scale.axis(label))
+        draw_estimates(axes := figure.add_subplot(), label, rows)
         if axes.get_legend_handles_labels()[1]:
             figure.legend(loc="outside lower center", ncols=2)
         return figure
+
+
+def draw_estimates(axes: Axes, label: str, rows: Mapping[str, Estimate]) -> None:
+    """A forest plot in given axes.
+
+    Parameters
+    ----------
+    axes
+        Where it is drawn.
+    label
+        The parameter's label.
+    rows
+        Label -> estimate, from the top.
+    """
+    first = next(iter(rows.values()))
+    scale = estimate_scale(first)
+    draw_rows(axes, rows, scale)
+    low, high = min(e.lower for e in rows.values()), max(e.upper for e in rows.values())
+    reach = [edge for estimate in rows.values() for edge in interval(estimate)]
+    near_low, near_high = min(reach), max(reach)
+    margin = 0.15 * (near_high - near_low) or 0.1 * abs(near_high) or 1.0
+    left, right = (
+        max(near_low - margin, low - 0.02 * (high - low)),
+        min(near_high + margin, high + 0.02 * (high - low)),
+    )
+    axes.set_xlim(left / scale.factor, right / scale.factor)
+    for bound in (low, high):
+        if left <= bound <= right:
+            named = "bound" if "bound" not in axes.get_legend_handles_labels()[1] else None
+            axes.axvline(bound / scale.factor, color=MUTED, linestyle="--", linewidth=1.0, label=named)
+    axes.set_title(label)
+    axes.set_xlabel(scale.axis(label))
 
 
 def forest_caption(name: str, label: str, results: Mapping[str, SearchResult], kind: str) -> str:

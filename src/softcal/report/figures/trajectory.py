@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -127,10 +127,19 @@ def _abscissa(experiment: ExperimentContent, n_samples: int) -> Abscissa:
     return Abscissa(np.arange(n_samples, dtype=np.float64), "Sample", is_count=True)
 
 
-def draw_trajectory(path: TrajectoryPanels, width: float = 5.2) -> Figure:
+def draw_trajectory(
+    path: TrajectoryPanels, width: float = 5.2, make: Callable[[float, float], Figure] = new_figure
+) -> Figure:
     """Paper A's Fig. 6: measured and simulated channels over the trajectory, the residual beneath each.
 
-    width: of the figure [in].
+    Parameters
+    ----------
+    path
+        The experiment.
+    width
+        Of the figure [in].
+    make
+        From its width and height to an empty figure.
     """
     rows: list[tuple[TrajectoryPanel, str]] = []
     for panel in path.panels:
@@ -139,29 +148,11 @@ def draw_trajectory(path: TrajectoryPanels, width: float = 5.2) -> Figure:
             rows.append((panel, "residual"))
     heights = [2.0 if kind == "values" else 0.85 for _, kind in rows]
     with house_style():
-        figure = new_figure(width, 0.9 + sum(heights) * 0.92)
+        figure = make(width, 0.9 + sum(heights) * 0.92)
         stack = figure.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         for axes, (panel, kind) in zip(stack, rows, strict=True):
             if kind == "values":
-                few = len(panel.simulated) <= 60
-                for piece in path.pieces:
-                    named = piece.start == 0
-                    x = path.abscissa.values[piece]
-                    for words, (band, alpha) in _bands(panel).items():
-                        low, high = (panel.simulated[piece] + side * band[piece] for side in (-1, 1))
-                        label = words if named else None
-                        axes.fill_between(x, low, high, color=SIMULATED, alpha=alpha, linewidth=0, label=label)
-                    if panel.measured is not None:
-                        axes.plot(
-                            x, panel.measured[piece], color=MEASURED, linestyle="" if few else "-",
-                            marker="o" if few else "", markersize=3.5, markerfacecolor="none", linewidth=2.6,
-                            alpha=1.0 if few else 0.45, label="measured" if named else None,
-                        )  # fmt: skip
-                    axes.plot(
-                        x, panel.simulated[piece], color=SIMULATED, marker=_lone(piece), markersize=4.5,
-                        label="simulated" if named else None,
-                    )  # fmt: skip
-                axes.set_ylabel(panel.scale.axis(panel.label))
+                draw_channel(axes, path, panel)
                 if panel.measured is None:
                     text = f"{panel.label.lower()} was not measured"
                     axes.text(0.02, 0.95, text, transform=axes.transAxes, va="top", fontsize=8.5, color=MUTED)
@@ -170,12 +161,53 @@ def draw_trajectory(path: TrajectoryPanels, width: float = 5.2) -> Figure:
         stack[0].set_title(path.experiment)
         # Above all, where it covers no curve.
         figure.legend(*stack[0].get_legend_handles_labels(), loc="outside upper right", ncols=2, borderaxespad=0.1)
-        if path.abscissa.is_count:
-            count_axis(stack[-1], path.abscissa.label)
-        else:
-            stack[-1].set_xlabel(path.abscissa.label)
+        label_abscissa(stack[-1], path.abscissa)
         figure.align_ylabels(list(stack))
         return figure
+
+
+def draw_channel(
+    axes: Axes, path: TrajectoryPanels, panel: TrajectoryPanel, name: str = "simulated", colour: str = SIMULATED
+) -> None:
+    """One channel, measured if it was, and simulated with its bands.
+
+    Parameters
+    ----------
+    axes
+        Where it is drawn.
+    path
+        The experiment.
+    panel
+        The channel.
+    name, colour
+        Of the simulated line.
+    """
+    few = len(panel.simulated) <= 60
+    for piece in path.pieces:
+        named = piece.start == 0
+        x = path.abscissa.values[piece]
+        for words, (band, alpha) in _bands(panel).items():
+            low, high = (panel.simulated[piece] + side * band[piece] for side in (-1, 1))
+            label = words if named else None
+            axes.fill_between(x, low, high, color=SIMULATED, alpha=alpha, linewidth=0, label=label)
+        if panel.measured is not None:
+            axes.plot(
+                x, panel.measured[piece], color=MEASURED, linestyle="" if few else "-",
+                marker="o" if few else "", markersize=3.5, markerfacecolor="none", linewidth=2.6,
+                alpha=1.0 if few else 0.45, label="measured" if named else None,
+            )  # fmt: skip
+        axes.plot(
+            x, panel.simulated[piece], color=colour, marker=_lone(piece), markersize=4.5, label=name if named else None
+        )
+    axes.set_ylabel(panel.scale.axis(panel.label))
+
+
+def label_abscissa(axes: Axes, abscissa: Abscissa) -> None:
+    """The label of the horizontal axis."""
+    if abscissa.is_count:
+        count_axis(axes, abscissa.label)
+    else:
+        axes.set_xlabel(abscissa.label)
 
 
 def _bands(panel: TrajectoryPanel) -> dict[str, tuple[Floats, float]]:

@@ -67,6 +67,8 @@ class ExportRequest:
         Called with the name of each stage.
     motion : callable or None
         Called with the progress of each motion.
+    run : Path, str or None
+        The run folder whose calibrated values the parameters are.
     """
 
     project: Project
@@ -75,6 +77,7 @@ class ExportRequest:
     note: Reporter = _silent
     stage: Reporter = _silent
     motion: Observer | None = None
+    run: str | Path | None = None
 
     def __post_init__(self) -> None:
         from softcal.project.project import project_of

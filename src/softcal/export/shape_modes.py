@@ -7,7 +7,6 @@ slopes of splines through them. Points have four bytes a coordinate, modes two.
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -30,8 +29,8 @@ class ShapeModes:
     Attributes
     ----------
     data
-        For the page: `rest` (points at the first node, bytes of float32), `modes` (bytes of int16), `n_modes`, and
-        `nodes`, the coefficients as `ReducedModel.nodes` are.
+        For the page: `rest` (points at the first node, float32), `modes` (int16), `n_modes`, and `nodes`, the
+        coefficients as the model's `nodes` are.
     error
         The largest distance [m] of a point from the twin's at the nodes and at the held-out tensions.
     """
@@ -68,7 +67,7 @@ def shape_modes(model: Mapping[str, Any], nodes: Floats, points: Floats, between
         if n == min(len(basis), MOST_MODES) or _furthest(found @ rounded - moved) <= allowed:
             break
         n += 1
-    data = {"n_modes": n, "rest": encoded(rest), "modes": encoded(rounded), "nodes": hermite(model, found)}
+    data = {"n_modes": n, "rest": rest, "modes": rounded, "nodes": hermite(model, found)}
     read = evaluator_of({**model, "nodes": data["nodes"]})
     at = np.array([read.channels([*map(float, tensions)], read.model["nodes"]) for tensions in points])
     errors = (found @ rounded - moved, np.reshape(at, (-1, n)) @ rounded - (between - rest).reshape(len(between), -1))
@@ -76,7 +75,7 @@ def shape_modes(model: Mapping[str, Any], nodes: Floats, points: Floats, between
 
 
 def hermite(model: Mapping[str, Any], values: Floats, *, monotonic: bool = False) -> list[Any]:
-    """Values (n_nodes, n) with their slopes and mixed derivatives, as `ReducedModel.nodes` are.
+    """Values (n_nodes, n) with their slopes and mixed derivatives, as the model's `nodes` are.
 
     Parameters
     ----------
@@ -92,11 +91,6 @@ def hermite(model: Mapping[str, Any], values: Floats, *, monotonic: bool = False
     through = PchipInterpolator if monotonic else CubicSpline
     slopes = [through(axis, table, axis=k).derivative()(axis) for k, axis in enumerate(axes)]
     return with_mixed(np.stack([table, *slopes], axis=-2), axes).tolist()
-
-
-def encoded(values: np.ndarray) -> str:
-    """The bytes of an array as text, in base 64."""
-    return b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 
 
 def _furthest(difference: Floats) -> float:

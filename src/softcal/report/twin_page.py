@@ -55,7 +55,9 @@ def drawn(view: TwinView, shapes: Sequence[Snapshot]) -> Drawn:
     """
     from matplotlib import colormaps
 
-    parts = [[one for part in _parts(view, shape) for one in _elements(part)] for shape in shapes]
+    moved = displacements(view.rest, view.bent)
+    top = max(float(values.max()) for values in moved.values())
+    parts = [[one for part in twin_parts(view, shape, moved, top)[0] for one in _elements(part)] for shape in shapes]
     points = np.array([np.concatenate([at for _, at in elements]) for elements in parts])
     camera = bending_camera(points.reshape(-1, 3), *bending_axes(view))
     axes, window = np.stack([camera.right, camera.up, camera.back]), np.reshape(camera.window, (2, 2))
@@ -80,19 +82,18 @@ def twin_page(
     title
         The name of the project.
     data
-        What `twin.js` reads.
+        What `twin.js` reads; arrays are written as their bytes in base 64.
     statements
         Sentences on what the page shows, and on its errors.
     estimates
         Label, value and interval of the calibrated parameters.
     """
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+    def as_text(values: np.ndarray) -> str:
+        return b64encode(values.tobytes()).decode("ascii")
+
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False, default=as_text).replace("<", "\\u003c")
     return render(TEMPLATES / "twin.html.j2", title=title, data=text, statements=statements, estimates=estimates)
-
-
-def _parts(view: TwinView, shape: Snapshot) -> tuple[Part, ...]:
-    moved = displacements(view.rest, view.bent)
-    return twin_parts(view, shape, moved, max(float(values.max()) for values in moved.values()))[0]
 
 
 def _elements(part: Part) -> list[tuple[dict[str, Any], Floats]]:
@@ -100,7 +101,7 @@ def _elements(part: Part) -> list[tuple[dict[str, Any], Floats]]:
     match part:
         case Surface():
             used, triangles = np.unique(part.triangles, return_inverse=True)
-            return [(_facts(part, triangles=_encoded(triangles.astype("<u4"))), part.points[used])]
+            return [(_facts(part, triangles=triangles.astype("<u4")), part.points[used])]
         case Tube():
             radii = np.broadcast_to(part.radius, len(part.path))
             return [(_facts(part, radii=radii.tolist(), sides=SLENDER), part.path)]
@@ -129,7 +130,3 @@ def _rgb(name: str) -> list[float]:
     from matplotlib.colors import to_rgb
 
     return [round(value, 4) for value in to_rgb(name)]
-
-
-def _encoded(values: np.ndarray) -> str:
-    return b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")

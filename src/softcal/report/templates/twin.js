@@ -307,7 +307,7 @@ const kindOf = (measure) => UNITS[measure.slice(measure.lastIndexOf(".") + 1)];
 const wordsOf = (measure) => `${measure.slice(measure.lastIndexOf(".") + 1)} of ${measure.slice(0, measure.lastIndexOf("."))}`;
 const shown = (value, [unitName, factor]) => {
   const size = Math.abs(value * factor);
-  return `${(value * factor).toFixed(size < 1 ? 3 : size < 10 ? 2 : 1)}${unitName === "°" ? "" : " "}${unitName}`;
+  return `${(value * factor).toFixed(size < 1 ? 3 : size < 10 ? 2 : 1).replace("-", "−")}${unitName === "°" ? "" : " "}${unitName}`;
 };
 
 /** Round numbers from low to high, some n of them. */
@@ -383,16 +383,17 @@ class Twin {
       .join(", ")})`;
     this.fill("cable", this.model.cables, (name) => name);
     this.fill("measure", this.measures.names, wordsOf);
-    this.find("measure").value = this.measures.names[0];
+    this.find("measure").value = this.measures.names.findLast((name) => name.endsWith(".rotation")) ?? this.measures.names[0];
     root.querySelectorAll("[name=kind]").forEach((button) => button.addEventListener("change", () => this.place()));
     this.sliders = this.model.cables.map((name, k) => this.slider(name, k));
+    if (!data.bands) this.find("values").tHead.rows[0].deleteCell(2);
     try {
       this.picture = new Picture(root.querySelector("canvas"), data, this.shapes);
     } catch (error) {
       root.querySelector("figcaption").textContent = error.message;
     }
     new ResizeObserver(() => this.plot()).observe(this.chart.svg);
-    this.set(this.model.cables.map((_, k) => 0.6 * this.model.axes[k].at(-1) / this.model.cables.length));
+    this.set(this.model.cables.map((_, k) => (k ? 0 : 0.6 * this.model.axes[k].at(-1))));
   }
 
   /** The largest displacement [m] at the corners of the grid of what has the colours of displacements. */
@@ -469,9 +470,10 @@ class Twin {
     const now = this.measures.of(state, points);
     this.find("values").tBodies[0].replaceChildren(
       ...this.measures.names.map((measure) => {
-        const row = document.createElement("tr"), half = bands[measure];
-        [wordsOf(measure), shown(now[measure], kindOf(measure)), half === undefined ? "–" : `± ${shown(half, kindOf(measure))}`]
-          .forEach((text, k) => Object.assign(row.insertCell(), { textContent: text, className: k ? "short" : "" }));
+        const row = document.createElement("tr"), kind = kindOf(measure);
+        const texts = [wordsOf(measure), shown(now[measure], kind)];
+        if (measure in bands) texts.push(`± ${shown(bands[measure], kind)}`);
+        texts.forEach((text, k) => Object.assign(row.insertCell(), { textContent: text, className: k ? "short" : "" }));
         return row;
       }),
     );

@@ -8,6 +8,7 @@ from math import isclose
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from softcal.errors import InputError
 from softcal.units import format_quantity
 from softcal.workflows.export import ExportOption, ExportRequest, register_export
 from softcal.workflows.exports.reduced import SAMPLES
@@ -69,17 +70,24 @@ def web(request: ExportRequest, folder: Path, samples: int | None = None) -> lis
         "measures": list(fit.rates),
         "bands": hermite(fit.model, np.stack(widths, axis=1), monotonic=True) if band.steps else None,
     }
-    largest = format_quantity(modes.error, "m", digits=2)
+    largest = {"m": 0.0, "rad": 0.0}
+    for name, error in fit.error.items():
+        if not name.startswith("d "):
+            largest[error.unit] = max(largest[error.unit], error.largest)
+    apart, lengths, angles = (
+        format_quantity(value, unit, digits=2)
+        for value, unit in ((modes.error, "m"), (largest["m"], "m"), (largest["rad"], "rad"))
+    )
     statements = [
-        f"Each slider sets the tension of a cable. {fit.model['others']} Statics only: no dynamics, no hysteresis.",
-        f"The largest difference of a drawn point from the twin: {largest}, at the {len(fit.nodes)} nodes of the model "
-        f"and {fit.model['error']['measured at']}.",
+        "Each slider pulls a cable, by its tension or by its shortening; the others keep their tensions. "
+        f"{fit.model['others']} Statics only: no dynamics, no hysteresis.",
+        f"The largest difference of a drawn point from the twin: {apart}, at the {len(fit.nodes)} nodes of the model "
+        f"and {fit.model['error']['measured at']}; of the lengths in the table {lengths}, of the angles {angles}.",
         band.told,
-        *told,
     ]
-    page = folder / PAGE
-    page.write_text(twin_page(request.project.name, data, statements, band.estimates), encoding="utf-8")
     request.note("\n".join(statements))
+    page = folder / PAGE
+    page.write_text(twin_page(request.project.name, data, [*statements, *told], band.estimates), encoding="utf-8")
     return [page]
 
 
@@ -119,20 +127,21 @@ class _Band:
 
         if request.run is None:
             return cls("There are no bands: the values are those of a project file, not of a calibrated run.")
-        source, values = run_source(Path(request.run)), parameter_values(request.project.robot)
-        free = source.problem.space.parameters
-        known = {} if source.result is None else source.result.parameters
-        told = [
-            (label, (cells := estimate_cells(one))[0], cells[1])
-            for label, one in known.items()
-            if label.partition("[")[0] in values or set(one.of) & values.keys()
-        ]
-        if all(one.interval is None for one in known.values()):
-            return cls("There are no bands: the calibration has no intervals.", estimates=told)
+        try:
+            source, values = run_source(Path(request.run)), parameter_values(request.project.robot)
+        except InputError as error:  # a sweep
+            return cls(f"There are no bands: {error}")
+        free, known = source.problem.space.parameters, {} if source.result is None else source.result.parameters
         of_robot = [(p, target) for p in free for target in p.targets if target in values]
         others = [target for p, target in of_robot if not isclose(values[target], source.theta[p.label])]
         if others:
             return cls(f"There are no bands: {others[0]} does not have the calibrated value.")
+        labels = dict.fromkeys(p.label for p, _ in of_robot)
+        told = [(label, (cells := estimate_cells(known[label]))[0], cells[1]) for label in labels]
+        unknown = [f"{label} has no interval" for label in labels if known[label].interval is None]
+        if unknown or not labels:
+            why = next(iter(unknown), "no parameter of the robot was calibrated")
+            return cls(f"There are no bands: {why}.", estimates=told)
         request.stage("Simulating the experiments, for the bands")
         found, slopes = source.estimator()
         steps = {target: np.where([p is one for one in free], slopes, 0.0) for p, target in of_robot}
@@ -141,7 +150,7 @@ class _Band:
             "with the correlations of the parameters and the differences between the experiments, and without the "
             "noise of a measurement."
         )
-        return cls(words, steps, found, told)
+        return cls(" ".join([words, *source.notes]), steps, found, told)
 
     def width(self, rates: Floats) -> Floats:
         """Half the width (n,) of what has derivatives (n, n_steps) by the parameters."""

@@ -215,6 +215,37 @@ def test_the_body_follows_the_sliders(page: Page, look: Callable[..., Seen], wid
 
 
 @pytest.mark.slow
+def test_the_mouse_turns_and_enlarges_it_and_the_page_still_scrolls(page: Page, look: Callable[..., Seen]) -> None:
+    seen = look(page.path.as_uri(), height=600)
+    mouse, box = seen.page.mouse, seen.page.locator("canvas").bounding_box()
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    mouse.move(x, y)
+    mouse.wheel(0, 50)
+    seen.wait_for(lambda: seen.page.evaluate("window.scrollY") > 0, "the page is not scrolled")
+    assert in_page(seen, "twin.picture.closeness") == 1
+    mouse.down()
+    mouse.move(x + 40, y + 10)
+    mouse.up()
+    mouse.move(x - 40, y)
+    assert in_page(seen, "[twin.picture.turned, twin.picture.tilted]") == pytest.approx([-0.32, 0.08])
+    mouse.wheel(0, -100)
+    seen.wait_for(lambda: in_page(seen, "twin.picture.closeness") > 1, "it is not enlarged")
+
+
+@pytest.mark.slow
+def test_the_numbers_follow_where_there_is_no_webgl(page: Page, look: Callable[..., Seen]) -> None:
+    seen = look("about:blank")
+    seen.page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    seen.page.goto(page.path.as_uri())
+    assert "draws no WebGL" in seen.page.inner_text("figcaption")
+    value, slider = seen.page.locator("[data-values] td.short").first, seen.page.locator("input[type=range]").first
+    text = value.inner_text()
+    slider.press("PageUp")
+    assert value.inner_text() != text
+    assert complaints(seen) == []
+
+
+@pytest.mark.slow
 def test_a_page_has_no_bands_where_none_are_known(
     page: Page, tmp_path: Path, capsys: pytest.CaptureFixture[str], look: Callable[..., Seen]
 ) -> None:

@@ -253,11 +253,19 @@ class Picture {
 
   listen() {
     const { canvas } = this;
-    canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
+    let held = null;
+    const hold = ({ clientX, clientY }) => { held = [clientX, clientY]; };
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      hold(event);
+    });
     canvas.addEventListener("pointermove", (event) => {
-      if (event.buttons) this.turn(-0.008 * event.movementX, 0.008 * event.movementY);
+      if (!event.buttons || !held) return;
+      this.turn(-0.008 * (event.clientX - held[0]), 0.008 * (event.clientY - held[1]));
+      hold(event);
     });
     canvas.addEventListener("wheel", (event) => {
+      if (document.activeElement !== canvas) return; // the page is scrolled
       event.preventDefault();
       this.zoom(Math.exp(-0.0015 * event.deltaY));
     });
@@ -422,7 +430,7 @@ class Twin {
     const [title, value] = [document.createElement("span"), document.createElement("output")];
     Object.assign(box, { className: "slider" });
     title.textContent = name;
-    Object.assign(input, { type: "range", step: "any" });
+    Object.assign(input, { type: "range", step: "any", ariaLabel: `Pull of ${name}` });
     input.addEventListener("input", () => {
       this.find("cable").value = name;
       const pulled = Number(input.value);

@@ -15,8 +15,10 @@ import pytest
 from browser.conftest import Seen
 from browser.test_watch_page import SCRIPT, complaints
 from project_case import bench_csv, write_project
+from sweep_case import write_sweep
 
 import softcal
+from softcal import ExportRequest, InputError, load, write_export
 from softcal.cli import main
 from softcal.export.reduced import evaluator_of
 from softcal.report.twin_page import drawn
@@ -265,6 +267,15 @@ def test_a_page_has_no_bands_where_none_are_known(
 
 
 @pytest.mark.slow
+def test_a_sweep_has_a_page_without_bands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_sweep(tmp_path / "p")
+    assert told(capsys, "sweep", tmp_path / "p" / "project.yaml", "--out", tmp_path / "run", "--no-report")[0] == 0
+    code, said, _ = told(capsys, "export", "web", tmp_path / "run", "--out", tmp_path / "web", "--samples", 3)
+    assert code == 0
+    assert "There are no bands: a sweep has no intervals." in " ".join(said.split())
+
+
+@pytest.mark.slow
 def test_what_makes_no_page_is_refused(page: Page, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, why in (
         ((tmp_path, "--out", tmp_path / "a"), "there is no run here"),
@@ -276,4 +287,9 @@ def test_what_makes_no_page_is_refused(page: Page, tmp_path: Path, capsys: pytes
         assert code == 2
         assert why in " ".join(error.split())
         assert not (tmp_path / arguments[2].name).exists() or arguments[2] == page.path.parent
-    assert "Traceback" not in error
+        assert "Traceback" not in error
+    assert page.path.stat().st_size > 0
+    project = load(page.run.parent / "project.yaml")
+    for run, why in ((tmp_path, "there is no run here"), (tmp_path / "not", "there is no run"), (3, "run: ")):
+        with pytest.raises(InputError, match=why):
+            write_export("web", ExportRequest(project, ["front=1mm"], run=run), tmp_path / "d")  # type: ignore[arg-type]

@@ -83,6 +83,7 @@ class ExportRequest:
         from softcal.project.project import project_of
 
         object.__setattr__(self, "project", project_of(self.project))
+        as_annotated(self.run, str | Path | None, "run")
 
     def cases(self) -> dict[str, Case]:
         """Name -> robot and protocol: the pulls together, else every experiment.

@@ -22,13 +22,15 @@ function channels(axes, at, rates, table) {
   const ends = [...table[i - 1], ...table[i]].map((end) =>
     axes.length > 1 ? channels(axes.slice(1), at.slice(1), rates.slice(1), end) : { values: end, rates: null },
   );
-  const sum = (each) => ends.reduce((total, end, k) => total + each(end, k), 0);
-  return {
-    values: ends[0].values.map((_, j) => sum((end, k) => weights[k] * end.values[j])),
-    rates: ends[0].values.map((_, j) =>
-      sum((end, k) => changes[k] * end.values[j] + (end.rates ? weights[k] * end.rates[j] : 0)),
-    ),
-  };
+  const n = ends[0].values.length, found = { values: new Array(n).fill(0), rates: new Array(n).fill(0) };
+  ends.forEach((end, k) => {
+    const weight = weights[k], change = changes[k];
+    for (let j = 0; j < n; j += 1) {
+      found.values[j] += weight * end.values[j];
+      found.rates[j] += change * end.values[j] + (end.rates ? weight * end.rates[j] : 0);
+    }
+  });
+  return found;
 }
 
 /** The evaluator of `softcal export reduced`, by the formulas of reduced_model.py: tensions [N] to poses of plates,
@@ -90,11 +92,12 @@ class Shapes {
 
   at(tensions) {
     const shares = channels(this.axes, tensions, tensions.map(() => 0), this.nodes).values;
-    const moved = new Float64Array(this.rest.length);
+    const points = this.rest.slice();
     this.modes.forEach((mode, k) => {
-      for (let i = 0; i < moved.length; i += 1) moved[i] += shares[k] * mode[i];
+      const share = shares[k];
+      for (let i = 0; i < points.length; i += 1) points[i] += share * mode[i];
     });
-    return Float32Array.from(moved, (value, i) => this.rest[i] + value);
+    return points;
   }
 }
 
@@ -196,11 +199,13 @@ class Picture {
     this.listen();
   }
 
-  /** Take over points; returns the largest displacement [m] of what has the colours of displacements. */
+  /** Draw points; top: the displacement [m] at the end of the colours. */
   show(points, top) {
-    const { gl } = this, moved = Float32Array.from({ length: points.length / 3 }, (_, i) =>
-      Math.hypot(points[3 * i] - this.rest[3 * i], points[3 * i + 1] - this.rest[3 * i + 1], points[3 * i + 2] - this.rest[3 * i + 2]) / top,
-    );
+    const { gl, rest } = this, moved = new Float32Array(points.length / 3);
+    for (let i = 0; i < moved.length; i += 1) {
+      const [x, y, z] = [points[3 * i] - rest[3 * i], points[3 * i + 1] - rest[3 * i + 1], points[3 * i + 2] - rest[3 * i + 2]];
+      moved[i] = Math.sqrt(x * x + y * y + z * z) / top;
+    }
     for (const part of this.parts) {
       let place = points.subarray(3 * part.first, 3 * (part.first + part.n));
       let shade = moved.subarray(part.first, part.first + part.n);
@@ -373,7 +378,7 @@ class Chart {
 
 /** The page: what the sliders say goes into the picture, the table and the chart. */
 class Twin {
-  static CURVE = 60; // steps of the chart
+  static CURVE = 48; // steps of the chart
   static HALVINGS = 60; // of the tensions between which that of a shortening lies
 
   constructor(root, data) {

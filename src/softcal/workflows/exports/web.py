@@ -8,7 +8,6 @@ from math import isclose
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softcal.errors import InputError
 from softcal.units import format_quantity
 from softcal.workflows.export import ExportOption, ExportRequest, register_export
 from softcal.workflows.exports.reduced import SAMPLES
@@ -42,6 +41,7 @@ def web(request: ExportRequest, folder: Path, samples: int | None = None) -> lis
 
     from softcal.export.reduced import reduced
     from softcal.export.shape_modes import hermite, shape_modes
+    from softcal.report.scene_twin import displacements
     from softcal.report.twin_page import drawn, twin_page
     from softcal.report.twin_view import TwinView
 
@@ -58,7 +58,9 @@ def web(request: ExportRequest, folder: Path, samples: int | None = None) -> lis
     )
     for sentence in told:
         request.warn(sentence)
-    seen = drawn(TwinView(robot, fit.nodes[0], fit.nodes[-1], fit.tets), [*fit.nodes, *fit.between])
+    rest, *others = fit.nodes
+    furthest = max(others, key=lambda shape: max(float(d.max()) for d in displacements(rest, shape).values()))
+    seen = drawn(TwinView(robot, rest, furthest, fit.tets), [*fit.nodes, *fit.between])
     modes = shape_modes(fit.model, seen.points[: len(fit.nodes)], fit.points, seen.points[len(fit.nodes) :])
     widths = [band.width(rates) for rates in fit.rates.values()]
     data = {
@@ -123,14 +125,16 @@ class _Band:
 
         from softcal.calibration.results.digits import estimate_cells
         from softcal.twin.parameters import parameter_values
+        from softcal.workflows.run import SweepRun
+        from softcal.workflows.run_folder import load_run
         from softcal.workflows.study_source import run_source
 
         if request.run is None:
             return cls("There are no bands: the values are those of a project file, not of a calibrated run.")
-        try:
-            source, values = run_source(Path(request.run)), parameter_values(request.project.robot)
-        except InputError as error:  # a sweep
-            return cls(f"There are no bands: {error}")
+        run, values = Path(request.run), parameter_values(request.project.robot)
+        if run.is_dir() and isinstance(load_run(run), SweepRun):
+            return cls("There are no bands: a sweep has no intervals.")
+        source = run_source(run)
         free, known = source.problem.space.parameters, {} if source.result is None else source.result.parameters
         of_robot = [(p, target) for p in free for target in p.targets if target in values]
         others = [target for p, target in of_robot if not isclose(values[target], source.theta[p.label])]

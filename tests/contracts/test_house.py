@@ -6,8 +6,8 @@ from scripts.house import floors, house
 
 # Figure -> its limit at present, and its goal. A change that lowers a figure lowers the limit.
 LIMITS = {
-    "lines": (96_971, 73_000),
-    "lines of the core": (78_461, 50_000),
+    "lines": (96_970, 73_000),
+    "lines of the core": (78_460, 50_000),
     "private helpers called once": (454, 400),
     "files below 60 lines": (96, 80),
     "share of imports [%]": (8.1, 7.0),

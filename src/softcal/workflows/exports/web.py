@@ -41,7 +41,6 @@ def web(request: ExportRequest, folder: Path, samples: int | None = None) -> lis
 
     from softcal.export.reduced import reduced
     from softcal.export.shape_modes import hermite, shape_modes
-    from softcal.report.scene_twin import displacements
     from softcal.report.twin_page import drawn, twin_page
     from softcal.report.twin_view import TwinView
 
@@ -58,9 +57,9 @@ def web(request: ExportRequest, folder: Path, samples: int | None = None) -> lis
     )
     for sentence in told:
         request.warn(sentence)
-    rest, *others = fit.nodes
-    furthest = max(others, key=lambda shape: max(float(d.max()) for d in displacements(rest, shape).values()))
-    seen = drawn(TwinView(robot, rest, furthest, fit.tets), [*fit.nodes, *fit.between])
+    # Seen from where the first cable, which is pulled at first, bends it to the right.
+    bent = fit.nodes[-(len(fit.nodes) // len(fit.model["axes"][0]))]
+    seen = drawn(TwinView(robot, fit.nodes[0], bent, fit.tets), [*fit.nodes, *fit.between])
     modes = shape_modes(fit.model, seen.points[: len(fit.nodes)], fit.points, seen.points[len(fit.nodes) :])
     widths = [band.width(rates) for rates in fit.rates.values()]
     data = {

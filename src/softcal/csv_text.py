@@ -21,17 +21,16 @@ def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     # With both characters at the end of its lines, it quotes either in a cell.
     file: Any = SimpleNamespace(write=lines.append)
     writer = csv.writer(file, lineterminator="\r\n")
-    writer.writerows(map(_marked, row) for row in (header, *rows))
+    writer.writerows(
+        [f"'{c}" if isinstance(c, str) and _FORMULA.match(c) and not _is_number(c) else c for c in row]
+        for row in (header, *rows)
+    )
     return "".join(line.removesuffix("\r\n") + "\n" for line in lines)
 
 
 def plain(cell: str) -> str:
     """The text of a cell as it was before it was written."""
     return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
-
-
-def _marked(cell: object) -> object:
-    return f"'{cell}" if isinstance(cell, str) and _FORMULA.match(cell) and not _is_number(cell) else cell
 
 
 def _is_number(cell: str) -> bool:

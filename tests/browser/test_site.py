@@ -47,6 +47,15 @@ def test_a_page_fits_its_screen_without_a_complaint(
 
 
 @pytest.mark.slow
+def test_the_neck_of_the_first_page_follows_its_slider(site: Path, look: Callable[..., Seen]) -> None:
+    seen = look((site / "index.html").as_uri())
+    inside = seen.page.frame_locator("iframe.twin")
+    before = inside.locator("canvas").screenshot()
+    inside.locator("input[type=range]").press("PageDown")
+    assert inside.locator("canvas").screenshot() != before
+
+
+@pytest.mark.slow
 def test_the_search_finds_a_word(site: Path, look: Callable[..., Seen]) -> None:
     seen = look((site / "search.html").as_uri() + "?q=slack")
     seen.wait_for(lambda: "What the intervals mean" in seen.page.inner_text("#search-results"), "the page is not there")

@@ -11,8 +11,11 @@ import pytest
 from project_case import bench_csv, write_project
 
 import softcal
+from softcal.calibration.problem.uncertain import MESH_ERROR
+from softcal.calibration.statistics.intervals import box_intervals
 from softcal.cli import main
 from softcal.workflows.run_folder import load_run
+from softcal.workflows.study_source import study_source
 
 CANDIDATES = """
 candidates:
@@ -144,3 +147,14 @@ def test_a_candidate_must_not_have_the_name_of_an_experiment(tmp_path: Path, cap
 @pytest.mark.slow
 def test_two_workers_rank_as_one_process(calibrated: Path):
     assert softcal.next_test(calibrated, workers=2) == softcal.next_test(calibrated)
+
+
+def test_the_minimum_of_a_study_has_the_errors_of_the_calibration(calibrated: Path):
+    source = study_source(calibrated)
+    found, slopes = source.estimator()
+    assert source.includes_mesh
+    assert source.result is not None
+    _, errors = box_intervals(source.problem.space.to_search(source.theta), found.minimum, found.root, found.dof)
+    stated = [one.standard_error for one in source.result.parameters.values()]
+    assert (np.array(errors) * np.abs(slopes)).tolist() == pytest.approx(stated, rel=1e-6)
+    assert MESH_ERROR.source in found.variances

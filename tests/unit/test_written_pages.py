@@ -48,3 +48,11 @@ def test_a_page_has_a_value_for_every_mark_and_a_mark_for_every_value(tmp_path: 
     for values, said in (({"one": "1"}, "two words"), ({"one": "1", "two words": "2", "three": "3"}, "three")):
         with pytest.raises(KeyError, match=rf"page\.md: {said}'"):
             written_page(page, values)
+
+
+def test_the_neck_of_the_first_page_is_as_the_export_draws_it_now() -> None:
+    """Else: `softcal calibrate examples/neck/project.yaml`, `softcal export web` of its run, and copy twin.html there."""
+    page = (ROOT / "docs" / "_static" / "neck.html").read_text(encoding="utf-8")
+    for name in ("twin.js", "twin.css"):
+        part = (ROOT / "src" / "softcal" / "report" / "templates" / name).read_text(encoding="utf-8").strip()
+        assert part in page, name

@@ -21,12 +21,13 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
 from softcal.errors import Fault, ParameterError, SimulationError, unknown
 from softcal.export import reduced_model as evaluator
 from softcal.export.engine import history_faults
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
+from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 from softcal.units import format_quantity
@@ -65,10 +66,23 @@ class ReducedModelFit:
         Content of `model.json`.
     error
         Channel -> measured error.
+    nodes, between
+        Shapes at the nodes, the last cable's changing first, and at the held-out points; empty where not asked for.
+    points
+        The held-out points (n, n_cables) [N].
+    tets
+        Body -> connectivity of the shapes.
+    rates
+        Measure -> its derivatives by the parameters at the nodes (n_nodes, n_parameters).
     """
 
     model: Mapping[str, Any]
     error: Mapping[str, ChannelError]
+    nodes: tuple[Snapshot, ...]
+    between: tuple[Snapshot, ...]
+    points: Floats
+    tets: Mapping[str, Ints]
+    rates: Mapping[str, Floats]
 
 
 def reduced(
@@ -77,6 +91,8 @@ def reduced(
     samples: int,
     *,
     tell: Callable[[str], None] = lambda sentence: None,
+    parameters: Sequence[str] = (),
+    shapes: bool = False,
 ) -> ReducedModelFit:
     """The cable-space model of a robot.
 
@@ -89,6 +105,10 @@ def reduced(
         Nodes along each cable; for a reach in length evenly spaced in length.
     tell
         Called with the sentence on bodies that penetrate within reach.
+    parameters
+        Those of the robot by which the measures have derivatives.
+    shapes
+        Whether shapes are kept.
 
     Raises
     ------
@@ -128,8 +148,10 @@ def reduced(
     tensions = np.column_stack([axis[grid[:, k]] for k, axis in enumerate(axes)])
     shape = tuple(len(axis) for axis in axes)
     plates, pulled = _moving(robot), [cable.name for cable in robot.cables]
-    table = np.zeros((*shape, 1 + len(cables), POSE * len(plates) + len(pulled)))
-    table[tuple(grid.T)] = _sampled(robot, cables, tensions, tell)
+    sampled, at_nodes = _sampled(robot, cables, tensions, tell, parameters, shapes=shapes)
+    in_order = np.lexsort(grid.T[::-1])
+    n_channels = POSE * len(plates) + len(pulled)
+    table = sampled[in_order, : 1 + len(cables), :n_channels].reshape(*shape, 1 + len(cables), n_channels)
     _align_quaternions(table, len(plates))
     rows = [f"{name}.{key}" for name in plates for key in ("x", "y", "z", "rx", "ry", "rz")]
     others = "All other cables are slack."
@@ -146,13 +168,15 @@ def reduced(
         "shortenings": pulled,
         "rows": rows + [f"{name}.shortening" for name in pulled],
         "parameters": {f"{name} [{info.unit}]": info.value for name, info in robot_parameters(robot).items()},
-        "nodes": _with_mixed(table, axes).tolist(),
+        "nodes": with_mixed(table, axes).tolist(),
         "others": others,
         "error": {},
     }
     rng = np.random.default_rng(SEED)
     points = rng.uniform(size=(HELD_OUT, len(axes))) * [axis[-1] for axis in axes]
-    error = measured_error(robot, model, points[np.lexsort(points.T[::-1])])
+    points = points[np.lexsort(points.T[::-1])]
+    exact, between = _sampled(robot, cables, points, shapes=shapes)
+    error = _errors(model, points, exact)
     model["error"] = {
         "measured at": f"{HELD_OUT} random points between the nodes",
         **{
@@ -160,7 +184,15 @@ def reduced(
             for name, e in error.items()
         },
     }
-    return ReducedModelFit(model, error)
+    return ReducedModelFit(
+        model,
+        error,
+        tuple(at_nodes.snapshots[k] for k in in_order) if shapes else (),
+        between.snapshots,
+        points,
+        at_nodes.tets,
+        _rates_of_measures(robot, np.delete(sampled[in_order], np.s_[1 : 1 + len(cables)], axis=1)),
+    )
 
 
 def write_reduced(model: ReducedModelFit, folder: Path) -> list[Path]:
@@ -207,14 +239,22 @@ def measured_error(robot: Robot, model: Mapping[str, Any], points: Floats) -> di
     SimulationError
         If the twin has no equilibrium at one of them.
     """
-    cables = model["cables"]
+    return _errors(model, points, _sampled(robot, model["cables"], points)[0])
+
+
+def evaluator_of(model: Mapping[str, Any]) -> evaluator.ReducedModel:
+    """The evaluator of a model, as it is exported."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / MODEL
         path.write_text(json.dumps(model), encoding="utf-8")
-        states = [evaluator.ReducedModel(path).state(dict(zip(cables, map(float, at), strict=True))) for at in points]
-    table = _sampled(robot, cables, points)
+        return evaluator.ReducedModel(path)
+
+
+def _errors(model: Mapping[str, Any], points: Floats, table: Floats) -> dict[str, ChannelError]:
+    cables, read = model["cables"], evaluator_of(model)
+    states = [read.state(dict(zip(cables, map(float, at), strict=True))) for at in points]
     compliance = np.array([state["compliance"] for state in states]).transpose(0, 2, 1)
-    exact = _compliance(table, len(model["plates"]))
+    exact = _compliance(table, len(model["plates"]), len(model["shortenings"]))
     errors: dict[str, ChannelError] = {}
     for k, name in enumerate(model["plates"]):
         own, turn, rows = slice(POSE * k, POSE * k + 3), slice(POSE * k + 3, POSE * k + 7), slice(6 * k, 6 * k + 3)
@@ -288,19 +328,28 @@ def _moving(robot: Robot) -> list[str]:
 
 
 def _sampled(
-    robot: Robot, cables: Sequence[str], tensions: Floats, tell: Callable[[str], None] = lambda sentence: None
-) -> Floats:
-    """The channels at tensions (n, n_cables), then their derivatives by each: (n, 1 + n_cables, n_channels)."""
+    robot: Robot,
+    cables: Sequence[str],
+    tensions: Floats,
+    tell: Callable[[str], None] = lambda sentence: None,
+    parameters: Sequence[str] = (),
+    *,
+    shapes: bool = False,
+) -> tuple[Floats, Response]:
+    """The channels and the positions of markers at tensions (n, n_cables), then their derivatives by each and by the
+    parameters: (n, 1 + n_cables + n_parameters, n_channels); and the response.
+    """
     protocol = Protocol({name: Command("tension", tensions[:, k]) for k, name in enumerate(cables)})
-    commands = [f"{name}.tension" for name in cables]
-    response = simulate(robot, protocol, sensitivities=commands, curve_tolerance=0.0)
+    by = [*(f"{name}.tension" for name in cables), *parameters]
+    kept = "samples" if shapes else False
+    response = simulate(robot, protocol, sensitivities=by, snapshots=kept, curve_tolerance=0.0)
     if not response.succeeded:
         raise SimulationError(f"The robot cannot be pulled that far: {response.status} Try a smaller reach.")
     for sentence in response.warnings:
         tell(sentence)
 
     def of(channel: str) -> Floats:
-        rates = [response.sensitivities[channel][name] for name in commands]
+        rates = [response.sensitivities[channel][name] for name in by]
         return np.stack([response.channels[channel], *rates], axis=1)
 
     columns: list[Floats] = []
@@ -308,10 +357,40 @@ def _sampled(
         columns += [of(f"{plate}.{axis}") for axis in "xyz"]
         columns += list(np.moveaxis(_quaternions(*(of(f"{plate}.{key}") for key in ("pitch", "roll", "yaw"))), 2, 0))
     columns += [of(f"{cable.name}.shortening") for cable in robot.cables]
+    columns += [of(f"{marker.name}.{axis}") for marker in robot.markers for axis in "xyz"]
     table = np.stack(columns, axis=2)
     if not np.isfinite(table).all():
         raise SimulationError("A plate rolls by a right angle within reach, where the twin's angles have no rates.")
-    return table
+    return table, response
+
+
+def _rates_of_measures(robot: Robot, table: Floats) -> dict[str, Floats]:
+    """Derivatives (n_nodes, n) of what a page shows of a state: how far every plate and marker is from where it is at
+    the first node, by which angle a plate is turned from there, and the shortenings.
+
+    table: channels, and their n derivatives, at the nodes.
+    """
+
+    def along(direction: Floats, rate: Floats) -> Floats:  # of the length of a vector
+        length = np.linalg.norm(direction, axis=1, keepdims=True)
+        unit = np.divide(direction, length, out=np.zeros_like(direction), where=length > 0.0)
+        return np.einsum("nc,npc->np", unit, rate - rate[:1])
+
+    plates, rates = _moving(robot), dict[str, Floats]()
+    first = POSE * len(plates) + len(robot.cables)
+    places = {name: POSE * k for k, name in enumerate(plates)}
+    places |= {marker.name: first + 3 * k for k, marker in enumerate(robot.markers)}
+    for name, k in places.items():
+        at, q = table[..., k : k + 3], table[..., k + 3 : k + POSE]
+        if name in plates:
+            back = q[:, :1] * [-1.0, -1.0, -1.0, 1.0]
+            turned = _product(q[:, 0], np.broadcast_to(back[0], q[:, 0].shape))
+            axis = turned[:, :3] * np.where(turned[:, 3:] < 0.0, -1.0, 1.0)
+            rates[f"{name}.rotation"] = along(axis, 2.0 * _product(q[:, 1:], back)[..., :3])
+        rates[f"{name}.displacement"] = along(at[:, 0] - at[0, 0], at[:, 1:])
+    for k, cable in enumerate(robot.cables):
+        rates[f"{cable.name}.shortening"] = table[:, 1:, POSE * len(plates) + k]
+    return rates
 
 
 def _quaternions(pitch: Floats, roll: Floats, yaw: Floats) -> Floats:
@@ -358,7 +437,7 @@ def _align_quaternions(table: Floats, n_plates: int) -> None:
                 table[index][:, own] *= -1.0
 
 
-def _with_mixed(table: Floats, axes: Sequence[Floats]) -> Floats:
+def with_mixed(table: Floats, axes: Sequence[Floats]) -> Floats:
     """Values and all derivatives of a node: (n_nodes, 2) for each cable in turn, then n_channels.
 
     The twin gives the first derivatives; a mixed one is the mean of splines through those of one order less, along each
@@ -378,11 +457,11 @@ def _with_mixed(table: Floats, axes: Sequence[Floats]) -> Floats:
     return apart.transpose([*(axis for k in range(n) for axis in (k, 2 * n - 1 - k)), 2 * n])
 
 
-def _compliance(table: Floats, n_plates: int) -> Floats:
+def _compliance(table: Floats, n_plates: int, n_cables: int) -> Floats:
     """The twin's compliance (n, n_cables, n_rows) from its channels and their derivatives."""
     rows: list[Floats] = []
     for k in range(n_plates):
         q = table[:, :1, POSE * k + 3 : POSE * k + 7] * [-1.0, -1.0, -1.0, 1.0]
         rates = table[:, 1:, POSE * k + 3 : POSE * k + 7]
         rows += [table[:, 1:, POSE * k : POSE * k + 3], 2.0 * _product(rates, q)[..., :3]]
-    return np.concatenate([*rows, table[:, 1:, POSE * n_plates :]], axis=2)
+    return np.concatenate([*rows, table[:, 1:, POSE * n_plates : POSE * n_plates + n_cables]], axis=2)

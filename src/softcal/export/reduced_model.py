@@ -24,7 +24,7 @@ class ReducedModel:
                 raise ValueError(f"{name}: {t:g} N is outside the model, which holds from 0 to {axis[-1]:.6g} N.")
         plates, shortenings, columns = {}, {}, []
         for k, t in enumerate(at):  # a complex step: what becomes imaginary is the exact derivative by this tension
-            rows = self._channels([*at[:k], t + 1e-30j, *at[k + 1 :]], self.model["nodes"])
+            rows = self.channels([*at[:k], t + 1e-30j, *at[k + 1 :]], self.model["nodes"])
             for i, name in enumerate(self.model["plates"]):
                 *position, x, y, z, w = rows[6 * i : 6 * i + 7]
                 size = (x * x + y * y + z * z + w * w) ** 0.5
@@ -36,12 +36,12 @@ class ReducedModel:
             columns.append([part.imag / 1e-30 for part in rows])
         return {"plates": plates, "shortenings": shortenings, "compliance": [list(row) for row in zip(*columns)]}
 
-    def _channels(self, at: "list[complex]", table: Any) -> "list[complex]":
+    def channels(self, at: "list[complex]", table: Any) -> "list[complex]":
         axis = self.axes[-len(at)]  # the first that is left; table: at each of its nodes, the values and the slopes
         i = bisect_right(axis, at[0].real, 1, len(axis) - 1)
         h, s = axis[i] - axis[i - 1], (at[0] - axis[i - 1]) / (axis[i] - axis[i - 1])
         a, b, c, d = (1 + 2 * s) * (1 - s) ** 2, h * s * (1 - s) ** 2, s * s * (3 - 2 * s), h * s * s * (s - 1)
-        ends = [self._channels(at[1:], end) if len(at) > 1 else end for end in (*table[i - 1], *table[i])]
+        ends = [self.channels(at[1:], end) if len(at) > 1 else end for end in (*table[i - 1], *table[i])]
         return [a * p + b * q + c * r + d * t for p, q, r, t in zip(*ends)]
 
 

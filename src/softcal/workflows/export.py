@@ -67,6 +67,8 @@ class ExportRequest:
         Called with the name of each stage.
     motion : callable or None
         Called with the progress of each motion.
+    run : Path, str or None
+        The run folder whose calibrated values the parameters are.
     """
 
     project: Project
@@ -75,11 +77,13 @@ class ExportRequest:
     note: Reporter = _silent
     stage: Reporter = _silent
     motion: Observer | None = None
+    run: str | Path | None = None
 
     def __post_init__(self) -> None:
         from softcal.project.project import project_of
 
         object.__setattr__(self, "project", project_of(self.project))
+        as_annotated(self.run, str | Path | None, "run")
 
     def cases(self) -> dict[str, Case]:
         """Name -> robot and protocol: the pulls together, else every experiment.

@@ -10,13 +10,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softcal.errors import Fault, InputError, ParameterError, unknown
+from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
 from softcal.names import JOINT
 from softcal.project.project import Project, ProjectSource, load
 
 if TYPE_CHECKING:
     from softcal.calibration.problem.problem import Problem
     from softcal.calibration.results.result import CalibrationResult
+    from softcal.calibration.statistics.estimator import Estimator
+    from softcal.checks import Floats
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,30 @@ class StudySource:
 
         estimates = {} if self.result is None else self.result.parameters
         return any(MESH_ERROR.source in estimate.shares for estimate in estimates.values())
+
+    def estimator(self) -> tuple[Estimator, Floats]:
+        """The minimum as an estimator, with the error of the mesh where the intervals include it, and d theta / d z
+        (size,) there; evaluates the twin.
+
+        Raises
+        ------
+        SimulationError
+            Where the twin cannot be simulated at these values.
+        """
+        import numpy as np
+
+        from softcal.calibration.statistics.mesh_error import with_mesh_error
+        from softcal.calibration.statistics.sensitivity import local_estimator
+
+        problem, space = self.problem, self.problem.space
+        best, uncertain = problem.evaluate(self.theta, jacobian=True), problem.uncertain
+        if best.loss is None:
+            raise SimulationError(f"The twin cannot be simulated at the calibrated values. {best.failure}")
+        if self.includes_mesh:
+            seen = with_mesh_error(problem, best)
+            best, uncertain = seen.best, seen.uncertain
+        z = np.clip(space.to_search(self.theta), 0.0, 1.0)
+        return local_estimator(space, problem.loss, z, best.blocks, uncertain), space.jacobian(z)
 
 
 def study_source(path: ProjectSource, values: Mapping[str, str] | None = None, calibration: str = "") -> StudySource:

@@ -34,8 +34,21 @@ def half_width(loss: Loss, block: Block, slopes: Floats, covariance: Floats, fou
     found
         The estimator of all experiments: their noise, and how they differ.
     """
+    return width_of(slopes, covariance, found, noise_of(loss, block, found))
+
+
+def width_of(slopes: Floats, covariance: Floats, found: Estimator, noise: Floats | float = 0.0) -> Floats:
+    """Half the width (n,) [SI] of the 95 % band of a further experiment around predictions.
+
+    Parameters
+    ----------
+    slopes, covariance, found
+        As of `half_width`.
+    noise
+        Standard deviation [SI] of a measurement; 0 for the band of the robot itself.
+    """
     mean = np.einsum("ni,ij,nj->n", slopes, covariance, slopes)
-    variance, scatter = mean + noise_of(loss, block, found) ** 2, np.zeros(len(slopes))
+    variance, scatter = mean + noise**2, np.zeros(len(slopes))
     for one in found.between:
         if one.effects.differs:
             further, uncertain = further_variance(one, found, slopes[:, one.column] ** 2, mean)

@@ -50,7 +50,8 @@ def _command(export: Export) -> Any:
         warnings: list[str] = []  # printed after the progress display is removed
         notes: list[str] = []
         with clock() as stage, motion_bars() as motion:
-            request = ExportRequest(project, pull or (), warnings.append, notes.append, stage, motion)
+            calibrated = source if source.is_dir() else None
+            request = ExportRequest(project, pull or (), warnings.append, notes.append, stage, motion, calibrated)
             written = write_export(export.name, request, out, **options)
         print_warnings(warnings)
         for text in notes:

@@ -44,7 +44,10 @@ def report_figures(folder: Path) -> tuple[DrawnFigure, ...]:
         raise Unreadable(f"{FIGURES} cannot be read: {(error.strerror or 'the system refuses it').lower()}.") from error
     # A report writes each figure in both formats; other pictures may be anybody's.
     stems = {name.removesuffix(".svg") for name in names if name.endswith(".svg")}
-    own = sorted((n for n in names if n.endswith(".png") and n[:-4] in stems and n.isprintable()), key=_place)
+    own = sorted(
+        (n for n in names if n.endswith(".png") and n[:-4] in stems and n.isprintable()),
+        key=lambda name: (next((k for k, first in enumerate(_FIRST) if name.startswith(first)), len(_FIRST)), name),
+    )
     found: list[DrawnFigure] = []
     for name in own[:MOST]:
         path = figure_file(folder, name)
@@ -75,10 +78,6 @@ def figure_bytes(folder: Path, name: str) -> bytes:
     except (Unreadable, OSError):
         return b""
     return data if data.startswith(_PNG) else b""
-
-
-def _place(name: str) -> tuple[int, str]:
-    return next((k for k, first in enumerate(_FIRST) if name.startswith(first)), len(_FIRST)), name
 
 
 def _title(folder: Path, name: str) -> str:

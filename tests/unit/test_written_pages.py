@@ -51,7 +51,7 @@ def test_a_page_has_a_value_for_every_mark_and_a_mark_for_every_value(tmp_path: 
 
 
 def test_the_neck_of_the_first_page_is_as_the_export_draws_it_now() -> None:
-    """Else: `softcal calibrate examples/neck/project.yaml`, `softcal export web` of its run, and copy twin.html there."""
+    """Else `softcal calibrate examples/neck/project.yaml` and `softcal export web` of its run write a new one."""
     page = (ROOT / "docs" / "_static" / "neck.html").read_text(encoding="utf-8")
     for name in ("twin.js", "twin.css"):
         part = (ROOT / "src" / "softcal" / "report" / "templates" / name).read_text(encoding="utf-8").strip()

@@ -21,6 +21,7 @@ from softcal.cli import app
 from softcal.errors import ProjectFileError
 from softcal.geometry.bore import bore_at
 from softcal.geometry.regions import plane_at
+from softcal.geometry.surface import boundary_triangles
 from softcal.plugins.watch.draft import (
     BenchTable,
     Draft,
@@ -46,7 +47,7 @@ IN_CHANNEL = 1e-3 * np.array([4.5, 1.49, 60.0])
 
 @pytest.fixture(scope="module")
 def finger() -> Floats:
-    return part_surface(FINGER / "finger.stl", "mm")
+    return part_surface(FINGER / "finger.stl", "mm", "4 mm")
 
 
 def turned(rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -70,7 +71,34 @@ def test_a_click_in_the_channel_finds_it_in_every_rib(finger: Floats):
     assert np.abs(bore.axis) == pytest.approx([0, 0, 1], abs=1e-4)
     assert bore.diameter == pytest.approx(3e-3, rel=0.02)  # through chords of 3 mm
     assert bore.stretches[..., 2] == pytest.approx(1e-3 * np.array(RIBS, dtype=float), abs=2e-6)
+    assert bore.is_blind.tolist() == [[False, False]] * len(RIBS)
     assert bore.stretches[..., :2] == pytest.approx(np.broadcast_to([4.5e-3, 0.0], (len(RIBS), 2, 2)), abs=1e-5)
+
+
+def test_a_via_point_is_a_diameter_from_the_blind_end_of_a_bore():
+    """A box with a void: a square bore of 2 mm from 10 to 40 mm, closed at both ends."""
+    box = lambda lower, upper: softcal.box_mesh(np.subtract(upper, lower), (1, 1, 1), origin=lower)  # noqa: E731
+    outer, inner = (mesh.points[boundary_triangles(mesh.tets)] for mesh in (
+        box((-0.01, -0.01, 0.0), (0.01, 0.01, 0.05)), box((-0.001, -0.001, 0.01), (0.001, 0.001, 0.04))))  # fmt: skip
+    bore = bore_at(np.concatenate([outer, inner[:, ::-1]]), np.array([0.001, 0.0002, 0.02]))
+    assert bore is not None
+    assert bore.is_blind.all()
+    assert sorted(bore.stretches[0, :, 2]) == pytest.approx([0.01, 0.04], abs=1e-5)
+    heights = sorted(at[2] for at in via_points(bore))
+    assert heights == pytest.approx([0.01 + bore.diameter, 0.04 - bore.diameter], abs=1e-5)
+
+
+@pytest.mark.slow  # Gmsh fills it
+def test_a_click_in_the_bore_of_a_step_file_finds_it(tmp_path: Path):
+    """The finger of the gallery; its unit is in the file."""
+    step = next((FINGER.parents[1] / "gallery" / "finger").glob("*.step"))
+    surface = part_surface(step, "in", "4 mm")
+    top = surface.reshape(-1, 3)[:, 2].max()
+    places = [(x, y) for x in np.arange(-0.01, 0.01, 5e-4) for y in np.arange(-0.01, 0.01, 5e-4)]
+    bores = [bore for x, y in places if (bore := bore_at(surface, np.array([x, y, 0.5 * top]))) is not None]
+    assert any(abs(bore.axis[2]) > 0.999 and bore.diameter < 5e-3 and not bore.is_blind.any() for bore in bores)
+    with pytest.raises(softcal.InputError, match="unit is missing"):
+        part_surface(step, "mm", "4")
 
 
 def test_a_cable_runs_to_the_fixed_face(draft: Draft):
@@ -108,7 +136,7 @@ def test_an_stl_that_is_inside_out_is_turned(tmp_path: Path, finger: Floats):
     triangles["corners"] = triangles["corners"][:, ::-1]
     data[84:] = triangles.tobytes()
     (tmp_path / "inside-out.stl").write_bytes(data)
-    assert np.array_equal(part_surface(tmp_path / "inside-out.stl", "mm"), finger)
+    assert np.array_equal(part_surface(tmp_path / "inside-out.stl", "mm", "4 mm"), finger)
 
 
 @pytest.fixture(scope="module")
@@ -185,10 +213,28 @@ def test_any_name_of_a_column_or_file_is_text_of_the_file(header: str, file: str
 
 @pytest.mark.parametrize(
     ("file", "name"),
-    [("Finger v2.stl", "Finger_v2"), ("a/pull 7,5 mm.csv", "pull_7_5_mm"), ("3.stl", "part_3"), ("ü.stl", "")],
+    [("Finger v2.stl", "Finger_v2"), ("a/pull 7,5 mm.csv", "pull_7_5_mm"), ("3.stl", "body_3"), ("ü.stl", "body")],
 )
 def test_parts_and_tests_are_called_as_their_files(file: str, name: str):
-    assert name_of(file) == name
+    assert name_of(file, "body") == name
+
+
+def test_tests_of_one_name_are_told_apart_by_their_folders():
+    tests = tuple(BenchTable(f"{file}.csv", {"tension": ("F", "N")}) for file in ("a/pull", "b/pull", "b/7"))
+    assert list(Draft("part.stl", tests=tests).experiments) == ["a_pull", "b_pull", "test_7"]
+
+
+@pytest.mark.parametrize(
+    ("file", "keys"),
+    [
+        ("part.step", "size: 4 mm, edges_around: 6"),
+        ("part.STP", "size: 4 mm, edges_around: 6"),
+        ("part.stl", "unit: mm, size: 4 mm"),
+        ("part.msh", "unit: mm"),
+    ],
+)
+def test_a_mesh_has_the_keys_of_its_kind(file: str, keys: str):
+    assert f"      mesh: {{file: {file}, {keys}}}\n" in project_text(Draft(file))
 
 
 def test_columns_are_guessed_by_their_headers(tmp_path: Path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softcal.checks import Floats, Ints
 from softcal.geometry.locate import circles_around, nearest_tets
@@ -48,12 +49,13 @@ class Bore:
     """A straight bore, with the grooves that it crosses.
 
     axis (3,): unit vector; diameter [m]; stretches (k, 2, 3) [m]: centres of both ends of each stretch with a wall all
-    around, in the axis' direction.
+    around, in the axis' direction; is_blind (k, 2): whether there is material behind an end.
     """
 
     axis: Floats
     diameter: float
     stretches: Floats
+    is_blind: NDArray[np.bool_]
 
 
 def bore_at(triangles: Floats, point: Floats) -> Bore | None:
@@ -93,7 +95,15 @@ def bore_at(triangles: Floats, point: Floats) -> Bore | None:
         along = np.linalg.svd(middles - centre)[2][0]
         axis = along * np.sign(along @ axis)
         stretches = _stretches(triangles, centre, axis, radius)
-    return Bore(axis, 2.0 * radius, stretches) if len(stretches) else None
+    if not len(stretches):
+        return None
+    outwards = axis * np.array([[-1.0], [1.0]])
+    behind = [
+        _first_hits(triangles, end - 0.5 * radius * way, way[None])[0][0]
+        for stretch in stretches
+        for end, way in zip(stretch, outwards, strict=True)
+    ]
+    return Bore(axis, 2.0 * radius, stretches, np.reshape(behind, (-1, 2)) < radius)
 
 
 def _stretches(triangles: Floats, centre: Floats, axis: Floats, radius: float) -> Floats:

@@ -18,12 +18,12 @@ from softcal.geometry.read import read_mesh
 from softcal.geometry.regions import Plane
 from softcal.geometry.stl import checked_stl
 from softcal.geometry.surface import boundary_triangles
-from softcal.units import unit_factor
+from softcal.units import parse_quantity, unit_factor
 
 MESHES = (*KINDS, ".msh", ".vtk", ".vtu", ".inp")
 TABLES = (".csv", ".txt", ".tsv", ".dat")
-SHOWN = 6000  # tets of the mesh by which a STEP file is shown and picked
-INSET = 5e-4  # [m], of a via point from the mouth of its bore, or a quarter of a short stretch
+# [m], of a via point from the mouth of its bore; a diameter from a blind end; a quarter of a short stretch.
+INSET = 5e-4
 BEYOND = 1e-2  # [m] from the last via point to where the cable is pulled
 # Channel -> noise of a common instrument, and what it is called in headers.
 CHANNELS: Mapping[str, tuple[str, str]] = {
@@ -85,18 +85,21 @@ class Draft:
     @property
     def body(self) -> str:
         """Name of the body: that of its file."""
-        return name_of(self.mesh) or "body"
+        return name_of(self.mesh, "body")
 
     @property
-    def is_filled(self) -> bool:
-        """Whether Gmsh makes the mesh."""
-        return PurePath(self.mesh).suffix.lower() in KINDS
+    def experiments(self) -> dict[str, BenchTable]:
+        """Names of the tests, by their files; with the folder where two files have one name."""
+        stems = [PurePath(test.file).stem for test in self.tests]
+        paths = [str(PurePath(test.file).with_suffix("")) for test in self.tests]
+        names = [path if stems.count(stem) > 1 else stem for stem, path in zip(stems, paths, strict=True)]
+        return {name_of(name, "test", whole=True): test for name, test in zip(names, self.tests, strict=True)}
 
 
-def name_of(file: str) -> str:
-    """A name for a part or test by its file."""
-    name = re.sub(r"\W+", "_", PurePath(file).stem, flags=re.ASCII).strip("_")
-    return f"part_{name}" if name[:1].isdigit() else name
+def name_of(file: str, kind: str, *, whole: bool = False) -> str:
+    """A name for a part or test of some kind by its file, or by whole text; it begins with a letter."""
+    name = re.sub(r"\W+", "_", file if whole else PurePath(file).stem, flags=re.ASCII).strip("_")
+    return name if name[:1].isalpha() else f"{kind}_{name}".rstrip("_")
 
 
 def project_text(draft: Draft) -> str:
@@ -115,8 +118,14 @@ def _robot(draft: Draft) -> Iterator[str]:
     yield "robot:"
     yield "  bodies:"
     yield f"    {draft.body}:"
-    size = f", size: {draft.size}" if draft.is_filled else ""
-    yield f"      mesh: {{file: {_text(draft.mesh)}, unit: {draft.unit}{size}}}"
+    # A STEP file states its unit; of the others only a surface is filled.
+    kind = KINDS.get(PurePath(draft.mesh).suffix.lower(), "mesh")
+    keys = {
+        "step": f"size: {draft.size}, edges_around: 6",
+        "stl": f"unit: {draft.unit}, size: {draft.size}",
+        "mesh": f"unit: {draft.unit}",
+    }
+    yield f"      mesh: {{file: {_text(draft.mesh)}, {keys[kind]}}}"
     yield f"      youngs_modulus: {draft.youngs_modulus}    # start of the search"
     yield f"      poissons_ratio: {draft.poissons_ratio}    # fixed"
     yield f"      density: {draft.density}"
@@ -149,11 +158,11 @@ def _tests(draft: Draft) -> Iterator[str]:
     if draft.tests:
         yield ""
         yield "experiments:"
-    for test in draft.tests:
+    for experiment, test in draft.experiments.items():
         drive = "shortening" if "shortening" in test.columns else "tension"
         noise = {name: CHANNELS[name][0] for name in test.columns if name != drive and CHANNELS[name][0]}
         compared |= dict.fromkeys(noise)
-        yield f"  {name_of(test.file)}:"
+        yield f"  {experiment}:"
         yield "    cable: cable"
         yield from ("    plate: tip" for _ in [0] if draft.top is not None)
         yield f"    drive: {drive}"
@@ -194,8 +203,17 @@ def _point(at: Floats) -> str:
     return "[" + ", ".join(f"{round(1e3 * x, 2) + 0.0:g} mm" for x in at) + "]"
 
 
-def part_surface(path: Path, unit: str) -> Floats:
+def part_surface(path: Path, unit: str, size: str) -> Floats:
     """The surface of a part (n, 3, 3) [m], normals outwards: of an .stl its own triangles, else those of a mesh.
+
+    Parameters
+    ----------
+    path
+        The file.
+    unit
+        Of its coordinates, where the file does not state it.
+    size
+        Edge of an element, with its unit, for a STEP file; bores are refined.
 
     Raises
     ------
@@ -205,7 +223,8 @@ def part_surface(path: Path, unit: str) -> Floats:
     kind = path.suffix.lower()
     if kind == ".stl":
         return checked_stl(path)[0] * unit_factor(unit, "m")
-    mesh = mesh_file(path, tets=SHOWN, edges_around=12) if kind in KINDS else read_mesh(path, unit=unit)
+    edge = parse_quantity(size, "m", where="edge of an element")
+    mesh = mesh_file(path, size=edge, edges_around=12) if kind in KINDS else read_mesh(path, unit=unit)
     return mesh.points[boundary_triangles(mesh.tets)]
 
 
@@ -223,9 +242,10 @@ def middle(triangles: Floats) -> Floats:
 def via_points(bore: Bore) -> tuple[Floats, ...]:
     """Via points in every stretch of a bore, near both mouths."""
     points: list[Floats] = []
-    for first, last in bore.stretches:
-        inset = min(INSET / float(np.linalg.norm(last - first)), 0.25) * (last - first)
-        points += [first + inset, last - inset]
+    for (first, last), is_blind in zip(bore.stretches, bore.is_blind, strict=True):
+        length = float(np.linalg.norm(last - first))
+        insets = [min(bore.diameter if blind else INSET, 0.25 * length) for blind in is_blind]
+        points += [first + insets[0] * bore.axis, last - insets[1] * bore.axis]
     return tuple(points)
 
 

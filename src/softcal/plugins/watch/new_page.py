@@ -87,11 +87,11 @@ class NewProject:
 
     def files(self, kinds: Sequence[str]) -> list[str]:
         """The files of some kinds in the folder and in those in it."""
-        with suppress(OSError):
-            inner = (one for folder in self.folder.iterdir() if folder.is_dir() for one in folder.iterdir())
-            files = (one for one in (*self.folder.iterdir(), *inner) if one.suffix.lower() in kinds)
-            return sorted(one.relative_to(self.folder).as_posix() for one in files if one.name[0] != ".")
-        return []
+        files: list[Path] = []
+        for folder in (self.folder, *(one for one in self.folder.iterdir() if one.is_dir())):
+            with suppress(OSError):  # which may not be read
+                files += [one for one in folder.iterdir() if one.suffix.lower() in kinds and one.name[0] != "."]
+        return sorted(one.relative_to(self.folder).as_posix() for one in files)
 
     def findings(self, draft: Draft) -> Findings:
         """What `softcal check` says of a draft."""
@@ -108,7 +108,7 @@ class NewProject:
                 report = check(load(self._scratch / PROJECT), solve=False)
             except InputError as error:
                 return Findings(tuple(str(fault).replace(f"{self._scratch}/", "") for fault in error.faults))
-            except SoftcalError as error:
+            except (SoftcalError, OSError) as error:
                 return Findings((str(error).replace(f"{self._scratch}/", ""),))
             return Findings((), report.rows, report.warnings)
 
@@ -250,16 +250,17 @@ class NewPage:
         self._text.set_text(project_text(self._draft))
 
     async def _take_part(self, _: str) -> None:
-        """Read and show the chosen part."""
+        """Read and show the chosen part; a STEP file with elements of the present size, which may be changed before."""
         file, unit = str(self._part.value or ""), str(self._unit.value)
         if not file or (file, unit) == self._read:
             return
         self._read = (file, unit)
         self._said.set_text(f"Reading {file} …")
         try:
-            surface = await asyncio.to_thread(part_surface, self._project.folder / file, unit)
+            surface = await asyncio.to_thread(part_surface, self._project.folder / file, unit, self._draft.size)
         except (SoftcalError, OSError) as error:
-            self._said.set_text(str(error))
+            self._read = ("", "")
+            self._said.set_text(str(error).replace(f"{self._project.folder}/", ""))
             return
         self._surface, self._middle = surface, middle(surface)
         self._scale = LONG / float(np.ptp(surface.reshape(-1, 3), axis=0).max())
@@ -419,6 +420,9 @@ class NewPage:
 
     def _write(self) -> None:
         """Write the project file, if there is none."""
+        if not self._draft.mesh:
+            self._written.set_text("Choose a part first.")
+            return
         if (self._project.folder / PROJECT).exists():
             self._written.set_text(f"{PROJECT} is in the folder already, and was not replaced.")
             return

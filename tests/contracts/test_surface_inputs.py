@@ -92,11 +92,15 @@ def test_bytes_that_are_no_surface(tmp_path: Path, case: str):
 def test_a_cube_is_let_through(tmp_path: Path):
     path = tmp_path / "part.stl"
     path.write_bytes(as_text(CUBE))
-    assert checked_stl(path) == as_text(CUBE)
+    triangles, data = checked_stl(path)
+    assert data == as_text(CUBE)
+    assert triangles == pytest.approx(np.array(CUBE))
     path.write_bytes(as_binary(CUBE))
     # Gmsh takes a binary file of few triangles for text where its header is empty.
-    assert checked_stl(path)[80:] == as_binary(CUBE)[80:]
-    assert checked_stl(path)[:10] == b"binary STL"
+    again, data = checked_stl(path)
+    assert data[80:] == as_binary(CUBE)[80:]
+    assert data[:10] == b"binary STL"
+    assert again == pytest.approx(triangles)
 
 
 @pytest.mark.skipif(importlib.util.find_spec("gmsh") is None, reason="Gmsh is not installed")

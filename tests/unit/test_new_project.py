@@ -27,7 +27,6 @@ from softcal.plugins.watch.draft import (
     Draft,
     likely_columns,
     middle,
-    name_of,
     on_plane,
     part_surface,
     project_text,
@@ -213,10 +212,10 @@ def test_any_name_of_a_column_or_file_is_text_of_the_file(header: str, file: str
 
 @pytest.mark.parametrize(
     ("file", "name"),
-    [("Finger v2.stl", "Finger_v2"), ("a/pull 7,5 mm.csv", "pull_7_5_mm"), ("3.stl", "body_3"), ("ü.stl", "body")],
+    [("Finger v2.stl", "Finger_v2"), ("a/part 7,5 mm.stl", "part_7_5_mm"), ("3.stl", "body_3"), ("ü.stl", "body")],
 )
 def test_parts_and_tests_are_called_as_their_files(file: str, name: str):
-    assert name_of(file, "body") == name
+    assert Draft(file).body == name
 
 
 def test_tests_of_one_name_are_told_apart_by_their_folders():

@@ -779,6 +779,7 @@ OPENING = re.compile(r"\.read_(text|bytes)\(|\.open\(|\bopen\((?!.*opener=)|np\.
 OTHERS = {
     "plugins/watch/command.py": 1,  # the browser's
     "plugins/watch/live.py": 3,
+    "plugins/watch/new_page.py": 1,  # a file that is dropped onto the page
     "plugins/watch/server.py": 1,
     "plugins/watch/twin.py": 2,
     "calibration/search/interrupts.py": 1,

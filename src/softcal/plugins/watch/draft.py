@@ -85,7 +85,7 @@ class Draft:
     @property
     def body(self) -> str:
         """Name of the body: that of its file."""
-        return name_of(self.mesh, "body")
+        return name_of(PurePath(self.mesh).stem, "body")
 
     @property
     def experiments(self) -> dict[str, BenchTable]:
@@ -93,12 +93,12 @@ class Draft:
         stems = [PurePath(test.file).stem for test in self.tests]
         paths = [str(PurePath(test.file).with_suffix("")) for test in self.tests]
         names = [path if stems.count(stem) > 1 else stem for stem, path in zip(stems, paths, strict=True)]
-        return {name_of(name, "test", whole=True): test for name, test in zip(names, self.tests, strict=True)}
+        return {name_of(name, "test"): test for name, test in zip(names, self.tests, strict=True)}
 
 
-def name_of(file: str, kind: str, *, whole: bool = False) -> str:
-    """A name for a part or test of some kind by its file, or by whole text; it begins with a letter."""
-    name = re.sub(r"\W+", "_", file if whole else PurePath(file).stem, flags=re.ASCII).strip("_")
+def name_of(text: str, kind: str) -> str:
+    """A name for a part or test of some kind by the name of its file; it begins with a letter."""
+    name = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_")
     return name if name[:1].isalpha() else f"{kind}_{name}".rstrip("_")
 
 

@@ -66,7 +66,7 @@ document.addEventListener('drop', async event => {
 
 
 @dataclass(frozen=True)
-class Findings:
+class DraftFindings:
     """What `softcal check` says of a project file, without solving anything: faults, or rows and warnings."""
 
     faults: tuple[str, ...] = ()
@@ -93,7 +93,7 @@ class NewProject:
                 files += [one for one in folder.iterdir() if one.suffix.lower() in kinds and one.name[0] != "."]
         return sorted(one.relative_to(self.folder).as_posix() for one in files)
 
-    def findings(self, draft: Draft) -> Findings:
+    def findings(self, draft: Draft) -> DraftFindings:
         """What `softcal check` says of a draft."""
         from softcal.project.project import load
         from softcal.workflows.checking import check
@@ -107,10 +107,10 @@ class NewProject:
             try:
                 report = check(load(self._scratch / PROJECT), solve=False)
             except InputError as error:
-                return Findings(tuple(str(fault).replace(f"{self._scratch}/", "") for fault in error.faults))
+                return DraftFindings(tuple(str(fault).replace(f"{self._scratch}/", "") for fault in error.faults))
             except (SoftcalError, OSError) as error:
-                return Findings((str(error).replace(f"{self._scratch}/", ""),))
-            return Findings((), report.rows, report.warnings)
+                return DraftFindings((str(error).replace(f"{self._scratch}/", ""),))
+            return DraftFindings((), report.rows, report.warnings)
 
     def surface(self, triangles: Floats) -> str:
         """The address of triangles (k, 3, 3) as a file for the view."""

@@ -18,10 +18,11 @@ from typer.testing import CliRunner
 import softcal
 from softcal.checks import Floats
 from softcal.cli import app
-from softcal.errors import ProjectFileError
+from softcal.errors import DatasetError, ProjectFileError
 from softcal.geometry.bore import bore_at
 from softcal.geometry.regions import plane_at
 from softcal.geometry.surface import boundary_triangles
+from softcal.plugins.watch import new_page
 from softcal.plugins.watch.draft import (
     BenchTable,
     Draft,
@@ -31,6 +32,7 @@ from softcal.plugins.watch.draft import (
     part_surface,
     project_text,
     pulled_behind,
+    same_plane,
     table_columns,
     towards,
     via_points,
@@ -328,10 +330,36 @@ class TestPage:
         assert sorted(one.name for one in folder.iterdir()) == ["data", "finger.stl"]
 
 
-@pytest.mark.parametrize("kind", ["absent", "file"])
-def test_the_command_needs_a_folder(tmp_path: Path, kind: str):
-    if kind == "file":
-        (tmp_path / "file").write_text("")
-    done = CliRunner().invoke(app, ["new", str(tmp_path / kind), "--no-browser"])
+@pytest.mark.parametrize(("place", "said"), [("file", "this is no folder"), ("file/inside", "cannot be written")])
+def test_the_command_needs_a_folder(tmp_path: Path, place: str, said: str):
+    (tmp_path / "file").write_text("")
+    done = CliRunner().invoke(app, ["new", str(tmp_path / place), "--no-browser"])
     assert done.exit_code == 2
-    assert "there is no such folder" in done.stderr
+    assert said in done.stderr
+
+
+def test_a_folder_that_is_not_there_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    served: list[Path] = []
+    monkeypatch.setattr(new_page, "serve_new", lambda folder, **_: served.append(folder))
+    done = CliRunner().invoke(app, ["new", str(tmp_path / "my" / "robot"), "--no-browser"])
+    assert done.exit_code == 0, done.output
+    assert served == [tmp_path / "my" / "robot"]
+    assert served[0].is_dir()
+
+
+def test_a_letter_is_no_table(tmp_path: Path):
+    (tmp_path / "letter.txt").write_text(
+        "Dear colleague, here are\nthe data of which we spoke, as\nyou wished, yours\n"
+    )
+    with pytest.raises(DatasetError):
+        table_columns(tmp_path / "letter.txt")
+
+
+def test_a_plane_is_itself(finger: Floats):
+    foot, again, top = (plane_at(finger, np.array(at)) for at in ([0, 0.003, 0], [0, -0.003, 0], [0, 0, 0.084]))
+    assert foot is not None
+    assert again is not None
+    assert top is not None
+    assert same_plane(foot, again)
+    assert not same_plane(foot, top)
+    assert not same_plane(None, foot)

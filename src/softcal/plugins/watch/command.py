@@ -51,7 +51,7 @@ def watch(
 @register_command("start", 1)
 def new(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="A folder with a mesh, STL or STEP file and tables.")
+        Path, typer.Argument(metavar="DIR", help="A folder with a mesh, STL or STEP file and tables, or a new one.")
     ] = Path(),
     port: Annotated[
         int | None,
@@ -64,12 +64,19 @@ def new(
     from softcal.extras import require_extra
     from softcal.plugins.watch.new_page import serve_new
     from softcal.regular_file import FOLDER, NOTHING, not_a_file
+    from softcal.workflows.output import unwritable
 
     require_extra("watch", "nicegui", where="softcal new")
     found = not_a_file(folder) or "a file"
-    if found != FOLDER:
-        got = "" if found == NOTHING else found
-        raise InputError(Fault("there is no such folder", str(folder), got, "a folder with the files of your robot"))
+    if found == NOTHING:
+        try:
+            folder.mkdir(parents=True)
+        except OSError as error:
+            raise unwritable(folder, error) from error
+    elif found != FOLDER:
+        raise InputError(
+            Fault("this is no folder", str(folder), found, "a folder with the files of your robot, or none")
+        )
     _until_ctrl_c(lambda ready: serve_new(folder, port=port, ready=ready), browser)
 
 

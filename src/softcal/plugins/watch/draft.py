@@ -10,6 +10,7 @@ from pathlib import Path, PurePath
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.errors import DatasetError, Fault
 from softcal.experiments.table import load_table, split_header
 from softcal.experiments.table_format import TableFormat
 from softcal.geometry.bore import Bore
@@ -172,8 +173,9 @@ def _tests(draft: Draft) -> Iterator[str]:
         for name, (header, unit) in test.columns.items():
             stated = f", unit: {_text(unit)}" if unit else ""
             yield f"          {name}: {{name: {_text(header)}{stated}}}"
-        yield f"    noise: {{{', '.join(f'{name}: {sd}' for name, sd in noise.items())}}}    # of your instruments"
-        yield from ("    slack: 0.5 mm" for _ in [0] if drive == "shortening")
+        noises = ", ".join(f"{name}: {sd}" for name, sd in noise.items())
+        yield f"    noise: {{{noises}}}    # guesses: state those of your instruments"
+        yield from ("    slack: 0.5 mm    # start of the search" for _ in [0] if drive == "shortening")
     if draft.tests:
         yield ""
         yield "parameters:"
@@ -186,7 +188,7 @@ def _tests(draft: Draft) -> Iterator[str]:
         drifts = {"tension": "cable.tension_drift: {sd: 20 mN", "pitch": "tip.pitch_drift: {sd: 0.1 deg"}
         if drifts.keys() & compared.keys():
             yield ""
-            yield "# What the data sheets allow of each instrument's zero to drift during a test."
+            yield "# How far each instrument's zero may drift during a test: guesses, state those of the data sheets."
             yield "uncertain:"
             yield from (f"  {drift}, per: experiment}}" for name, drift in drifts.items() if name in compared)
         yield ""
@@ -239,6 +241,13 @@ def middle(triangles: Floats) -> Floats:
     return 0.5 * (triangles.min(axis=(0, 1)) + triangles.max(axis=(0, 1)))
 
 
+def same_plane(a: Plane | None, b: Plane) -> bool:
+    """Whether two planes are one; None is none."""
+    if a is None or not np.allclose(a.normal, b.normal, atol=1e-6):
+        return False
+    return abs(float(np.dot(np.subtract(a.point, b.point), b.normal))) < 1e-7
+
+
 def via_points(bore: Bore) -> tuple[Floats, ...]:
     """Via points in every stretch of a bore, near both mouths."""
     points: list[Floats] = []
@@ -269,9 +278,12 @@ def table_columns(path: Path) -> dict[str, str]:
     Raises
     ------
     InputError
-        If it is no table.
+        If it is no table, or no column of it begins with a number.
     """
     table = load_table(path, (), TableFormat())
+    first = next(table.rows())[1][0]
+    if not any(re.fullmatch(r"[+-]?\d*[.,]?\d+(e[+-]?\d+)?", cell.strip(), re.IGNORECASE) for cell in first):
+        raise DatasetError(Fault("no column begins with a number", str(path), allowed="a table of a test"))
     units = [split_header(header)[1] or cell for header, cell in zip(table.headers, table.unit_cells, strict=True)]
     return dict(zip(table.headers, units, strict=True))
 

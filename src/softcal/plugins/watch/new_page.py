@@ -33,6 +33,7 @@ from softcal.plugins.watch.draft import (
     part_surface,
     project_text,
     pulled_behind,
+    same_plane,
     table_columns,
     towards,
     via_points,
@@ -260,6 +261,7 @@ class NewPage:
             surface = await asyncio.to_thread(part_surface, self._project.folder / file, unit, self._draft.size)
         except (SoftcalError, OSError) as error:
             self._read = ("", "")
+            self._part.set_value(None)
             self._said.set_text(str(error).replace(f"{self._project.folder}/", ""))
             return
         self._surface, self._middle = surface, middle(surface)
@@ -296,7 +298,10 @@ class NewPage:
     async def _click(self, event: Any) -> None:
         """Pick what the mode says at the point of the part that was clicked."""
         hit = next((one for one in event.hits if one.object_name == "surface"), None)
-        if hit is None or self._surface is None or self._mode.value == TURN:
+        if self._surface is None or self._mode.value == TURN:
+            return
+        if hit is None:
+            self._said.set_text("The part is not there: nothing was picked.")
             return
         at, surface = np.array([hit.x, hit.y, hit.z]) / self._scale + self._middle, self._surface
         if self._mode.value == BORE:
@@ -313,14 +318,20 @@ class NewPage:
         if plane is None:
             self._said.set_text("The surface is curved there: click a flat face.")
             return
+        is_foot = self._mode.value == FOOT
+        own, other = (self._draft.fixed, self._draft.top) if is_foot else (self._draft.top, self._draft.fixed)
+        if same_plane(other, plane):
+            self._said.set_text(f"That face is the {PLATE if is_foot else FOOT} already: it cannot be both.")
+            return
         centre = middle(on_plane(surface, plane))
-        self._said.set_text(f"The {self._mode.value}: all of the part in the plane through ({_shown(centre)}) mm.")
-        if self._mode.value == FOOT:
-            self._take(fixed=plane)
-            if len(self._draft.via) > 1:
-                self._set_via(self._draft.via)
+        if same_plane(own, plane):
+            self._said.set_text(f"The {self._mode.value} is no longer picked.")
+            self._take(**({"fixed": None} if is_foot else {"top": None, "reference": None}))
         else:
-            self._take(top=plane, reference=centre)
+            self._said.set_text(f"The {self._mode.value}: all of the part in the plane through ({_shown(centre)}) mm.")
+            self._take(**({"fixed": plane} if is_foot else {"top": plane, "reference": centre}))
+        if is_foot and len(self._draft.via) > 1:
+            self._set_via(self._draft.via)
         self._draw()
 
     def _set_via(self, via: Sequence[Floats]) -> None:
@@ -365,13 +376,14 @@ class NewPage:
         """The channels of a table; the likely columns are chosen when it is made a test."""
         from nicegui import ui
 
-        likely, kept = likely_columns(columns), self._tests.get(file)
-        chosen = dict(likely if kept is None else kept.columns)
+        kept = self._tests.get(file)
+        chosen = dict(likely_columns(columns) if kept is None else kept.columns)
 
         def take() -> None:
-            tests = {**self._tests, file: BenchTable(file, dict(chosen))} if is_test.value else dict(self._tests)
-            if not is_test.value:
-                tests.pop(file, None)
+            tests = {name: test for name, test in self._tests.items() if name != file}
+            if is_test.value and "tension" in chosen:
+                tests[file] = BenchTable(file, dict(chosen))
+            missing.set_text("Choose the column of the tension." if is_test.value and "tension" not in chosen else "")
             self._tests = tests
             self._take(tests=tuple(tests[name] for name in sorted(tests)))
 
@@ -388,6 +400,7 @@ class NewPage:
                 take()
 
         is_test: Any = ui.checkbox("This is a test", value=kept is not None, on_change=take)
+        missing = ui.label().classes("sc-note sc-warn")
         with ui.element("div").classes("sc-pair"):
             for channel in CHANNELS:
                 at = chosen.get(channel, ("none", ""))[0]

@@ -277,7 +277,7 @@ def table_columns(path: Path) -> dict[str, str]:
 
     Raises
     ------
-    InputError
+    DatasetError
         If it is no table, or no column of it begins with a number.
     """
     table = load_table(path, (), TableFormat())

@@ -279,6 +279,8 @@ def table_columns(path: Path) -> dict[str, str]:
     ------
     DatasetError
         If it is no table, or no column of it begins with a number.
+    StorageError
+        If it cannot be read.
     """
     table = load_table(path, (), TableFormat())
     first = next(table.rows())[1][0]

@@ -34,7 +34,8 @@ _ROUNDING = 1e-9  # of what is measured: smaller residuals are those of an exact
 @dataclass(frozen=True)
 class Misfit:
     """Of a channel: cause -> the share [-] of its squared residuals that it explains, the clearest first, how many
-    standard errors that one is worth, and the change (n,) of the residual by it; None without a cause.
+    standard errors that one is worth, and the change (n,) of the residual by the clearest that is no larger than the
+    record; None without one.
     """
 
     explained: Mapping[str, float]
@@ -71,29 +72,34 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
             after = residual[rows] - along / size * left[rows]
             pair = abs(along) / math.sqrt(size), max(1.0 - float(after @ after) / square, 0.0)
             worth[cause] = max(worth.get(cause, pair), pair)
-            changes[cause] = along / size * plain
+            # What the parameters can all but do would have to be larger than the record, to leave what it leaves.
+            if float(np.abs(change := along / size * plain).max()) <= one.largest:
+                changes[cause] = change
         # Contact may begin anywhere, and so follow noise: it is no clearer than the clearest shape without a choice.
         first = max((cause for cause in worth if cause != CONTACT), key=lambda cause: worth[cause][0], default="")
         clearest = worth[first][0] if first else 0.0
         ordered = sorted(worth.items(), key=lambda pair: (-min(pair[1][0], clearest), pair[0] == CONTACT))
-        found.append(Misfit({cause: share for cause, (_, share) in ordered}, clearest, changes.get(first)))
+        bearable = max((cause for cause in changes if cause != CONTACT), key=lambda cause: worth[cause][0], default="")
+        found.append(Misfit({cause: share for cause, (_, share) in ordered}, clearest, changes.get(bearable)))
     return found
 
 
 @dataclass(frozen=True)
 class _Whitened:
     """A channel's residuals (m,), their derivatives (m, size) and the shapes (m,) of causes, divided by the noise, with
-    the shapes (n,) along the record.
+    the shapes (n,) along the record; largest: the range of what was measured, or of the predictions.
     """
 
     residual: Floats
     answer: Floats
     shapes: Sequence[tuple[str, Floats, Floats]]
+    largest: float
 
 
 def _whitened(block: Block, jacobian: Floats) -> _Whitened:
     n, rms = len(block.residual), float(np.sqrt(np.mean(block.residual**2)))
-    plain = _Whitened(block.residual / max(rms, 1e-300), jacobian / max(rms, 1e-300), ())
+    largest = float(max(np.ptp(block.measured), np.ptp(block.measured + block.residual)))
+    plain = _Whitened(block.residual / max(rms, 1e-300), jacobian / max(rms, 1e-300), (), largest)
     if n < FEWEST_OF_CURVE or rms <= _ROUNDING * float(np.abs(block.measured).max()):
         return plain
     shapes = [(cause, shape / np.linalg.norm(shape)) for cause, shape in _shapes(block)]
@@ -117,6 +123,7 @@ def _whitened(block: Block, jacobian: Floats) -> _Whitened:
         divided[:, 0],
         divided[:, 1 : 1 + jacobian.shape[1]],
         [(cause, end, shape) for (cause, shape), end in zip(shapes, ends, strict=True)],
+        largest,
     )
 
 

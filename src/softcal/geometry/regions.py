@@ -132,11 +132,8 @@ def plane_at(triangles: Floats, point: Floats) -> Plane | None:
     on = plane.contains(corners, rounding)[faces].all(axis=1) & (normals @ normal > 0.0)
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     order = np.lexsort(edges.T)
-    pairs = (
-        order[:-1][(edges[order][:-1] == edges[order][1:]).all(axis=1)],
-        order[1:][(edges[order][:-1] == edges[order][1:]).all(axis=1)],
-    )
-    first, second = (one % len(faces) for one in pairs)  # triangles on both sides of an edge
+    is_pair = (np.diff(edges[order], axis=0) == 0).all(axis=1)
+    first, second = order[:-1][is_pair] % len(faces), order[1:][is_pair] % len(faces)  # on both sides of an edge
     border = on[first] != on[second]
     bend = np.degrees(np.arccos(np.clip((normals[first] * normals[second]).sum(axis=1)[border], -1.0, 1.0)))
     return plane if len(bend) and np.median(bend) >= SHARP else None

@@ -12,7 +12,7 @@ from softcal.errors import Fault, MeshError
 
 _HEADER, _TRIANGLE = 80, 50
 _FURTHEST = 1e9  # a coordinate, in the file's own unit
-_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _VERTEX = re.compile(rb"vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.IGNORECASE)
 _NUMBER = re.compile(rb"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE)
 # Gmsh mistakes a binary file for text if its header is empty, as some CAD programs write it.
@@ -43,7 +43,7 @@ def checked_stl(path: Path) -> tuple[Floats, bytes]:
                     f"{start + _TRIANGLE * count} bytes for so many",
                 )
             )
-        corners = np.frombuffer(data, _RECORD, count, start)["corners"].astype(np.float64)
+        corners = np.frombuffer(data, RECORD, count, start)["corners"].astype(np.float64)
     else:
         words: list[bytes] = [word for corner in _VERTEX.findall(data) for word in corner]
         try:

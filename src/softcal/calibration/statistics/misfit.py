@@ -73,13 +73,13 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
             pair = abs(along) / math.sqrt(size), max(1.0 - float(after @ after) / square, 0.0)
             worth[cause] = max(worth.get(cause, pair), pair)
             # What the parameters can all but do would have to be larger than the record, to leave what it leaves.
-            if float(np.abs(change := along / size * plain).max()) <= one.largest:
+            if cause != CONTACT and float(np.abs(change := along / size * plain).max()) <= one.largest:
                 changes[cause] = change
         # Contact may begin anywhere, and so follow noise: it is no clearer than the clearest shape without a choice.
         first = max((cause for cause in worth if cause != CONTACT), key=lambda cause: worth[cause][0], default="")
         clearest = worth[first][0] if first else 0.0
         ordered = sorted(worth.items(), key=lambda pair: (-min(pair[1][0], clearest), pair[0] == CONTACT))
-        bearable = max((cause for cause in changes if cause != CONTACT), key=lambda cause: worth[cause][0], default="")
+        bearable = max(changes, key=lambda cause: worth[cause][0], default="")
         found.append(Misfit({cause: share for cause, (_, share) in ordered}, clearest, changes.get(bearable)))
     return found
 

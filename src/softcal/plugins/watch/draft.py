@@ -16,7 +16,7 @@ from softcal.experiments.table_format import TableFormat
 from softcal.geometry.bore import Bore
 from softcal.geometry.generate import KINDS, mesh_file
 from softcal.geometry.read import read_mesh
-from softcal.geometry.regions import Plane
+from softcal.geometry.regions import ROUNDING, Plane
 from softcal.geometry.stl import checked_stl
 from softcal.geometry.surface import boundary_triangles
 from softcal.units import parse_quantity, unit_factor
@@ -233,7 +233,7 @@ def part_surface(path: Path, unit: str, size: str) -> Floats:
 def on_plane(triangles: Floats, plane: Plane) -> Floats:
     """The triangles (k, 3, 3) of a surface that lie on a plane."""
     size = float(np.linalg.norm(np.ptp(triangles.reshape(-1, 3), axis=0)))
-    return triangles[plane.contains(triangles.reshape(-1, 3), 1e-6 * size).reshape(-1, 3).all(axis=1)]
+    return triangles[plane.contains(triangles.reshape(-1, 3), ROUNDING * size).reshape(-1, 3).all(axis=1)]
 
 
 def middle(triangles: Floats) -> Floats:

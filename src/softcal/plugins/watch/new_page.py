@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ from softcal.checks import Floats
 from softcal.errors import InputError, SoftcalError, StorageError
 from softcal.geometry.bore import bore_at
 from softcal.geometry.regions import plane_at
+from softcal.geometry.stl import RECORD
 from softcal.limits import LIMITS
 from softcal.plugins.watch.draft import (
     AXES,
@@ -52,7 +54,6 @@ TURN, FOOT, PLATE, BORE = "turn", "fixed face", "face of the plate", "bore of th
 UNITS = ("mm", "cm", "m", "in")
 LATER = 0.6  # [s] without a change before the file is checked
 LOOK = 2.0  # [s] between two looks at the folder's files
-_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 # Files that are dropped onto the page are copied into the folder.
 _DROP = """
 document.addEventListener('dragover', event => event.preventDefault());
@@ -115,7 +116,7 @@ class NewProject:
 
     def surface(self, triangles: Floats) -> str:
         """The address of triangles (k, 3, 3) as a file for the view."""
-        records = np.zeros(len(triangles), _TRIANGLE)
+        records = np.zeros(len(triangles), RECORD)
         records["corners"] = triangles
         records["normal"] = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         records["normal"] /= np.linalg.norm(records["normal"], axis=1, keepdims=True)
@@ -184,9 +185,8 @@ class NewPage:
         self._surface: Floats | None = None
         self._scale, self._middle = 1.0, np.zeros(3)
         self._read: tuple[str, str] = ("", "")
-        self._tests: dict[str, BenchTable] = {}
         self._shown_tables: list[str] | None = None
-        self._changed_at, self._checked = 0.0, ""
+        self._checked = ""
         ui.add_body_html(f"<script>{_DROP}</script>")
         ui.on("softcal_dropped", lambda event: ui.notify(str(event.args)))
         with ui.element("main").classes("sc-page"):
@@ -376,16 +376,15 @@ class NewPage:
         """The channels of a table; the likely columns are chosen when it is made a test."""
         from nicegui import ui
 
-        kept = self._tests.get(file)
+        kept = next((test for test in self._draft.tests if test.file == file), None)
         chosen = dict(likely_columns(columns) if kept is None else kept.columns)
 
         def take() -> None:
-            tests = {name: test for name, test in self._tests.items() if name != file}
+            tests = [test for test in self._draft.tests if test.file != file]
             if is_test.value and "tension" in chosen:
-                tests[file] = BenchTable(file, dict(chosen))
+                tests.append(BenchTable(file, dict(chosen)))
             missing.set_text("Choose the column of the tension." if is_test.value and "tension" not in chosen else "")
-            self._tests = tests
-            self._take(tests=tuple(tests[name] for name in sorted(tests)))
+            self._take(tests=tuple(sorted(tests, key=lambda test: test.file)))
 
         def column(channel: str, header: str) -> None:
             if header == "none":
@@ -447,11 +446,6 @@ class NewPage:
         self._written.set_text(f"{PROJECT} is written. Next: softcal check {PROJECT}")
 
 
-def most_bytes() -> int:
-    """Size of the largest file that the page takes in."""
-    return int(LIMITS["bytes of a mesh file"].most)
-
-
 def serve_new(folder: Path, *, port: int | None, ready: Callable[[str], None]) -> None:
     """Serve the page of a folder, to this machine alone, until Ctrl-C or another signal.
 
@@ -473,10 +467,10 @@ def serve_new(folder: Path, *, port: int | None, ready: Callable[[str], None]) -
     """
     from softcal.plugins.watch.server import LOOPBACK, serve_application
 
+    most = LIMITS["bytes of a mesh file"].most
     with tempfile.TemporaryDirectory(prefix="softcal-new-") as scratch:
-        serve_application(
-            lambda: application(folder, Path(scratch)), host=LOOPBACK, port=port, ready=ready, most_bytes=most_bytes()
-        )
+        made = partial(application, folder, Path(scratch))
+        serve_application(made, host=LOOPBACK, port=port, ready=ready, most_bytes=most)
 
 
 def _card(width: str, title: str) -> Any:

@@ -137,6 +137,12 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity("presliding displacement", "m", 1e-8, 1.0, attempt="10 um", attempt_below="10 um"),
         Quantity("tension offset", "N", -1e6, 1e6),
         Quantity("pressure", "Pa", -1e13, 1e13),
+        Quantity("gauge pressure", "Pa", -101325.0, 1e9, "(]", attempt_below="above a vacuum, -101.325 kPa"),
+        Quantity("pressure offset", "Pa", -1e8, 1e8),
+        Quantity("pumped volume", "m^3", -10.0, 10.0, attempt="another unit, such as ml"),
+        Quantity("dead volume", "m^3", 0.0, 10.0, attempt="another unit, such as ml"),
+        Quantity("compliance of a hose", "m^3/Pa", 0.0, 1e-3, attempt="another unit, such as ml/kPa"),
+        Quantity("polytropic exponent", "1", 1.0, 2.0),
         # The softest gels have some 1 Pa; far below, the solver fails only after minutes.
         Quantity("modulus", "Pa", 1e-3, 1e13, attempt="another unit", attempt_below="another unit, such as MPa"),
         Quantity("coefficient", "Pa", -1e13, 1e13),

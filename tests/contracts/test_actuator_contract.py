@@ -17,7 +17,7 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quality import drop_unreferenced
 from softcal.geometry.surface import boundary_faces
-from softcal.mechanics.actuator import Actuator, ActuatorTerm
+from softcal.mechanics.actuator import ActuatorLimits, ActuatorTerm
 from softcal.mechanics.cable import CableTerm
 from softcal.mechanics.damping import Damping
 from softcal.mechanics.dynamics import Dynamics
@@ -50,7 +50,7 @@ class ChamberTerm(ActuatorTerm):
 
     @property
     def actuators(self):
-        return (Actuator("chamber", "volume", "pressure", most_effort=self.most),)
+        return (ActuatorLimits("chamber", "volume", "pressure", most_effort=self.most),)
 
     def connectivity(self, layout):
         return Connectivity([self.faces])

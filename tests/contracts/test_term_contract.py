@@ -19,9 +19,12 @@ from softcal.checks import Floats, Ints
 from softcal.geometry.centreline import straight
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
+from softcal.geometry.quality import drop_unreferenced
 from softcal.geometry.section import RectangularBar, RoundBar
+from softcal.geometry.surface import boundary_faces
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.cable import CableTerm
+from softcal.mechanics.chamber import ChamberTerm
 from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.damping import Damping
 from softcal.mechanics.layout import Layout
@@ -38,6 +41,8 @@ from softcal.mechanics.term import Connectivity, Controls, Given, Sum, Term
 from softcal.mechanics.time_step import InertialTerm, after, at_rest, in_step
 from softcal.mechanics.viscosity import ViscousTerm
 from softcal.mechanics.wire_contact import WireContactTerm
+from softcal.twin.actuated import NamedActuator
+from softcal.twin.actuators.chamber import Chamber
 from softcal.twin.barrier import Contact
 from softcal.twin.build import Twin
 from softcal.twin.cables import CableLine, RoutingAxis
@@ -209,6 +214,28 @@ def squeezed(layout: Layout, size: float = 1e-3, seed: int = 0) -> Floats:
     return dz
 
 
+def blown_box(element: str, *, is_open: bool, medium: str) -> Robot:
+    """A thick box with a cavity, which is a chamber."""
+    mesh = box_mesh((0.04,) * 3, (3, 3, 3 + is_open), origin=(-0.02,) * 3)
+    middle = mesh.points[mesh.tets].mean(axis=1)
+    inside = (np.abs(middle[:, :2]) < 0.02 / 3).all(axis=1) & (middle[:, 2] > -0.01)
+    inside &= is_open | (middle[:, 2] < 0.02 / 3)
+    mesh = drop_unreferenced(TetMesh(mesh.points, mesh.tets[~inside], {"foot": mesh.node_sets["z0"]}))
+    faces = boundary_faces(mesh)
+    wall = faces[(np.abs(mesh.points[faces].mean(axis=1)) < [0.007, 0.007, 0.0199]).all(axis=1)]
+    body = Body("box", mesh, mesh.node_sets["foot"], elastic(1e6, 0.4), element=element, density=1e3)
+    own = {"dead_volume": 3e-6, "polytropic_exponent": 1.3} if medium == "gas" else {}
+    chamber = Chamber({"box": wall}, medium=medium, hose_compliance=2e-11, **own)
+    return Robot((body,), actuators=(NamedActuator("main", chamber),))
+
+
+def blown(layout: Layout, size: float = 1e-3, seed: int = 0) -> Floats:
+    """As `rough`, with pressures of some 10 kPa."""
+    dz = rough(layout, size, seed)
+    dz[layout.first_effort_unknown :] *= 2e4
+    return dz
+
+
 def turns(layout: Layout, dz: Floats) -> Floats:
     """Those of the moving frames, a view (n, 3)."""
     return dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)[:, 3:]
@@ -243,6 +270,7 @@ class Case:
     move: Callable[..., Floats] = rough
     has_energy: bool = True
     remembers: bool = False
+    is_held: bool = True  # the first actuator, by its effort; all others are driven by their coordinates
 
     @cached_property
     def own(self) -> Alone:
@@ -257,7 +285,7 @@ class Case:
         theta = {**theta, **BEDS, **changes}
         layout, term = twin.system.layout, self.pick(twin, theta)
         n = layout.n_actuators
-        controls = Controls(np.arange(n) == 0, np.full(n, 0.7), np.full(n, 0.004), 0.8, elapsed=0.5)
+        controls = Controls(self.is_held & (np.arange(n) == 0), np.full(n, 0.7), np.full(n, 0.004), 0.8, elapsed=0.5)
         system = build_system(layout, (term,))
         state = moved(layout, rest_state(layout), self.move(layout))
         if system.remembers:  # as a sample elsewhere left it, at any parameters
@@ -298,6 +326,7 @@ class Alone:
 
 STRETCH = {"stiffness": 60.0, "compliance": 2e-4, "pretension": 0.4}
 MEMORY = {"friction_memory": True, "presliding": 1.5e-3}
+PUMPED = (first(ChamberTerm), blown, True, False, False)
 REMEMBERS = (first(CableTerm), taut, False, True)
 CASES = {
     "solid, P1": Case(SolidTerm, bent_column, first(SolidTerm)),
@@ -317,6 +346,11 @@ CASES = {
     "memory and stretch": Case(CableTerm, lambda: bent_column(friction=0.3, **MEMORY, **STRETCH), *REMEMBERS),
     "memory, stretch and a preload": Case(
         CableTerm, lambda: bent_column(friction=0.3, friction_preload=0.5, **MEMORY, **STRETCH), *REMEMBERS
+    ),
+    "chamber": Case(ChamberTerm, lambda: blown_box("P1", is_open=False, medium="gas"), *PUMPED),
+    "chamber, P2, open": Case(ChamberTerm, lambda: blown_box("P2", is_open=True, medium="gas"), *PUMPED),
+    "chamber of a liquid, P2P1": Case(
+        ChamberTerm, lambda: blown_box("P2P1", is_open=True, medium="liquid"), *PUMPED
     ),
     "loads": Case(Loads, bent_column, first(Loads)),
     "moments": Case(Moments, twisted_whip, first(Moments), has_energy=False),

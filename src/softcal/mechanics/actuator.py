@@ -28,7 +28,7 @@ SWITCHING = "actuators keep switching between driven and at a limit of their eff
 
 
 @dataclass(frozen=True)
-class Actuator:
+class ActuatorLimits:
     """Names of an actuator's coordinate and effort, and the limits of the effort."""
 
     name: str
@@ -64,7 +64,7 @@ class ActuatorTerm(Term):
 
     @property
     @abstractmethod
-    def actuators(self) -> Sequence[Actuator]:
+    def actuators(self) -> Sequence[ActuatorLimits]:
         """Its actuators, in the order of their efforts."""
 
     @abstractmethod
@@ -142,6 +142,10 @@ class ActuatorTerm(Term):
     def coordinate_scales(self, extent: float) -> Floats:
         """Scales of the errors of its coordinates (n,), of a robot of this extent [m]."""
         return np.full(len(self.actuators), extent)
+
+    def coordinate_spans(self, extent: float) -> Floats:
+        """Spans of its coordinates (n,) that are long on a load path, of a robot of this extent [m]."""
+        return self.coordinate_scales(extent)
 
     def coordinate_tolerances(self, extent: float) -> Floats:
         """Errors of its coordinates (n,) below which they count as reached, of a robot of this extent [m]."""

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.mechanics.actuator import NO_GAP, Actuator, ActuatorTerm, Drives
+from softcal.mechanics.actuator import NO_GAP, ActuatorLimits, ActuatorTerm, Drives
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
@@ -127,8 +127,8 @@ class CableTerm(ActuatorTerm):
         return replace(self, segments=self.segments.plan(layout, pattern))
 
     @property
-    def actuators(self) -> tuple[Actuator, ...]:
-        return tuple(Actuator(name, "shortening", "tension", least_effort=0.0) for name in self.names)
+    def actuators(self) -> tuple[ActuatorLimits, ...]:
+        return tuple(ActuatorLimits(name, "shortening", "tension", least_effort=0.0) for name in self.names)
 
     def kinematics(self, state: State) -> Once:
         return Once(state, self.segments.shape(state.x))
@@ -368,6 +368,9 @@ class CableTerm(ActuatorTerm):
     def lengths(self, x: Floats) -> Floats:
         """Length of each cable (n_cables,) [m]."""
         return self._per_cable(self.segments.shape(x).lengths)
+
+    def coordinate_spans(self, extent: float) -> Floats:
+        return self.rest_length
 
     def coordinate_tolerances(self, extent: float) -> Floats:
         return NO_GAP * self.rest_length

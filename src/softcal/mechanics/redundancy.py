@@ -8,7 +8,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
-from softcal.mechanics.actuator import Actuator
+from softcal.mechanics.actuator import ActuatorLimits
 from softcal.mechanics.system import Border, System
 
 # Sine, squared, of the angle between a coordinate's gradient and those of the others below which it is in their span.
@@ -68,7 +68,7 @@ def redundant(gradients: Floats, elastic: Floats) -> Ints:
     return np.flatnonzero(none.max(axis=1, initial=0.0) > _TAKES_PART)
 
 
-def redundant_sentence(actuators: Sequence[Actuator]) -> str:
+def redundant_sentence(actuators: Sequence[ActuatorLimits]) -> str:
     """Sentence on why there is no such state, and on how to avoid it."""
     names = [actuator.name for actuator in actuators]
     if len(actuators) == 1:

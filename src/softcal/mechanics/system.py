@@ -12,7 +12,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
-from softcal.mechanics.actuator import Actuator, ActuatorTerm, Drives, numbered
+from softcal.mechanics.actuator import ActuatorLimits, ActuatorTerm, Drives, numbered
 from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.frame_blocks import moving_pairs
 from softcal.mechanics.layout import Layout
@@ -68,12 +68,20 @@ class System:
     @cached_property
     def actuated(self) -> tuple[ActuatorTerm, ...]:
         """The terms whose efforts are unknowns."""
-        return self.of(ActuatorTerm)
+        return tuple(term for term in self.of(ActuatorTerm) if term.actuators)
 
     @cached_property
-    def actuators(self) -> tuple[Actuator, ...]:
+    def actuators(self) -> tuple[ActuatorLimits, ...]:
         """All actuators, in the order of the efforts."""
         return tuple(actuator for term in self.actuated for actuator in term.actuators)
+
+    def number(self, actuator: str) -> int:
+        """The number of an actuator by its name, in the order of the efforts."""
+        return self._numbers[actuator]
+
+    @cached_property
+    def _numbers(self) -> Mapping[str, int]:
+        return {actuator.name: i for i, actuator in enumerate(self.actuators)}
 
     @cached_property
     def effort_limits(self) -> tuple[Floats, Floats]:
@@ -363,6 +371,10 @@ class System:
     def coordinate_tolerances(self, extent: float) -> Floats:
         """Errors of the actuators' coordinates (n_actuators,) below which they count as reached."""
         return np.concatenate([NOTHING, *(term.coordinate_tolerances(extent) for term in self.actuated)])
+
+    def coordinate_spans(self, extent: float) -> Floats:
+        """Spans of the actuators' coordinates (n_actuators,) that are long on a load path."""
+        return np.concatenate([NOTHING, *(term.coordinate_spans(extent) for term in self.actuated)])
 
     def at_limit(self, x: Floats) -> str:
         """What keeps actuators from moving further, as part of a sentence; "" where nothing does."""

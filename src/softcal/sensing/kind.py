@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
+from typing import Literal
 
 from softcal.display import displayed
 from softcal.quantities import Quantity
@@ -25,7 +26,7 @@ class ChannelKind:
     axis
         Coordinate of a position: 0, 1 or 2 for x, y or z; None of all else.
     drives
-        True if a cable can be driven by it.
+        "coordinate" or "effort" of an actuator that can be driven by it; "" of all else.
     compared
         Place among the channels with short names that are compared unless a project names others; 0: not among them.
     offset
@@ -47,7 +48,7 @@ class ChannelKind:
     unit: str
     label: str = ""
     axis: int | None = None
-    drives: bool = False
+    drives: Literal["", "coordinate", "effort"] = ""
     compared: int = 0
     offset: tuple[str, Quantity] | None = None
     gain: tuple[str, Quantity] | None = None
@@ -70,4 +71,4 @@ class ChannelKind:
     @property
     def is_force(self) -> bool:
         """True if proportional to moduli, as forces are; positions and angles are not."""
-        return self.unit == "N"
+        return self.unit in ("N", "N*m", "Pa")

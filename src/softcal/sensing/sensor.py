@@ -40,6 +40,14 @@ class Posture(Protocol):
         """Tension [N] of a cable."""
         ...
 
+    def coordinate(self, actuator: str) -> float:
+        """Coordinate of an actuator, in its own unit: of a cable its shortening."""
+        ...
+
+    def effort(self, actuator: str) -> float:
+        """Effort of an actuator, in its own unit: of a cable its tension."""
+        ...
+
 
 class PostureRates(Protocol):
     """Rates of a posture by k parameters or controls at once."""
@@ -60,6 +68,14 @@ class PostureRates(Protocol):
         """Rates (k,) of a cable's tension."""
         ...
 
+    def coordinate(self, actuator: str) -> Floats:
+        """Rates (k,) of an actuator's coordinate."""
+        ...
+
+    def effort(self, actuator: str) -> Floats:
+        """Rates (k,) of an actuator's effort."""
+        ...
+
 
 @displayed
 class Sensor(Declared, ABC):
@@ -72,8 +88,8 @@ class Sensor(Declared, ABC):
     kinds
         Its channels' kinds, in the order of what it reads.
     of
-        "cables", "plates" or "markers", where every such part has this sensor: its one field is then the part's name.
-        "" of a sensor that a project file lists.
+        "cables", "plates", "markers", or the name of a kind of actuator, where every such part has this sensor: its one
+        field is then the part's name. "" of a sensor that a project file lists.
     """
 
     name: ClassVar[str]
@@ -87,6 +103,20 @@ class Sensor(Declared, ABC):
     @abstractmethod
     def rates(self, robot: Posture, moving: PostureRates) -> Sequence[Floats] | Floats:
         """The channels' rates (n, k) at a posture."""
+
+
+@displayed
+@dataclass(frozen=True)
+class ActuatorSensor(Sensor):
+    """Coordinate and effort of an actuator. A subclass states their kinds, in this order, and its kind as `of`."""
+
+    actuator: str
+
+    def sense(self, robot: Posture) -> list[float]:
+        return [robot.coordinate(self.actuator), robot.effort(self.actuator)]
+
+    def rates(self, robot: Posture, moving: PostureRates) -> list[Floats]:
+        return [moving.coordinate(self.actuator), moving.effort(self.actuator)]
 
 
 @displayed
@@ -115,7 +145,7 @@ def _faults(sensor: type[Sensor], known: Mapping[str, type[Sensor]]) -> list[Fau
     faults += [Fault("this is not a kind of channel", where, repr(one), "a softcal.ChannelKind") for one in others]
     if faults:
         return faults
-    if sensor.of not in ("", *PARTS):
+    if sensor.of not in ("", *PARTS) and not issubclass(sensor, ActuatorSensor):
         faults.append(unknown("no such parts have sensors", where, sensor.of, PARTS))
     names = [kind.name for kind in sensor.kinds]
     if not names or len(set(names)) < len(names):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -12,6 +12,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError, unknown
 from softcal.geometry.mesh import TetMesh
+from softcal.geometry.regions import Named, select_faces
 from softcal.mechanics.attachment import attach_ball, attach_point, attach_rate
 from softcal.mechanics.cable_routes import build_cables
 from softcal.mechanics.crossing import Skins
@@ -30,7 +31,15 @@ from softcal.twin.channels import channels_of, require_sensors, sensors_of
 from softcal.twin.contacts import build_contacts, disc_skin
 from softcal.twin.crossings import build_skins
 from softcal.twin.joints import join_ties, nodes_in_use, number_frames
-from softcal.twin.loads import PointForce, Weights, build_loads, build_moments, points_of_forces, surface_forces
+from softcal.twin.loads import (
+    PointForce,
+    Weights,
+    build_loads,
+    build_moments,
+    faces_in_use,
+    points_of_forces,
+    surface_forces,
+)
 from softcal.twin.markers import MarkerPlace, directions_in
 from softcal.twin.nearby_twins import neighbours_of
 from softcal.twin.parameters import MARKER_OFFSETS, robot_parameters, with_shape
@@ -268,6 +277,8 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
         elif isinstance(load, SurfaceLoad):
             forces.extend(surface_forces(load, given, meshes, builder.first))
 
+    places = _Places(builder, given, meshes, support)
+    others = tuple(part.actuator.term(part.name, places) for part in robot.actuators)
     if robot.contact is not None:
         for plate in robot.plates:
             if plate.disc is not None:
@@ -278,7 +289,7 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
         rider=np.concatenate(builder.rider),
         references=frames.references,
         n_pressures=n_pressures,
-        n_actuators=len(robot.cables),
+        n_actuators=len(robot.actuated),
         n_fixed_frames=frames.n_fixed,
         ties=join_ties(robot, meshes, builder.first),
     )
@@ -292,7 +303,8 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
     speeds = [cable.line.friction_speed for cable in robot.cables]
     slowness = np.array([0.0 if speed is None else 1.0 / speed for speed in speeds]) if any(speeds) else None
     cables = build_cables(layout.X, via, pulled_last, placed_by, stated, slowness)
-    system = build_system(layout, (*solids, *rod_terms, cables, loads, moments, *contacts), points_of_forces(robot))
+    terms = (*solids, *rod_terms, cables, *others, loads, moments, *contacts)
+    system = build_system(layout, terms, points_of_forces(robot))
     return Twin(
         robot=robot,
         system=system,
@@ -362,6 +374,30 @@ class _Points:
         self.rider.append(rider)
         self._n += len(X)
         return first
+
+
+@dataclass(frozen=True)
+class _Places:
+    """The numbering of the points, as the terms of actuators need it."""
+
+    builder: _Points
+    given: Mapping[str, TetMesh]
+    meshes: Mapping[str, TetMesh]
+    supported: Callable[[Floats, str, str], Weights]
+
+    @property
+    def X(self) -> Floats:
+        return np.concatenate(self.builder.X)
+
+    def faces(self, body: str, faces: Ints | str, where: str) -> Ints:
+        if body not in self.meshes:
+            raise MeshError(unknown("there is no such body", where, body, self.meshes))
+        mesh = self.given[body]
+        own = select_faces(mesh, Named(faces), where=where) if isinstance(faces, str) else faces
+        return faces_in_use(mesh, self.meshes[body], own, where=where) + self.builder.first[body]
+
+    def support(self, at: Floats, on: str, where: str) -> Weights:
+        return self.supported(at, on, where)
 
 
 def _riders(body: Body, mesh: TetMesh, robot: Robot, frame: dict[str, int]) -> Ints:

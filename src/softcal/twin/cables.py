@@ -14,6 +14,7 @@ from softcal.declare import Checked, Declared
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.quantities import (
+    QUANTITIES,
     Angle,
     CableStiffness,
     Clearance,
@@ -23,6 +24,7 @@ from softcal.quantities import (
     Length,
     Point,
     Presliding,
+    Quantity,
     Share,
     Size,
     Speed,
@@ -30,7 +32,9 @@ from softcal.quantities import (
     Tension,
     Twist,
 )
-from softcal.twin.part import NamedPart
+from softcal.sensing.kind import ChannelKind
+from softcal.sensing.sensors.cable import SHORTENING, TENSION
+from softcal.twin.actuated import ActuatedPart
 
 if TYPE_CHECKING:
     from softcal.twin.robot import Plate
@@ -231,7 +235,7 @@ class CableLine(Declared):
 
 @displayed
 @dataclass(frozen=True)
-class Cable(NamedPart):
+class Cable(ActuatedPart):
     """A cable through via points, its fixed end first or last; length L, the sum of the distances between them.
 
     Attributes
@@ -307,6 +311,24 @@ class Cable(NamedPart):
             raise InputError(
                 Fault(told, self.name, ", ".join(names), "the offset of the whole cable, or of its points")
             )
+
+    @property
+    def channels(self) -> tuple[ChannelKind, ChannelKind]:
+        return SHORTENING, TENSION
+
+    @property
+    def ranges(self) -> tuple[Quantity, Quantity]:
+        return QUANTITIES["shortening"], QUANTITIES["tension"]
+
+    def command_fault(self, control: str, values: Floats) -> Fault | None:
+        """Why it cannot follow a command: a push, or a shortening beyond its length; None where it can."""
+        if control == TENSION.name and (low := float(values.min(initial=0.0))) < 0.0:
+            return Fault("a cable cannot push", f"{self.name}.tension", f"{low:.4g} N", ">= 0 N")
+        high = float(values.max(initial=0.0))
+        if control == SHORTENING.name and high >= self.length:
+            what, allowed = "the cable is pulled in by more than its length", f"< {1e3 * self.length:.4g} mm"
+            return Fault(what, f"{self.name}.shortening", f"{1e3 * high:.4g} mm", allowed)
+        return super().command_fault(control, np.array([values.max(initial=0.0)]))
 
     @property
     def length(self) -> float:

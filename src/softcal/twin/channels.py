@@ -16,17 +16,17 @@ from softcal.twin.robot import Robot
 
 
 def sensors_of(robot: Robot) -> tuple[NamedSensor, ...]:
-    """Every sensor: those that come with cables, plates and markers, then the robot's own."""
+    """Every sensor: those that come with cables, actuators, plates and markers, then the robot's own."""
+    parts = [("cables", cable.name) for cable in robot.cables]
+    parts += [(part.actuator.name, part.name) for part in robot.actuators]
+    parts += [(kind, part.name) for kind in ("plates", "markers") for part in getattr(robot, kind)]
     come = [
-        NamedSensor(part.name, sensor(part.name))  # pyright: ignore[reportCallIssue] (the one field of such a sensor)
-        for parts in PARTS
+        NamedSensor(part, sensor(part))  # pyright: ignore[reportCallIssue] (the one field of such a sensor)
+        for kind, part in parts
         for sensor in SENSORS.values()
-        if sensor.of == parts
-        for part in getattr(robot, parts)
+        if sensor.of == kind
     ]
-    # Of each part all its sensors together.
-    order = {part.name: i for i, part in enumerate(p for parts in PARTS for p in getattr(robot, parts))}
-    return (*sorted(come, key=lambda one: order[one.name]), *robot.sensors)
+    return (*come, *robot.sensors)
 
 
 def channels_of(sensors: Iterable[NamedSensor]) -> list[ChannelName]:
@@ -92,7 +92,7 @@ def sensor_fault(robot: Robot, name: str, sensor: Sensor) -> Fault | None:
         at_rest = _AtRest(
             {marker.name: marker.place for marker in robot.markers},
             {plate.name: plate.reference for plate in robot.plates},
-            {cable.name: cable for cable in robot.cables},
+            {part.name: part for part in robot.actuated},
         )
         read = np.asarray(sensor.sense(at_rest), dtype=np.float64)
     except ParameterError as error:
@@ -118,11 +118,11 @@ class _NoPart(ParameterError):
 
 @dataclass(frozen=True)
 class _AtRest:
-    """The robot as it was built, as sensors see it: places [m] of markers and plates, and cables, by name."""
+    """The robot as it was built, as sensors see it: places [m] of markers and plates, and actuators, by name."""
 
     markers: Mapping[str, Floats]
     plates: Mapping[str, Floats]
-    cables: Mapping[str, object]
+    actuators: Mapping[str, object]
 
     def point(self, name: str) -> Floats:
         return _named(name, "marker or plate", {**self.markers, **self.plates})
@@ -132,11 +132,18 @@ class _AtRest:
         return np.eye(3)
 
     def shortening(self, cable: str) -> float:
-        _named(cable, "cable", self.cables)
+        _named(cable, "cable", self.actuators)
         return 0.0
 
     def tension(self, cable: str) -> float:
         return self.shortening(cable)
+
+    def coordinate(self, actuator: str) -> float:
+        _named(actuator, "actuator", self.actuators)
+        return 0.0
+
+    def effort(self, actuator: str) -> float:
+        return self.coordinate(actuator)
 
 
 V = TypeVar("V")

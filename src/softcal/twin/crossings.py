@@ -13,11 +13,15 @@ from softcal.mechanics.crossing import Skins
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.node import Node
 from softcal.mechanics.path import interpolated
+from softcal.sensing.kind import ChannelKind
+from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.barrier import Contact
 from softcal.twin.contacts import bonded_pairs, moving_together, pressing_skins, rigid_groups
 from softcal.twin.cores import body_skin, columns, joined, numbers
+from softcal.sensing.kind import ChannelKind
+from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.robot import Robot
-from softcal.units import format_quantity
+from softcal.units import format_quantity, readable_unit, unit_factor
 
 INSET = 0.02  # of the cores' depth: touching skins do not count as crossing
 BISECTIONS = 6
@@ -71,8 +75,10 @@ def build_skins(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first:
     )
 
 
-def crossed_on_path(skins: Skins | None, layout: Layout, nodes: Sequence[Node], end: float, cable: str) -> str:
-    """The sentences on crossings along a path of one cable's shortening.
+def crossed_on_path(
+    skins: Skins | None, layout: Layout, nodes: Sequence[Node], end: float, driven: tuple[str, ChannelKind]
+) -> str:
+    """The sentences on crossings along a path of one actuator's coordinate.
 
     Parameters
     ----------
@@ -83,9 +89,9 @@ def crossed_on_path(skins: Skins | None, layout: Layout, nodes: Sequence[Node], 
     nodes
         The nodes of the path.
     end
-        Shortening up to which crossings count [m].
-    cable
-        Name of the cable.
+        Coordinate up to which crossings count [SI].
+    driven
+        Name of the actuator, and the kind of its coordinate.
     """
     if skins is None:
         return ""
@@ -97,7 +103,7 @@ def crossed_on_path(skins: Skins | None, layout: Layout, nodes: Sequence[Node], 
             return pair in skins.pairs(interpolated(layout, a, b, c).x)
 
         spans = [
-            span_in_words(begin if begin > nodes[0].c else None, stop, cable)
+            span_in_words(begin if begin > nodes[0].c else None, stop, *driven)
             for begin, stop in _spans(nodes, [pair in one for one in crossing], crosses)
             if begin <= end
         ]
@@ -111,20 +117,26 @@ def crossed_on_path(skins: Skins | None, layout: Layout, nodes: Sequence[Node], 
     return "".join(sentences)
 
 
-def span_in_words(begin: float | None, stop: float | None, cable: str) -> str:
-    """The range of shortening with a crossing, in words.
+def span_in_words(begin: float | None, stop: float | None, name: str, kind: ChannelKind = SHORTENING) -> str:
+    """The range of a driven coordinate with a crossing, in words.
 
     Parameters
     ----------
     begin, stop
-        Its ends [m]; None: from the start, and to the end.
-    cable
-        Name of the cable.
+        Its ends [SI]; None: from the start, and to the end.
+    name, kind
+        Of the actuator, and of its coordinate.
     """
-    of = f" mm of shortening of {cable}"
+    unit = path_unit(kind, stop or begin or 0.0)
+    factor, of = unit_factor(unit, kind.unit), f" {unit} of {kind.name} of {name}"
     if begin is None:
-        return "from the start on" if stop is None else f"from the start to {1e3 * stop:.3g}{of}"
-    return f"from {1e3 * begin:.3g}" + (f"{of} on" if stop is None else f" to {1e3 * stop:.3g}{of}")
+        return "from the start on" if stop is None else f"from the start to {stop / factor:.3g}{of}"
+    return f"from {begin / factor:.3g}" + (f"{of} on" if stop is None else f" to {stop / factor:.3g}{of}")
+
+
+def path_unit(kind: ChannelKind, value: float) -> str:
+    """The unit in which a place on a load path is stated: millimetres of a length, else what suits the value [SI]."""
+    return "mm" if kind.unit == "m" else readable_unit(value, kind.unit)
 
 
 def _spans(

@@ -34,7 +34,8 @@ def drawn_out(system: System, theta: Mapping[str, float], begin: Floats, state: 
     """
     cables = cables_of(system)
     more = cables.lengths(state.x) - begin
-    taut = state.effort > NO_EFFORT * np.abs(state.effort).max(initial=0.0)
+    pulls = state.effort[cables.own]
+    taut = pulls > NO_EFFORT * np.abs(pulls).max(initial=0.0)
     lines = cables.lines(theta)
     rough = (lines.mu > 0.0) & ~lines.remembers
     out = np.flatnonzero(taut & rough & (more > NOTICED * cables.rest_length))

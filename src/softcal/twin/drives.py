@@ -1,4 +1,4 @@
-"""The samples of a protocol, read from the path of equilibria: driven by shortening, or by tension."""
+"""The samples of a protocol, read from the path of equilibria: driven by a coordinate, or by an effort."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from softcal.errors import SimulationError
 from softcal.mechanics.node import Node, node_at
 from softcal.mechanics.path import Path, go_on_from, interpolated, neighbours
 from softcal.mechanics.path_watch import part_of_series
-from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.equilibrium_path import SAME, EquilibriumPath
 from softcal.twin.start import slack_line
+from softcal.units import format_quantity
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ class Samples:
     end: float = np.inf
 
 
-def by_shortening(along: EquilibriumPath, start: Node, d: Floats, *, ends_there: bool = False) -> Samples:
-    """The samples of shortenings.
+def by_coordinate(along: EquilibriumPath, start: Node, d: Floats, *, ends_there: bool = False) -> Samples:
+    """The samples of a coordinate's commands, such as shortenings.
 
     Parameters
     ----------
@@ -57,11 +57,12 @@ def by_shortening(along: EquilibriumPath, start: Node, d: Floats, *, ends_there:
     start
         Its first node.
     d
-        Shortenings (n,) [m].
+        The commands (n,) [SI].
     ends_there
         Whether the path ends at the last sample, and not beyond.
     """
-    end, taut = float(d.max()), d > start.c
+    (coordinate, effort), end = along.channels, float(d.max())
+    taut = d > start.c if along.only_pulls else d >= start.c
     # Solved first, with the factors of the start: the same tangent.
     still = None if taut.all() else along.curve((along.slack_node(start),))
     path = Path((start,), True, names=along.names)
@@ -95,12 +96,12 @@ def by_shortening(along: EquilibriumPath, start: Node, d: Floats, *, ends_there:
     if still is not None:
         values[slack], slopes[slack], by_parameter[slack] = still.values, still.slopes, still.by_parameter
     # A slack cable's shortening is the command, not the shortening that would make it taut.
-    values[:, along.column(SHORTENING)] = d[:n]
-    slopes[:, along.column(SHORTENING)] = 1.0
-    by_parameter[:, along.column(SHORTENING)] = 0.0
+    values[:, along.column(coordinate)] = d[:n]
+    slopes[:, along.column(coordinate)] = 1.0
+    by_parameter[:, along.column(coordinate)] = 0.0
     status, succeeded = along.sentence(path, n, len(d)), path.reached
-    tension = values[:, along.column(TENSION)]
-    if path.reached and np.any(tension < 0.0):
+    tension = values[:, along.column(effort)]
+    if along.only_pulls and path.reached and np.any(tension < 0.0):
         low = float(d[:n][np.argmin(tension)])
         status = f"Cable {along.cable} would have to push at {1e3 * low:.4g} mm: the robot snaps through there."
         n, c, values, slopes, by_parameter = 0, c[:0], values[:0], slopes[:0], by_parameter[:0]
@@ -117,8 +118,8 @@ def by_shortening(along: EquilibriumPath, start: Node, d: Floats, *, ends_there:
     )
 
 
-def by_tension(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: bool) -> Samples:
-    """The samples of tensions.
+def by_effort(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: bool) -> Samples:
+    """The samples of an effort's commands, such as tensions.
 
     Parameters
     ----------
@@ -127,11 +128,12 @@ def by_tension(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: bo
     start
         Its first node.
     T
-        Tensions (n,) [N].
+        The commands (n,) [SI].
     ends_there
         Whether the path ends at the last sample, and not beyond.
     """
-    i_tension, largest = along.column(TENSION), float(T.max())
+    coordinate, effort = along.channels
+    i_tension, largest = along.column(effort), float(T.max())
     path = Path((start,), True, names=along.names)
     if largest > 0.0:
         path = along.follow(start, along.wound_up, until=largest)
@@ -146,11 +148,12 @@ def by_tension(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: bo
             values=values,
             slopes=slopes,
             by_parameter=by_parameter,
-            status="Solved: no tension.",
+            status=f"Solved: no {effort.name}.",
             succeeded=True,
             end=start.c,
         )
-    is_wound = path.reached and path.nodes[-1].c >= along.wound_up * (1.0 - 1e-9)
+    at_end = path.reached and path.nodes[-1].c >= along.wound_up * (1.0 - 1e-9)
+    is_wound = at_end and along.only_pulls  # a state, in which any tension is in equilibrium
     c = curve.first_passage(i_tension, T)
     if along.tolerance <= 0.0 and path.stopped_by is None:
         # A node at each tension whose shortening is about c: to solve at c and read the tension again takes two solves.
@@ -178,9 +181,15 @@ def by_tension(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: bo
     by_parameter[beyond[:n]] = 0.0
     slopes[:, i_tension], by_parameter[:, i_tension] = 1.0, 0.0
     status = along.sentence(path, n, len(T))
+    most = float(curve.values[:, i_tension].max())
     if is_wound and beyond.any():
-        limit = float(curve.values[:, i_tension].max())
-        status += f" Cable {along.cable} is wound up to zero length from {limit:.4g} N on."
+        status += f" Cable {along.cable} is wound up to zero length from {most:.4g} N on."
+    elif at_end and beyond.any():
+        limit, end = format_quantity(most, effort.unit), along.place(path.nodes[-1].c)
+        status = (
+            f"No equilibrium beyond {limit} of {effort.name} of {along.cable} ({n} of {len(T)} samples reached): it is "
+            f"the largest up to {end}. Command the {coordinate.name} to go beyond."
+        )
     last = float(at.max(initial=start.c))
     if ends_there and path.stopped_by is None:
         path = _up_to(along, path, last)

@@ -11,7 +11,6 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.cable import cables_of
 from softcal.mechanics.kept_nodes import KeptNodes
 from softcal.mechanics.node import Line, Node, node_at
 from softcal.mechanics.path import Path, between, follow
@@ -20,16 +19,18 @@ from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.round_number import roundest
 from softcal.sensing.kind import ChannelKind
-from softcal.sensing.sensors.cable import TENSION
 from softcal.twin.build import Twin
+from softcal.twin.crossings import path_unit
 from softcal.twin.curve import Curve
 from softcal.twin.parameters import parameter_values
 from softcal.twin.reading import SensorReading, read
 from softcal.twin.sensors import angle_columns, channel_units
 from softcal.twin.start import loaded, slack_line
+from softcal.units import unit_factor
 
 CURVE_TOLERANCE = 1e-4  # interpolation error over a channel's largest value
 FIRST_STEP = 0.12  # of the driven cable's length
+FAR = 10.0  # of the driven coordinate's span: where a path to an effort ends at the latest
 WOUND_UP = 1e-3  # of its length: a cable shorter than this is wound up
 SAME = 1e-9  # of its length: two nodes closer than this are one
 DERIVATIVES = 10.0  # times the curve's tolerance: that of the channels' derivatives by parameters
@@ -81,7 +82,7 @@ class EquilibriumPath:
     @property
     def number(self) -> int:
         """The driven cable's number."""
-        return [cable.name for cable in self.twin.robot.cables].index(self.cable or "")
+        return self.twin.system.number(self.cable or "")
 
     def column(self, kind: ChannelKind) -> int:
         """The column of a channel of the driven cable."""
@@ -89,13 +90,23 @@ class EquilibriumPath:
 
     @property
     def length(self) -> float:
-        """Length of the driven cable at rest [m]."""
-        return float(cables_of(self.twin.system).rest_length[self.number])
+        """A long span of the driven coordinate: a cable's length at rest [m], a chamber's volume [m^3]."""
+        return float(self.twin.system.coordinate_spans(self.statics.length)[self.number])
+
+    @property
+    def channels(self) -> tuple[ChannelKind, ChannelKind]:
+        """The channels of the driven actuator's coordinate and effort."""
+        return self.twin.robot.actuated[self.number].channels
+
+    @property
+    def only_pulls(self) -> bool:
+        """Whether the driven actuator only pulls, as a cable does."""
+        return bool(self.twin.system.effort_limits[0][self.number] == 0.0)
 
     @property
     def wound_up(self) -> float:
-        """Shortening at which the cable counts as wound up [m]."""
-        return self.length * (1.0 - WOUND_UP)
+        """Shortening at which the cable counts as wound up [m]; of what has no such end, a coordinate far away."""
+        return self.length * (1.0 - WOUND_UP) if self.only_pulls else FAR * self.length
 
     @property
     def line(self) -> Line:
@@ -189,7 +200,7 @@ class EquilibriumPath:
             scale = self.scale(curve.values)[:, None]
             new = 0.5 * (curve.c[1:] + curve.c[:-1])
             if of_tension:
-                is_read = curve.may_pass(self.column(TENSION), samples)
+                is_read = curve.may_pass(self.column(self.channels[1]), samples)
             elif len(left := self.missing(path, samples)):
                 # Among many samples a node is independent of their places, as of the slack, and is kept for others.
                 inside = np.diff(np.searchsorted(left, curve.c))
@@ -333,6 +344,13 @@ class EquilibriumPath:
             raise path.stopped_by
         return path.nodes if path.is_smooth else ()
 
+    def place(self, *c: float) -> str:
+        """Values of the driven coordinate, as part of a sentence."""
+        kind = self.channels[0]
+        unit = path_unit(kind, max(c, key=abs))
+        numbers = ", ".join(f"{value / unit_factor(unit, kind.unit):.4g}" for value in c)
+        return f"{numbers} {unit} of {kind.name} of {self.cable}"
+
     def sentence(self, path: Path, n: int, n_samples: int) -> str:
         """The sentence on the path's end.
 
@@ -349,9 +367,9 @@ class EquilibriumPath:
             sentence = f"Solved: {len(path.nodes)} equilibria, {self.statics.n_factorisations} factorisations."
             for node in path.nodes:  # from where on via points coincide, unless the cable is wound up there
                 if node.c < self.wound_up * (1.0 - SAME) and (limit := self.twin.system.at_limit(node.state.x)):
-                    return f"{sentence} From {1e3 * node.c:.4g} mm of shortening of {self.cable} on {limit}."
+                    return f"{sentence} From {self.place(node.c)} on {limit}."
             return sentence
-        end = f"{1e3 * path.nodes[-1].c:.4g} mm of shortening of {self.cable}"
+        end = self.place(path.nodes[-1].c)
         ended = path.ended[0].upper() + path.ended[1:]
         return f"{ended} {end} ({n} of {n_samples} samples reached): {path.status}."
 

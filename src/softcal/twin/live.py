@@ -21,7 +21,6 @@ from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.warm_steps import WarmSteps
 from softcal.sensing.channel import ChannelName, kinds
-from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.crossings import crossed_at
 from softcal.twin.drawn_out import drawn_out, drawn_out_at
@@ -194,7 +193,8 @@ class LiveTwin(_InOneProcess):
     twin
         A robot, a project, or a run with its calibrated values.
     controls
-        What each cable is driven by: "shortening", "tension", or one of these by cable name, of the driven cables.
+        What each cable is driven by: "shortening" or "tension", other actuators being driven by their effort; or by
+        the names of the driven actuators, one of their controls each, such as "pressure" of a chamber.
     theta
         Values [SI] of robot parameters by dotted name, replacing the robot's own.
     sensitivities
@@ -226,8 +226,12 @@ class LiveTwin(_InOneProcess):
             raise ParameterError(faults)
         self.robot = with_shape(robot, theta or {})
         self._controls: dict[str, Control] = {}
-        for cable in controls if isinstance(controls, Mapping) else [one.name for one in self.robot.cables]:
-            self._controls[cable] = controls[cable] if isinstance(controls, Mapping) else controls
+        if isinstance(controls, Mapping):
+            self._controls |= controls
+        else:
+            # A control that is no actuator's own leaves it driven by its effort, as a chamber by its pressure.
+            for part in self.robot.actuated:
+                self._controls[part.name] = controls if controls in part.controls else part.channels[1].name
         at_rest = Protocol({name: Command(control, np.zeros(1)) for name, control in self._controls.items()})
         if faults := command_faults(self.robot, at_rest):
             raise ParameterError(faults)
@@ -266,8 +270,8 @@ class LiveTwin(_InOneProcess):
         Parameters
         ----------
         commands
-            Cable -> shortening [m] or tension [N], by the twin's controls. As in a `Protocol`, a cable without a
-            command is slack, or at zero shortening where it has a pretension.
+            Actuator -> its coordinate or effort, such as shortening [m] or tension [N], by the twin's controls. As in a
+            `Protocol`, one without a command has no effort; a cable with a pretension is then at zero shortening.
         elapsed
             Time since the last state [s], for materials that relax or flow; infinity: held for long.
 
@@ -311,21 +315,22 @@ class LiveTwin(_InOneProcess):
             )
         # Derivatives are at the memory before the step.
         state = replace(reached.state, memory=before.memory) if self._twin.system.remembers else reached.state
-        shortenings = {name: values[name] for name, one in named.items() if one.control == SHORTENING.name}
-        place = self._place(state, Target(target), reached, shortenings)
+        of = kinds()
+        coordinates = {name: values[name] for name, one in named.items() if of[one.control].drives == "coordinate"}
+        place = self._place(state, Target(target), reached, coordinates)
         status = f"Solved: {steps.n_iterations} iterations." if steps.n_iterations else "Solved along the load path."
         if reached.snaps:
             status += instability(f"before these commands{self._told(values)}")
         return self._moved_to(place, values, self._values(place, self._state), status, n)
 
-    def _place(self, state: State, aim: Target, reached: Reached, shortenings: Mapping[str, float]) -> _Place:
+    def _place(self, state: State, aim: Target, reached: Reached, coordinates: Mapping[str, float]) -> _Place:
         return _Place(
             twin=self._twin,
             _steps=self._steps,
             state=state,
             aim=aim,
             reached=reached,
-            shortenings=shortenings,
+            coordinates=coordinates,
             names=self._names,
         )
 
@@ -345,7 +350,7 @@ class LiveTwin(_InOneProcess):
 
     def _values(self, place: _Place, last: LiveState | None) -> Floats:
         """The channels' values (n_channels,), angles continued from the last state."""
-        values = sense(self._twin, place.reached.state, self._steps.statics.theta, place.shortenings)
+        values = sense(self._twin, place.reached.state, self._steps.statics.theta, place.coordinates)
         if last is not None:
             turns = angle_columns(self._twin)
             before = np.array(list(last.channels.values()))[turns]
@@ -371,19 +376,22 @@ class _Place(_InOneProcess):
     state: State
     aim: Target
     reached: Reached
-    shortenings: Mapping[str, float]
+    coordinates: Mapping[str, float]
     names: tuple[str, ...]
 
     @_in_turn
     def by_commands(self) -> Jacobian:
         statics, now, target = self._steps.statics, self.reached.controls, self.aim.controls
-        cables = cables_of(self.twin.system).names
-        first = cables_of(self.twin.system).first
-        numbers = np.arange(len(cables)) + first
-        labels = tuple(self._label(name, bool(target.is_held[i])) for name, i in zip(cables, numbers, strict=True))
+        parts = {part.name: part.channels for part in self.twin.robot.actuated}
+        labels = tuple(
+            str(ChannelName(channels[int(is_held)], name))
+            for (name, channels), is_held in zip(parts.items(), target.is_held.tolist(), strict=True)
+        )
         self._steps.factorise(self.state, now)
-        dz = by_command(statics, self.state, now, target, numbers)
-        own = {name: (np.array(labels) == self._label(name, False)).astype(float) for name in self.shortenings}
+        dz = by_command(statics, self.state, now, target, np.arange(len(parts)))
+        own = {
+            name: (np.array(labels) == str(ChannelName(parts[name][0], name))).astype(float) for name in self.coordinates
+        }
         return self._jacobian(labels, sense_rates(self.twin, self.state, statics.theta, dz, (), own))
 
     @_in_turn
@@ -406,7 +414,7 @@ class _Place(_InOneProcess):
         statics, now = self._steps.statics, self.reached.controls
         self._steps.factorise(self.state, now)
         dz = by_parameters(statics, self.state, now, names)
-        own = {name: np.zeros(len(names)) for name in self.shortenings}
+        own = {name: np.zeros(len(names)) for name in self.coordinates}
         return self._jacobian(names, sense_rates(self.twin, self.state, statics.theta, dz, names, own))
 
     def shape(self, commands: Mapping[str, float]) -> Snapshot:
@@ -419,9 +427,6 @@ class _Place(_InOneProcess):
         crossed = "" if skins is None else crossed_at([("these commands", skins.crossings(x))])
         out = drawn_out_at([("these commands", drawn_out(system, theta, begin, self.state))])
         return tuple(told.strip() for told in (crossed, out, system.remarks(self.state, theta)) if told)
-
-    def _label(self, cable: str, is_held: bool) -> str:
-        return str(ChannelName(kinds()["tension" if is_held else "shortening"], cable))
 
     def _jacobian(self, names: tuple[str, ...], values: Floats) -> Jacobian:
         return Jacobian(tuple(channel_units(self.twin)), names, values)

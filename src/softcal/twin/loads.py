@@ -53,11 +53,8 @@ def surface_forces(
     """
     if load.on not in meshes:
         raise MeshError(unknown("there is no such body", load.name, load.on, meshes))
-    mesh, own = meshes[load.on], given[load.on]
-    faces = matching_faces(own, load.faces, where=load.name)
-    if mesh.cell is LINEAR and own.cell is not LINEAR:
-        faces = linear_numbers(own)[faces[:, :3]]
-    faces = matching_faces(mesh, faces, where=load.name)
+    mesh = meshes[load.on]
+    faces = faces_in_use(given[load.on], mesh, load.faces, where=load.name)
     a, b, c = np.moveaxis(mesh.points[faces[:, :3]], 1, 0)
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     return [
@@ -66,6 +63,31 @@ def surface_forces(
         for node, share in zip(face, mesh.cell.face_shares, strict=True)
         if share != 0.0
     ]
+
+
+def faces_in_use(given: TetMesh, used: TetMesh, faces: Ints, *, where: str) -> Ints:
+    """Faces (n, 3 or 6) of the mesh in use, outwards, for those (n, 3 or more) of the body's mesh.
+
+    Parameters
+    ----------
+    given
+        Mesh of the body.
+    used
+        Mesh of its elements.
+    faces
+        Node numbers in the former.
+    where
+        Place for error messages.
+
+    Raises
+    ------
+    MeshError
+        Where a triangle is no face.
+    """
+    faces = matching_faces(given, faces, where=where)
+    if used.cell is LINEAR and given.cell is not LINEAR:
+        faces = linear_numbers(given)[faces[:, :3]]
+    return matching_faces(used, faces, where=where)
 
 
 def build_loads(

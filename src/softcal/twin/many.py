@@ -18,7 +18,6 @@ from softcal.mechanics.path_watch import part_of_series, path_watch
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.sensing.channel import ChannelName, kinds
-from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.build import Twin
 from softcal.twin.crossings import crossed_at
 from softcal.twin.drawn_out import drawn_out, drawn_out_at
@@ -123,14 +122,15 @@ def simulate_many(
             out.append((label, drawn_out(twin.system, statics.theta, lengths, state)))
             if not met and (limit := twin.system.at_limit(state.x)):
                 met = f" From sample {i + 1} on {limit}."
-            values.append(sense(twin, state, statics.theta, _shortenings(protocol, i)))
+            values.append(sense(twin, state, statics.theta, _coordinates(protocol, i)))
             of_commands = by_command(statics, state, reached.controls, target, numbers)
             dz, by = np.hstack([reached.by_parameter, of_commands]), (*names, *("" for _ in cables))
-            commanded_rates = dict[str, Floats]()  # a shortening depends on its own command alone
-            for cable in _shortenings(protocol, i):
-                own = {name: float(rate[i]) for name, rate in protocol.commands[cable].by.items()}
-                own[str(ChannelName(SHORTENING, cable))] = 1.0
-                commanded_rates[cable] = np.array([own.get(label, 0.0) for label in labels])
+            commanded_rates = dict[str, Floats]()  # a coordinate depends on its own command alone
+            for part in _coordinates(protocol, i):
+                command = protocol.commands[part]
+                own = {name: float(rate[i]) for name, rate in command.by.items()}
+                own[str(ChannelName(kinds()[command.control], part))] = 1.0
+                commanded_rates[part] = np.array([own.get(label, 0.0) for label in labels])
             rates.append(sense_rates(twin, state, statics.theta, dz, by, commanded_rates))
             if snapshots:
                 shapes.append(snapshot(twin, state, protocol.at(i), i + 1, ""))
@@ -196,10 +196,10 @@ def _beyond(protocol: Protocol, i: int, failed: Collection[int], *, remembers: b
     return ""
 
 
-def _shortenings(protocol: Protocol, i: int) -> dict[str, float]:
-    """The shortenings [m] of the cables that are commanded by it: a slack one's is its command too."""
-    each = protocol.commands.items()
-    return {cable: float(command.values[i]) for cable, command in each if command.control == SHORTENING.name}
+def _coordinates(protocol: Protocol, i: int) -> dict[str, float]:
+    """The coordinates of the actuators that are commanded by it: a slack cable's shortening is its command too."""
+    each, of = protocol.commands.items(), kinds()
+    return {part: float(command.values[i]) for part, command in each if of[command.control].drives == "coordinate"}
 
 
 def _pulls(protocol: Protocol, i: int) -> str:

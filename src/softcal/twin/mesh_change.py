@@ -23,7 +23,7 @@ from softcal.mechanics.path import Path, strays
 from softcal.mechanics.state import State, difference, moved, rest_state
 from softcal.twin.build import twin_of
 from softcal.twin.curve import FINE
-from softcal.twin.drives import by_shortening
+from softcal.twin.drives import by_coordinate
 from softcal.twin.equilibrium_path import CURVE_TOLERANCE, EquilibriumPath, guide_of, statics_of
 from softcal.twin.parameters import robot_parameters, with_shape
 from softcal.twin.prolongation import Prolongation, prolongation
@@ -97,7 +97,7 @@ class FinerTwin:
             along = EquilibriumPath(own, statics, (), cable, CURVE_TOLERANCE, is_shared=True, guide=guide)
             further = EquilibriumPath(finer, finer_statics, (), cable, CURVE_TOLERANCE)
             try:
-                samples = by_shortening(along, along.start(), protocol.commands[cable].values)
+                samples = by_coordinate(along, along.start(), protocol.commands[cable].values)
                 if not samples.succeeded or any(node.is_snapped for node in samples.path.nodes):
                     return None
                 end = float(samples.c.max())

@@ -17,6 +17,7 @@ from softcal.errors import Fault, ParameterError, unknown
 from softcal.geometry.shape import LENGTHS
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.quantities import QUANTITIES, Quantity
+from softcal.twin.actuated import ACTUATORS
 from softcal.twin.lengths import with_lengths
 from softcal.twin.material import Material
 from softcal.twin.parameter_name import parameter_name
@@ -91,7 +92,9 @@ def kind_by_name(name: str) -> Quantity | None:
     """The kind of quantity of a robot parameter by its dotted name alone; None where the name does not determine it."""
     key = parameter_name(name).kind
     constant = constants_of(LAWS).get(key)
-    return constant.quantity if constant is not None else KINDS.get(key)
+    if constant is not None:
+        return constant.quantity
+    return KINDS.get(key) or next((kind.quantities[key] for kind in ACTUATORS.values() if key in kind.quantities), None)
 
 
 @checked_arguments
@@ -129,6 +132,9 @@ def _parameters(robot: Robot) -> Mapping[str, ParameterInfo]:
         add(cable.name, "friction_coefficient", cable.friction_coefficient)
         for key, value in cable.properties.items():
             add(cable.name, key, value)
+    for part in robot.actuators:
+        for key, value in part.values.items():
+            add(part.name, key, value, part.actuator.quantities[key])
     for cable in robot.cables:
         for name, value in cable.placing.items():
             named = parameter_name(name)
@@ -199,7 +205,17 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
     )
     loads = tuple(_with_size(load, values) for load in robot.loads)
     markers = tuple(marker.offset_by(values) for marker in robot.markers)
-    return replace(robot, bodies=bodies, rods=rods, plates=plates, cables=cables, loads=loads, markers=markers)
+    actuators = tuple(part.with_values(values) for part in robot.actuators)
+    return replace(
+        robot,
+        bodies=bodies,
+        rods=rods,
+        plates=plates,
+        cables=cables,
+        actuators=actuators,
+        loads=loads,
+        markers=markers,
+    )
 
 
 def with_shape(robot: Robot, theta: Mapping[str, float]) -> Robot:

@@ -97,6 +97,7 @@ def is_proportional(robot: Robot, theta: Mapping[str, float]) -> bool:
     """Whether all forces are proportional to the moduli at theta [SI], by what the robot consists of."""
     return (
         all(type(each.sensor).__module__.startswith("softcal.sensing.") for each in sensors_of(robot))
+        and not robot.actuators
         and not robot.loads
         and not robot.remembers
         and not (robot.gravity.any() and any(theta[n] for n in theta if n.endswith((".density", ".mass"))))

@@ -1,4 +1,4 @@
-"""The commands of a quasi-static test: each cable's tension or shortening, sample by sample."""
+"""The commands of a quasi-static test: each actuator's effort or coordinate, sample by sample."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, unknown
 from softcal.limits import LIMITS
-from softcal.quantities import QUANTITIES
 from softcal.sensing.channel import ChannelName, kinds
 from softcal.twin.robot import Control, Robot
 
@@ -26,7 +25,8 @@ if TYPE_CHECKING:
 @displayed
 @dataclass(frozen=True)
 class Command(Checked):
-    """One cable's prescribed `tension` [N, >= 0] or `shortening` [m, + = pulled], shape (n_samples,).
+    """One actuator's prescribed effort or coordinate, shape (n_samples,): of a cable `tension` [N, >= 0] or
+    `shortening` [m, + = pulled], of a chamber `pressure` [Pa] or `volume` [m^3].
 
     by: their derivatives (n_samples,) by parameters of the rig, such as a slack; where a robot remembers, a state
     depends on those of all samples before it.
@@ -47,8 +47,8 @@ class Command(Checked):
 @displayed
 @dataclass(frozen=True)
 class Protocol(Checked):
-    """Commands by cable name, all of one length. A cable that is not named is slack (tension zero), or stays at zero
-    shortening where it has a pretension.
+    """Commands by the actuators' names, all of one length. One that is not named has no effort: a cable is slack, a
+    chamber is open. A cable that has a pretension stays at zero shortening.
 
     Samples are quasi-static states; where the robot is elastic, their order and repetition do not matter. Where a term
     has a memory (see `softcal.mechanics.memory`) they are a load path from rest, solved in their order. Along
@@ -86,7 +86,9 @@ class Protocol(Checked):
     @property
     def driven(self) -> list[str]:
         """The cables whose commands do more than leave them slack."""
-        return [n for n, one in self.commands.items() if one.control == "shortening" or np.any(one.values != 0.0)]
+        of = kinds()
+        each = self.commands.items()
+        return [n for n, one in each if of[one.control].drives == "coordinate" or np.any(one.values != 0.0)]
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -161,9 +163,9 @@ def controls_at(
     system
         The discretised robot.
     commands
-        Cable -> its command.
+        Actuator -> its command.
     values
-        Cable -> the value of its command [m; N].
+        Actuator -> the value of its command [SI].
     coordinate
         Coordinates (n_actuators,) of those that are not commanded by it, each in its own unit.
     """
@@ -234,27 +236,12 @@ def let_go_fault(where: str, cable: str, got: str) -> Fault:
 
 
 def command_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
-    """Commands that no cable of the robot can follow: an unknown cable, a push, a cable shortened beyond its length."""
-    cables = {cable.name: cable for cable in robot.cables}
-    faults: list[Fault] = []
+    """Commands that no actuator of the robot can follow: an unknown name, a push of a cable, a value out of range."""
+    parts, faults = {part.name: part for part in robot.actuated}, list[Fault]()
+    what = f"there is no such {'actuator' if robot.actuators else 'cable'}"
     for name, command in protocol.commands.items():
-        if name not in cables:
-            faults.append(unknown("there is no such cable", name, name, cables, got=""))
-            continue
-        length = cables[name].length
-        if command.control == "tension" and command.values.min(initial=0.0) < 0.0:
-            low = float(command.values.min())
-            faults.append(Fault("a cable cannot push", where=f"{name}.tension", got=f"{low:.4g} N", allowed=">= 0 N"))
-        elif command.control == "shortening" and command.values.max(initial=0.0) >= length:
-            high = float(command.values.max())
-            faults.append(
-                Fault(
-                    "the cable is pulled in by more than its length",
-                    where=f"{name}.shortening",
-                    got=f"{1e3 * high:.4g} mm",
-                    allowed=f"< {1e3 * length:.4g} mm",
-                )
-            )
-        elif fault := QUANTITIES[command.control].fault(float(command.values.max()), f"{name}.{command.control}"):
+        if name not in parts:
+            faults.append(unknown(what, name, name, parts, got=""))
+        elif fault := parts[name].command_fault(command.control, command.values):
             faults.append(fault)
     return faults

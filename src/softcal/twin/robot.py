@@ -36,7 +36,9 @@ from softcal.mechanics.elements import DEFAULT, ElementName
 from softcal.mechanics.mesh_motion import MeshMotion
 from softcal.mechanics.path_limits import PathLimits
 from softcal.quantities import Clearance, Density, Direction, Mass, MomentOfInertia, Size
+from softcal.sensing.channel import kinds
 from softcal.sensing.sensor import NamedSensor
+from softcal.twin.actuated import ActuatedPart, NamedActuator
 from softcal.twin.barrier import Contact, require_wires
 from softcal.twin.cables import Cable, ViaPoint, require_changing_length
 from softcal.twin.clamp import Clamp, Zone, clamp_zone
@@ -47,7 +49,16 @@ from softcal.twin.part import NamedPart
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Control = Literal["tension", "shortening"]
+
+
+def _drives(control: str, where: str) -> str:
+    if control not in (known := [name for name, kind in kinds().items() if kind.drives]):
+        raise InputError(unknown("no actuator is commanded by this", where, control, known))
+    return control
+
+
+Control = Annotated[str, Check(_drives)]
+"""What a command prescribes: a cable's tension or shortening, a chamber's pressure or volume."""
 
 
 # What another part chooses where it is omitted: a plate for its disc, a force for its direction.
@@ -367,11 +378,12 @@ class Marker(NamedPart):
 @displayed
 @dataclass(frozen=True, eq=False)  # by identity, as a key of what is computed once for a robot
 class Robot(Checked):
-    """Bodies, rods, plates, ties, cables, loads, markers and sensors, with gravity and contact.
+    """Bodies, rods, plates, ties, cables, actuators, loads, markers and sensors, with gravity and contact.
 
     Attributes
     ----------
     bodies, plates, cables, loads, rods, ties, markers, sensors : The parts; no two share a name
+    actuators : What drives it beside cables, such as chambers; its name is no other part's either
     gravity : Acceleration (3,) [m/s^2]
     contact : Contact of the parts; None: they may overlap
     limits : Limits of the work on each of its load paths
@@ -388,11 +400,12 @@ class Robot(Checked):
     contact: Contact | None = None
     sensors: tuple[NamedSensor, ...] = ()
     limits: PathLimits = field(default_factory=PathLimits)
+    actuators: tuple[NamedActuator, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        kinds = ("bodies", "plates", "cables", "loads", "rods", "ties", "markers", "sensors")
-        names = [part.name for key in kinds for part in getattr(self, key)]
+        parts = ("bodies", "plates", "cables", "actuators", "loads", "rods", "ties", "markers", "sensors")
+        names = [part.name for key in parts for part in getattr(self, key)]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise InputError(Fault("two parts of the robot share a name", got=", ".join(twice)))
@@ -436,6 +449,11 @@ class Robot(Checked):
             yield from ((body, nodes, f"{plate.name}.nodes.{body}") for body, nodes in plate.nodes.items())
         yield from ((tie.body, tie.nodes, f"{tie.name}.nodes") for tie in self.ties)
         yield from ((one.on, one.faces, f"{one.name}.faces") for one in self.loads if isinstance(one, SurfaceLoad))
+
+    @property
+    def actuated(self) -> tuple[ActuatedPart, ...]:
+        """Everything that drives it: its cables, then its other actuators, in the order of their efforts."""
+        return (*self.cables, *self.actuators)
 
     @property
     def fitted_contact(self) -> Contact | None:

@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.mechanics.cable import cables_of
 from softcal.mechanics.state import State
 from softcal.mechanics.term import Theta
 from softcal.sensing.kind import ChannelKind
@@ -34,7 +33,7 @@ def angle_columns(twin: Twin) -> list[int]:
     return [k for channel, k in twin.columns.items() if channel.kind.is_angle]
 
 
-def sense(twin: Twin, state: State, theta: Theta, shortenings: Mapping[str, float] | None = None) -> Floats:
+def sense(twin: Twin, state: State, theta: Theta, coordinates: Mapping[str, float] | None = None) -> Floats:
     """The channels' values (n_channels,) at a state, in the order of `channel_units`.
 
     Parameters
@@ -45,10 +44,10 @@ def sense(twin: Twin, state: State, theta: Theta, shortenings: Mapping[str, floa
         The state.
     theta
         Parameter values by dotted name [SI].
-    shortenings
-        Of the cables that are commanded by it, which read as commanded, taut or slack [m].
+    coordinates
+        Of the actuators that are commanded by it, which read as commanded: a cable's shortening, taut or slack.
     """
-    return read_all(twin, _StatePosture(twin, state, theta, shortenings or {}))
+    return read_all(twin, _StatePosture(twin, state, theta, coordinates or {}))
 
 
 def read_all(twin: Twin, posture: Posture) -> Floats:
@@ -62,7 +61,7 @@ def sense_rates(
     theta: Theta,
     dz: Floats,
     names: Sequence[str] = (),
-    shortenings: Mapping[str, Floats] | None = None,
+    coordinates: Mapping[str, Floats] | None = None,
 ) -> Floats:
     """The channels' rates (n_channels, k).
 
@@ -78,17 +77,17 @@ def sense_rates(
         Rates of the unknowns (n_unknowns, k).
     names
         Parameters (k,) of which dz is the derivative, or "": they may change a channel at fixed unknowns too.
-    shortenings
-        Rates (k,) of the cables that are commanded by it [m].
+    coordinates
+        Rates (k,) of the coordinates of the actuators that are commanded by it.
     """
     if dz.shape[1] == 0:
         return np.zeros((len(twin.columns), 0))
     posture = _StatePosture(twin, state, theta, {})
-    rates = _StateRates(twin, state, theta, dz, tuple(names) or ("",) * dz.shape[1], shortenings or {})
+    rates = _StateRates(twin, state, theta, dz, tuple(names) or ("",) * dz.shape[1], coordinates or {})
     rows = [row for own in twin.sensors for row in own.sensor.rates(posture, rates)]
     found = np.array(rows).reshape(len(rows), dz.shape[1])
-    # What is read of the same unknowns in another shape; the cables' part is in their own rates.
-    none = dict.fromkeys(cables_of(twin.system).names, 0.0)
+    # What is read of the same unknowns in another shape; the actuators' part is in their own rates.
+    none = dict.fromkeys((actuator.name for actuator in twin.system.actuators), 0.0)
     for k, name in enumerate(names):
         if name in twin.system.neighbours:
             found[:, k] += twin.system.neighbours[name].rate(lambda one, at: sense(one, at, theta, none), state)
@@ -102,7 +101,7 @@ class _StatePosture:
     twin: Twin
     state: State
     theta: Theta
-    shortenings: Mapping[str, float]
+    commanded: Mapping[str, float]
 
     def point(self, name: str) -> Floats:
         if name in self.twin.frame:
@@ -114,16 +113,22 @@ class _StatePosture:
         return self.state.rotation[self.twin.frame[plate]]
 
     def shortening(self, cable: str) -> float:
-        return self.shortenings[cable] if cable in self.shortenings else self._found[cable]
+        return self.coordinate(cable)
 
     def tension(self, cable: str) -> float:
-        return float(self.state.effort[cables_of(self.twin.system).names.index(cable)])
+        return self.effort(cable)
+
+    def coordinate(self, actuator: str) -> float:
+        if actuator in self.commanded:
+            return self.commanded[actuator]
+        return float(self._coordinates[self.twin.system.number(actuator)])
+
+    def effort(self, actuator: str) -> float:
+        return float(self.state.effort[self.twin.system.number(actuator)])
 
     @cached_property
-    def _found(self) -> Mapping[str, float]:
-        cables = cables_of(self.twin.system)
-        found = self.twin.system.coordinates(self.state, self.theta)[cables.own]
-        return dict(zip(cables.names, found.tolist(), strict=True))
+    def _coordinates(self) -> Floats:
+        return self.twin.system.coordinates(self.state, self.theta)
 
 
 @dataclass(frozen=True)
@@ -135,7 +140,7 @@ class _StateRates:
     theta: Theta
     dz: Floats
     names: tuple[str, ...]
-    shortenings: Mapping[str, Floats]
+    commanded: Mapping[str, Floats]
 
     def point(self, name: str) -> Floats:
         if name in self.twin.frame:
@@ -160,18 +165,22 @@ class _StateRates:
         return self._of_frame(plate)[3:]
 
     def shortening(self, cable: str) -> Floats:
-        if cable in self.shortenings:
-            return self.shortenings[cable]
-        cables = cables_of(self.twin.system)
-        return self._coordinates[cables.first + cables.names.index(cable)]
+        return self.coordinate(cable)
+
+    def coordinate(self, actuator: str) -> Floats:
+        if actuator in self.commanded:
+            return self.commanded[actuator]
+        return self._coordinates[self.twin.system.number(actuator)]
 
     @cached_property
     def _coordinates(self) -> Floats:
         return self.twin.system.coordinate_rates(self.state, self.theta, self.dz, self.names)
 
     def tension(self, cable: str) -> Floats:
-        first = self.twin.system.layout.first_effort_unknown
-        return self.dz[first + cables_of(self.twin.system).names.index(cable)]
+        return self.effort(cable)
+
+    def effort(self, actuator: str) -> Floats:
+        return self.dz[self.twin.system.layout.first_effort_unknown + self.twin.system.number(actuator)]
 
     @property
     def _dq(self) -> Floats:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from softcal.errors import Fault, ParameterError
+from softcal.sensing.channel import kinds
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.equilibrium_path import CURVE_TOLERANCE, EquilibriumPath, guide_of, statics_of
 from softcal.twin.joints import loose_faults
@@ -115,6 +116,19 @@ def statics_faults(robot: Robot, values: Mapping[str, float]) -> list[Fault]:
     return faults
 
 
+def _is_one_way(twin: Twin, theta: Mapping[str, float], protocol: Protocol, driven: Sequence[str]) -> bool:
+    """Whether the samples are on one path from rest: not where an actuator that pushes and pulls does both, or is
+    commanded by a coordinate that the dead loads have changed already.
+    """
+    number = {part: twin.system.number(part) for part in driven}
+    both = [part for part in driven if twin.system.effort_limits[0][number[part]] != 0.0]
+    commands = [protocol.commands[part] for part in both]
+    if any(command.values.min() < 0.0 for command in commands):
+        return False
+    by_coordinate = any(kinds()[command.control].drives == "coordinate" for command in commands)
+    return not (by_coordinate and twin.system.is_loaded(theta))
+
+
 def respond(  # noqa: PLR0913 (one keyword for each option)
     twin: Twin,
     theta: Mapping[str, float],
@@ -159,12 +173,12 @@ def respond(  # noqa: PLR0913 (one keyword for each option)
         got, why = ", ".join(sensitivities), "a state depends on the commands of all samples before it, too"
         raise ParameterError(Fault(why, "sensitivities", got, "parameters of the robot"))
     driven = protocol.driven
-    if len(driven) > 1 or twin.system.remembers:
+    if len(driven) > 1 or twin.system.remembers or not _is_one_way(twin, theta, protocol, driven):
         with statics_of(twin, theta) as statics:
             return simulate_many(
                 twin, statics, protocol, names, snapshots=snapshots, crossings=crossings, commanded=commanded
             )
-    is_pulled_in = len(driven) == 1 and protocol.commands[driven[0]].control == "shortening"
+    is_pulled_in = len(driven) == 1 and kinds()[protocol.commands[driven[0]].control].drives == "coordinate"
     own, s, modulus = at_own_moduli(twin, theta) if is_pulled_in else (theta, 1.0, None)
     solved = tuple(name for name in names if name != modulus)
     cable = driven[0] if driven else None

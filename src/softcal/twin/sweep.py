@@ -9,8 +9,9 @@ import numpy as np
 from softcal.errors import SimulationError
 from softcal.mechanics.node import Node
 from softcal.mechanics.path import Path
+from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.crossings import crossed_on_path
-from softcal.twin.drives import Samples, by_shortening, by_tension
+from softcal.twin.drives import Samples, by_coordinate, by_effort
 from softcal.twin.equilibrium_path import EquilibriumPath
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Derivatives, Response, Shown, Snapshot, by_column
@@ -47,7 +48,9 @@ class Sweep:
                 )
                 return self._response(samples, shapes)
             command = protocol.commands[along.cable]
-            read, unit = (by_shortening, "m") if command.control == "shortening" else (by_tension, "N")
+            coordinate, effort = along.channels
+            is_coordinate = command.control == coordinate.name
+            read, unit = (by_coordinate, coordinate.unit) if is_coordinate else (by_effort, effort.unit)
             samples = read(along, start, command.values, ends_there=bool(self.snapshots))
             return self._response(samples, self._shapes(samples, unit))
         except SimulationError as error:
@@ -72,7 +75,8 @@ class Sweep:
             at = [nodes[int(np.abs(have - c).argmin())] for c in samples.c]
             return [self._shape(node, float(told), unit) for node, told in zip(at, samples.commands, strict=True)]
         i = self.along.number
-        return [self._shape(node, node.c if unit == "m" else float(node.state.effort[i]), unit) for node in nodes]
+        is_coordinate = unit == self.along.channels[0].unit
+        return [self._shape(node, node.c if is_coordinate else float(node.state.effort[i]), unit) for node in nodes]
 
     def _shape(self, node: Node, command: float, unit: str) -> Snapshot:
         return snapshot(self.along.twin, node.state, {self.along.cable or "": command}, command, unit)
@@ -80,13 +84,13 @@ class Sweep:
     def _response(self, samples: Samples, shapes: list[Snapshot]) -> Response:
         along, units, path = self.along, self.along.units, samples.path
         snaps, crossed = instability(UNDER_LOADS) if path.nodes[0].is_snapped else "", ""
-        if at := ", ".join(f"{1e3 * node.c:.4g}" for node in path.nodes[1:] if node.is_snapped):
-            snaps += instability(f"at {at} mm of shortening of {along.cable}")
+        if at := [node.c for node in path.nodes[1:] if node.is_snapped]:
+            snaps += instability(f"at {along.place(*at)}")
         remarks = along.twin.system.remarks(path.nodes[-1].state, along.statics.theta)
         if self.crossings:
-            crossed = crossed_on_path(
-                along.twin.skins, along.twin.system.layout, path.nodes, samples.end, along.cable or ""
-            )
+            kind = SHORTENING if along.cable is None else along.channels[0]
+            driven = (along.cable or "", kind)
+            crossed = crossed_on_path(along.twin.skins, along.twin.system.layout, path.nodes, samples.end, driven)
         return Response(
             channels=by_column(units, samples.values),
             units=units,

@@ -1,0 +1,177 @@
+"""The family of the robot's actuators: parts with a coordinate and an effort, of which a command prescribes one.
+
+A kind of actuator is one file: a frozen dataclass, derived from `Actuator` and registered, whose fields are the keys of
+`robot.actuators` in a project file, and the sensor that reads its two channels. Commands, protocols, channels, limits,
+parameters and calibration ask the family. Cables, which have a section of their own and share one term, are of it too.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Protocol, Self
+
+from softcal.catalogue import Catalogue
+from softcal.checks import Floats, Ints
+from softcal.declare import Declared
+from softcal.display import displayed
+from softcal.errors import Fault, unknown
+from softcal.mechanics.actuator import ActuatorTerm
+from softcal.quantities import Quantity
+from softcal.sensing.kind import ChannelKind
+from softcal.twin.part import NamedPart
+
+
+class Places(Protocol):
+    """The numbering of the robot's points, as an actuator needs it to build its term."""
+
+    @property
+    def X(self) -> Floats:
+        """The points of the undeformed robot so far (n_points, 3) [m]."""
+        ...
+
+    def faces(self, body: str, faces: Ints | str, where: str) -> Ints:
+        """Points of faces (n, 3 or 6) of a body's elements, outwards, by faces (n, 3 or more) or a group of its mesh."""
+        ...
+
+    def support(self, at: Floats, on: str, where: str) -> Sequence[tuple[int, float]]:
+        """A point (3,) [m] on a body, plate or rod, or of space, as points with weights."""
+        ...
+
+
+class ActuatedPart(NamedPart, ABC):
+    """A part that drives the robot: a cable, or a named actuator."""
+
+    @property
+    @abstractmethod
+    def channels(self) -> tuple[ChannelKind, ChannelKind]:
+        """Kinds of the channels of its coordinate and of its effort."""
+
+    @property
+    @abstractmethod
+    def ranges(self) -> tuple[Quantity, Quantity]:
+        """Kinds of quantity of the commands of its coordinate and of its effort."""
+
+    @property
+    def controls(self) -> dict[str, Quantity]:
+        """What a command can prescribe, by name: its coordinate and its effort, each with its kind of quantity."""
+        return {kind.name: quantity for kind, quantity in zip(self.channels, self.ranges, strict=True)}
+
+    def command_fault(self, control: str, values: Floats) -> Fault | None:
+        """Why it cannot follow a command; None where it can.
+
+        Parameters
+        ----------
+        control
+            Name of its coordinate or effort.
+        values
+            Of the command (n,) [SI].
+        """
+        where = f"{self.name}.{control}"
+        if control not in self.controls:
+            return unknown("it cannot be commanded by this", self.name, control, self.controls)
+        kind = self.controls[control]
+        faults = (kind.fault(float(end), where) for end in (values.min(), values.max()))
+        return next((fault for fault in faults if fault is not None), None)
+
+
+@displayed
+class Actuator(Declared, ABC):
+    """Drives a robot by an effort on a coordinate: a frozen dataclass, whose fields are the keys of a project file.
+
+    Attributes
+    ----------
+    name
+        By which project files know it.
+    channels, ranges
+        Kinds of the channels, and of the quantities that commands have, of its coordinate and of its effort.
+    quantities
+        Kinds of quantity of its parameters, by the names of the fields that have their values; a field that is None is
+        no parameter.
+    """
+
+    name: ClassVar[str]
+    channels: ClassVar[tuple[ChannelKind, ChannelKind]]
+    ranges: ClassVar[tuple[Quantity, Quantity]]
+    quantities: ClassVar[Mapping[str, Quantity]] = {}
+
+    @abstractmethod
+    def term(self, name: str, places: Places) -> ActuatorTerm:
+        """Its term: one actuator, by the name of the part, its coordinate and effort by those of its channels.
+
+        Parameters
+        ----------
+        name
+            Of the part, first part of its parameters' names.
+        places
+            The numbering of the robot's points.
+
+        Raises
+        ------
+        MeshError
+            Where it cannot be attached.
+        """
+
+    def with_faces(self, faces: Callable[[str, str], Ints | None]) -> Self:
+        """The same with the faces of the regions that it names; a region without any is None, and its fault recorded.
+
+        Parameters
+        ----------
+        faces
+            Of a body and a region of it, by their names, the faces (n, 3 or 6).
+        """
+        return self
+
+
+@displayed
+@dataclass(frozen=True)
+class NamedActuator(ActuatedPart):
+    """An actuator of a robot. name: first part of the names of its channels and parameters."""
+
+    actuator: Actuator
+
+    @property
+    def channels(self) -> tuple[ChannelKind, ChannelKind]:
+        return self.actuator.channels
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The values [SI] of its parameters, by the last parts of their names."""
+        stated = {key: getattr(self.actuator, key) for key in self.actuator.quantities}
+        return {key: float(value) for key, value in stated.items() if value is not None}
+
+    def with_values(self, values: Mapping[str, float]) -> NamedActuator:
+        """The same with those values [SI] of parameters that are its own, by dotted name."""
+        own = {key: values[f"{self.name}.{key}"] for key in self.values if f"{self.name}.{key}" in values}
+        return replace(self, actuator=replace(self.actuator, **own)) if own else self
+
+    @property
+    def ranges(self) -> tuple[Quantity, Quantity]:
+        return self.actuator.ranges
+
+
+def _faults(kind: type[Actuator], known: Mapping[str, type[Actuator]]) -> list[Fault]:
+    """Faults of a class to be registered."""
+    if not (isinstance(kind, type) and issubclass(kind, Actuator)):
+        return [Fault("this is not an actuator", "actuator", repr(kind)[:60], "a subclass of softcal.Actuator")]
+    where = f"actuator {kind.__name__}"
+    lacks = [name for name in ("name", "channels", "ranges") if not hasattr(kind, name)] + sorted(kind.__abstractmethods__)
+    if lacks:
+        return [Fault("the actuator lacks something", where, allowed=f"'{name}' must be there") for name in lacks]
+    faults: list[Fault] = []
+    if [one.drives for one in kind.channels] != ["coordinate", "effort"]:
+        got = ", ".join(f"{one.name}: {one.drives or 'neither'}" for one in kind.channels)
+        faults.append(Fault("an actuator has a coordinate and an effort", where, got, "channels that drive, in turn"))
+    missing = [key for key in kind.quantities if key not in kind.__dataclass_fields__]
+    return faults + [Fault("a parameter is no field of the actuator", where, key) for key in missing]
+
+
+ACTUATORS: Catalogue[type[Actuator]] = Catalogue(
+    "actuator", "softcal.actuators", _faults, home="softcal.twin.actuators"
+)
+
+register_actuator = ACTUATORS.registrar(
+    "register_actuator",
+    "Add a kind of actuator of one's own: a robot's `actuators`, commands, results and reports know it from then on.",
+)

@@ -1,0 +1,126 @@
+"""A pressure chamber: a cavity of bodies that gas or liquid fills, commanded by its pressure or by its pump's volume."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar, Literal, Self
+
+import numpy as np
+
+from softcal.arrays import Triangles
+from softcal.checks import Ints
+from softcal.declare import ByShape
+from softcal.errors import Fault, InputError, MeshError
+from softcal.geometry.surface import border
+from softcal.mechanics.chamber import ChamberTerm, Wall
+from softcal.quantities import QUANTITIES, Quantity
+from softcal.sensing.kind import ChannelKind
+from softcal.sensing.sensor import ActuatorSensor, register_sensor
+from softcal.twin.actuated import Actuator, Places, register_actuator
+from softcal.units import format_quantity
+
+LEAST_VOLUME = 1e-9  # of the cube of a chamber's extent: a smaller one encloses nothing
+
+VOLUME = ChannelKind(
+    "volume",
+    "m^3",
+    "Pumped volume",
+    drives="coordinate",
+    offset=("volume_offset", QUANTITIES["pumped volume"]),
+    gain=("volume_gain", QUANTITIES["positive ratio"]),
+    most=1.0,
+    mistake="ml read as l",
+    noise=1e-8,  # a syringe pump of 10 ml
+)
+PRESSURE = ChannelKind(
+    "pressure",
+    "Pa",
+    "Pressure",
+    drives="effort",
+    offset=("pressure_offset", QUANTITIES["pressure offset"]),
+    gain=("pressure_gain", QUANTITIES["positive ratio"]),
+    drift=("pressure_drift", QUANTITIES["pressure offset"]),
+    most=1e8,
+    mistake="kPa read as MPa",
+    noise=250.0,  # a gauge of 100 kPa, 0.25 % of its range
+)
+
+
+@register_sensor
+@dataclass(frozen=True)
+class ChamberSensor(ActuatorSensor):
+    """Volume [m^3] that a chamber's pump has displaced, and its pressure [Pa] above the atmosphere's."""
+
+    name: ClassVar[str] = "chamber"
+    kinds: ClassVar[tuple[ChannelKind, ...]] = (VOLUME, PRESSURE)
+    of: ClassVar[str] = "chamber"
+
+
+@register_actuator
+@dataclass(frozen=True)
+class Chamber(Actuator):
+    """A cavity of one or more bodies; flat caps close its openings, as a plug or a plate does.
+
+    Attributes
+    ----------
+    walls : Body -> the part of its surface that the cavity has: a region's name, or triangles (n, 3 or 6) of its mesh
+    medium : "gas", which the pump compresses, or "liquid", which it does not
+    dead_volume : Of gas in hoses, fittings and pump at no pressure [m^3]; with a gas alone
+    hose_compliance : Volume of the hoses per pressure [m^3/Pa]; None: they are stiff
+    polytropic_exponent : 1 for a gas that stays as warm as it is, 1.4 for air that is compressed at once; None: 1
+    """
+
+    walls: Mapping[str, Annotated[str | Triangles, ByShape()]]
+    medium: Literal["gas", "liquid"] = "gas"
+    dead_volume: Annotated[float, QUANTITIES["dead volume"]] | None = None
+    hose_compliance: Annotated[float, QUANTITIES["compliance of a hose"]] | None = None
+    polytropic_exponent: Annotated[float, QUANTITIES["polytropic exponent"]] | None = None
+
+    name: ClassVar[str] = "chamber"
+    channels: ClassVar[tuple[ChannelKind, ChannelKind]] = (VOLUME, PRESSURE)
+    ranges: ClassVar[tuple[Quantity, Quantity]] = (QUANTITIES["pumped volume"], QUANTITIES["gauge pressure"])
+    quantities: ClassVar[Mapping[str, Quantity]] = {
+        "dead_volume": QUANTITIES["dead volume"],
+        "hose_compliance": QUANTITIES["compliance of a hose"],
+        "polytropic_exponent": QUANTITIES["polytropic exponent"],
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.walls:
+            raise InputError(Fault("the chamber has no wall", "walls", allowed="body: region, for one body or more"))
+        for key in ("dead_volume", "polytropic_exponent"):
+            if self.medium == "liquid" and getattr(self, key) is not None:
+                allowed = "medium: gas, or hose_compliance"
+                raise InputError(Fault("a liquid is not compressed", key, f"{getattr(self, key):.6g}", allowed))
+
+    def with_faces(self, faces: Callable[[str, str], Ints | None]) -> Self:
+        named = {body: faces(body, wall) if isinstance(wall, str) else wall for body, wall in self.walls.items()}
+        return replace(self, walls={body: wall for body, wall in named.items() if wall is not None} or self.walls)
+
+    def term(self, name: str, places: Places) -> ChamberTerm:
+        walls: list[Wall] = []
+        for body, given in self.walls.items():
+            faces = places.faces(body, given, f"{name}.walls.{body}")
+            walls.append(Wall(faces, tuple(border(faces))))
+        term = ChamberTerm(
+            name=name,
+            walls=tuple(walls),
+            rest_volume=0.0,
+            stated=tuple(key for key in self.quantities if getattr(self, key) is not None),
+            is_gas=self.medium == "gas",
+        )
+        volume = term.volume(places.X)
+        points = places.X[np.unique(np.concatenate([wall.faces.ravel() for wall in walls]))]
+        if not volume > LEAST_VOLUME * float(np.ptp(points, axis=0).max()) ** 3:
+            raise MeshError(
+                Fault(
+                    "the walls of the chamber enclose no volume",
+                    f"{name}.walls",
+                    got=format_quantity(volume, "m^3"),
+                    allowed="the inner surface of a cavity, seen from which the material is outside",
+                )
+            )
+        return replace(term, rest_volume=volume)
+

@@ -73,6 +73,8 @@ bar = 1e5 * pascal
 millibar = 100 * pascal = mbar
 atmosphere = 101325 * pascal = atm
 psi = pound_force / inch ** 2
+millimetre_of_mercury = 133.322387415 * pascal = mmHg
+torr = 101325 / 760 * pascal = Torr
 ksi = 1000 * psi
 joule = newton * metre = J
 """
@@ -83,6 +85,7 @@ FREQUENT = {
     "dimensionless": {"1": 1.0, "%": 0.01},
     "[length]": {"m": 1.0, "cm": 0.01, "mm": 0.001},
     "[length] ** 2": {"m^2": 1.0},
+    "[length] ** 3": {"m^3": 1.0, "ml": 1e-6, "mm^3": 1e-9},
     "[length] ** 4": {"m^4": 1.0},
     "[mass]": {"kg": 1000.0, "g": 1.0},
     "[mass] / [length] ** 3": {"kg/m^3": 1000.0},
@@ -92,6 +95,7 @@ FREQUENT = {
     "[mass] * [length] ** 2 / [time] ** 2": {"N*m": 1000.0},
     "[mass] / [time] ** 2": {"N/m": 1000.0},
     "[time] ** 2 / [mass]": {"m/N": 0.001},
+    "[length] ** 4 * [time] ** 2 / [mass]": {"m^3/Pa": 0.001},
     "[angle]": {"rad": 1.0, "deg": 0.017453292519943295},
     "[angle] / [length]": {"rad/m": 1.0},
     "[time]": {"s": 1.0, "ms": 0.001},
@@ -129,7 +133,8 @@ _DECIMAL_COMMA = re.compile(r"\s*[-+]?[0-9]+,[0-9]+\s*")
 _USUAL = {
     "m": ("m", "mm", "cm", "um", "km", "in", "ft"),
     "N": ("N", "mN", "kN", "kgf", "gf", "lbf"),
-    "Pa": ("Pa", "kPa", "MPa", "GPa", "psi", "bar", "N/mm^2"),
+    "Pa": ("Pa", "kPa", "MPa", "GPa", "psi", "bar", "mbar", "mmHg", "N/mm^2"),
+    "m^3": ("m^3", "ml", "l", "mm^3", "cm^3"),
     "rad": ("rad", "mrad", "deg"),
     "s": ("s", "ms", "min", "h"),
     "kg": ("kg", "g", "mg", "lb", "oz"),
@@ -360,7 +365,7 @@ def readable_unit(value: float, si_unit: str) -> str:
         return "Pa" if abs(value) < 100 else "kPa"
     if si_unit == "kg" and abs(value) < 0.9995:
         return "g"
-    return {"m": "mm", "rad": "deg"}.get(si_unit, si_unit)
+    return {"m": "mm", "rad": "deg", "m^3": "ml"}.get(si_unit, si_unit)
 
 
 def _unreadable(value: object, si_unit: str, where: str, attempt: str = "") -> UnitError:

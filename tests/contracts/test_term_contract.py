@@ -349,9 +349,7 @@ CASES = {
     ),
     "chamber": Case(ChamberTerm, lambda: blown_box("P1", is_open=False, medium="gas"), *PUMPED),
     "chamber, P2, open": Case(ChamberTerm, lambda: blown_box("P2", is_open=True, medium="gas"), *PUMPED),
-    "chamber of a liquid, P2P1": Case(
-        ChamberTerm, lambda: blown_box("P2P1", is_open=True, medium="liquid"), *PUMPED
-    ),
+    "chamber of a liquid, P2P1": Case(ChamberTerm, lambda: blown_box("P2P1", is_open=True, medium="liquid"), *PUMPED),
     "loads": Case(Loads, bent_column, first(Loads)),
     "moments": Case(Moments, twisted_whip, first(Moments), has_energy=False),
     "contact": Case(ContactTerm, blocks, first(ContactTerm), pressed),

@@ -267,10 +267,10 @@ class Share(Sensor):
     cable: str = "front"
 
     def sense(self, robot: Posture) -> list[float]:
-        return [robot.tension(self.cable)]
+        return [robot.effort(self.cable)]
 
     def rates(self, robot: Posture, moving: PostureRates) -> list[np.ndarray]:
-        return [moving.tension(self.cable)]
+        return [moving.effort(self.cable)]
 
 
 def test_sensors_of_other_makers_read_what_is_solved():

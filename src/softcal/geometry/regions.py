@@ -7,6 +7,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse as sp
+from scipy.sparse.csgraph import connected_components
 
 from softcal.checks import Floats, Ints
 from softcal.declare import Declared
@@ -105,8 +107,34 @@ class Sphere(Declared):
         return np.linalg.norm(points - np.asarray(self.centre), axis=1) <= self.radius + slack
 
 
+@dataclass(frozen=True)
+class Cavity(Declared):
+    """The wall of a cavity: the surface around a point [m], up to the planes of its openings, where there are any.
+
+    The point is in the cavity or on its wall. Edges that lie in the plane of an opening border the wall.
+    """
+
+    at: Point
+    openings: tuple[Plane, ...] = ()
+
+    def faces(self, mesh: TetMesh) -> Ints:
+        """The faces (n, 3 or 6) of the wall, outwards from the material."""
+        faces = boundary_faces(mesh)
+        corners, slack = faces[:, :3], _slack(mesh)
+        edges = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)
+        at_opening = np.zeros(len(edges), dtype=bool)
+        for plane in self.openings:
+            at_opening |= plane.contains(mesh.points[edges].reshape(-1, 3), slack).reshape(-1, 2).all(axis=1)
+        order = np.lexsort(edges.T)
+        joined = (np.diff(edges[order], axis=0) == 0).all(axis=1) & ~at_opening[order[:-1]]
+        one, other = order[:-1][joined] % len(faces), order[1:][joined] % len(faces)
+        links = sp.coo_matrix((np.ones(len(one)), (one, other)), shape=(len(faces), len(faces)))
+        _, part = connected_components(links, directed=False)
+        return faces[part == part[nearest_triangle(mesh.points[corners], np.asarray(self.at))]]
+
+
 Shape = Box | Plane | Cylinder | Sphere
-Region = Named | Shape
+Region = Named | Shape | Cavity
 
 
 def plane_at(triangles: Floats, point: Floats) -> Plane | None:
@@ -178,6 +206,8 @@ def select_nodes(mesh: TetMesh, region: Region, *, where: str = "") -> Ints:
                 )
             )
         return _something(np.unique(nodes), mesh, region, "nodes", where)
+    if isinstance(region, Cavity):
+        return np.unique(region.faces(mesh))
     return _something(np.flatnonzero(region.contains(mesh.points, _slack(mesh))), mesh, region, "nodes", where)
 
 
@@ -200,6 +230,8 @@ def select_faces(mesh: TetMesh, region: Region, *, where: str = "") -> Ints:
     """
     if isinstance(region, Named) and region.name in mesh.face_sets:
         return _something(matching_faces(mesh, mesh.face_sets[region.name], where=where), mesh, region, "faces", where)
+    if isinstance(region, Cavity):
+        return region.faces(mesh)
     inside = np.zeros(mesh.n_points, dtype=bool)
     inside[select_nodes(mesh, region, where=where)] = True
     faces = boundary_faces(mesh)
@@ -223,8 +255,8 @@ def select_elements(mesh: TetMesh, region: Region, *, where: str = "") -> Ints:
     MeshError
         Where the region selects nothing or its name is not known.
     """
-    if isinstance(region, Named):
-        if region.name in mesh.element_sets:
+    if isinstance(region, Named | Cavity):
+        if isinstance(region, Named) and region.name in mesh.element_sets:
             return _something(np.unique(mesh.element_sets[region.name]), mesh, region, "elements", where)
         inside = np.zeros(mesh.n_points, dtype=bool)
         inside[select_nodes(mesh, region, where=where)] = True

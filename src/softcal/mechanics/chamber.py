@@ -85,7 +85,7 @@ class Filling(NamedTuple):
         """int g dp from 0 [J]."""
         k = 1.0 - 1.0 / self.exponent
         ratio = np.log1p(p / ATMOSPHERE)
-        power = ratio if k < 1e-6 else np.expm1(k * ratio) / k  # noqa: PLR2004 (isothermal to rounding)
+        power = ratio if k < 1e-6 else np.expm1(k * ratio) / k
         return 0.5 * self.compliance * p**2 + self.gas * float(p - ATMOSPHERE * power)
 
     def rates(self, p: float) -> dict[str, float]:
@@ -160,7 +160,7 @@ class ChamberTerm(ActuatorTerm):
         """
         found = []
         for wall in self.walls:
-            order = 2 if wall.faces.shape[1] > 3 else 1  # noqa: PLR2004 (corners of a triangle)
+            order = 2 if wall.faces.shape[1] > 3 else 1
             edge = _CURVED_EDGE if order > 1 else _EDGE
             for rim in wall.rims:
                 m = len(rim) - 1
@@ -288,7 +288,7 @@ def _on_faces(faces: Ints, x: Floats) -> tuple[Floats, ...]:
     """Shape functions and their derivatives (6, k), and x, x_u, x_v (n, 6, 3) at the points of quadrature."""
     u, v = _POINTS.T
     w, one, none = 1.0 - u - v, np.ones_like(u), np.zeros_like(u)
-    if faces.shape[1] == 3:  # noqa: PLR2004 (corners of a triangle)
+    if faces.shape[1] == 3:
         shapes = ((w, u, v), (-one, one, none), (-one, none, one))
     else:
         shapes = (

@@ -14,7 +14,7 @@ from softcal.geometry.disc import SolidDisc
 from softcal.geometry.generate import require_target
 from softcal.geometry.neck import Neck
 from softcal.geometry.primitives import Filled, Primitive
-from softcal.geometry.regions import Box, Cylinder, Named, Plane, Region, Sphere
+from softcal.geometry.regions import Box, Cavity, Cylinder, Named, Plane, Region, Sphere
 from softcal.geometry.shape import DrawnShape
 from softcal.geometry.wire import SolidRod, SolidSpring
 from softcal.limits import LIMITS
@@ -105,6 +105,7 @@ class RegionSection(Section):
     box: Box | None = None
     cylinder: Cylinder | None = None
     sphere: Sphere | None = None
+    cavity: Cavity | None = None
 
     def _check(self) -> None:
         kinds = sorted(self.model_fields_set)
@@ -113,11 +114,11 @@ class RegionSection(Section):
                 Fault(
                     "a region is one shape or one group",
                     got=", ".join(kinds) or "nothing",
-                    allowed="one of group, plane, box, cylinder, sphere",
+                    allowed="one of group, plane, box, cylinder, sphere, cavity",
                 )
             )
 
     @property
     def region(self) -> Region:
         """The region: the one key that is present."""
-        return self.plane or self.box or self.cylinder or self.sphere or Named(self.group or "")
+        return self.plane or self.box or self.cylinder or self.sphere or self.cavity or Named(self.group or "")

@@ -11,7 +11,15 @@ from softcal.geometry.quality import MeshReport, check_quality
 from softcal.project.document import Findings
 from softcal.project.robot_bodies import MeshMaker, build_bodies
 from softcal.project.robot_fit import check_whole
-from softcal.project.robot_parts import Carriers, build_cable, build_load, build_marker, build_plate, build_tie
+from softcal.project.robot_parts import (
+    Carriers,
+    build_actuator,
+    build_cable,
+    build_load,
+    build_marker,
+    build_plate,
+    build_tie,
+)
 from softcal.project.robot_rods import build_rod
 from softcal.project.robot_schema import KINDS, RobotSection, generated_names
 from softcal.project.sensor_schema import built_sensors
@@ -66,6 +74,7 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
     carriers = Carriers(built, {plate.name: plate for plate in whole_plates}, holes, own_rods, findings)
     ties = [build_tie(name, tie, built, findings) for name, tie in section.ties.items()]
     cables = [build_cable(name, cable, carriers) for name, cable in section.cables.items()]
+    actuators = [build_actuator(name, actuator, carriers) for name, actuator in section.actuators.items()]
     loads = [build_load(name, load, gravity, carriers) for name, load in section.loads.items()]
     markers = [build_marker(name, marker, carriers) for name, marker in section.markers.items()]
     if len(findings.faults) > n_faults:
@@ -79,6 +88,7 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
             gravity=gravity,
             contact=section.contact,
             limits=section.limits,
+            actuators=tuple(part for part in actuators if part),
             rods=(*(given.rods if given else ()), *(rod for rod in rods if rod)),
             ties=tuple(tie for tie in ties if tie),
             markers=(*(given.markers if given else ()), *(marker for marker in markers if marker)),

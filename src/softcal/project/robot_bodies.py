@@ -15,7 +15,7 @@ from softcal.geometry.quality import MeshReport, check_quality, require_sound
 from softcal.geometry.regions import Named, select_elements, select_faces, select_nodes
 from softcal.geometry.shape import BodyShape, PrimitiveShape
 from softcal.project.document import Findings, KeyPath
-from softcal.project.robot_schema import BodySection, LoadSection
+from softcal.project.robot_schema import BodySection
 from softcal.quantities import QUANTITIES
 from softcal.twin.clamp import clamp_zone
 from softcal.twin.material import Material
@@ -73,28 +73,28 @@ class BuiltBodies:
         names = (*self.sections[body].regions, *mesh.node_sets, *mesh.face_sets, *mesh.element_sets)
         return list(dict.fromkeys(names))
 
-    def faces(self, load: LoadSection, path: KeyPath, findings: Findings) -> Ints | None:
-        """Triangles (n, 3 or 6) that a load acts on; None with a fault, which is recorded.
+    def faces(self, body: str, region: str, at_body: KeyPath, at_region: KeyPath, findings: Findings) -> Ints | None:
+        """Triangles (n, 3 or 6) of a body's region; None with a fault, which is recorded.
 
         Parameters
         ----------
-        load
-            Section of the load.
-        path
-            Key path of the section in the file, for faults.
+        body, region
+            Their names.
+        at_body, at_region
+            Key paths of these in the file, for faults.
         findings
             Collects the faults and warnings.
         """
-        if load.on not in self.sections:
-            findings.unknown((*path, "on"), "body", load.on, self.sections)
-        elif load.on in self.meshes and load.region is not None:
-            regions = self.sections[load.on].regions
-            if load.region not in self.known_regions(load.on):
-                findings.unknown((*path, "region"), "region", load.region, self.known_regions(load.on))
+        if body not in self.sections:
+            findings.unknown(at_body, "body", body, self.sections)
+        elif body in self.meshes:
+            regions = self.sections[body].regions
+            if region not in self.known_regions(body):
+                findings.unknown(at_region, "region", region, self.known_regions(body))
                 return None
-            region = regions[load.region].region if load.region in regions else Named(load.region)
-            with findings.at((*path, "region")):
-                return select_faces(self.made[load.on], region)
+            chosen = regions[region].region if region in regions else Named(region)
+            with findings.at(at_region):
+                return select_faces(self.made[body], chosen)
         return None
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
 from softcal.geometry.bore import wall_around
 from softcal.geometry.locate import nearest_places
 from softcal.project.document import Findings, KeyPath
@@ -20,6 +20,7 @@ from softcal.project.robot_schema import (
     TieSection,
     ViaSection,
 )
+from softcal.twin.actuated import Actuator, NamedActuator
 from softcal.twin.cables import require_changing_length
 from softcal.twin.joints import tie_fault
 from softcal.twin.robot import Cable, Marker, Moment, Plate, PointLoad, Rod, SurfaceLoad, Tie, ViaPoint
@@ -233,6 +234,31 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
     return None
 
 
+def build_actuator(name: str, actuator: Actuator, carriers: Carriers) -> NamedActuator | None:
+    """One actuator, its regions as faces; None with a fault.
+
+    Parameters
+    ----------
+    name
+        Name in the project file.
+    actuator
+        As the file has it.
+    carriers
+        The bodies.
+    """
+    path, findings = ("robot", "actuators", name), carriers.findings
+
+    def faces(body: str, region: str) -> Ints | None:
+        where = (*path, *actuator.region_key, body)
+        return carriers.built.faces(body, region, where, where, findings)
+
+    n_faults = len(findings.faults)
+    with findings.at(path):
+        part = NamedActuator(name, actuator.with_faces(faces))
+        return part if len(findings.faults) == n_faults else None
+    return None
+
+
 def build_load(
     name: str, load: LoadSection, gravity: Floats, carriers: Carriers
 ) -> PointLoad | Moment | SurfaceLoad | None:
@@ -251,8 +277,8 @@ def build_load(
     """
     path = ("robot", "loads", name)
     findings = carriers.findings
-    if load.traction is not None:
-        faces = carriers.built.faces(load, path, findings)
+    if load.traction is not None and load.region is not None:
+        faces = carriers.built.faces(load.on, load.region, (*path, "on"), (*path, "region"), findings)
         if faces is None:
             return None
         return SurfaceLoad(name, load.on, faces, load.traction)

@@ -28,7 +28,7 @@ from softcal.project.document import Document, Findings
 from softcal.project.mesh_schema import Mesh, MeshShape, RegionSection
 from softcal.project.rod_schema import RodSection
 from softcal.project.section import Section, validated
-from softcal.project.sensor_schema import SensorSection
+from softcal.project.sensor_schema import ActuatorSection, SensorSection
 from softcal.quantities import Clearance, Density, Direction, Force, Friction, Mass, Size
 from softcal.quantities import Moment as MomentSize
 from softcal.twin.barrier import Contact
@@ -37,7 +37,7 @@ from softcal.twin.clamp import Clamp
 from softcal.twin.manipulator import Manipulator
 from softcal.twin.robot import Body, Disc, Inertia, Plate, PointLoad, Tie, ViaPoint
 
-KINDS = ("bodies", "rods", "plates", "ties", "cables", "loads", "markers", "sensors")
+KINDS = ("bodies", "rods", "plates", "ties", "cables", "actuators", "loads", "markers", "sensors")
 
 
 class MaterialSection(ConstantsSection):
@@ -227,7 +227,7 @@ def _contact(value: object) -> object:
 
 
 class RobotSection(Section):
-    """Bodies, rods, plates, ties, cables, loads, markers, sensors, gravity; or a manipulator, with more or without."""
+    """Bodies, rods, plates, ties, cables, actuators, loads, markers, sensors, gravity; or a manipulator, and more."""
 
     manipulator: Manipulator | None = None
     bodies: Mapping[str, BodySection] = Field(default_factory=dict)
@@ -235,6 +235,7 @@ class RobotSection(Section):
     plates: Mapping[str, PlateSection] = Field(default_factory=dict)
     ties: Mapping[str, TieSection] = Field(default_factory=dict)
     cables: Mapping[str, CableSection] = Field(default_factory=dict)
+    actuators: Mapping[str, ActuatorSection] = Field(default_factory=dict)
     loads: Mapping[str, LoadSection] = Field(default_factory=dict)
     markers: Mapping[str, MarkerSection] = Field(default_factory=dict)
     contact: Annotated[Contact | None, Reading(_contact)] = None

@@ -1,37 +1,50 @@
-"""Schema of `sensors` in a project file: the kind of each, its fields, and the parts that it reads."""
+"""Schema of `sensors` and `actuators` in a project file: the kind of each, its fields, and the parts that it reads."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import InitErrorDetails
 
+from softcal.catalogue import Catalogue
 from softcal.declare import Reading, as_pydantic, shown
 from softcal.errors import Fault, InputError
 from softcal.project.document import Findings
 from softcal.sensing.sensor import SENSORS, NamedSensor, Sensor
+from softcal.twin.actuated import ACTUATORS, Actuator
 from softcal.twin.channels import part_fault, sensor_fault
 from softcal.twin.robot import Robot
 
-KEY = "sensor"
+Member = TypeVar("Member")
 
 
-def _read(value: Any) -> Sensor:
+def _member(value: Any, family: Catalogue[type[Member]], among: Sequence[str]) -> Member:
+    """The member of a family that a section describes: `sensor: NAME`, and the fields of its class."""
+    key = family.what
     if not isinstance(value, dict):
         raise InputError(Fault("this is of the wrong kind", got=shown(value), allowed="a mapping of keys"))
-    if KEY not in value:
-        raise InputError(Fault("a key is missing", allowed=f"'{KEY}' must be given"))
-    name = value[KEY]
-    if not isinstance(name, str) or name not in SENSORS:
-        unknown = as_pydantic(SENSORS.unknown(str(name), among=[one for one in SENSORS if not SENSORS[one].of]))
-        raise ValidationError.from_exception_data(KEY, [InitErrorDetails(type=unknown, loc=(KEY,), input=name)])
-    return TypeAdapter(SENSORS[name]).validate_python({key: given for key, given in value.items() if key != KEY})
+    if key not in value:
+        raise InputError(Fault("a key is missing", allowed=f"'{key}' must be given"))
+    name = value[key]
+    if not isinstance(name, str) or name not in family:
+        unknown = as_pydantic(family.unknown(str(name), among=among))
+        raise ValidationError.from_exception_data(key, [InitErrorDetails(type=unknown, loc=(key,), input=name)])
+    return TypeAdapter(family[name]).validate_python({field: given for field, given in value.items() if field != key})
 
 
-# `sensor: NAME`, and the fields of the class that is registered by that name.
-SensorSection = Annotated[Sensor, Reading(_read, "instead")]
+def _sensor(value: Any) -> Sensor:
+    return _member(value, SENSORS, [name for name, one in SENSORS.items() if not one.of])
+
+
+def _actuator(value: Any) -> Actuator:
+    return _member(value, ACTUATORS, list(ACTUATORS))
+
+
+# `sensor: NAME` or `actuator: NAME`, and the fields of the class that is registered by that name.
+SensorSection = Annotated[Sensor, Reading(_sensor, "instead")]
+ActuatorSection = Annotated[Actuator, Reading(_actuator, "instead")]
 
 
 def check_sensors(given: Mapping[str, object], parts: Mapping[str, list[str]], findings: Findings) -> None:
@@ -48,7 +61,7 @@ def check_sensors(given: Mapping[str, object], parts: Mapping[str, list[str]], f
     """
     for name, one in given.items():
         try:
-            sensor = _read(one)
+            sensor = _sensor(one)
         except (InputError, ValidationError):
             continue
         if fault := part_fault(name, sensor, parts):

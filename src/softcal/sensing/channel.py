@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from softcal.quantities import Quantity
 from softcal.sensing.kind import ChannelKind
-from softcal.sensing.sensor import SENSORS, Sensor
+from softcal.sensing.sensor import PARTS, SENSORS, Sensor
 
 TIME = ChannelKind("time", "s", "Time")
 _DEVIATION = "_sd"  # suffix of the channel with another's standard deviation, sample by sample: `m4.x_sd`
@@ -111,8 +111,18 @@ def readings() -> Mapping[str, Quantity]:
 
 
 def carriers(kind: ChannelKind) -> tuple[str, ...]:
-    """The robot's parts that carry channels of a kind: of "cables", "markers", "plates" and "sensors"."""
-    return tuple(sorted({sensor.of or "sensors" for sensor in SENSORS.values() if kind in sensor.kinds}))
+    """The robot's parts that carry channels of a kind: of "actuators", "cables", "markers", "plates" and "sensors"."""
+    owners = [sensor.of or "sensors" for sensor in SENSORS.values() if kind in sensor.kinds]
+    return tuple(sorted({of if of in (*PARTS, "sensors") else "actuators" for of in owners}))
+
+
+def of_actuator(kind: ChannelKind) -> tuple[ChannelKind, ChannelKind]:
+    """The kinds of the coordinate and the effort of those actuators that have a channel of this kind, which drives."""
+    for sensor in SENSORS.values():
+        if kind in sensor.kinds and sensor.of:
+            by = {one.drives: one for one in sensor.kinds}
+            return by["coordinate"], by["effort"]
+    raise KeyError(kind.name)
 
 
 def positions(point: str) -> tuple[ChannelName, ...]:

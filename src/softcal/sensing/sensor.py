@@ -32,16 +32,8 @@ class Posture(Protocol):
         """Rotation (3, 3) of a plate from its rest pose."""
         ...
 
-    def shortening(self, cable: str) -> float:
-        """Shortening [m] of a cable, slack or not."""
-        ...
-
-    def tension(self, cable: str) -> float:
-        """Tension [N] of a cable."""
-        ...
-
     def coordinate(self, actuator: str) -> float:
-        """Coordinate of an actuator, in its own unit: of a cable its shortening."""
+        """Coordinate of an actuator, in its own unit: of a cable its shortening, slack or not."""
         ...
 
     def effort(self, actuator: str) -> float:
@@ -58,14 +50,6 @@ class PostureRates(Protocol):
 
     def rotation(self, plate: str) -> Floats:
         """Angular velocities (3, k) of a plate, in the robot's frame."""
-        ...
-
-    def shortening(self, cable: str) -> Floats:
-        """Rates (k,) of a cable's shortening."""
-        ...
-
-    def tension(self, cable: str) -> Floats:
-        """Rates (k,) of a cable's tension."""
         ...
 
     def coordinate(self, actuator: str) -> Floats:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self, cast
 
 from softcal.catalogue import Catalogue
 from softcal.checks import Floats, Ints
@@ -32,7 +32,7 @@ class Places(Protocol):
         ...
 
     def faces(self, body: str, faces: Ints | str, where: str) -> Ints:
-        """Points of faces (n, 3 or 6) of a body's elements, outwards, by faces (n, 3 or more) or a group of its mesh."""
+        """Points of faces (n, 3 or 6) of a body's elements, outwards; faces: those, or a group, of its mesh."""
         ...
 
     def support(self, at: Floats, on: str, where: str) -> Sequence[tuple[int, float]]:
@@ -89,12 +89,15 @@ class Actuator(Declared, ABC):
     quantities
         Kinds of quantity of its parameters, by the names of the fields that have their values; a field that is None is
         no parameter.
+    region_key
+        The key of a project file, if any, that maps bodies to their regions.
     """
 
     name: ClassVar[str]
     channels: ClassVar[tuple[ChannelKind, ChannelKind]]
     ranges: ClassVar[tuple[Quantity, Quantity]]
     quantities: ClassVar[Mapping[str, Quantity]] = {}
+    region_key: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def term(self, name: str, places: Places) -> ActuatorTerm:
@@ -112,6 +115,10 @@ class Actuator(Declared, ABC):
         MeshError
             Where it cannot be attached.
         """
+
+    def with_values(self, values: Mapping[str, float]) -> Self:
+        """The same with other values [SI] of its parameters, by the names of the fields."""
+        return replace(cast("Any", self), **values)
 
     def with_faces(self, faces: Callable[[str, str], Ints | None]) -> Self:
         """The same with the faces of the regions that it names; a region without any is None, and its fault recorded.
@@ -144,7 +151,7 @@ class NamedActuator(ActuatedPart):
     def with_values(self, values: Mapping[str, float]) -> NamedActuator:
         """The same with those values [SI] of parameters that are its own, by dotted name."""
         own = {key: values[f"{self.name}.{key}"] for key in self.values if f"{self.name}.{key}" in values}
-        return replace(self, actuator=replace(self.actuator, **own)) if own else self
+        return replace(self, actuator=self.actuator.with_values(own)) if own else self
 
     @property
     def ranges(self) -> tuple[Quantity, Quantity]:
@@ -156,14 +163,15 @@ def _faults(kind: type[Actuator], known: Mapping[str, type[Actuator]]) -> list[F
     if not (isinstance(kind, type) and issubclass(kind, Actuator)):
         return [Fault("this is not an actuator", "actuator", repr(kind)[:60], "a subclass of softcal.Actuator")]
     where = f"actuator {kind.__name__}"
-    lacks = [name for name in ("name", "channels", "ranges") if not hasattr(kind, name)] + sorted(kind.__abstractmethods__)
+    lacks = [name for name in ("name", "channels", "ranges") if not hasattr(kind, name)]
+    lacks += sorted(kind.__abstractmethods__)
     if lacks:
         return [Fault("the actuator lacks something", where, allowed=f"'{name}' must be there") for name in lacks]
     faults: list[Fault] = []
     if [one.drives for one in kind.channels] != ["coordinate", "effort"]:
         got = ", ".join(f"{one.name}: {one.drives or 'neither'}" for one in kind.channels)
         faults.append(Fault("an actuator has a coordinate and an effort", where, got, "channels that drive, in turn"))
-    missing = [key for key in kind.quantities if key not in kind.__dataclass_fields__]
+    missing = [key for key in kind.quantities if key not in getattr(kind, "__dataclass_fields__", {})]
     return faults + [Fault("a parameter is no field of the actuator", where, key) for key in missing]
 
 

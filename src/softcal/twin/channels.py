@@ -66,7 +66,8 @@ def part_fault(name: str, sensor: Sensor, parts: Mapping[str, Iterable[str]]) ->
         for i, kind in enumerate(PARTS)
     }
     try:
-        sensor.sense(_AtRest(*(somewhere[kind] for kind in ("markers", "plates", "cables"))))
+        driven = dict.fromkeys([*parts["cables"], *parts["actuators"]])
+        sensor.sense(_AtRest(somewhere["markers"], somewhere["plates"], driven))
     except _NoPart as error:
         return replace(error.faults[0], where=name)
     except (ParameterError, ArithmeticError):
@@ -131,15 +132,8 @@ class _AtRest:
         _named(plate, "plate", self.plates)
         return np.eye(3)
 
-    def shortening(self, cable: str) -> float:
-        _named(cable, "cable", self.actuators)
-        return 0.0
-
-    def tension(self, cable: str) -> float:
-        return self.shortening(cable)
-
     def coordinate(self, actuator: str) -> float:
-        _named(actuator, "actuator", self.actuators)
+        _named(actuator, "cable or actuator", self.actuators)
         return 0.0
 
     def effort(self, actuator: str) -> float:

@@ -18,8 +18,6 @@ from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.barrier import Contact
 from softcal.twin.contacts import bonded_pairs, moving_together, pressing_skins, rigid_groups
 from softcal.twin.cores import body_skin, columns, joined, numbers
-from softcal.sensing.kind import ChannelKind
-from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.robot import Robot
 from softcal.units import format_quantity, readable_unit, unit_factor
 

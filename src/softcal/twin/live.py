@@ -389,9 +389,8 @@ class _Place(_InOneProcess):
         )
         self._steps.factorise(self.state, now)
         dz = by_command(statics, self.state, now, target, np.arange(len(parts)))
-        own = {
-            name: (np.array(labels) == str(ChannelName(parts[name][0], name))).astype(float) for name in self.coordinates
-        }
+        names = {name: str(ChannelName(parts[name][0], name)) for name in self.coordinates}
+        own = {name: (np.array(labels) == label).astype(float) for name, label in names.items()}
         return self._jacobian(labels, sense_rates(self.twin, self.state, statics.theta, dz, (), own))
 
     @_in_turn

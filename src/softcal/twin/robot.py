@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -48,7 +48,6 @@ from softcal.twin.part import NamedPart
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
 
 
 def _drives(control: str, where: str) -> str:

@@ -112,12 +112,6 @@ class _StatePosture:
     def rotation(self, plate: str) -> Floats:
         return self.state.rotation[self.twin.frame[plate]]
 
-    def shortening(self, cable: str) -> float:
-        return self.coordinate(cable)
-
-    def tension(self, cable: str) -> float:
-        return self.effort(cable)
-
     def coordinate(self, actuator: str) -> float:
         if actuator in self.commanded:
             return self.commanded[actuator]
@@ -164,9 +158,6 @@ class _StateRates:
     def rotation(self, plate: str) -> Floats:
         return self._of_frame(plate)[3:]
 
-    def shortening(self, cable: str) -> Floats:
-        return self.coordinate(cable)
-
     def coordinate(self, actuator: str) -> Floats:
         if actuator in self.commanded:
             return self.commanded[actuator]
@@ -175,9 +166,6 @@ class _StateRates:
     @cached_property
     def _coordinates(self) -> Floats:
         return self.twin.system.coordinate_rates(self.state, self.theta, self.dz, self.names)
-
-    def tension(self, cable: str) -> Floats:
-        return self.effort(cable)
 
     def effort(self, actuator: str) -> Floats:
         return self.dz[self.twin.system.layout.first_effort_unknown + self.twin.system.number(actuator)]

@@ -94,15 +94,18 @@ def _parsed(robot: Robot, text: str) -> tuple[str, Control, float]:
             instead = f"{text.partition(HANGING)[0]}={value.replace('kg', 'kgf')}" if "kg" in value else "a force in N"
             raise InputError(Fault(what, "--pull", f"'{text}'", allowed, instead))
         return name.removesuffix(HANGING), "tension", mass * gravity
-    try:
-        return name, "shortening", QUANTITIES["shortening"].read(value)
-    except UnitError:
-        pass
-    try:
-        return name, "tension", QUANTITIES["tension"].read(value)
-    except UnitError as error:
-        allowed = f"a cable and a length or force: front=40mm, front=8N, front=2kgf; a mass hangs by front{HANGING}=2kg"
-        raise InputError(Fault("this is not a pull", "--pull", f"'{text}'", allowed)) from error
+    every = {control: quantity for part in robot.actuated for control, quantity in part.controls.items()}
+    every = every or {control: QUANTITIES[control] for control in ("shortening", "tension")}
+    controls = next((part.controls for part in robot.actuated if part.name == name), every)
+    for control, quantity in controls.items():
+        try:
+            return name, control, quantity.read(value)
+        except UnitError:
+            continue
+    allowed = f"a cable and a length or force: front=40mm, front=8N, front=2kgf; a mass hangs by front{HANGING}=2kg"
+    if robot.actuators:
+        allowed += "; a chamber and a pressure or volume: main=40kPa, main=5ml"
+    raise InputError(Fault("this is not a pull", "--pull", f"'{text}'", allowed))
 
 
 def films(protocols: Mapping[str, Protocol], n: int) -> dict[str, Protocol]:

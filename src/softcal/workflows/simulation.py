@@ -17,7 +17,6 @@ from softcal.errors import Fault, ParameterError, SimulationError, unknown
 from softcal.limits import LIMITS
 from softcal.mechanics.path_watch import path_watch
 from softcal.project.project import Project, ProjectSource, project_of
-from softcal.quantities import QUANTITIES
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Command, Protocol, let_go_faults
 from softcal.twin.response import Response, Shown, Snapshot
@@ -239,32 +238,36 @@ def _chosen(project: Project, experiment: str) -> Experiment:
 def pull(
     robot: Robot, cable: str, control: Control, end: float, samples: Annotated[int, FROM_TWO] = PULL_SAMPLES
 ) -> Protocol:
-    """One cable pulled evenly from zero.
+    """One cable pulled, or another actuator driven, evenly from zero.
 
     Parameters
     ----------
     robot
         The robot.
     cable
-        Name of the cable.
+        Name of the cable or other actuator.
     control
-        "tension" or "shortening".
+        "tension" or "shortening" of a cable, "pressure" or "volume" of a chamber.
     end
-        Last value [N or m].
+        Last value [SI].
     samples
         Their number, with the one at zero.
 
     Raises
     ------
     ParameterError
-        Where the robot has no such cable, or the end is not above zero or out of range.
+        Where the robot has no such cable or actuator, or the end is out of range: that of a cable is above zero.
     """
-    known = [part.name for part in robot.cables]
+    known = {part.name: part for part in robot.actuated}
     if cable not in known:
-        raise ParameterError(unknown("the robot has no such cable", "", cable, known))
-    QUANTITIES[control].checked(end, where="end")
-    if not end > 0:
-        got = format_quantity(end, "m" if control == "shortening" else "N")
+        what = f"the robot has no such {'actuator' if robot.actuators else 'cable'}"
+        raise ParameterError(unknown(what, "", cable, known))
+    controls = known[cable].controls
+    if control not in controls:
+        raise ParameterError(unknown("it cannot be commanded by this", cable, control, controls))
+    controls[control].checked(end, where="end")
+    if not end > 0 and known[cable] in robot.cables:
+        got = format_quantity(end, controls[control].unit)
         raise ParameterError(Fault("the end of a pull must be positive", f"{cable}.{control}", got))
     return Protocol({cable: Command(control, np.linspace(0.0, end, samples))})
 

@@ -31,7 +31,8 @@ from softcal.display import displayed
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset
 from softcal.quantities import QUANTITIES, Quantity, noise_in
-from softcal.sensing.channel import ChannelName, channel_name, positions, readings
+from softcal.sensing.channel import ChannelName, channel_name, of_actuator, positions, readings
+from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import ParameterInfo
@@ -151,10 +152,16 @@ class Experiment(Checked):
         return (self.drive,) if self.cable else ()
 
     @property
-    def cables(self) -> tuple[str, ...]:
-        """The cables that are driven or measured."""
-        seen = [one.carrier for one in map(channel_name, self.dataset.channels) if one.carrier and one.kind.drives]
-        return tuple(dict.fromkeys([*([self.cable] if self.cable else []), *seen]))
+    def actuated(self) -> tuple[str, ...]:
+        """The actuators that are driven or measured."""
+        return tuple(self._driven)
+
+    @property
+    def _driven(self) -> dict[str, tuple[ChannelKind, ChannelKind]]:
+        """The actuators that are driven or measured, with the kinds of their coordinates and efforts."""
+        seen = [name for name in map(channel_name, self.dataset.channels) if name.carrier and name.kind.drives]
+        own = {self.cable: (SHORTENING, TENSION)} if self.cable else {}
+        return own | {name.carrier: of_actuator(name.kind) for name in seen}
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -214,12 +221,14 @@ class Experiment(Checked):
     def rig_values(self) -> dict[str, float]:
         """The nominal rig parameters by dotted name."""
         values: dict[str, float] = {}
-        for cable in self.cables:
-            nominal = {SHORTENING: self.rig.slack, TENSION: self.rig.tension_offset}
-            values |= {ChannelName(kind, cable).offset: value for kind, value in nominal.items()}
-            values |= {ChannelName(TENSION, cable).gain: 1.0, ChannelName(TENSION, cable).drift: 0.0}
-            if self.rig.backlash is not None:
-                values[backlash_of(cable)] = self.rig.backlash
+        nominal = {SHORTENING: self.rig.slack, TENSION: self.rig.tension_offset}
+        for part, of in self._driven.items():
+            for kind in of:
+                name = ChannelName(kind, part)
+                own = {name.offset: nominal.get(kind, 0.0), name.gain: 1.0, name.drift: 0.0}
+                values |= {key: value for key, value in own.items() if key}
+            if self.rig.backlash is not None and SHORTENING in of:
+                values[backlash_of(part)] = self.rig.backlash
         for channel in self.dataset.channels:
             name = self.twin_channel(channel)
             if not name.kind.drives and name.offset and not name.is_deviation:
@@ -252,7 +261,7 @@ def backlash_of(cable: str) -> str:
 
 def drive_faults(drives: Sequence[tuple[str, ChannelName]], where: str) -> list[Fault]:
     """The faults of the channels that drive the twin, each by its name in the data and the twin's channel."""
-    allowed = "the tension or shortening of a cable, such as cable1.tension"
+    allowed = "a coordinate or effort of an actuator, such as cable1.tension, cable1.shortening or chamber1.pressure"
     faults = [
         Fault("this channel cannot drive the twin", where, got=channel, allowed=allowed)
         for channel, of_twin in drives
@@ -260,7 +269,7 @@ def drive_faults(drives: Sequence[tuple[str, ChannelName]], where: str) -> list[
     ]
     owners = [of_twin.carrier for _, of_twin in drives]
     twice = sorted({owner for owner in owners if owners.count(owner) > 1})
-    return [*faults, *(Fault("a cable is driven twice", where, got=owner) for owner in twice)]
+    return [*faults, *(Fault("an actuator is driven twice", where, got=owner) for owner in twice)]
 
 
 def rig_kind(name: str) -> Quantity | None:

@@ -32,7 +32,7 @@ def friction_faults(robot: Robot, experiment: Experiment, free: Collection[str])
         for cable in robot.cables:
             key = f"{cable.name}.friction_coefficient"
             friction = experiment.settings.get(key, cable.friction_coefficient)
-            reverses = cable.line.friction_memory or cable.name not in experiment.cables
+            reverses = cable.line.friction_memory or cable.name not in experiment.actuated
             if not reverses and (friction > 0.0 or key in free):
                 got = "its samples do both" if branch == "loading" else f"take_branch: {branch}"
                 faults.append(let_go_fault(experiment.name, cable.name, got))

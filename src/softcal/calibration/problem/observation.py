@@ -47,12 +47,11 @@ class Observation:
 
 
 def commands(experiment: Experiment, rig: Mapping[str, float]) -> dict[str, Command]:
-    """The commands to the twin's cables, sample by sample, under the given rig values."""
+    """The commands to the twin's actuators, sample by sample, under the given rig values."""
     told: dict[str, Command] = {}
     for channel in experiment.drives:
         driven = experiment.twin_channel(channel)
-        control = "tension" if driven.kind == TENSION else "shortening"
-        told[driven.carrier] = Command(control, *_controls(experiment, rig, channel))
+        told[driven.carrier] = Command(driven.kind.name, *_controls(experiment, rig, channel))
     return told
 
 
@@ -227,9 +226,14 @@ def _drifted(experiment: Experiment, rig: Mapping[str, float], name: ChannelName
 
 
 def _controls(experiment: Experiment, rig: Mapping[str, float], channel: str) -> tuple[Floats, dict[str, Floats]]:
-    """A cable's control per sample, and its derivatives by the rig parameters that it depends on."""
+    """An actuator's control per sample, and its derivatives by the rig parameters that it depends on."""
     driven = experiment.twin_channel(channel)
     measured = experiment.dataset.values(channel)
+    if driven.kind not in (SHORTENING, TENSION):
+        gain = rig.get(driven.gain, 1.0)
+        free = (measured - rig.get(driven.offset, 0.0) - _drifted(experiment, rig, driven)) / gain
+        rates = {driven.offset: -np.ones_like(measured), driven.gain: -free, driven.drift: -experiment.elapsed}
+        return free, {name: rate / gain for name, rate in rates.items() if name in rig}
     if driven.kind == SHORTENING:
         # Negative values too: a cable drawn out by the sagging robot is slack there, and taut at zero.
         free, backlash = measured - rig[driven.offset], backlash_of(driven.carrier)

@@ -42,7 +42,8 @@ def problem_faults(
         for e in experiments
     }
     names = [experiment.name for experiment in experiments]
-    cables = [cable.name for cable in robot.cables]
+    parts = [part.name for part in robot.actuated]
+    what = f"the robot has no such {'actuator' if robot.actuators else 'cable'}"
     faults = [Fault("two experiments share a name", got=name) for name in sorted(set(names)) if names.count(name) > 1]
     faults += [
         Fault("the experiment's name cannot name a file", "", f"'{name}'", "letters, digits, space and . _ + -")
@@ -52,11 +53,7 @@ def problem_faults(
     if not experiments:
         faults.append(Fault("there is no experiment to calibrate with", "experiments", allowed="at least one"))
     for experiment in experiments:
-        faults += [
-            unknown("the robot has no such cable", experiment.name, cable, cables)
-            for cable in experiment.cables
-            if cable not in cables
-        ]
+        faults += [unknown(what, experiment.name, part, parts) for part in experiment.actuated if part not in parts]
         faults += channel_faults(robot, experiment)
     faults += [
         Fault("the parameter belongs to no experiment of the problem", p.label, allowed=", ".join(sorted(set(names))))
@@ -98,7 +95,7 @@ def channel_faults(robot: Robot, experiment: Experiment) -> list[Fault]:
     for short in experiment.compared:
         channel = experiment.twin_channel(short)
         own = [str(one) for one in there if one.carrier == channel.carrier]
-        if channel in there or channel.carrier in experiment.cables:
+        if channel in there or channel.carrier in experiment.actuated:
             continue
         if own:
             what = f"{channel.carrier} has no such channel"

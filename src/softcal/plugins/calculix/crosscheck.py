@@ -301,13 +301,13 @@ class EnginePosture:
         """Rotation (3, 3) of a plate."""
         return self._pose(plate)[1]
 
-    def shortening(self, cable: str) -> float:
+    def coordinate(self, actuator: str) -> float:
         """Shortening [m] of a cable."""
-        return self.state.shortenings.get(cable, self.own.shortenings[cable])
+        return self.state.shortenings.get(actuator, self.own.shortenings[actuator])
 
-    def tension(self, cable: str) -> float:
+    def effort(self, actuator: str) -> float:
         """Tension [N] of a cable."""
-        return self.state.tensions.get(cable, self.own.tensions[cable])
+        return self.state.tensions.get(actuator, self.own.tensions[actuator])
 
     def _pose(self, plate: str) -> tuple[Floats, Floats]:
         (found,) = (one for one in self.robot.plates if one.name == plate)

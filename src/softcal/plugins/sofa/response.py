@@ -52,13 +52,13 @@ class RecordPosture:
         """Rotation (3, 3) of a plate."""
         return _pose(self.record["plates"][plate])[1]
 
-    def shortening(self, cable: str) -> float:
+    def coordinate(self, actuator: str) -> float:
         """Shortening [m] of a cable."""
-        return self.record["cables"][cable]["shortening"]
+        return self.record["cables"][actuator]["shortening"]
 
-    def tension(self, cable: str) -> float:
+    def effort(self, actuator: str) -> float:
         """Tension [N] of a cable."""
-        return self.record["cables"][cable]["tension"]
+        return self.record["cables"][actuator]["tension"]
 
 
 def table(twin: Twin, records: Sequence[Record]) -> Floats:

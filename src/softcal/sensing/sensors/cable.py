@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from softcal.checks import Floats
 from softcal.quantities import QUANTITIES
 from softcal.sensing.kind import ChannelKind
-from softcal.sensing.sensor import Posture, PostureRates, Sensor, register_sensor
+from softcal.sensing.sensor import ActuatorSensor, register_sensor
 
 SHORTENING = ChannelKind(
     "shortening",
@@ -40,16 +39,9 @@ TENSION = ChannelKind(
 
 @register_sensor
 @dataclass(frozen=True)
-class CableSensor(Sensor):
+class CableSensor(ActuatorSensor):
     """Shortening [m] and tension [N] of a cable."""
 
-    cable: str
     name: ClassVar[str] = "cable"
     kinds: ClassVar[tuple[ChannelKind, ...]] = (SHORTENING, TENSION)
     of: ClassVar[str] = "cables"
-
-    def sense(self, robot: Posture) -> list[float]:
-        return [robot.shortening(self.cable), robot.tension(self.cable)]
-
-    def rates(self, robot: Posture, moving: PostureRates) -> list[Floats]:
-        return [moving.shortening(self.cable), moving.tension(self.cable)]

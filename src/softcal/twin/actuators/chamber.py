@@ -1,4 +1,4 @@
-"""A pressure chamber: a cavity of bodies that gas or liquid fills, commanded by its pressure or by its pump's volume."""
+"""A pressure chamber: a cavity that gas or liquid fills, commanded by its pressure or by its pump's volume."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from softcal.arrays import Triangles
 from softcal.checks import Ints
-from softcal.declare import ByShape
+from softcal.declare import Reading, shown
 from softcal.errors import Fault, InputError, MeshError
 from softcal.geometry.surface import border
 from softcal.mechanics.chamber import ChamberTerm, Wall
@@ -47,6 +47,14 @@ PRESSURE = ChannelKind(
 )
 
 
+def _region_name(value: object) -> str:
+    if not isinstance(value, str):
+        raise InputError(
+            Fault("this is of the wrong kind", got=shown(value), allowed="the name of a region of the body")
+        )
+    return value
+
+
 @register_sensor
 @dataclass(frozen=True)
 class ChamberSensor(ActuatorSensor):
@@ -71,13 +79,14 @@ class Chamber(Actuator):
     polytropic_exponent : 1 for a gas that stays as warm as it is, 1.4 for air that is compressed at once; None: 1
     """
 
-    walls: Mapping[str, Annotated[str | Triangles, ByShape()]]
+    walls: Mapping[str, Annotated[str | Triangles, Reading(_region_name, "instead")]]
     medium: Literal["gas", "liquid"] = "gas"
     dead_volume: Annotated[float, QUANTITIES["dead volume"]] | None = None
     hose_compliance: Annotated[float, QUANTITIES["compliance of a hose"]] | None = None
     polytropic_exponent: Annotated[float, QUANTITIES["polytropic exponent"]] | None = None
 
     name: ClassVar[str] = "chamber"
+    region_key: ClassVar[tuple[str, ...]] = ("walls",)
     channels: ClassVar[tuple[ChannelKind, ChannelKind]] = (VOLUME, PRESSURE)
     ranges: ClassVar[tuple[Quantity, Quantity]] = (QUANTITIES["pumped volume"], QUANTITIES["gauge pressure"])
     quantities: ClassVar[Mapping[str, Quantity]] = {
@@ -123,4 +132,3 @@ class Chamber(Actuator):
                 )
             )
         return replace(term, rest_volume=volume)
-

@@ -49,6 +49,7 @@ from softcal.quantities import Quantity
 from softcal.report.figure import FIGURES
 from softcal.report.section import SECTIONS
 from softcal.sensing.sensor import SENSORS
+from softcal.twin.actuated import ACTUATORS, Actuator
 from softcal.twin.time_settings import TimeSettings
 from softcal.workflows.export import EXPORTS
 
@@ -72,6 +73,7 @@ FAMILIES: Mapping[str, tuple[Catalogue[Any], str]] = {
     "Elastic laws": (LAWS, "`law:` of a body or rod; `softcal.register_law`."),
     "Losses": (LOSSES, "`calibration.loss`; `softcal.register_loss`."),
     "Methods of the search": (OPTIMISERS, "`calibration.method`; `softcal.register_optimiser`."),
+    "Actuators": (ACTUATORS, "`robot.actuators`; `softcal.register_actuator`."),
     "Sensors": (SENSORS, "`robot.sensors`; `softcal.register_sensor`."),
     "Preparation of data": (STEPS, "`experiments.NAME.prepare`; `softcal.register_step`."),
     "Engines": (ENGINES, "`--engine`; `softcal.register_engine`."),
@@ -83,7 +85,7 @@ FAMILIES: Mapping[str, tuple[Catalogue[Any], str]] = {
 KEYS = Path(__file__).with_name("keys.yaml")  # examples of the keys that no example of softcal has
 ROOT = Path(__file__).resolve().parents[1]
 DOCS, GALLERY = ROOT / "docs", ROOT / "gallery"
-EXAMPLES = ("beam", "finger", "fleet", "manipulator", "neck", "neck-bench")
+EXAMPLES = ("beam", "finger", "fleet", "manipulator", "neck", "neck-bench", "pneunet")
 # File of the repository -> its page of the site.
 OUTSIDE: Mapping[Path, Path] = {
     ROOT / "README.md": DOCS / "reference" / "readme.md",
@@ -184,8 +186,10 @@ def _mapping(path: str, kind: type, done: set[type]) -> Iterator[str]:
         yield "Each constant of its law is a key, too: `youngs_modulus: 2.3 MPa` ([laws](families.md#elastic-laws)).\n"
     for mapping, at in inner.items():
         if mapping not in done:
-            primitive = next((f", `primitive: {name}`" for name, one in PRIMITIVES.items() if one is mapping), "")
-            yield f"### `{at}`: {mapping.__name__.removesuffix('Section')}{primitive}\n"
+            named = {"primitive": PRIMITIVES, "actuator": ACTUATORS}
+            each = ((key, name) for key, family in named.items() for name, one in family.items() if one is mapping)
+            member = next((f", `{key}: {name}`" for key, name in each), "")
+            yield f"### `{at}`: {mapping.__name__.removesuffix('Section')}{member}\n"
             yield from _mapping(at, mapping, done)
 
 
@@ -207,10 +211,11 @@ def examples() -> dict[tuple[type, str], Any]:
             for kind in args:
                 take(kind, value)
         elif isinstance(value, dict) and mappings(annotation):
-            for name, inner, _ in entries(annotation):
-                if name in value:
-                    written.setdefault((annotation, name), value[name])
-                    take(inner, value[name])
+            for own in mappings(annotation) if annotation is Actuator else [annotation]:
+                for name, inner, _ in entries(own):
+                    if name in value:
+                        written.setdefault((own, name), value[name])
+                        take(inner, value[name])
 
     for path in sorted(ROOT.glob("examples/*/*.yaml")):
         document = yaml.load(path)
@@ -297,9 +302,11 @@ def kind_text(annotation: Any) -> str:
 
 
 def mappings(annotation: Any) -> list[type]:
-    """The classes of mappings in an annotation; of primitives, those that a file can name."""
+    """The classes of mappings in an annotation; of primitives and actuators, those that a file can name."""
     if annotation is Primitive:
         return list(PRIMITIVES.values())
+    if annotation is Actuator:
+        return list(ACTUATORS.values())
     if inspect.isclass(annotation) and (issubclass(annotation, Section) or is_dataclass(annotation)):
         return [] if annotation is Quantity else [annotation]
     inner = get_args(annotation)[:1] if get_origin(annotation) is Annotated else get_args(annotation)

@@ -1,4 +1,4 @@
-"""Draw the actuator of this example again: six bellows over a flat base, joined by a channel, with an inlet at the foot.
+"""Draw the actuator of this example again: four bellows over a flat base, joined by a channel, with an inlet at the foot.
 
 python draw.py --out runs/pneunet.step         a second; needs Gmsh
 """
@@ -10,7 +10,7 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 # [mm]: the base, and above it bellows of this pitch, walls and gaps.
-WIDTH, BASE, HEIGHT, PITCH, GAP, WALL, FOOT, N = 18.0, 3.0, 18.0, 11.0, 3.0, 2.0, 8.0, 6
+WIDTH, BASE, HEIGHT, PITCH, GAP, WALL, FOOT, N = 18.0, 3.0, 18.0, 12.0, 3.0, 2.5, 8.0, 4
 CHANNEL = 3.0  # height and width of the channel that joins the chambers, on top of the base
 
 

@@ -85,9 +85,14 @@ if TYPE_CHECKING:
     from softcal.report.tables import Column as Column
     from softcal.report.tables import ReportTable as ReportTable
     from softcal.sensing.kind import ChannelKind as ChannelKind
+    from softcal.sensing.sensor import ActuatorSensor as ActuatorSensor
     from softcal.sensing.sensor import NamedSensor as NamedSensor
     from softcal.sensing.sensor import Sensor as Sensor
     from softcal.sensing.sensor import register_sensor as register_sensor
+    from softcal.twin.actuated import Actuator as Actuator
+    from softcal.twin.actuated import NamedActuator as NamedActuator
+    from softcal.twin.actuated import register_actuator as register_actuator
+    from softcal.twin.actuators.chamber import Chamber as Chamber
     from softcal.twin.barrier import Contact as Contact
     from softcal.twin.cables import CableLine as CableLine
     from softcal.twin.cables import RoutingAxis as RoutingAxis
@@ -144,6 +149,8 @@ if TYPE_CHECKING:
     from softcal.workflows.whole_record import compare_records as compare_records
 
 _HOMES = {
+    "Actuator": "softcal.twin.actuated",
+    "ActuatorSensor": "softcal.sensing.sensor",
     "Body": "softcal.twin.robot",
     "Cable": "softcal.twin.robot",
     "CableLine": "softcal.twin.cables",
@@ -151,6 +158,7 @@ _HOMES = {
     "CalibrationResult": "softcal.calibration.results.result",
     "Calibrations": "softcal.workflows.calibration",
     "Candidate": "softcal.analysis.candidate",
+    "Chamber": "softcal.twin.actuators.chamber",
     "Channel": "softcal.experiments.dataset",
     "ChannelKind": "softcal.sensing.kind",
     "Clamp": "softcal.twin.clamp",
@@ -183,6 +191,7 @@ _HOMES = {
     "Material": "softcal.twin.material",
     "MeshError": "softcal.errors",
     "Moment": "softcal.twin.robot",
+    "NamedActuator": "softcal.twin.actuated",
     "NamedSensor": "softcal.sensing.sensor",
     "Optimiser": "softcal.calibration.search.optimiser",
     "Option": "softcal.calibration.problem.option",
@@ -247,6 +256,7 @@ _HOMES = {
     "quantity": "softcal.quantities",
     "ramp": "softcal.twin.schedule",
     "read_mesh": "softcal.geometry.read",
+    "register_actuator": "softcal.twin.actuated",
     "register_command": "softcal.cli.command",
     "register_engine": "softcal.export.engine",
     "register_executor": "softcal.executors.executor",
@@ -271,6 +281,8 @@ _HOMES = {
 }
 
 __all__ = [
+    "Actuator",
+    "ActuatorSensor",
     "Body",
     "Cable",
     "CableLine",
@@ -278,6 +290,7 @@ __all__ = [
     "CalibrationResult",
     "Calibrations",
     "Candidate",
+    "Chamber",
     "Channel",
     "ChannelKind",
     "Clamp",
@@ -310,6 +323,7 @@ __all__ = [
     "Material",
     "MeshError",
     "Moment",
+    "NamedActuator",
     "NamedSensor",
     "Optimiser",
     "Option",
@@ -374,6 +388,7 @@ __all__ = [
     "quantity",
     "ramp",
     "read_mesh",
+    "register_actuator",
     "register_command",
     "register_engine",
     "register_executor",

@@ -150,11 +150,11 @@ def _last(response: Response, kind: ChannelKind, cables: Iterable[str]) -> dict[
 
 
 def cable_faults(robot: Robot, program: str) -> list[Fault]:
-    """Faults of friction along cables, and of their stretch and pretension; program: such as "SOFA".
+    """Faults of actuators but cables, of friction along these, their stretch and pretension; program: such as "SOFA".
 
     Without a friction coefficient the preload and the speed of friction have no effect, and are no fault.
     """
-    faults: list[Fault] = []
+    faults = actuator_faults(robot, program)
     for cable in robot.cables:
         if (mu := cable.friction_coefficient) > 0.0:
             parts = [name for name in ("friction_preload", "friction_speed") if getattr(cable.line, name) is not None]
@@ -169,6 +169,12 @@ def cable_faults(robot: Robot, program: str) -> list[Fault]:
             got, allowed = ", ".join(elastic), "a cable without stretch"
             faults.append(Fault(f"a cable in {program} does not stretch", f"{cable.name}.line", got, allowed))
     return faults
+
+
+def actuator_faults(robot: Robot, program: str) -> list[Fault]:
+    """Faults of actuators other than cables; program: such as "SOFA"."""
+    what, allowed = f"this actuator is not exported to {program}", "cables alone"
+    return [Fault(what, part.name, part.actuator.name, allowed) for part in robot.actuators]
 
 
 def history_faults(robot: Robot, program: str) -> list[Fault]:

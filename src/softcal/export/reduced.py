@@ -24,7 +24,7 @@ from scipy.interpolate import CubicSpline
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, ParameterError, SimulationError, unknown
 from softcal.export import reduced_model as evaluator
-from softcal.export.engine import history_faults
+from softcal.export.engine import actuator_faults, history_faults
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response, Snapshot
@@ -119,7 +119,7 @@ def reduced(
     """
     known = [cable.name for cable in robot.cables]
     faults = [unknown("there is no such cable", name, name, known, got="") for name in reaches if name not in known]
-    faults += history_faults(robot, "a reduced model")
+    faults += history_faults(robot, "a reduced model") + actuator_faults(robot, "a reduced model")
     if any(cable.line.friction_memory for cable in robot.cables):
         rough = ", ".join(cable.name for cable in robot.cables if cable.line.friction_memory)
         faults.append(Fault("a reduced model has no memory", "friction_memory", rough, "friction without a memory"))

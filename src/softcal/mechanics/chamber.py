@@ -47,7 +47,7 @@ _EDGE = np.array([[0.0, 0.5], [-0.5, 0.0]])
 _CURVED_EDGE = np.array([[0.0, 2.0 / 3.0, -1.0 / 6.0], [-2.0 / 3.0, 0.0, 2.0 / 3.0], [1.0 / 6.0, -2.0 / 3.0, 0.0]])
 
 
-class Wall(NamedTuple):
+class ChamberWall(NamedTuple):
     """A part of a chamber's wall: faces (n, 3 or 6) of one kind, from outside of the material, and the closed rims (m,)
     of their openings, the middle nodes of quadratic edges between their ends.
     """
@@ -123,11 +123,11 @@ class ChamberTerm(ActuatorTerm):
     """
 
     name: str
-    walls: tuple[Wall, ...]
+    walls: tuple[ChamberWall, ...]
     rest_volume: float
     stated: tuple[str, ...] = ()
     is_gas: bool = False
-    places: _Places | None = None
+    places: _NodePairs | None = None
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -145,7 +145,7 @@ class ChamberTerm(ActuatorTerm):
         low = np.concatenate([np.minimum(i, j) for i, j in pairs])
         high = np.concatenate([np.maximum(i, j) for i, j in pairs])
         sign = np.concatenate([np.where(i < j, 1.0, -1.0) for i, j in pairs])
-        return replace(self, places=_Places(pattern.pair(low, high), sign))
+        return replace(self, places=_NodePairs(pattern.pair(low, high), sign))
 
     @cached_property
     def _groups(self) -> tuple[Ints, ...]:
@@ -224,6 +224,13 @@ class ChamberTerm(ActuatorTerm):
         return np.concatenate(found)
 
     def add_forces(self, given: Given, effort: Floats, into: Sum, transmission: Any) -> None:
+        """Add the pressure on the wall, and its stiffness.
+
+        Raises
+        ------
+        SimulationError
+            Where the pressure is that of a vacuum or below.
+        """
         p, x = float(effort[0]), given.state.x
         if not p > -ATMOSPHERE:
             raise SimulationError(f"the pressure of {self.name} would be below that of a vacuum")
@@ -268,7 +275,7 @@ class ChamberTerm(ActuatorTerm):
         )
 
 
-class _Places(NamedTuple):
+class _NodePairs(NamedTuple):
     """The pairs of nodes of the tangent: where their blocks begin (n_pairs, 3), and 1 or -1 where i > j (n_pairs,)."""
 
     start: Ints

@@ -122,6 +122,7 @@ class Project:
             "rod": len(robot.rods),
             "plate": len(robot.plates),
             "cable": len(robot.cables),
+            "actuator": len(robot.actuators),
         }
         named = {"body": "bodies"}
         parts = [f"{n} {kind if n == 1 else named.get(kind, f'{kind}s')}" for kind, n in counts.items() if n]

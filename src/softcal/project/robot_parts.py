@@ -248,14 +248,15 @@ def build_actuator(name: str, actuator: Actuator, carriers: Carriers) -> NamedAc
     """
     path, findings = ("robot", "actuators", name), carriers.findings
 
-    def faces(body: str, region: str) -> Ints | None:
+    surfaces: dict[str, Ints | str] = {}
+    for body, region in actuator.surfaces.items():
         where = (*path, *actuator.region_key, body)
-        return carriers.built.faces(body, region, where, where, findings)
-
-    n_faults = len(findings.faults)
+        faces = carriers.built.faces(body, region, where, where, findings) if isinstance(region, str) else region
+        if faces is None:
+            return None
+        surfaces[body] = faces
     with findings.at(path):
-        part = NamedActuator(name, actuator.with_faces(faces))
-        return part if len(findings.faults) == n_faults else None
+        return NamedActuator(name, actuator.on_surfaces(surfaces))
     return None
 
 

@@ -17,7 +17,7 @@ from softcal.project.document import Findings, KeyPath
 from softcal.quantities import QUANTITIES, Quantity
 from softcal.sensing.channel import readings
 from softcal.twin.parameter_name import parameter_name
-from softcal.twin.parameters import KINDS, ParameterInfo, kind_by_name, unknown_name
+from softcal.twin.parameters import ParameterInfo, kind_by_name, kinds_of_quantity, unknown_name
 from softcal.units import parse_quantity
 
 OF_RIG = ("frame", "pulleys")
@@ -128,7 +128,7 @@ def check_kinds(wanted: Wanted, parts: Mapping[str, Iterable[str]] | None, findi
     findings
         Collects the faults and warnings.
     """
-    known = (*constants_of(LAWS), *KINDS, *readings(), *(parameter_name(one).kind for one in FRAME))
+    known = (*constants_of(LAWS), *kinds_of_quantity(), *readings(), *(parameter_name(one).kind for one in FRAME))
     for path, names in wanted.items():
         for name in names:
             key, has_owner = parameter_name(name).kind, parts is None or _owner(name, _owners(parts))[1]

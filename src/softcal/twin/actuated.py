@@ -8,7 +8,7 @@ parameters and calibration ask the family. Cables, which have a section of their
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol, Self, cast
 
@@ -23,7 +23,7 @@ from softcal.sensing.kind import ChannelKind
 from softcal.twin.part import NamedPart
 
 
-class Places(Protocol):
+class Numbering(Protocol):
     """The numbering of the robot's points, as an actuator needs it to build its term."""
 
     @property
@@ -100,7 +100,7 @@ class Actuator(Declared, ABC):
     region_key: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
-    def term(self, name: str, places: Places) -> ActuatorTerm:
+    def term(self, name: str, places: Numbering) -> ActuatorTerm:
         """Its term: one actuator, by the name of the part, its coordinate and effort by those of its channels.
 
         Parameters
@@ -120,14 +120,13 @@ class Actuator(Declared, ABC):
         """The same with other values [SI] of its parameters, by the names of the fields."""
         return replace(cast("Any", self), **values)
 
-    def with_faces(self, faces: Callable[[str, str], Ints | None]) -> Self:
-        """The same with the faces of the regions that it names; a region without any is None, and its fault recorded.
+    @property
+    def surfaces(self) -> Mapping[str, Ints | str]:
+        """Body -> the part of its surface that it acts on: faces (n, 3 or 6) of its mesh, or a region's name."""
+        return {}
 
-        Parameters
-        ----------
-        faces
-            Of a body and a region of it, by their names, the faces (n, 3 or 6).
-        """
+    def on_surfaces(self, surfaces: Mapping[str, Ints | str]) -> Self:
+        """The same on other surfaces, such as those of another mesh, of the same bodies."""
         return self
 
 

@@ -277,7 +277,7 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
         elif isinstance(load, SurfaceLoad):
             forces.extend(surface_forces(load, given, meshes, builder.first))
 
-    places = _Places(builder, given, meshes, support)
+    places = _Numbering(builder, given, meshes, support)
     others = tuple(part.actuator.term(part.name, places) for part in robot.actuators)
     if robot.contact is not None:
         for plate in robot.plates:
@@ -377,7 +377,7 @@ class _Points:
 
 
 @dataclass(frozen=True)
-class _Places:
+class _Numbering:
     """The numbering of the points, as the terms of actuators need it."""
 
     builder: _Points

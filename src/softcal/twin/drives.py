@@ -62,6 +62,7 @@ def by_coordinate(along: EquilibriumPath, start: Node, d: Floats, *, ends_there:
         Whether the path ends at the last sample, and not beyond.
     """
     (coordinate, effort), end = along.channels, float(d.max())
+    start = along.lowered(start, to=float(d.min()))
     taut = d > start.c if along.only_pulls else d >= start.c
     # Solved first, with the factors of the start: the same tangent.
     still = None if taut.all() else along.curve((along.slack_node(start),))
@@ -134,9 +135,12 @@ def by_effort(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: boo
     """
     coordinate, effort = along.channels
     i_tension, largest = along.column(effort), float(T.max())
+    at_rest, start = start, along.lowered(start, until=float(T.min()))
     path = Path((start,), True, names=along.names)
     if largest > 0.0:
         path = along.follow(start, along.wound_up, until=largest)
+    elif start is not at_rest:
+        path = along.follow(start, at_rest.c)
     path, curve = along.refined(path, T, of_tension=True)
     if len(path.nodes) == 1:
         at = np.full(len(T), start.c)
@@ -204,7 +208,7 @@ def by_effort(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: boo
         by_parameter=by_parameter,
         status=status,
         succeeded=reached,
-        end=last if reached else np.inf,
+        end=last if reached or (at_end and not is_wound) else np.inf,
     )
 
 

@@ -314,13 +314,49 @@ class EquilibriumPath:
             keeps=path_watch().keeps,
         )
 
+    def lowered(self, start: Node, *, to: float = -np.inf, until: float = -np.inf) -> Node:
+        """A node from which the path passes lower coordinates, or efforts, than those of its start; the start itself
+        where nothing lower is wanted.
+
+        Parameters
+        ----------
+        start
+            The start.
+        to, until
+            Coordinate, or effort, to go down to [SI].
+
+        Raises
+        ------
+        SimulationError
+            Where there is no such equilibrium.
+        """
+        i, by_effort = self.number, np.isfinite(until)
+        if self.only_pulls or not (until < 0.0 if by_effort else np.isfinite(to) and to < start.c):
+            return start
+        back = replace(self.line, coordinate_rate=-self.line.coordinate_rate)
+        path = follow(
+            self.statics,
+            back,
+            node_at(self.statics, back, -start.c, start.state, ()),
+            self.wound_up if by_effort else -to,
+            first_step=FIRST_STEP * self.length,
+            share=(lambda node: float(node.state.effort[i]) / until) if by_effort else None,
+            largest_step=3.0 * FIRST_STEP * self.length,
+            mixed=False,
+        )
+        last = path.nodes[-1]
+        if not path.reached:
+            raise SimulationError(f"{path.ended[0].upper()}{path.ended[1:]} {self.place(-last.c)}: {path.status}.")
+        return node_at(self.statics, self.line, -last.c, last.state, self.names)
+
     def towards(self, start: Node, end: float) -> Path:
         """The path from a node to a shortening [m]; a shared one to a place beyond that serves others too, where the
         robot gets there without a snap-through.
         """
         last = roundest(end, min((1.0 + BEYOND) * end, self.wound_up))
         if self.is_shared and self.twin.system.contacts and end <= self.statics.shared_end:
-            guide, parts = self._guide_to(end), 1 if self.guide is None else 2
+            guide = self._guide_to(end) if start.c >= self.start().c else ()
+            parts = 1 if self.guide is None else 2
             with part_of_series(parts - 1, parts):
                 path = self.follow(start, self.wound_up, past=end, guide=guide)
             if not path.is_smooth and path.stopped_by is None:

@@ -12,6 +12,7 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.refine import count, refined_centreline, refined_mesh, refined_nodes
 from softcal.mechanics.elements import ELEMENTS
 from softcal.quantities import QUANTITIES
+from softcal.twin.actuated import NamedActuator
 from softcal.twin.robot import Body, Moment, Plate, PointLoad, Robot, SurfaceLoad
 
 # Apart from the names of the mesh's own sets.
@@ -72,6 +73,9 @@ def halved(robot: Robot) -> Robot:
             for load in robot.loads
             if isinstance(load, SurfaceLoad) and load.on == body.name
         }
+        for part in robot.actuators:
+            wall = part.actuator.surfaces.get(body.name)
+            face_sets |= {} if wall is None or isinstance(wall, str) else {f"{_OURS}actuator {part.name}": wall}
         old = body.mesh
         mesh = meshes[body.name] = refined_mesh(
             TetMesh(
@@ -97,9 +101,17 @@ def halved(robot: Robot) -> Robot:
             return replace(old, faces=meshes[old.on].face_sets[f"{_OURS}load {old.name}"])
         return old
 
+    def actuator(old: NamedActuator) -> NamedActuator:
+        finer = {
+            body: wall if isinstance(wall, str) else meshes[body].face_sets[f"{_OURS}actuator {old.name}"]
+            for body, wall in old.actuator.surfaces.items()
+        }
+        return replace(old, actuator=old.actuator.on_surfaces(finer))
+
     return replace(
         robot,
         bodies=tuple(bodies),
+        actuators=tuple(actuator(old) for old in robot.actuators),
         rods=tuple(
             replace(
                 rod,

@@ -19,6 +19,7 @@ from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
 from softcal.mechanics.time_step import Instant, at_rest
+from softcal.sensing.channel import kinds
 from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.crossings import crossed_at
@@ -123,9 +124,9 @@ def _start(twin: Twin, theta: Mapping[str, float], schedule: Schedule, settings:
         return Start(rest_state(twin.system.layout))
     statics = Statics(twin.system, theta, twin.robot.limits)
     try:
-        return pretensioned(
-            twin, statics, [name for name, command in schedule.commands.items() if command.control == "tension"]
-        )
+        of = kinds()
+        slack = [name for name, command in schedule.commands.items() if of[command.control].drives == "effort"]
+        return pretensioned(twin, statics, slack)
     finally:
         statics.release()
 
@@ -236,9 +237,10 @@ class _Motion:
     def _keep(self, now: Instant, n_steps: int) -> None:
         row = sense(self.twin, now.state, self.theta)
         controls = self._controls(now.time)
-        slack = ~controls.is_held & (now.state.effort == 0.0)
         # A slack cable's shortening is the command.
-        row[np.array(cable_columns(self.twin, SHORTENING), dtype=int)[slack]] = controls.coordinate[slack]
+        columns = cable_columns(self.twin, SHORTENING)
+        slack = (~controls.is_held & (now.state.effort == 0.0))[: len(columns)]
+        row[np.array(columns, dtype=int)[slack]] = controls.coordinate[: len(columns)][slack]
         if self.n_snapshots and len(self.rows) % max(n_steps // self.n_snapshots, 1) == 0:
             self.shapes.append(self._shape(now))
         self.times.append(now.time)

@@ -67,8 +67,8 @@ class ParameterInfo:
 MODULUS = "Pa"  # unit of moduli
 # By x, y and z.
 MARKER_OFFSETS = tuple(f"{axis}_offset" for axis in "xyz")
-# The kind of quantity of every robot parameter that is no constant of a law, by the last part of its dotted name.
-KINDS: Mapping[str, Quantity] = {
+# Of those of the robot's parts but actuators: see `kinds_of_quantity`.
+KINDS: dict[str, Quantity] = {
     "density": QUANTITIES["density"],
     "mass": QUANTITIES["mass"],
     "friction_coefficient": QUANTITIES["friction coefficient"],
@@ -94,7 +94,14 @@ def kind_by_name(name: str) -> Quantity | None:
     constant = constants_of(LAWS).get(key)
     if constant is not None:
         return constant.quantity
-    return KINDS.get(key) or next((kind.quantities[key] for kind in ACTUATORS.values() if key in kind.quantities), None)
+    return kinds_of_quantity().get(key)
+
+
+def kinds_of_quantity() -> Mapping[str, Quantity]:
+    """The kind of quantity of every robot parameter that is no constant of a law, by the last part of its dotted name;
+    of the actuators too.
+    """
+    return KINDS | {key: quantity for actuator in ACTUATORS.values() for key, quantity in actuator.quantities.items()}
 
 
 @checked_arguments

@@ -116,19 +116,6 @@ def statics_faults(robot: Robot, values: Mapping[str, float]) -> list[Fault]:
     return faults
 
 
-def _is_one_way(twin: Twin, theta: Mapping[str, float], protocol: Protocol, driven: Sequence[str]) -> bool:
-    """Whether the samples are on one path from rest: not where an actuator that pushes and pulls does both, or is
-    commanded by a coordinate that the dead loads have changed already.
-    """
-    number = {part: twin.system.number(part) for part in driven}
-    both = [part for part in driven if twin.system.effort_limits[0][number[part]] != 0.0]
-    commands = [protocol.commands[part] for part in both]
-    if any(command.values.min() < 0.0 for command in commands):
-        return False
-    by_coordinate = any(kinds()[command.control].drives == "coordinate" for command in commands)
-    return not (by_coordinate and twin.system.is_loaded(theta))
-
-
 def respond(  # noqa: PLR0913 (one keyword for each option)
     twin: Twin,
     theta: Mapping[str, float],
@@ -173,7 +160,7 @@ def respond(  # noqa: PLR0913 (one keyword for each option)
         got, why = ", ".join(sensitivities), "a state depends on the commands of all samples before it, too"
         raise ParameterError(Fault(why, "sensitivities", got, "parameters of the robot"))
     driven = protocol.driven
-    if len(driven) > 1 or twin.system.remembers or not _is_one_way(twin, theta, protocol, driven):
+    if len(driven) > 1 or twin.system.remembers:
         with statics_of(twin, theta) as statics:
             return simulate_many(
                 twin, statics, protocol, names, snapshots=snapshots, crossings=crossings, commanded=commanded

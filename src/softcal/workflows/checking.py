@@ -18,6 +18,7 @@ from softcal.errors import Fault, InputError
 from softcal.geometry.cell import CELLS
 from softcal.html_text import summary
 from softcal.materials.catalogue import LAWS
+from softcal.mechanics.chamber import ChamberTerm
 from softcal.project.project import Project, ProjectSource, project_of
 from softcal.sensing.channel import TIME, ChannelName
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
@@ -202,6 +203,15 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
         mass = "fixed" if plate.fixed else f"mass {plate.mass:.4g} kg"
         rows.append((f"plate {plate.name}", f"on {', '.join(carriers) or 'nothing'}, {holes}{mass}"))
     rows += cable_rows(robot)
+    volumes = {term.name: term.rest_volume for term in twin_of(robot).system.of(ChamberTerm)}
+    for part in robot.actuators:
+        values = [
+            f"{key.replace('_', ' ')} {format_quantity(value, part.actuator.quantities[key].unit)}"
+            for key, value in part.values.items()
+        ]
+        size = [f"{format_quantity(volumes[part.name], 'm^3')} at rest"] if part.name in volumes else []
+        of = [f"of {' and '.join(part.actuator.surfaces)}"] if part.actuator.surfaces else []
+        rows.append((f"{part.actuator.name} {part.name}", ", ".join([*of, *size, *values])))
     rows += [(f"tie {tie.name}", f"{len(tie.nodes)} nodes of {tie.body} on {tie.on}") for tie in robot.ties]
     rows += [(f"marker {marker.name}", f"on {marker.on}") for marker in robot.markers]
     for one in robot.sensors:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -13,11 +13,11 @@ from softcal.checks import Ints
 from softcal.declare import Reading, shown
 from softcal.errors import Fault, InputError, MeshError
 from softcal.geometry.surface import border
-from softcal.mechanics.chamber import ChamberTerm, Wall
+from softcal.mechanics.chamber import ChamberTerm, ChamberWall
 from softcal.quantities import QUANTITIES, Quantity
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensor import ActuatorSensor, register_sensor
-from softcal.twin.actuated import Actuator, Places, register_actuator
+from softcal.twin.actuated import Actuator, Numbering, register_actuator
 from softcal.units import format_quantity
 
 LEAST_VOLUME = 1e-9  # of the cube of a chamber's extent: a smaller one encloses nothing
@@ -104,15 +104,25 @@ class Chamber(Actuator):
                 allowed = "medium: gas, or hose_compliance"
                 raise InputError(Fault("a liquid is not compressed", key, f"{getattr(self, key):.6g}", allowed))
 
-    def with_faces(self, faces: Callable[[str, str], Ints | None]) -> Self:
-        named = {body: faces(body, wall) if isinstance(wall, str) else wall for body, wall in self.walls.items()}
-        return replace(self, walls={body: wall for body, wall in named.items() if wall is not None} or self.walls)
+    @property
+    def surfaces(self) -> Mapping[str, Ints | str]:
+        return self.walls
 
-    def term(self, name: str, places: Places) -> ChamberTerm:
-        walls: list[Wall] = []
+    def on_surfaces(self, surfaces: Mapping[str, Ints | str]) -> Self:
+        return replace(self, walls=surfaces)
+
+    def term(self, name: str, places: Numbering) -> ChamberTerm:
+        """Its term; the volume at rest is that of the undeformed mesh.
+
+        Raises
+        ------
+        MeshError
+            Where its walls enclose no volume.
+        """
+        walls: list[ChamberWall] = []
         for body, given in self.walls.items():
             faces = places.faces(body, given, f"{name}.walls.{body}")
-            walls.append(Wall(faces, tuple(border(faces))))
+            walls.append(ChamberWall(faces, tuple(border(faces))))
         term = ChamberTerm(
             name=name,
             walls=tuple(walls),

@@ -16,8 +16,7 @@ from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.limits import LIMITS
-from softcal.sensing.channel import ChannelName, channel_name, kinds
-from softcal.sensing.sensors.cable import SHORTENING, TENSION
+from softcal.sensing.channel import ChannelName, channel_name, kinds, other_of
 from softcal.twin.parameter_name import parameter_name
 
 MOST_SAMPLES = replace(LIMITS["samples"], least=0)
@@ -182,7 +181,7 @@ def _commands(candidate: Candidate, like: Experiment, old: str, new: str) -> Flo
     values = like.dataset.values(old)
     if channel_name(old).kind == channel_name(new).kind:
         return values
-    kind = TENSION if channel_name(old).kind == SHORTENING else SHORTENING
+    kind = other_of(channel_name(old).kind)
     other = next((c for c in like.dataset.channels if like.twin_channel(c) == ChannelName(kind, _cable(like))), None)
     if other is not None:
         most = float(np.nanmax(like.dataset.values(other)))

@@ -9,8 +9,8 @@ import numpy as np
 from softcal.analysis.candidate import Candidate
 from softcal.calibration.problem.experiment import Experiment
 from softcal.calibration.problem.problem import Problem
-from softcal.sensing.channel import ChannelName, positions
-from softcal.sensing.sensors.cable import SHORTENING, TENSION
+from softcal.sensing.channel import ChannelName, other_of, positions
+from softcal.sensing.sensors.cable import TENSION
 from softcal.sensing.sensors.plate import ANGLES
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.robot import PointLoad, Robot
@@ -39,7 +39,7 @@ def default_candidates(problem: Problem) -> list[Candidate]:
     like = furthest(problem)
     if len(like.drives) == 1:
         driven = like.twin_channel(like.drives[0])
-        other = SHORTENING if driven.kind == TENSION else TENSION
+        other = other_of(driven.kind)
         # If the bench has measured how far that goes.
         if any(like.twin_channel(c) == ChannelName(other, driven.carrier) for c in like.dataset.channels):
             found.append(Candidate(name=f"{like.name} by {other.name}", like=like.name, control=other.name))
@@ -93,7 +93,7 @@ def _more_sensors(robot: Robot, like: Experiment) -> Iterable[Candidate]:
     seen = {like.twin_channel(channel) for channel in (*like.compared, *like.drives)}
     for channel in like.drives:
         driven = like.twin_channel(channel)
-        other = ChannelName(SHORTENING if driven.kind == TENSION else TENSION, driven.carrier)
+        other = ChannelName(other_of(driven.kind), driven.carrier)
         if other not in seen:
             yield _measured(f"{like.name} with the {other.kind.name}", like, [other])
     for plate in robot.plates:

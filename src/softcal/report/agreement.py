@@ -27,7 +27,16 @@ from softcal.calibration.statistics.random_effects import DIFFERS, WORDS, Spread
 from softcal.calibration.statistics.residuals import SHOWN, ResidualRecord
 from softcal.experiments.dataset import Dataset
 from softcal.report.content import ReportContent
-from softcal.report.format import estimate_scale, few, joined, number, parameter_label, result_label, scale_of, worst
+from softcal.report.format import (
+    channel_scale,
+    estimate_scale,
+    few,
+    joined,
+    number,
+    parameter_label,
+    result_label,
+    worst,
+)
 from softcal.report.tables import Column, ReportTable
 from softcal.sensing.channel import channel_unit
 from softcal.units import format_quantity, rounded
@@ -335,7 +344,7 @@ def left_out_table(content: ReportContent) -> ReportTable:
     for label, result in content.judged.items():
         for name, prediction in result.left_out.items():
             for channel, error in prediction.rmse.items():
-                scale = scale_of(channel_unit(channel) or "1")
+                scale = channel_scale(channel_unit(channel) or "1")
                 fitted = result.experiments[name].rmse.get(channel)
                 shown = [
                     None if v is None else f"{number(v / scale.factor)} {scale.unit}".rstrip()

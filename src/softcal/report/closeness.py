@@ -15,7 +15,7 @@ import numpy as np
 from softcal.calibration.results.result import SearchResult
 from softcal.calibration.statistics.estimate import Remark, Tone
 from softcal.experiments.dataset import Dataset
-from softcal.report.format import joined, number, scale_of
+from softcal.report.format import channel_scale, joined, number
 from softcal.report.format import worst as worst_ones
 from softcal.report.tables import share_of_range
 from softcal.sensing.channel import ChannelName, channel_name
@@ -45,7 +45,7 @@ class Miss:
 
     @property
     def size(self) -> str:
-        scale = scale_of(self.unit)
+        scale = channel_scale(self.unit)
         return f"{number(self.error / scale.factor)} {scale.unit}"
 
     @property
@@ -125,7 +125,7 @@ def worst_of(misses: Collection[Miss], word: str) -> str:
     if found is None:
         return ""
     where = f" at most ({found.place})" if sum(miss.word == word for miss in misses) > 1 else ""
-    scale = scale_of(found.unit)
+    scale = channel_scale(found.unit)
     size = f"{number(found.error / scale.factor, 2)} {scale.unit}"
     if found.unit != "rad":
         size = f"{number(100 * (found.share or 0.0), 2)} % of its range"

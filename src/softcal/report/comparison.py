@@ -11,7 +11,7 @@ from softcal.calibration.results.result import ExperimentFit
 from softcal.calibration.results.result_files import fits_of
 from softcal.checks import Floats
 from softcal.report.content import ReportContent
-from softcal.report.format import Scale, estimate_scale, joined, number, parameter_label, scale_of
+from softcal.report.format import Scale, channel_scale, estimate_scale, joined, number, parameter_label
 from softcal.report.headline import headline
 from softcal.report.surfaces import section_scale
 from softcal.report.tables import Cell, Column, ReportTable
@@ -162,6 +162,6 @@ def _state_labels(content: ReportContent, name: str, n: int) -> list[str]:
         short = [label.removeprefix(name).lstrip("_- ") for label in data.labels]
         return short if all(short) else list(data.labels)
     if data.n_samples == n and experiment.drive in data.channels:
-        scale = scale_of(data.channels[experiment.drive].unit)
+        scale = channel_scale(data.channels[experiment.drive].unit)
         return [f"{number(value / scale.factor)} {scale.unit}" for value in data.values(experiment.drive)]
     return [str(k + 1) if n > 1 else "" for k in range(n)]

@@ -37,6 +37,11 @@ def scale_of(si_unit: str, value: float = 1e6) -> Scale:
     return Scale("" if unit == "1" else unit, unit_factor(unit, si_unit))
 
 
+def channel_scale(si_unit: str) -> Scale:
+    """Display scale of a channel with this SI unit; a pressure is in kPa."""
+    return scale_of(si_unit, 1e3 if si_unit == "Pa" else 1e6)
+
+
 def estimate_scale(estimate: Estimate) -> Scale:
     """Display scale of an estimate: MPa for a modulus of 2.3e6 Pa."""
     return scale_of(estimate.unit, estimate.value)

@@ -31,7 +31,7 @@ from softcal.report.figures.trajectory import (
     label_abscissa,
     trajectory_panels,
 )
-from softcal.report.format import ordered_parameters, parameter_label, scale_of
+from softcal.report.format import channel_scale, ordered_parameters, parameter_label
 from softcal.report.scene import Part, Projection, Surface, Tube, bending_camera, length_scale
 from softcal.report.scene_twin import displacements
 from softcal.report.sketch import draw_parts, draw_sketch
@@ -170,13 +170,13 @@ def plot_channel(response: Response, channel: str, over: str, ax: Any) -> Any:
     for name in filter(None, (channel, over)):
         if name not in response.channels:
             raise ParameterError(unknown("the response has no such channel", "plot", name, response.channels))
-    scale, values = scale_of(response.units[channel]), response.channels[channel]
+    scale, values = channel_scale(response.units[channel]), response.channels[channel]
     kind = channel_name(channel).kind
     panel = TrajectoryPanel(channel, kind.label or kind.name, scale, None, values / scale.factor, None)
     numbers = np.arange(len(values), dtype=np.float64)
     abscissa = Abscissa(numbers, "Sample", is_count=True)
     if over:
-        across = scale_of(response.units[over])
+        across = channel_scale(response.units[over])
         abscissa = Abscissa(response.channels[over] / across.factor, across.axis(channel_name(over).label))
     with _drawing(ax) as axes:
         path = TrajectoryPanels("", abscissa, (panel,), (slice(0, len(values)),))

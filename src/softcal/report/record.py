@@ -10,7 +10,7 @@ from softcal.analysis.record import RecordFit
 from softcal.calibration.results.result import ExperimentFit
 from softcal.report.closeness import in_words, of_carrier
 from softcal.report.content import ReportContent
-from softcal.report.format import number, scale_of
+from softcal.report.format import channel_scale, number
 from softcal.report.tables import share_of_peak
 
 
@@ -38,7 +38,7 @@ def record_sentence(content: ReportContent, label: str) -> str:
     if not wholes:
         return ""
     worst = max(wholes, key=lambda whole: whole.share)
-    scale, every = scale_of(worst.unit), worst.found.every
+    scale, every = channel_scale(worst.unit), worst.found.every
     over = "Over the whole record" if every == 1 else f"Over one in {every} samples of the whole record"
     if _returns(worst.found):
         over += ", loading and unloading"

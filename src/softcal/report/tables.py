@@ -20,6 +20,7 @@ from softcal.materials.catalogue import LAWS, constants_of
 from softcal.report.content import ReportContent
 from softcal.report.format import (
     Scale,
+    channel_scale,
     duration,
     estimate_scale,
     find_parameter,
@@ -223,7 +224,7 @@ def errors_table(content: ReportContent) -> ReportTable:
         ("pitch", "Pitch", Scale("rad", 1.0)),
         ("pitch", "Pitch", scale_of("rad")),
         ("shortening", "Shortening", scale_of("m")),
-        *((str(one), one.label, scale_of(one.kind.unit)) for one in named.values() if one.carrier),
+        *((str(one), one.label, channel_scale(one.kind.unit)) for one in named.values() if one.carrier),
     ]
     shown = [
         (channel, label, scale)

@@ -102,6 +102,12 @@ def _kinds(sensors: tuple[type[Sensor], ...]) -> Mapping[str, ChannelKind]:
     return {kind.name: kind for kind in (TIME, *own)}
 
 
+def other_of(kind: ChannelKind) -> ChannelKind:
+    """The effort of an actuator's coordinate, and its coordinate for its effort."""
+    coordinate, effort = of_actuator(kind)
+    return coordinate if kind == effort else effort
+
+
 def readings() -> Mapping[str, Quantity]:
     """Kinds of quantity of the rig's parameters between the twin and its channels, offsets, gains and drifts, by the
     last part of their names.

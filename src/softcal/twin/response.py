@@ -37,6 +37,8 @@ class Snapshot(ReadOnly):
         Cable -> commanded tension [N] or shortening [m].
     tensions
         Cable -> tension [N].
+    efforts
+        Every other actuator -> its effort [SI], of a chamber its pressure [Pa].
     rods
         Rod -> positions of its nodes (n_nodes, 3) [m].
     pressures
@@ -56,6 +58,7 @@ class Snapshot(ReadOnly):
     plates: Mapping[str, tuple[Floats, Floats]]
     controls: Mapping[str, float]
     tensions: Mapping[str, float] = field(default_factory=dict)
+    efforts: Mapping[str, float] = field(default_factory=dict)
     rods: Mapping[str, Floats] = field(default_factory=dict)
     pressures: Mapping[str, Floats] = field(default_factory=dict)
     markers: Mapping[str, Floats] = field(default_factory=dict)

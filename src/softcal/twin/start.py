@@ -152,6 +152,7 @@ def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float,
         name: marker.position(state.x, plates.get(marker.marker.on, still)[1]) for name, marker in twin.markers.items()
     }
     tensions = {cable.name: float(state.effort[i]) for i, cable in enumerate(robot.cables)}
+    efforts = {part.name: float(state.effort[twin.system.number(part.name)]) for part in robot.actuators}
     pressures: dict[str, Floats] = {}
     for name, (first, body, nodes) in twin.pressure_nodes.items():
         pressures[name] = np.zeros(twin.meshes[body].n_points)
@@ -169,6 +170,7 @@ def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float,
         plates=plates,
         controls=controls,
         tensions=tensions,
+        efforts=efforts,
         rods=rods,
         pressures=pressures,
         markers=markers,

@@ -289,20 +289,23 @@ def twin_view(robot: Robot, response: Response) -> TwinView | None:
 
     shapes = response.snapshots
     bent = shapes[max(range(1, len(shapes)), key=bending)]
-    at_rest, furthest = (replace(shape, label=_title(shape)) for shape in (rest, bent))
+    at_rest, furthest = (replace(shape, label=_title(robot, shape)) for shape in (rest, bent))
     sentences = (response.instabilities, response.crossings, response.drawn_out, response.remarks)
     return TwinView(robot, at_rest, furthest, response.tets, *sentences)
 
 
-def _title(shape: Snapshot) -> str:
-    """Title of a shape: the taut cables with their tensions."""
+def _title(robot: Robot, shape: Snapshot) -> str:
+    """Title of a shape: the taut cables with their tensions, and the efforts of other actuators."""
+    units = {part.name: part.channels[1].unit for part in robot.actuators}
+    others = [f"{name}: {format_quantity(value, units[name])}" for name, value in shape.efforts.items() if value]
     largest = max(shape.tensions.values(), default=0.0)
     pulled = [name for name, tension in shape.tensions.items() if tension > 1e-6 * largest]
-    if largest <= 0.0:
+    if largest <= 0.0 and not others:
         return "At rest"
     if len(pulled) > 2:
-        return f"{len(pulled)} cables pulled, by up to {format_quantity(largest, 'N')}"
-    return ", ".join(f"{name}: {format_quantity(shape.tensions[name], 'N')}" for name in pulled)
+        return ", ".join([f"{len(pulled)} cables pulled, by up to {format_quantity(largest, 'N')}", *others])
+    each = [f"{name}: {format_quantity(shape.tensions[name], 'N')}" for name in pulled if largest > 0.0]
+    return ", ".join([*each, *others])
 
 
 def turning_angle(rotation: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:

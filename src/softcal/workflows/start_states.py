@@ -12,8 +12,8 @@ from softcal.checks import Ints
 from softcal.mechanics.actuator import NO_EFFORT
 from softcal.mechanics.state import rest_state
 from softcal.project.project import Project
-from softcal.sensing.channel import ChannelName
-from softcal.sensing.sensors.cable import SHORTENING, TENSION
+from softcal.sensing.channel import ChannelName, of_actuator
+from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.build import twin_of
 from softcal.twin.parameters import parameter_values, robot_parameters, with_parameters
 from softcal.twin.protocol import Protocol, furthest_state
@@ -135,6 +135,8 @@ def start_states(
             shape = response.snapshots[-1]
             tensions = sorted(shape.tensions.items(), key=lambda pair: -pair[1])
             taut = [f"{cable} {format_quantity(tension, 'N')}" for cable, tension in tensions if tension > 0.0]
+            units = {part.name: part.channels[1].unit for part in project.robot.actuators}
+            taut += [f"{name} {format_quantity(value, units[name])}" for name, value in shape.efforts.items() if value]
             shapes[f"{name}\n{', '.join(taut[:2])}{' …' if len(taut) > 2 else ''}".strip()] = shape
     tets = {name: mesh.tets for name, mesh in twin.meshes.items()}
     return StartStates(tuple(rows), tuple(warnings), responses, undeformed, shapes, tets)
@@ -163,11 +165,11 @@ def _end_summary(experiment: Experiment, response: Response, undeformed: Snapsho
     parts: list[str] = []
     for channel in experiment.drives:
         cable, kind = experiment.twin_channel(channel).carrier, experiment.twin_channel(channel).kind
-        pulled, tension = (response.channels[str(ChannelName(one, cable))] for one in (SHORTENING, TENSION))
+        kinds = of_actuator(kind)
+        pulled, tension = (response.channels[str(ChannelName(one, cable))] for one in kinds)
         last = int(np.argmax(pulled))
-        parts.append(
-            f"{cable} {format_quantity(float(pulled[last]), 'm')}, {format_quantity(float(tension[last]), 'N')}"
-        )
+        ends = zip((pulled, tension), kinds, strict=True)
+        parts.append(f"{cable} {', '.join(format_quantity(float(of[last]), one.unit) for of, one in ends)}")
         slack = tension <= NO_EFFORT * tension.max()
         if kind == SHORTENING and np.count_nonzero(slack) > 1:
             begin = float(pulled.min())

@@ -13,7 +13,7 @@ from softcal.experiments.dataset import Dataset
 from softcal.experiments.steps.noise import NOISE_STEPS
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figure import Drawing, register_figure
-from softcal.report.format import joined, scale_of
+from softcal.report.format import channel_scale, joined, scale_of
 from softcal.report.style import BLUE, LOOP, MUTED, ORANGE, count_axis, house_style, new_figure
 from softcal.sensing.channel import channel_name
 from softcal.sensing.sensors.plate import ANGLES
@@ -98,7 +98,7 @@ def draw_record(data: Dataset) -> Figure:
         timed = "time" in data.channels and names != ["time"]
         x = data.values("time") if timed else np.arange(data.n_samples)
         for axes, name in zip(stack, names, strict=True):
-            scale = scale_of(data.channels[name].unit)
+            scale = channel_scale(data.channels[name].unit)
             axes.plot(x, data.values(name) / scale.factor, color=BLUE, linewidth=1.2)
             axes.set_ylabel(scale.axis(channel_name(name).label))
         stack[0].set_title(data.name)
@@ -150,7 +150,7 @@ def _cycle_pieces(data: Dataset) -> list[slice]:
 
 
 def _over_displacement(data: Dataset, rows: slice, channel: str = "tension") -> tuple[Floats, Floats]:
-    shown = data.values(channel)[rows] / scale_of(data.channels[channel].unit).factor
+    shown = data.values(channel)[rows] / channel_scale(data.channels[channel].unit).factor
     return data.values("shortening")[rows] / scale_of("m").factor, shown
 
 

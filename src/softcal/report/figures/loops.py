@@ -11,7 +11,7 @@ from softcal.calibration.results.result import ExperimentFit
 from softcal.experiments.dataset import Dataset
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
-from softcal.report.format import file_stem, result_label, scale_of
+from softcal.report.format import channel_scale, file_stem, result_label, scale_of
 from softcal.report.style import MEASURED, SIMULATED, count_axis, house_style, new_figure
 from softcal.sensing.channel import channel_name
 from softcal.sensing.sensors.plate import ANGLES
@@ -53,7 +53,7 @@ def draw_loops(title: str, data: Dataset, fit: ExperimentFit) -> Figure:
         heights = [3.2, *(2.2 for _ in angles), 1.8]
         axes, *others, last = figure.subplots(len(heights), 1, height_ratios=heights)
         for below, channel in zip([axes, *others], ["tension", *angles], strict=True):
-            scale = scale_of(fit.units[channel])
+            scale = channel_scale(fit.units[channel])
             for family, colour, width in ((fit.measured, MEASURED, 1.1), (fit.simulated, SIMULATED, 1.3)):
                 travel = family.get("shortening", fit.measured["shortening"]) / mm.factor
                 values = family.get(channel, fit.measured[channel]) / scale.factor

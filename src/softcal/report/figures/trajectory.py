@@ -13,7 +13,7 @@ from softcal.calibration.results.result import ExperimentFit
 from softcal.checks import Floats
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figure import Drawing, register_figure
-from softcal.report.format import Scale, file_stem, joined, result_label, scale_of
+from softcal.report.format import Scale, channel_scale, file_stem, joined, result_label
 from softcal.report.style import INK, MEASURED, MUTED, SIMULATED, count_axis, house_style, new_figure
 from softcal.sensing.channel import channel_name, channel_unit
 
@@ -99,7 +99,7 @@ def trajectory_panels(experiment: ExperimentContent, fit: ExperimentFit) -> Traj
     names += [name for name in fit.simulated if name not in {*order, *placed} and name in fit.measured]
     panels: list[TrajectoryPanel] = []
     for name in names:
-        scale = scale_of(fit.units.get(name, channel_unit(name) or "1"))
+        scale = channel_scale(fit.units.get(name, channel_unit(name) or "1"))
         simulated = np.asarray(fit.simulated[name], dtype=np.float64) / scale.factor
         measured = fit.measured.get(name)
         shown = None if measured is None else np.asarray(measured, dtype=np.float64) / scale.factor
@@ -122,7 +122,7 @@ def _abscissa(experiment: ExperimentContent, n_samples: int) -> Abscissa:
         return Abscissa(np.arange(n_samples, dtype=np.float64), "Sample", note, is_count=True)
     for name in (experiment.drive, "time"):
         if name in data.channels and np.all(np.diff(data.values(name)) >= 0):
-            scale = scale_of(data.channels[name].unit)
+            scale = channel_scale(data.channels[name].unit)
             return Abscissa(data.values(name) / scale.factor, scale.axis(channel_name(name).label))
     return Abscissa(np.arange(n_samples, dtype=np.float64), "Sample", is_count=True)
 

@@ -132,6 +132,7 @@ if TYPE_CHECKING:
     from softcal.workflows.intervals import intervals as intervals
     from softcal.workflows.mesh_study import mesh_study as mesh_study
     from softcal.workflows.next_test import next_test as next_test
+    from softcal.workflows.reach import reach as reach
     from softcal.workflows.reporting import write_report as write_report
     from softcal.workflows.run_folder import load_run as load_run
     from softcal.workflows.simulation import pull as pull
@@ -246,6 +247,7 @@ _HOMES = {
     "pull": "softcal.workflows.simulation",
     "quantity": "softcal.quantities",
     "ramp": "softcal.twin.schedule",
+    "reach": "softcal.workflows.reach",
     "read_mesh": "softcal.geometry.read",
     "register_command": "softcal.cli.command",
     "register_engine": "softcal.export.engine",
@@ -373,6 +375,7 @@ __all__ = [
     "pull",
     "quantity",
     "ramp",
+    "reach",
     "read_mesh",
     "register_command",
     "register_engine",

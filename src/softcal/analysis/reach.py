@@ -9,8 +9,8 @@ With channels y(u) of the equilibrium at commands u of m actuators, wanted value
 cable has no derivative by its shortening. So a cable without tension is released, its unknown is the tension, with
 T >= 0, and its command the shortening at which it is just taut; once it is to have tension it is driven again.
 
-*Step* (`_Search.step`). With the derivatives J of all channels at the present equilibrium (one factorisation) each limit
-is a linear inequality, and three least-squares problems with inequalities follow each other, the next one keeping what
+*Step* (`_Search.step`). With the derivatives J of all channels at the present equilibrium (one factorisation), limits
+are linear inequalities, and three least-squares problems with inequalities follow each other, the next one keeping what
 the one before has found: limits that are violated at present; A d = -r of (1), A = J / t; within the null space of A,
 p + P d = 0 of (2). All within a box in which, to first order, no channel moves by more than a share `size` of the
 robot's extent, or of one radian. Each problem is solved exactly by an active set (`_least`).
@@ -70,6 +70,11 @@ KEPT = 1e-3  # of a tolerance, by which a limit may be passed between steps
 NO_GAIN = 1e-10  # of the merit: a smaller predicted decrease ends the search
 STATIONARY = 1e-3  # of the gradient of the residual: a smaller remainder counts as zero
 NO_EFFECT = 1e-7  # of the largest singular value: a smaller one is a direction without effect on the targets
+KINK = "the derivatives jump there, as where friction reverses or a cable becomes slack, and no step comes closer."
+ELSEWHERE = (
+    "At these commands the robot has another equilibrium, which is nearer, but not on the way from the last ones: an "
+    "instability is between."
+)
 PULL = 0.4  # size of the pulls from which further starts begin
 
 
@@ -318,7 +323,7 @@ class _Search:
         self.lower[self.effort] = np.maximum(self.lower[self.effort], least)
         self.fond = self.effort if task.prefer == "effort" else self.command
         self.reference = np.zeros(len(last)) if task.prefer == "effort" else last
-        self.fond_scale: Floats | None = None
+        self.fond_scale = np.zeros(0)  # of the first point
         self.barrier, self.n_states, self.n_derivatives = "", 0, 0
         size = {"m": live.extent, "rad": 1.0}
         self.motion = np.array([1.0 / size[unit] if unit in size else 0.0 for unit in live.units.values()])
@@ -344,7 +349,7 @@ class _Search:
         if best is None or best[0][0]:
             why = self.barrier or "the limits contradict each other along every way that was tried"
             raise SimulationError(f"No commands within the limits were found: {why.rstrip('.')}.")
-        self.barrier = best[2]
+        self.barrier = best[2] or self.barrier
         return self.checked(self.preferred(best[1]))
 
     def starts(self) -> Iterator[_Point]:
@@ -432,7 +437,7 @@ class _Search:
             rows.append(-np.eye(m)[k])
             gaps.append(0.0)
             names.append(f"{self.channels[self.coordinate[k]]} beyond its upper limit: slack")
-        if self.fond_scale is None:
+        if not len(self.fond_scale):
             kinds = [self.channels[k].rpartition(".")[2] for k in self.fond]
             own = np.abs(rates[self.fond, np.arange(m)] * scale)
             self.fond_scale = np.array(
@@ -507,7 +512,7 @@ class _Search:
             ahead = at.error + at.moving @ step
             left = np.maximum(at.gaps - at.rows @ step - KEPT, 0.0).sum()
             bent = 0.5 * float(step @ (curvature * np.outer(at.scale, at.scale)) @ step)
-            gain = merit - 0.5 * ahead @ ahead - max(bent, -0.5 * merit) * bool(curvature.any()) - price * left
+            gain = merit - 0.5 * ahead @ ahead - max(bent, -0.5 * merit) - price * left
             if not gain > NO_GAIN * max(merit, 1.0):
                 if not curvature.any():
                     break
@@ -532,7 +537,7 @@ class _Search:
     def updated(
         self, curvature: Floats, at: _Linear, after: _Linear, here: _Point, there: _Point, error: Floats
     ) -> Floats:
-        """The curvature after a step, by the change of A^T r: symmetric, of rank one; none where the unknowns changed."""
+        """The curvature after a step, by the change of A^T r: symmetric, of rank one; none for other unknowns."""
         if np.any(here.released != there.released):
             return np.zeros_like(curvature)
         way = there.unknowns - here.unknowns
@@ -570,7 +575,7 @@ class _Search:
     def restored(self, there: _Point, at: _Linear, size: float) -> _Point | None:
         """A point nearer to (1), by the derivatives of another one."""
         error = self.errors(there) * self.task.weights[self.targets]
-        correction = np.linalg.lstsq(at.moving, -error, rcond=1e-9)[0]
+        correction = np.linalg.pinv(at.moving, rcond=1e-9) @ -error
         return self.moved(there, at, np.clip(correction, -size, size))
 
     def checked(self, end: _Point) -> ReachStep:
@@ -587,12 +592,15 @@ class _Search:
         if not state.succeeded or state.snaps:
             outcome, told = "refused", f"Refused: the way from the last commands to these is not stable. {state.status}"
         elif not self.is_reached(reached):
-            outcome = "nearest" if residual <= STATIONARY else "refused"
+            is_same = bool(np.abs(self.errors(reached) - self.errors(end)).max() <= 1.0)
+            outcome = "nearest" if residual <= STATIONARY and is_same else "refused"
             told = f"Not reached: {self.told(reached)}. "
             told += "No commands near these come closer within the limits" if outcome == "nearest" else "Refused"
             told += f": {', '.join(limits)}." if limits and outcome == "nearest" else "."
-            if outcome == "refused":
-                told += f" The way ends there: {self.barrier or 'the search did not converge.'}"
+            if outcome == "refused" and not is_same:
+                told += f" {ELSEWHERE}"
+            elif outcome == "refused":
+                told += f" The way ends there: {self.barrier or KINK}"
         left = residual
         if outcome == "reached":
             left, limits = at.remainder(at.fond.T @ at.off, at.moving)
@@ -618,15 +626,15 @@ class _Search:
         return ", ".join(f"{name} {format_quantity(value, unit, digits=3)} off" for name, value, unit in each)
 
 
-def _least(A: Floats, b: Floats, G: Floats, h: Floats) -> tuple[Floats, Floats]:
-    """min |A x - b| subject to G x >= h, and the multipliers, by an active set from x = 0, where h <= 0.
+def _least(A: Floats, b: Floats, rows: Floats, gaps: Floats) -> tuple[Floats, Floats]:
+    """min |A x - b| subject to rows @ x >= gaps, and the multipliers, by an active set from x = 0: gaps <= 0.
 
     Among steps without effect on A x it takes the shortest.
     """
     m = A.shape[1]
-    x, active, multipliers = np.zeros(m), list[int](), np.zeros(len(h))
-    lengths = np.maximum(np.linalg.norm(G, axis=1), 1e-300)
-    G, h = G / lengths[:, None], np.minimum(h / lengths, 0.0)
+    x, active, multipliers = np.zeros(m), list[int](), np.zeros(len(gaps))
+    lengths = np.maximum(np.linalg.norm(rows, axis=1), 1e-300)
+    G, h = rows / lengths[:, None], np.minimum(gaps / lengths, 0.0)
     size = max(float(np.linalg.norm(A)), 1e-300)
     for _ in range(20 * (m + 2)):
         across = np.linalg.svd(G[active])[2][len(active) :].T if active else np.eye(m)

@@ -22,7 +22,7 @@ from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.warm_steps import WarmSteps
 from softcal.sensing.channel import ChannelName, kinds
-from softcal.sensing.sensors.cable import SHORTENING, TENSION
+from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.crossings import crossed_at
 from softcal.twin.drawn_out import drawn_out, drawn_out_at
@@ -286,7 +286,7 @@ class LiveTwin(_InOneProcess):
     @_in_turn
     def return_to(self, state: LiveState) -> LiveState:
         """Return to a state of this twin, with what the robot remembered there."""
-        self._steps.return_to(state._place.reached)  # noqa: SLF001 (its own)
+        self._steps.return_to(state._place.reached)  # noqa: SLF001 # pyright: ignore[reportPrivateUsage] (its own)
         self._state = state
         return state
 
@@ -326,7 +326,7 @@ class LiveTwin(_InOneProcess):
             faults.append(Fault("time does not go back", "elapsed", f"{elapsed:g} s", ">= 0 s"))
         if faults:
             raise ParameterError(faults)
-        free = dict.fromkeys(released, Command(TENSION.name, np.zeros(1)))
+        free = dict.fromkeys(released, Command("tension", np.zeros(1)))
         driven = {name: Command(self._controls[name], np.array([v])) for name, v in commands.items()}
         protocol = Protocol(free | driven)
         if faults := command_faults(self.robot, protocol):

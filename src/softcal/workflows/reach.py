@@ -261,7 +261,7 @@ def _table(found: ReachResult, columns: list[tuple[str, list[float]]], outcomes:
     header = ["time [s]"] * (None not in times) + [
         f"{n} [{found.units[n.removeprefix('wanted ')]}]" for n, _ in columns
     ]
-    cells: list[Sequence[object]] = [times] * (None not in times) + [values for _, values in columns]
+    cells: list[Sequence[object]] = [*[times] * (None not in times), *(values for _, values in columns)]
     if outcomes:
         header, cells = [*header, "outcome"], [*cells, outcomes]
     return csv_text(header, zip(*cells, strict=True))

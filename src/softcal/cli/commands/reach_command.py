@@ -12,7 +12,7 @@ from softcal.cli.command import register_command
 from softcal.cli.printing import echo, print_table, print_warnings, shown_path
 from softcal.cli.running import clock
 from softcal.cli.values import Source, Values, parsed_pairs, parsed_values
-from softcal.errors import Fault, InputError
+from softcal.errors import Fault, InputError, unknown
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -44,7 +44,7 @@ def reach(  # noqa: PLR0913 (one argument for each option)
     ] = None,
     limit: Annotated[
         list[str] | None,
-        _option("CHANNEL=LOW..HIGH", "Limits, such as tension=0N..20N, tip.z=100mm.. or pitch=..40deg."),
+        _option("CHANNEL=LOW..HIGH", "Limits: tension=0N..20N, tip.z=100mm.. or pitch=..40deg."),
     ] = None,
     rate: Annotated[
         list[str] | None, _option("CHANNEL=RATE", "Largest change per second, such as tension=5N/s; needs times.")
@@ -91,8 +91,6 @@ def reach(  # noqa: PLR0913 (one argument for each option)
             where = f"{option} {name}"
             try:
                 if name not in units:
-                    from softcal.errors import unknown
-
                     raise InputError(unknown("the robot has no such channel", option, name, units))
                 found[name] = each(text, units[name], where)
             except InputError as error:

@@ -38,8 +38,8 @@ def simulate(
         Path | None,
         typer.Option(
             metavar="TABLE",
-            help="Instead of experiments: a table with the commands, such as front.tension [N], as softcal reach writes "
-            "it.",
+            help="Instead of experiments: a table of commands, columns such as front.tension [N], as softcal reach "
+            "writes it.",
             show_default=False,
         ),
     ] = None,

@@ -103,12 +103,13 @@ def test_reversing_friction_is_followed_from_target_to_target_and_replayed(contr
 
 def test_rates_hold_from_target_to_target() -> None:
     result = softcal.reach(
-        TENTACLE, {"tip.x": [0.0, 0.02, 0.02, 0.02]}, times=[0.0, 1.0, 2.0, 4.0], rates={"tension": 0.3}
+        TENTACLE, {"tip.x": [0.0, 0.005, 0.005, 0.005]}, times=[0.0, 1.0, 2.0, 4.0], rates={"tension": 0.3}
     )
     commands = np.array([list(step.commands.values()) for step in result.steps])
     assert np.abs(np.diff(commands, axis=0)).max() <= 0.6 + 1e-9
     assert np.abs(np.diff(commands[:3], axis=0)).max() <= 0.3 + 1e-9
     assert result.steps[1].outcome == "nearest"
+    assert "by its rate" in result.steps[1].active[0]
     assert result.steps[-1].outcome == "reached"
     assert result.protocol.times == pytest.approx([0.0, 1.0, 2.0, 4.0])
 

@@ -427,12 +427,16 @@ class _Search:
         free = set(self.coordinate[behind].tolist())
         for k in np.flatnonzero(np.isfinite(self.lower) | np.isfinite(self.upper)).tolist():
             tolerance = self.task.tolerances[k]
+            own = self.task.lower[k], self.task.upper[k], *self.least
             for sign, bound, side in ((1.0, self.lower[k], "lower"), (-1.0, self.upper[k], "upper")):
                 if np.isfinite(bound) and not (sign < 0.0 and k in free):
                     rows.append(sign * rates[k] * scale / tolerance)
                     gaps.append(sign * (bound - y[k]) / tolerance)
                     unit = list(self.live.units.values())[k]
-                    names.append(f"{self.channels[k]} at its {side} limit {format_quantity(bound + 0.0, unit)}")
+                    by_rate = "" if bound in own or bound in self.least else " by its rate"
+                    names.append(
+                        f"{self.channels[k]} at its {side} limit {format_quantity(bound + 0.0, unit)}{by_rate}"
+                    )
         for k in np.flatnonzero(behind).tolist():
             rows.append(-np.eye(m)[k])
             gaps.append(0.0)

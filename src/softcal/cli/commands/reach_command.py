@@ -17,11 +17,8 @@ from softcal.errors import Fault, InputError, unknown
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rich.table import Table
-
-    from softcal.analysis.reach import ReachResult
-
 V = TypeVar("V")
+MOST = 20  # targets in the printed table
 
 
 def _option(metavar: str, text: str) -> Any:
@@ -140,7 +137,10 @@ def reach(  # noqa: PLR0913 (one argument for each option)
             faults.extend(error.faults)
     if faults:
         raise InputError(faults)
+    from rich.table import Table
+
     from softcal.analysis.reach import reach_sentences
+    from softcal.units import format_quantity
     from softcal.workflows.reach import reach as find
 
     n = max((len(one) for one in wanted.values() if isinstance(one, list)), default=1)
@@ -161,7 +161,14 @@ def reach(  # noqa: PLR0913 (one argument for each option)
             out=out,
             progress=lambda k, step: show(f"Target {min(k + 1, n)} of {n}"),
         )
-    print_table(_table(result))
+    first = result.steps[0]
+    shown = Table("target", "", *first.commands, *first.wanted, *(f"{name} off" for name in first.wanted))
+    for k, step in enumerate(result.steps[:MOST], start=1):
+        cells = [format_quantity(value + 0.0, result.units[one]) for one, value in step.commands.items()]
+        cells += [format_quantity(step.channels[one] + 0.0, result.units[one]) for one in step.wanted]
+        cells += [format_quantity(off + 0.0, result.units[one], digits=2) for one, off in step.misses.items()]
+        shown.add_row(str(k) if step.time is None else f"{k}, {step.time:g} s", step.outcome, *cells)
+    print_table(shown)
     if len(result.steps) > MOST:
         echo(f"The first {MOST} of {len(result.steps)} targets; --out writes them all.")
     for sentence in reach_sentences(result):
@@ -169,23 +176,3 @@ def reach(  # noqa: PLR0913 (one argument for each option)
     if out is not None:
         echo(f"Wrote {shown_path(out)}")
         echo(f"Replay with: softcal simulate PROJECT --commands {shown_path(out / 'commands.csv')} --out DIR")
-
-
-MOST = 20  # targets in the printed table
-
-
-def _table(result: ReachResult) -> Table:
-    """A line per target: its outcome, the commands, and the wanted channels with their errors."""
-    from rich.table import Table
-
-    from softcal.units import format_quantity
-
-    first = result.steps[0]
-    table = Table("target", "", *first.commands, *first.wanted, *(f"{name} off" for name in first.wanted))
-    for k, step in enumerate(result.steps[:MOST], start=1):
-        name = str(k) if step.time is None else f"{k}, {step.time:g} s"
-        cells = [format_quantity(value + 0.0, result.units[one]) for one, value in step.commands.items()]
-        cells += [format_quantity(step.channels[one] + 0.0, result.units[one]) for one in step.wanted]
-        cells += [format_quantity(off + 0.0, result.units[one], digits=2) for one, off in step.misses.items()]
-        table.add_row(name, step.outcome, *cells)
-    return table

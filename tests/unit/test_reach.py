@@ -14,6 +14,7 @@ from scipy.optimize import minimize
 import softcal
 from softcal.analysis.reach import _least
 from softcal.cli import main
+from softcal.units import format_quantity
 from softcal.workflows.reach import REACH
 
 
@@ -77,10 +78,19 @@ def test_a_robot_is_set_and_one_target_is_given_in_the_line(project: Path, capsy
     assert code == 0
     stiff = softcal.reach(project, {"plate.pitch": np.radians(3.0)}, theta={"bar.youngs_modulus": 4e6})
     tension = stiff.steps[0].commands["front.tension"]
-    assert f"{tension:.3g}" in told
+    assert format_quantity(tension, "N") in told
     soft = softcal.reach(softcal.load(project), {"plate.pitch": np.radians(3.0)})
     assert tension == pytest.approx(2.0 * soft.steps[0].commands["front.tension"], rel=1e-3)
     assert "reached" in soft._repr_html_()
+
+
+def test_a_run_has_its_calibrated_values(project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(capsys, "calibrate", project, "--out", tmp_path / "run", "--no-report")[0] == 0
+    code, told, _ = run(capsys, "reach", tmp_path / "run", "--to", "plate.pitch=3deg")
+    assert code == 0
+    E = softcal.load_run(tmp_path / "run").headline.parameters["bar.youngs_modulus"].value
+    same = softcal.reach(project, {"plate.pitch": np.radians(3.0)}, theta={"bar.youngs_modulus": E})
+    assert format_quantity(same.steps[0].commands["front.tension"], "N") in told
 
 
 FAULTS = {

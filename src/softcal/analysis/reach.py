@@ -236,7 +236,10 @@ def reach_targets(
     live.reset()
     for k, target in enumerate(wanted):
         elapsed = np.inf if times is None or k == 0 else times[k] - times[k - 1]
-        step = _Search(live, task, target, elapsed).found()
+        try:
+            step = _Search(live, task, target, elapsed).found()
+        except SimulationError as error:
+            raise SimulationError(f"Target {k + 1}: {error}" if len(wanted) > 1 else str(error)) from error
         yield step if times is None else replace(step, time=times[k])
 
 

@@ -124,6 +124,16 @@ def test_any_channel_may_be_wanted_or_limited() -> None:
     assert step.channels["plate.y"] == pytest.approx(y, abs=1.001e-4)
 
 
+def test_two_targets_of_one_cable_are_answered_by_the_nearest_state_without_a_limit() -> None:
+    seen = LiveTwin(TENTACLE, {"front": "tension"}).at({"front": 0.8}).channels
+    wanted = {"tip.x": seen["tip.x"], "tip.z": seen["tip.z"] + 0.003}
+    step = softcal.reach(TENTACLE, wanted, controls={"front": "tension"}).steps[0]
+    assert step.outcome == "nearest", step.status
+    assert step.gradient < 1e-3
+    assert not step.active
+    assert 0.0 < np.hypot(*step.misses.values()) < 0.003
+
+
 def test_limits_that_no_commands_keep_are_a_failure_with_a_reason() -> None:
     with pytest.raises(softcal.SimulationError, match="No commands within the limits were found"):
         softcal.reach(TENTACLE, {"tip.x": 0.01}, limits={"tension": (0.0, 0.1), "tip.y": (0.05, 0.06)})

@@ -71,10 +71,7 @@ NO_GAIN = 1e-10  # of the merit: a smaller predicted decrease ends the search
 STATIONARY = 1e-3  # of the gradient of the residual: a smaller remainder counts as zero
 NO_EFFECT = 1e-7  # of the largest singular value: a smaller one is a direction without effect on the targets
 KINK = "the derivatives jump there, as where friction reverses or a cable becomes slack, and no step comes closer."
-ELSEWHERE = (
-    "At these commands the robot has another equilibrium, which is nearer, but not on the way from the last ones: an "
-    "instability is between."
-)
+ELSEWHERE = "The last commands do not lead there: the robot has another equilibrium, and an instability is between."
 PULL = 0.4  # size of the pulls from which further starts begin
 
 
@@ -87,7 +84,8 @@ class ReachStep(Checked):
     ----------
     outcome
         "reached": within all tolerances; "nearest": the target cannot be reached, and no commands near these come
-        closer within the limits; "refused": the way to the target ends before, see `status`.
+        closer within the limits; "refused": the way to the target ends before, at these commands or, where none near it
+        are safe, at the last ones, see `status`.
     wanted
         Channel -> wanted value [SI].
     commands
@@ -288,19 +286,19 @@ class _Linear:
     def violation(self) -> float:
         return float(np.maximum(self.gaps - KEPT, 0.0).sum())
 
-    def remainder(self, gradient: Floats, others: Floats) -> tuple[float, list[str]]:
-        """What remains of a gradient (m,) after the active limits and any multiple of other rows (k, m), over its size;
-        and the names of the limits that it needs.
+    def remainder(self, matrix: Floats, error: Floats, others: Floats) -> tuple[float, list[str]]:
+        """What remains of the gradient matrix^T error after the active limits and any multiple of other rows (k, m),
+        over the sizes of both factors; and the names of the limits that it needs.
         """
         from scipy.optimize import nnls
 
-        size = float(np.linalg.norm(gradient))
+        size = float(np.linalg.norm(matrix) * np.linalg.norm(error))
         active = np.flatnonzero(self.gaps >= -2.0 * CLOSE)
         columns = np.concatenate([self.rows[active], others, -others]).T
-        lengths = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        if not columns.size or not size:
-            return float(size > 0.0), []
-        shares, left = nnls(columns / lengths, gradient / size, maxiter=1000)
+        gradient = matrix.T @ error / max(size, 1e-300)
+        if not columns.size:
+            return float(np.linalg.norm(gradient)), []
+        shares, left = nnls(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), gradient, maxiter=1000)
         return float(left), [self.names[k] for k, share in zip(active, shares, strict=False) if share > STATIONARY]
 
 
@@ -360,9 +358,8 @@ class _Search:
         still = np.zeros(len(self.actuators))
         at_rest = np.array(self.by_coordinate & np.isfinite(self.least))
         if self.before.commands:
-            last = self.before
-            released = at_rest & (np.array([last.channels[self.channels[k]] for k in self.effort]) <= self.least)
-            values = np.array([last.channels[self.channels[k]] for k in self.command])
+            last = np.array(list(self.before.channels.values()))
+            released, values = at_rest & (last[self.effort] <= self.least), last[self.command]
             if (point := self.evaluated(np.where(released, 0.0, values), released, self.before)) is not None:
                 yield point
         if not self.live.remembers:
@@ -404,9 +401,8 @@ class _Search:
         released = self.by_coordinate & (ahead[self.effort] - self.least <= 1e-9 * at.scale)
         # To first order a released cable that is driven again has the shortening that gives its tension.
         values = np.where(self.by_coordinate, ahead[self.coordinate], here.unknowns + change)
-        values = np.clip(
-            values, self.lower[self.command], np.maximum(self.upper[self.command], self.lower[self.command])
-        )
+        low, high = self.lower[self.command], self.upper[self.command]
+        values = np.clip(values, low, np.maximum(high, low))
         return self.evaluated(np.where(released, self.least, values), released, here.state)
 
     def linear(self, here: _Point) -> _Linear:
@@ -429,28 +425,23 @@ class _Search:
         behind = here.released & (y[self.coordinate] > self.upper[self.coordinate])
         free = set(self.coordinate[behind].tolist())
         for k in np.flatnonzero(np.isfinite(self.lower) | np.isfinite(self.upper)).tolist():
-            tolerance = self.task.tolerances[k]
-            own = self.task.lower[k], self.task.upper[k], *self.least
+            tolerance, unit = self.task.tolerances[k], self.live.units[self.channels[k]]
+            fixed = (self.task.lower[k], self.task.upper[k], *self.least)
             for sign, bound, side in ((1.0, self.lower[k], "lower"), (-1.0, self.upper[k], "upper")):
                 if np.isfinite(bound) and not (sign < 0.0 and k in free):
                     rows.append(sign * rates[k] * scale / tolerance)
                     gaps.append(sign * (bound - y[k]) / tolerance)
-                    unit = list(self.live.units.values())[k]
-                    by_rate = "" if bound in own or bound in self.least else " by its rate"
-                    names.append(
-                        f"{self.channels[k]} at its {side} limit {format_quantity(bound + 0.0, unit)}{by_rate}"
-                    )
+                    shown = format_quantity(bound + 0.0, unit) + ("" if bound in fixed else " by its rate")
+                    names.append(f"{self.channels[k]} at its {side} limit {shown}")
         for k in np.flatnonzero(behind).tolist():
             rows.append(-np.eye(m)[k])
             gaps.append(0.0)
             names.append(f"{self.channels[self.coordinate[k]]} beyond its upper limit: slack")
         if not len(self.fond_scale):
             kinds = [self.channels[k].rpartition(".")[2] for k in self.fond]
-            own = np.abs(rates[self.fond, np.arange(m)] * scale)
-            self.fond_scale = np.array(
-                [max(o for o, two in zip(own, kinds, strict=True) if two == one) for one in kinds]
-            )
-            self.fond_scale = np.maximum(self.fond_scale, 1e-12)
+            own = np.abs(rates[self.fond, np.arange(m)] * scale).tolist()
+            largest = {kind: max(size for size, one in zip(own, kinds, strict=True) if one == kind) for kind in kinds}
+            self.fond_scale = np.array([max(largest[kind], 1e-12) for kind in kinds])
         weights = self.task.weights[self.targets] / self.tolerance
         return _Linear(
             scale=scale,
@@ -469,7 +460,7 @@ class _Search:
         return (point.values[self.targets] - self.goal) / self.tolerance
 
     def is_reached(self, point: _Point, share: float = 1.0) -> bool:
-        return bool(np.abs(self.errors(point)).max(initial=0.0) <= share and self.violation(point) == 0.0)
+        return bool(np.abs(self.errors(point)).max(initial=0.0) <= share and self.violation(point) <= KEPT)
 
     def violation(self, point: _Point) -> float:
         """The sum of what is beyond limits, in tolerances."""
@@ -594,23 +585,29 @@ class _Search:
         state = live.at(commands, self.elapsed)
         self.n_states += 1
         reached = _Point(state, end.unknowns, end.released)
-        residual, limits = at.remainder(at.moving.T @ at.error, np.zeros((0, len(at.scale))))
-        outcome, told = "reached", f"Reached: {self.told(reached)}."
-        if not state.succeeded or state.snaps:
-            outcome, told = "refused", f"Refused: the way from the last commands to these is not stable. {state.status}"
-        elif not self.is_reached(reached):
-            is_same = bool(np.abs(self.errors(reached) - self.errors(end)).max() <= 1.0)
-            outcome = "nearest" if residual <= STATIONARY and is_same else "refused"
-            told = f"Not reached: {self.told(reached)}. "
-            told += "No commands near these come closer within the limits" if outcome == "nearest" else "Refused"
-            told += f": {', '.join(limits)}." if limits and outcome == "nearest" else "."
-            if outcome == "refused" and not is_same:
-                told += f" {ELSEWHERE}"
-            elif outcome == "refused":
-                told += f" The way ends there: {self.barrier or KINK}"
+        residual, limits = at.remainder(at.moving, at.error, np.zeros((0, len(at.scale))))
+        is_whole = state.succeeded and not state.snaps
+        why = "" if is_whole else f"The way from the last commands to the best ones is not stable. {state.status}"
+        if is_whole and np.abs(self.errors(reached) - self.errors(end)).max() > 1.0:
+            is_whole, why = False, ELSEWHERE
+        if not is_whole:  # the last commands stay
+            state = live.return_to(self.before)
+            reached, values = _Point(state, end.unknowns, end.released), np.array(list(state.channels.values()))
+            values = values[self.command]
+        elif residual > STATIONARY:
+            why = f"The way ends there: {self.barrier or KINK}"
+        off = self.told(reached)
+        if is_whole and self.is_reached(reached):
+            outcome, told = "reached", f"Reached: {off}."
+        elif why:
+            outcome, told = "refused", f"Refused: {off}. {why}"
+        else:
+            outcome = "nearest"
+            told = f"Not reached: {off}. No commands near these come closer within the limits"
+            told += f": {', '.join(limits)}." if limits else "."
         left = residual
         if outcome == "reached":
-            left, limits = at.remainder(at.fond.T @ at.off, at.moving)
+            left, limits = at.remainder(at.fond, at.off, at.moving)
             left *= float(at.free.shape[1] > 0)
         return ReachStep(
             outcome=outcome,

@@ -59,13 +59,18 @@ def table(header: list[str], rows: list[list[str]]) -> list[str]:
     return ["| " + " | ".join(row) + " |" for row in cells]
 
 
-def run_alone(measure: Callable[[bool], Section]) -> None:
-    """The main of a benchmark: JSON for `benchmarks.run`, else Markdown."""
+def run_alone(measure: Callable[..., Section], **numbers: int) -> None:
+    """The main of a benchmark: JSON for `benchmarks.run`, else Markdown.
+
+    numbers: further options of whole numbers by name, with their defaults, which `measure` takes as keywords.
+    """
     parser = argparse.ArgumentParser(description=sys.modules["__main__"].__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer repetitions: to try it, not to quote it")
     parser.add_argument("--json", action="store_true", help="what benchmarks.run reads")
+    for name, default in numbers.items():
+        parser.add_argument(f"--{name}", type=int, default=default)
     arguments = parser.parse_args()
-    section = measure(arguments.quick)
+    section = measure(arguments.quick, **{name: getattr(arguments, name) for name in numbers})
     print(section.to_json() if arguments.json else section.markdown())
     if not arguments.json:
         for goal in section.goals:

@@ -1,9 +1,10 @@
 """
-Tensions for a pose, by exact derivatives
-=========================================
+Tensions for a pose
+===================
 
-Which tensions bring the tip of a finger to a place? The derivatives of every channel by every command come with the
-solution, so that Newton's method needs a few steps, where differences would need more simulations and lose digits.
+Which tensions of three cables bring the tip of a finger along a circle? `reach` searches on the twin itself, with its
+exact derivatives, within limits: each target from the last one, no cable below a pretension, and what is out of reach
+is answered by the nearest state. The commands can be replayed.
 """
 
 import matplotlib.pyplot as plt
@@ -24,30 +25,33 @@ def cable(name, x, y):
     return softcal.Cable(name, (ends[0], *inside, ends[1]), pulled_end="first")
 
 
-names = ("a", "b")
-robot = softcal.Robot(bodies=(finger,), plates=(tip,), cables=(cable("a", 0.004, 0.0), cable("b", 0.0, 0.004)))
-wanted, tension, misses = np.array([0.030, 0.015]), np.array([0.5, 0.5]), []
+turn = 2 * np.pi * np.arange(3) / 3
+cables = tuple(cable(name, 0.004 * np.cos(a), 0.004 * np.sin(a)) for name, a in zip("abc", turn, strict=True))
+robot = softcal.Robot(bodies=(finger,), plates=(tip,), cables=cables)
 
 # %%
-# Newton's method on the place of the tip, x and y.
-for step in range(12):
-    at = softcal.Protocol({c: softcal.Command("tension", tension[[k]]) for k, c in enumerate(names)})
-    shape = softcal.simulate(robot, at, sensitivities=["a.tension", "b.tension"], snapshots="samples")
-    rates = shape.sensitivities
-    jacobian = np.array([[rates[f"tip.{xy}"][f"{c}.tension"][0] for c in names] for xy in "xy"])
-    miss = np.array([shape.channels[f"tip.{xy}"][0] for xy in "xy"]) - wanted
-    misses.append(np.linalg.norm(miss))
-    print(f"step {step}: {tension.round(4)} N, {misses[-1]:.2e} m off")
-    if misses[-1] < 1e-9:
-        break
-    tension = np.maximum(tension - np.linalg.solve(jacobian, miss), 0.0)
-assert misses[-1] < 1e-9
-assert len(misses) < 10
+# A circle of 20 mm, with 0.2 N at least in every cable.
+angle = np.linspace(0.0, 2 * np.pi, 25)
+circle = {"tip.x": (0.02 * np.cos(angle)).tolist(), "tip.y": (0.02 * np.sin(angle)).tolist()}
+found = softcal.reach(robot, circle, pretension=0.2)
+tension = np.array([list(step.commands.values()) for step in found.steps])
+off = max(abs(miss) for step in found.steps for miss in step.misses.values())
+print(f"{len(found.steps)} targets, at most {1e6 * off:.2g} µm off; {tension.min():.2f} to {tension.max():.2f} N")
+assert all(step.outcome == "reached" for step in found.steps)
+assert tension.min() > 0.199
+
+# %%
+# Replayed, and a target that 1 N does not reach.
+again = softcal.simulate(robot, found.protocol).channels
+assert np.abs(again["tip.x"] - circle["tip.x"]).max() < 1e-5
+(far,) = softcal.reach(robot, {"tip.x": 0.05, "tip.y": 0.0}, limits={"tension": (0.0, 1.0)}).steps
+print(far.status)
+assert far.outcome == "nearest"
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.6), layout="constrained")
-pull = softcal.Protocol(
-    {c: softcal.Command("tension", t * np.array([0.0, 1.0])) for c, t in zip(names, tension, strict=True)}
-)
-softcal.simulate(robot, pull, snapshots="samples").plot_shape(ax=left)
-right.semilogy(misses, "o-")
-right.set(xlabel="step of Newton's method", ylabel="distance from the goal [m]")
+left.plot(1e3 * np.array(circle["tip.x"]), 1e3 * np.array(circle["tip.y"]), "0.7", lw=4)
+left.plot(1e3 * again["tip.x"], 1e3 * again["tip.y"], ".-")
+left.set(xlabel="x of the tip [mm]", ylabel="y of the tip [mm]", aspect="equal")
+right.plot(np.degrees(angle), tension, label=[f"cable {name}" for name in "abc"])
+right.set(xlabel="place on the circle [deg]", ylabel="tension [N]")
+right.legend()

@@ -137,6 +137,7 @@ if TYPE_CHECKING:
     from softcal.workflows.intervals import intervals as intervals
     from softcal.workflows.mesh_study import mesh_study as mesh_study
     from softcal.workflows.next_test import next_test as next_test
+    from softcal.workflows.reach import reach as reach
     from softcal.workflows.reporting import write_report as write_report
     from softcal.workflows.run_folder import load_run as load_run
     from softcal.workflows.simulation import pull as pull
@@ -255,6 +256,7 @@ _HOMES = {
     "pull": "softcal.workflows.simulation",
     "quantity": "softcal.quantities",
     "ramp": "softcal.twin.schedule",
+    "reach": "softcal.workflows.reach",
     "read_mesh": "softcal.geometry.read",
     "register_actuator": "softcal.twin.actuated",
     "register_command": "softcal.cli.command",
@@ -387,6 +389,7 @@ __all__ = [
     "pull",
     "quantity",
     "ramp",
+    "reach",
     "read_mesh",
     "register_actuator",
     "register_command",

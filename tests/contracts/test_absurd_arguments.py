@@ -202,6 +202,8 @@ CALLS: list[Call] = [
     (softcal.intervals, {"path": "run", "out": "OUT"}, {"by": "name", "samples": "count?", "workers": "workers"}),
     (softcal.mesh_study, {"path": "PROJECT", "out": "OUT"}, {"halvings": "count", "element": "name"}),
     (softcal.next_test, {"run": "run", "out": "OUT"}, {"candidates": "part", "workers": "workers"}),
+    (softcal.reach, {"twin": "PROJECT", "out": "OUT"}, {"targets": "mapping"}),
+    (softcal.reach, {"targets": {"plate.x": 0.001}, "out": "OUT"}, {"twin": "part"}),
     (softcal.validate, {"projects": "PROJECT"}, {"hold_out": "names", "split": "names", "workers": "workers"}),
     (softcal.compare_records, {"project": "PROJECT"}, {"result": "part"}),
     (softcal.watch_run, {}, {"folder": "path"}),

@@ -153,6 +153,14 @@ def _is_python(block: str) -> bool:
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = [path for place in (".", "docs", "examples/*") for path in sorted(ROOT.glob(f"{place}/*.md"))]
+
+
+@finds("docs/reach.md")
+def _a_bar(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    write_project(folder)
+    return {}
+
+
 BLOCKS = [(document, k) for document in FINDS for k in range(len(python_of(document)))]
 
 

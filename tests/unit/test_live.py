@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from manipulator_case import CABLES, manipulator
 from mechanics_cases import column_robot, elastic, mirrored_box, side_cable
+from soft_robots import tentacle
 
 from softcal.errors import ParameterError
 from softcal.mechanics import statics
@@ -276,3 +277,32 @@ def test_a_state_does_not_depend_on_the_one_before(a, b):
     assert alone.succeeded == after.succeeded
     if alone.succeeded:
         assert_same(after, alone.channels, LIVE.units)
+
+
+def test_it_returns_to_a_state_with_what_it_remembered():
+    smooth, line = tentacle("P1"), CableLine(friction_memory=True)
+    cables = tuple(replace(cable, friction_coefficient=0.2, line=line) for cable in smooth.cables)
+    live = LiveTwin(replace(smooth, cables=cables), {"front": "tension"})
+    assert live.remembers
+    there = live.at({"front": 1.0})
+    released = live.at({"front": 0.5})
+    live.at({"front": 1.5})
+    assert live.return_to(there) is live.state
+    assert_same(live.at({"front": 0.5}), released.channels, live.units)
+    live.reset()
+    pulled = live.at({"front": 0.5})
+    assert abs(pulled.channels["tip.x"] - released.channels["tip.x"]) > 5e-6
+
+
+def test_a_released_cable_is_slack_and_has_a_derivative_by_its_tension():
+    live = LiveTwin(TWO)
+    state = live.at({"front": 0.01}, released=["back"])
+    assert state.channels["back.tension"] == 0.0
+    assert state.commands == {"front": 0.01, "back": 0.0}
+    rates = state.by_commands()
+    assert set(rates.names) == {"front.shortening", "back.tension"}
+    back = live.at({"front": 0.01, "back": state.channels["back.shortening"] + 1e-7})
+    by_tension = rates["back.shortening", "back.tension"]
+    assert back.channels["back.tension"] == pytest.approx(1e-7 / by_tension, rel=1e-3)
+    with pytest.raises(ParameterError, match="not driven"):
+        live.at({"front": 0.01}, released=["side"])

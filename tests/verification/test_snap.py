@@ -128,3 +128,12 @@ def test_a_slender_robot_falls_along_a_narrow_curved_valley() -> None:
     assert response.succeeded, response.status
     assert response.instabilities.count(" mm of") == 1
     assert response.n_factorisations < 900
+
+
+def test_a_pose_beyond_the_snap_is_refused_and_one_before_it_is_reached(roof: Robot) -> None:
+    step = softcal.reach(roof, {"ridge.z": -RISE}).steps[0]
+    assert step.outcome == "refused"
+    assert step.commands == {"front.tension": 0.0}, "the last commands stay"
+    assert step.channels["ridge.z"] == pytest.approx(RISE)
+    assert "the robot has another equilibrium" in step.status
+    assert softcal.reach(roof, {"ridge.z": 0.9 * RISE}).steps[0].outcome == "reached"

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.errors import DatasetError, Fault, InputError
+from softcal.errors import DatasetError, Fault, InputError, unknown
 from softcal.experiments.columns import N_NAMED, Odd, cells_of, read_columns
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.header import column_unit, raise_faults, read_layout
 from softcal.experiments.orientation import QUATERNION, plate_angles
-from softcal.experiments.table import WHITESPACE, Table
+from softcal.experiments.table import WHITESPACE, Table, load_table, split_header
 from softcal.experiments.table_format import ColumnSpec, TableFormat
+from softcal.sensing.channel import TIME
 from softcal.sensing.sensors.plate import ANGLES
 
 _N_VALUES = 10  # values of a column listed in a fault
@@ -167,6 +168,34 @@ def read_table(
     units_read = ", ".join(f"{key} from '{spec.name}' in {layout.units[key]}" for key, spec in columns.items())
     outcome = "; ".join([f"{kept} read: {units_read}", *notes])
     return Dataset(name or Path(path).stem, channels, (Step("read_table", settings, outcome),), labels=labels)
+
+
+def read_channels(path: Path, known: Collection[str]) -> Dataset:
+    """Every column of a table whose headers are names of channels with their units, such as `tip.x [mm]`.
+
+    Parameters
+    ----------
+    path
+        The table, with a column `time` or without.
+    known
+        Names of the channels that there are.
+
+    Raises
+    ------
+    DatasetError
+        For a column of any other name, a value that is missing, and as `read_table`.
+    UnitError, StorageError
+        As `read_table`.
+    """
+    names = [TIME.name, *known]
+    table = load_table(path, names, TableFormat())
+    given = [split_header(header)[0] for header in table.headers]
+    where = f"{path}, line {table.header_line}"
+    if others := [name for name in given if name not in names]:
+        raise DatasetError([unknown("there is no such channel", where, name, names) for name in others])
+    read = read_table(path, {name: ColumnSpec(name) for name in given})
+    raise_faults([Fault("a value is missing", str(path), f"column {name}") for name in read.incomplete], [])
+    return read
 
 
 def not_numbers(table: Table, place: int, odd: Odd, decimal: str) -> Fault:

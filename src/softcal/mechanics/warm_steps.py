@@ -89,8 +89,12 @@ class WarmSteps:
 
     def reset(self) -> None:
         """Return to the equilibrium of the beginning."""
-        self.last, self.n_iterations = self.begin, 0
-        self._trail = self._begun(self.begin)
+        self.return_to(self.begin)
+
+    def return_to(self, reached: Reached) -> None:
+        """Return to an equilibrium that was reached before, with its memory."""
+        self.last, self.n_iterations = reached, 0
+        self._trail = self._begun(reached)
         self._kept: _Kept | None = None
 
     def to(self, aim: Target) -> Reached:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, wraps
 from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar, runtime_checkable
@@ -14,6 +14,7 @@ from softcal.checks import Floats, ReadOnly
 from softcal.declare import FixedMapping, OrInfinite, as_annotated, checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
+from softcal.mechanics.actuator import Actuator
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.march import Reached, Target, by_command
 from softcal.mechanics.node import by_parameters
@@ -110,6 +111,8 @@ class LiveState:
         Iterations with a kept factorisation; 0 where the load path to the commands had to be followed.
     n_factorisations
         Factorisations of the step.
+    snaps
+        Whether the robot snapped or buckled on the way to it.
     """
 
     commands: Mapping[str, float]
@@ -118,6 +121,7 @@ class LiveState:
     status: str
     n_iterations: int
     n_factorisations: int
+    snaps: bool
     _place: _Place = field(repr=False)
 
     def by_commands(self) -> Jacobian:
@@ -262,9 +266,39 @@ class LiveTwin(_InOneProcess):
         status = f"At rest, all cables slack.{self._at_rest}"
         return self._moved_to(place, {}, self._values(place, None), status, n)
 
+    @property
+    def controls(self) -> Mapping[str, Control]:
+        """What each cable that it drives is commanded by."""
+        return FixedMapping(self._controls)
+
+    @property
+    def remembers(self) -> bool:
+        """Whether a state depends on those before it."""
+        return self._twin.system.remembers
+
+    @property
+    def extent(self) -> float:
+        """The size of the robot [m]."""
+        return self._steps.statics.length
+
+    @property
+    def actuators(self) -> tuple[Actuator, ...]:
+        """Those that it drives, in the order of the controls."""
+        every = {one.name: one for one in self._twin.system.actuators}
+        return tuple(every[name] for name in self._controls)
+
+    @_in_turn
+    def return_to(self, state: LiveState) -> LiveState:
+        """Return to a state of this twin, with what the robot remembered there."""
+        self._steps.return_to(state._place.reached)  # noqa: SLF001 # pyright: ignore[reportPrivateUsage] (its own)
+        self._state = state
+        return state
+
     @_in_turn
     @checked_arguments
-    def at(self, commands: Mapping[str, float], elapsed: OrInfinite = np.inf) -> LiveState:
+    def at(
+        self, commands: Mapping[str, float], elapsed: OrInfinite = np.inf, *, released: Collection[str] = ()
+    ) -> LiveState:
         """Move to commands.
 
         Parameters
@@ -274,6 +308,8 @@ class LiveTwin(_InOneProcess):
             `Protocol`, one without a command has no effort; a cable with a pretension is then at zero shortening.
         elapsed
             Time since the last state [s], for materials that relax or flow; infinity: held for long.
+        released
+            Cables without a command that are slack also where they have a pretension.
 
         Returns
         -------
@@ -287,14 +323,16 @@ class LiveTwin(_InOneProcess):
         """
         faults = [
             unknown("this cable is not driven", name, name, self._controls, got="")
-            for name in commands
+            for name in (*commands, *released)
             if name not in self._controls
         ]
         if not elapsed >= 0.0:
             faults.append(Fault("time does not go back", "elapsed", f"{elapsed:g} s", ">= 0 s"))
         if faults:
             raise ParameterError(faults)
-        protocol = Protocol({name: Command(self._controls[name], np.array([v])) for name, v in commands.items()})
+        free = dict.fromkeys(released, Command("tension", np.zeros(1)))
+        driven = {name: Command(self._controls[name], np.array([v])) for name, v in commands.items()}
+        protocol = Protocol(free | driven)
         if faults := command_faults(self.robot, protocol):
             raise ParameterError(faults)
         named = dict(protocol.completed(self.robot, 1).commands)
@@ -344,6 +382,7 @@ class LiveTwin(_InOneProcess):
             status=status,
             n_iterations=self._steps.n_iterations,
             n_factorisations=self._steps.statics.n_factorisations - n_before,
+            snaps=place.reached.snaps,
             _place=place,
         )
         return self._state

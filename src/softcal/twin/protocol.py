@@ -65,14 +65,8 @@ class Protocol(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (times := self.times) is not None:
-            if len(times) != self.n_samples:
-                got, allowed = f"{len(times)} times", f"{self.n_samples}, one for each sample"
-                raise InputError(Fault("the times of a protocol are not those of its samples", "times", got, allowed))
-            if not (np.diff(times) >= 0.0).all():
-                k = int(np.argmax(np.diff(times) < 0.0))
-                got = f"{times[k + 1]:.6g} s after {times[k]:.6g} s"
-                raise InputError(Fault("the times of a protocol do not ascend", "times", got))
+        if self.times is not None and (fault := times_fault(self.times, self.n_samples)):
+            raise InputError(fault)
         lengths = {len(command.values) for command in self.commands.values()}
         if len(lengths) > 1:
             raise InputError(Fault("the commands of a protocol have different lengths", got=str(sorted(lengths))))
@@ -151,6 +145,18 @@ class Protocol(Checked):
         """At most so many of its samples, evenly spaced, with the first and the last."""
         n = self.n_samples
         return self.take(np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int)))
+
+
+def times_fault(times: Floats, n: int) -> Fault | None:
+    """The fault of the times [s] of n samples, which ascend; or None."""
+    if len(times) != n:
+        got, allowed = f"{len(times)} times", f"{n}, one for each sample"
+        return Fault("the times of a protocol are not those of its samples", "times", got, allowed)
+    if not (np.diff(times) >= 0.0).all():
+        k = int(np.argmax(np.diff(times) < 0.0))
+        got = f"{times[k + 1]:.6g} s after {times[k]:.6g} s"
+        return Fault("the times of a protocol do not ascend", "times", got)
+    return None
 
 
 def controls_at(

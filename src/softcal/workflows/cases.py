@@ -8,18 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from softcal.errors import Fault, InputError, ParameterError, UnitError
+from softcal.experiments.read import read_channels
 from softcal.limits import LIMITS
 from softcal.project.project import Project
 from softcal.quantities import QUANTITIES
+from softcal.sensing.channel import TIME
+from softcal.twin.channels import channels_of, sensors_of
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Control, Robot
 from softcal.workflows.simulation import protocol_of, pull, robot_in
 
-PULL = "pull"
+PULL, COMMANDS = "pull", "commands"
 HANGING = ".mass"  # suffix of a cable's name: the value is a hanging mass
 SAME = 1e-9  # of the furthest command
 
@@ -33,8 +37,10 @@ class Case:
     experiment: str = ""
 
 
-def cases(project: Project, pulls: Sequence[str] = (), experiment: str = "") -> dict[str, Case]:
-    """Name -> case: all pulls together, else the named experiment, else every experiment.
+def cases(
+    project: Project, pulls: Sequence[str] = (), experiment: str = "", commands: Path | None = None
+) -> dict[str, Case]:
+    """Name -> case: the commands of a table, all pulls together, else the named experiment, else every experiment.
 
     Parameters
     ----------
@@ -44,16 +50,41 @@ def cases(project: Project, pulls: Sequence[str] = (), experiment: str = "") -> 
         Pulls as on the command line, `front=40mm`: one case of all.
     experiment
         Name of the only case; by default every experiment.
+    commands
+        A table with a column for each cable, such as `front.tension [N]`, and one of the times, or none.
 
     Raises
     ------
     InputError
         For a text that is no pull, or an unknown experiment; if there is neither an experiment nor a pull.
     """
+    if commands is not None:
+        return {COMMANDS: Case(project.robot, commanded(project.robot, commands))}
     if pulls:
         return {PULL: Case(project.robot, parse_pulls(project.robot, pulls))}
     names = [experiment] if experiment else list(project.experiments) or [""]
     return {name: Case(robot_in(project, name), protocol_of(project, name), name) for name in names}
+
+
+def commanded(robot: Robot, table: Path) -> Protocol:
+    """The protocol of a table of commands.
+
+    Raises
+    ------
+    InputError
+        For a table that cannot be read, a column that is no command, or two of one cable.
+    """
+    channels = [channel for channel in channels_of(sensors_of(robot)) if channel.kind.drives]
+    read = read_channels(table, [str(channel) for channel in channels])
+    given = [channel for channel in channels if str(channel) in read.channels]
+    twice = {one.carrier for one in given if sum(other.carrier == one.carrier for other in given) > 1}
+    faults = [Fault("the cable has two commands", str(table), name, "tension or shortening") for name in sorted(twice)]
+    if not given:
+        faults.append(Fault("there is no command", str(table), allowed=", ".join(map(str, channels))))
+    if faults:
+        raise InputError(faults)
+    named = {one.carrier: Command(one.kind.name, read.values(str(one))) for one in given}  # pyright: ignore[reportArgumentType]
+    return Protocol(named, read.values(TIME.name) if TIME.name in read.channels else None)
 
 
 def protocols_of(chosen: Mapping[str, Case]) -> dict[str, Protocol]:

@@ -34,6 +34,15 @@ def simulate(
             show_default=False,
         ),
     ] = None,
+    commands: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="TABLE",
+            help="Instead of experiments: a table of commands, columns such as front.tension [N], as softcal reach "
+            "writes it.",
+            show_default=False,
+        ),
+    ] = None,
     in_time: Annotated[
         bool,
         typer.Option(
@@ -55,11 +64,12 @@ def simulate(
     from softcal.workflows.cases import cases
     from softcal.workflows.simulation_folder import simulate_to_folder
 
-    if pull and experiment:
-        raise InputError(Fault("--pull and --experiment exclude each other"))
+    given = {"--pull": pull, "--experiment": experiment, "--commands": commands}
+    if len(both := [option for option, value in given.items() if value]) > 1:
+        raise InputError(Fault(f"{' and '.join(both)} exclude each other"))
     if in_time and engine != "softcal":
         raise InputError(Fault("other engines compute states at rest only", "--in-time", f"--engine {engine}"))
-    chosen = cases(loaded, pull or (), experiment)
+    chosen = cases(loaded, pull or (), experiment, commands)
     if in_time:
         with motion_bars(keeps=True) as show:
             responses = simulate_to_folder(loaded, chosen, out, in_time=True, progress=show)

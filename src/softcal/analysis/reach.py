@@ -1,0 +1,663 @@
+"""Commands that bring channels of a robot to wanted values, on the exact twin with its exact derivatives.
+
+With channels y(u) of the equilibrium at commands u of m actuators, wanted values w and tolerances t:
+
+    first     min |r(u)|^2,  r = (y - w) / t,  within limits  lower <= y_j(u) <= upper  of any channels    (1)
+    then      min |p(u)|^2  among the minimisers of (1): least effort, or nearest to the last commands      (2)
+
+*Unknowns.* An actuator is commanded by its effort (a cable's tension) or by its coordinate (its shortening). A slack
+cable has no derivative by its shortening. So a cable without tension is released, its unknown is the tension, with
+T >= 0, and its command the shortening at which it is just taut; once it is to have tension it is driven again.
+
+*Step* (`_Search.step`). With the derivatives J of all channels at the present equilibrium (one factorisation), limits
+are linear inequalities, and three least-squares problems with inequalities follow each other, the next one keeping what
+the one before has found: limits that are violated at present; A d = -r of (1), A = J / t; within the null space of A,
+p + P d = 0 of (2). All within a box in which, to first order, no channel moves by more than a share `size` of the
+robot's extent, or of one radian. Each problem is solved exactly by an active set (`_least`).
+
+*Curvature.* Near a target that cannot be reached r stays, and Gauss-Newton alone would creep. The part of the Hessian
+that it leaves out, S = sum r_k d2 r_k, is updated from the change of A^T r (structured symmetric rank one), and used
+where A^T A + S is positive definite.
+
+*Control of the step* (`_Search.descended`). Merit |r|^2 / 2 + nu V, with the sum V of the violations and nu above the
+multipliers. Where a step lowers it by less than a small share of what is predicted, or the twin finds no equilibrium
+there or snaps on the way, the box shrinks to a quarter; where the prediction holds, it doubles. So the search never
+crosses an instability: it ends before it, and says where it is.
+
+*Preference* (`_Search.preferred`). Steps along the curved set of minimisers: after each one the residual of (1) is
+brought back by up to `RESTORED` steps with the same derivatives, and it counts only if (2) has decreased.
+
+*Starts.* The last state; and, if that does not reach the target, rest and a pull of each actuator. The best end counts.
+
+*What is checked at the end* (`_Search.checked`). The commands are given to the twin once more, from the state before.
+Reached: every |r_k| <= 1. Nearest: the gradient of (1) is a non-negative combination of those of the active limits, up
+to `STATIONARY` of its size. Else: refused, with the reason.
+
+A robot that remembers (reversing friction, histories of materials) is taken to each trial from the state before, over
+the straight line of commands, so that its memory is that of the commands that are returned, one after the other.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.declare import Checked
+from softcal.display import displayed
+from softcal.errors import SimulationError
+from softcal.html_text import summary
+from softcal.twin.live import LiveState, LiveTwin
+from softcal.twin.protocol import Command, Protocol
+from softcal.units import format_quantity
+
+Prefer = Literal["effort", "nearest"]
+Outcome = Literal["reached", "nearest", "refused"]
+PREFERENCES: Mapping[str, str] = {"effort": "of least effort", "nearest": "nearest to the last commands"}
+
+# By unit: where a target counts as reached.
+TOLERANCES: Mapping[str, float] = {"m": 1e-5, "rad": float(np.radians(0.01)), "N": 1e-2}
+
+FIRST, LARGEST, SMALLEST = 0.25, 1.0, 1e-5  # sizes of the box: shares of the robot's extent, and of one radian
+STEPS, PREFERRED, RESTORED = 60, 40, 3  # at most
+CLOSE = 0.02  # of a tolerance, to which targets are solved
+KEPT = 1e-3  # of a tolerance, by which a limit may be passed between steps
+NO_GAIN = 1e-10  # of the merit: a smaller predicted decrease ends the search
+STATIONARY = 1e-3  # of the gradient of the residual: a smaller remainder counts as zero
+NO_EFFECT = 1e-7  # of the largest singular value: a smaller one is a direction without effect on the targets
+KINK = "the derivatives jump there, as where friction reverses or a cable becomes slack, and no step comes closer."
+ELSEWHERE = "The last commands do not lead there: the robot has another equilibrium, and an instability is between."
+PULL = 0.4  # size of the pulls from which further starts begin
+
+
+@displayed
+@dataclass(frozen=True)
+class ReachStep(Checked):
+    """The commands for one target.
+
+    Attributes
+    ----------
+    outcome
+        "reached": within all tolerances; "nearest": the target cannot be reached, and no commands near these come
+        closer within the limits; "refused": the way to the target ends before, at these commands or, where none near it
+        are safe, at the last ones, see `status`.
+    wanted
+        Channel -> wanted value [SI].
+    commands
+        Command such as `front.tension` -> value [SI].
+    channels
+        Every channel there [SI].
+    active
+        Limits at which the robot is.
+    status
+        How it ended, in sentences.
+    gradient
+        What remains of the gradient after the active limits: of the residual where the target is not reached, else of
+        the preference, over its size [-].
+    n_states, n_derivatives
+        Equilibria and derivatives that were computed.
+    wall_s
+        Wall time [s].
+    time
+        Of the target [s].
+    """
+
+    outcome: Outcome
+    wanted: Mapping[str, float]
+    commands: Mapping[str, float]
+    channels: Mapping[str, float]
+    active: tuple[str, ...]
+    status: str
+    gradient: float
+    n_states: int
+    n_derivatives: int
+    wall_s: float
+    time: float | None = None
+
+    @property
+    def misses(self) -> dict[str, float]:
+        """Channel -> value there less the wanted one [SI]."""
+        return {name: self.channels[name] - value for name, value in self.wanted.items()}
+
+
+@displayed
+@dataclass(frozen=True)
+class ReachResult(Checked):
+    """The commands for every target.
+
+    Attributes
+    ----------
+    steps
+        The targets, one after the other.
+    units
+        Channel -> its SI unit.
+    tolerances
+        Channel of a target -> error below which it counts as reached [SI].
+    preference
+        Which of several commands for the same target were taken, a sentence.
+    """
+
+    steps: tuple[ReachStep, ...]
+    units: Mapping[str, str]
+    tolerances: Mapping[str, float]
+    preference: str
+
+    @property
+    def protocol(self) -> Protocol:
+        """The commands of all steps, as `simulate` takes them."""
+        names = {command: command.rpartition(".") for command in self.steps[0].commands}
+        values = {command: np.array([step.commands[command] for step in self.steps]) for command in names}
+        times = [step.time for step in self.steps]
+        return Protocol(
+            {actuator: Command(kind, values[name]) for name, (actuator, _, kind) in names.items()},  # pyright: ignore[reportArgumentType]
+            None if None in times else np.array(times, dtype=np.float64),
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [
+            [step.outcome, *(format_quantity(value, self.units[name]) for name, value in step.commands.items())]
+            for step in self.steps
+        ]
+        return summary("Reach", ["", *self.steps[0].commands], rows, reach_sentences(self))
+
+
+def reach_sentences(result: ReachResult) -> list[str]:
+    """What a result says: how many targets are reached, the largest errors of those, the others, the preference."""
+    n = len(result.steps)
+    reached = [step for step in result.steps if step.outcome == "reached"]
+    told: list[str] = []
+    if reached:
+        largest: dict[str, float] = {}
+        for step in reached:
+            for name, miss in step.misses.items():
+                largest[name] = max(abs(miss), largest.get(name, 0.0))
+        shown = (f"{name} {format_quantity(off, result.units[name], digits=2)}" for name, off in largest.items())
+        told.append(f"{len(reached)} of {n} target(s) reached; largest errors: {', '.join(shown)}.")
+    for k, step in enumerate(result.steps, start=1):
+        if step.outcome != "reached":
+            told.append(step.status if n == 1 else f"Target {k}: {step.status}")
+    return [*told, result.preference]
+
+
+@dataclass(frozen=True)
+class ReachTask:
+    """What is wanted beside the targets; arrays by channel of the twin, in its order and SI.
+
+    Attributes
+    ----------
+    tolerances
+        Below which an error counts as none (n_channels,).
+    weights
+        Of the errors, in units of their tolerances (n_channels,).
+    lower, upper
+        Limits (n_channels,), infinite where there is none.
+    rates
+        Largest changes of the channels per second (n_channels,), infinite where there is none.
+    prefer
+        What is least where actuators are left.
+    """
+
+    tolerances: Floats
+    weights: Floats
+    lower: Floats
+    upper: Floats
+    rates: Floats
+    prefer: Prefer = "effort"
+
+
+def reach_targets(
+    live: LiveTwin, task: ReachTask, wanted: Sequence[Mapping[str, float]], times: Sequence[float] | None = None
+) -> Iterator[ReachStep]:
+    """The commands for each target in turn, each from the last ones; the first from rest.
+
+    Parameters
+    ----------
+    live
+        The twin, with the controls of its actuators.
+    task
+        Tolerances, limits and preference.
+    wanted
+        Channel -> value [SI], by target.
+    times
+        Of the targets [s]; None: each is held for long.
+
+    Raises
+    ------
+    SimulationError
+        Where no commands keep the limits.
+    """
+    live.reset()
+    for k, target in enumerate(wanted):
+        elapsed = np.inf if times is None or k == 0 else times[k] - times[k - 1]
+        try:
+            step = _Search(live, task, target, elapsed).found()
+        except SimulationError as error:
+            raise SimulationError(f"Target {k + 1}: {error}" if len(wanted) > 1 else str(error)) from error
+        yield step if times is None else replace(step, time=times[k])
+
+
+@dataclass(frozen=True)
+class _Point:
+    """An equilibrium of the search.
+
+    unknowns: per actuator, its effort where it is commanded by it or released, else its coordinate (m,).
+    """
+
+    state: LiveState
+    unknowns: Floats
+    released: np.ndarray
+
+    @cached_property
+    def values(self) -> Floats:
+        """The channels (n_channels,)."""
+        return np.array(list(self.state.channels.values()))
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """The problem to first order at a point, in unknowns of which one moves the robot by about its extent.
+
+    scale: of the unknowns (m,). rates: of all channels (n_channels, m). rows, gaps, names: of the limits
+    rows @ d >= gaps, in tolerances. moving, error: A and r of (1). fond, off: P and p of (2).
+    """
+
+    scale: Floats
+    rates: Floats
+    rows: Floats
+    gaps: Floats
+    names: tuple[str, ...]
+    moving: Floats
+    error: Floats
+    fond: Floats
+    off: Floats
+
+    @cached_property
+    def free(self) -> Floats:
+        """The directions without effect on the targets (m, k)."""
+        _, size, across = np.linalg.svd(self.moving)
+        return across[int(np.sum(size > max(NO_EFFECT * size.max(initial=0.0), 1e-3))) :].T
+
+    @property
+    def violation(self) -> float:
+        return float(np.maximum(self.gaps - KEPT, 0.0).sum())
+
+    def remainder(self, matrix: Floats, error: Floats, others: Floats) -> tuple[float, list[str]]:
+        """What remains of the gradient matrix^T error after the active limits and any multiple of other rows (k, m),
+        over the sizes of both factors; and the names of the limits that it needs.
+        """
+        from scipy.optimize import nnls
+
+        size = float(np.linalg.norm(matrix) * np.linalg.norm(error))
+        active = np.flatnonzero(self.gaps >= -2.0 * CLOSE)
+        columns = np.concatenate([self.rows[active], others, -others]).T
+        gradient = matrix.T @ error / max(size, 1e-300)
+        if not columns.size:
+            return float(np.linalg.norm(gradient)), []
+        shares, left = nnls(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), gradient, maxiter=1000)
+        return float(left), [self.names[k] for k, share in zip(active, shares, strict=False) if share > STATIONARY]
+
+
+class _Search:
+    """The search for the commands of one target, from the state of a live twin."""
+
+    def __init__(self, live: LiveTwin, task: ReachTask, wanted: Mapping[str, float], elapsed: float) -> None:
+        self.began = time.perf_counter()
+        self.live, self.task, self.wanted, self.elapsed = live, task, wanted, elapsed
+        self.before, self.channels, self.actuators = live.state, list(live.units), live.actuators
+        self.number = {name: k for k, name in enumerate(self.channels)}
+        self.targets = np.array([self.number[name] for name in wanted])
+        self.goal, self.tolerance = np.array(list(wanted.values())), task.tolerances[self.targets]
+        self.by_coordinate = np.array([live.controls[one.name] == one.coordinate for one in self.actuators])
+        self.effort = np.array([self.number[f"{one.name}.{one.effort}"] for one in self.actuators])
+        self.coordinate = np.array([self.number[f"{one.name}.{one.coordinate}"] for one in self.actuators])
+        self.command = np.where(self.by_coordinate, self.coordinate, self.effort)
+        last = np.array(list(self.before.channels.values()))
+        change = task.rates * elapsed if np.isfinite(elapsed) else np.full(len(last), np.inf)
+        self.lower, self.upper = np.maximum(task.lower, last - change), np.minimum(task.upper, last + change)
+        least = np.array([one.least_effort for one in self.actuators])
+        self.least = least
+        self.lower[self.effort] = np.maximum(self.lower[self.effort], least)
+        self.fond = self.effort if task.prefer == "effort" else self.command
+        self.reference = np.zeros(len(last)) if task.prefer == "effort" else last
+        self.fond_scale = np.zeros(0)  # of the first point
+        self.barrier, self.n_states, self.n_derivatives = "", 0, 0
+        size = {"m": live.extent, "rad": 1.0}
+        self.motion = np.array([1.0 / size[unit] if unit in size else 0.0 for unit in live.units.values()])
+
+    def found(self) -> ReachStep:
+        """The commands, checked.
+
+        Raises
+        ------
+        SimulationError
+            Where no commands keep the limits.
+        """
+        best: tuple[tuple[bool, float], _Point, str] | None = None
+        for start in self.starts():
+            barrier, self.barrier = self.barrier, ""
+            end = self.descended(start)
+            cost, told = self.cost(end), self.barrier
+            self.barrier = barrier or told
+            if best is None or cost < best[0]:
+                best = cost, end, told
+            if self.is_reached(end):
+                break
+        if best is None or best[0][0]:
+            why = self.barrier or "the limits contradict each other along every way that was tried"
+            raise SimulationError(f"No commands within the limits were found: {why.rstrip('.')}.")
+        self.barrier = best[2] or self.barrier
+        return self.checked(self.preferred(best[1]))
+
+    def starts(self) -> Iterator[_Point]:
+        """The points where the search begins, in turn."""
+        still = np.zeros(len(self.actuators))
+        at_rest = np.array(self.by_coordinate & np.isfinite(self.least))
+        if self.before.commands:
+            last = np.array(list(self.before.channels.values()))
+            released, values = at_rest & (last[self.effort] <= self.least), last[self.command]
+            if (point := self.evaluated(np.where(released, 0.0, values), released, self.before)) is not None:
+                yield point
+        if not self.live.remembers:
+            self.live.reset()
+        rest = self.evaluated(still, at_rest, self.live.state)
+        if rest is None:
+            return
+        yield rest
+        at = self.linear(rest)
+        for k in range(len(self.actuators)):
+            step = np.where(np.arange(len(self.actuators)) == k, PULL, 0.0)
+            if (point := self.moved(rest, at, step)) is not None:
+                yield point
+
+    def evaluated(self, unknowns: Floats, released: np.ndarray, begin: LiveState) -> _Point | None:
+        """The equilibrium at values of the unknowns, from a state; None where there is none, or the robot snaps on the
+        way.
+        """
+        live = self.live
+        begin = self.before if live.remembers else begin
+        if live.state is not begin:
+            live.return_to(begin)
+        names = np.array([one.name for one in self.actuators])
+        commands = dict(zip(names[~released].tolist(), unknowns[~released].tolist(), strict=True))
+        state = live.at(commands, self.elapsed, released=names[released].tolist())
+        self.n_states += 1
+        if not state.succeeded or state.snaps:
+            self.barrier = state.status
+            live.return_to(begin)
+            return None
+        point = _Point(state, np.where(released, self.least, unknowns), released)
+        slack = ~released & self.by_coordinate & (point.values[self.effort] <= self.least)
+        return self.evaluated(unknowns, released | slack, state) if slack.any() else point
+
+    def moved(self, here: _Point, at: _Linear, step: Floats) -> _Point | None:
+        """The equilibrium after a step of the unknowns, in their scales; None as `evaluated`."""
+        change = at.scale * step
+        ahead = here.values + at.rates @ change
+        released = self.by_coordinate & (ahead[self.effort] - self.least <= 1e-9 * at.scale)
+        # To first order a released cable that is driven again has the shortening that gives its tension.
+        values = np.where(self.by_coordinate, ahead[self.coordinate], here.unknowns + change)
+        low, high = self.lower[self.command], self.upper[self.command]
+        values = np.clip(values, low, np.maximum(high, low))
+        return self.evaluated(np.where(released, self.least, values), released, here.state)
+
+    def linear(self, here: _Point) -> _Linear:
+        """The problem to first order."""
+        if self.live.state is not here.state:
+            self.live.return_to(here.state)
+        found = here.state.by_commands()
+        self.n_derivatives += 1
+        labels = [
+            f"{one.name}.{one.coordinate if driven else one.effort}"
+            for one, driven in zip(self.actuators, self.by_coordinate & ~here.released, strict=True)
+        ]
+        rates = found.values[:, [found.names.index(label) for label in labels]]
+        scale = 1.0 / np.maximum(np.abs(rates * self.motion[:, None]).max(axis=0), 1e-12)
+        y, m = here.values, len(labels)
+        rows: list[Floats] = []
+        gaps: list[float] = []
+        names: list[str] = []
+        # A slack cable may stay behind where it is just taut: no upper limit of its shortening, unless it is driven.
+        behind = here.released & (y[self.coordinate] > self.upper[self.coordinate])
+        free = set(self.coordinate[behind].tolist())
+        for k in np.flatnonzero(np.isfinite(self.lower) | np.isfinite(self.upper)).tolist():
+            tolerance, unit = self.task.tolerances[k], self.live.units[self.channels[k]]
+            fixed = (self.task.lower[k], self.task.upper[k], *self.least)
+            for sign, bound, side in ((1.0, self.lower[k], "lower"), (-1.0, self.upper[k], "upper")):
+                if np.isfinite(bound) and not (sign < 0.0 and k in free):
+                    rows.append(sign * rates[k] * scale / tolerance)
+                    gaps.append(sign * (bound - y[k]) / tolerance)
+                    shown = format_quantity(bound + 0.0, unit) + ("" if bound in fixed else " by its rate")
+                    names.append(f"{self.channels[k]} at its {side} limit {shown}")
+        for k in np.flatnonzero(behind).tolist():
+            rows.append(-np.eye(m)[k])
+            gaps.append(0.0)
+            names.append(f"{self.channels[self.coordinate[k]]} beyond its upper limit: slack")
+        if not len(self.fond_scale):
+            kinds = [self.channels[k].rpartition(".")[2] for k in self.fond]
+            own = np.abs(rates[self.fond, np.arange(m)] * scale).tolist()
+            largest = {kind: max(size for size, one in zip(own, kinds, strict=True) if one == kind) for kind in kinds}
+            self.fond_scale = np.array([max(largest[kind], 1e-12) for kind in kinds])
+        weights = self.task.weights[self.targets] / self.tolerance
+        return _Linear(
+            scale=scale,
+            rates=rates,
+            rows=np.array(rows).reshape(len(rows), m),
+            gaps=np.array(gaps),
+            names=tuple(names),
+            moving=rates[self.targets] * scale * weights[:, None],
+            error=(y[self.targets] - self.goal) * weights,
+            fond=rates[self.fond] * scale / self.fond_scale[:, None],
+            off=(y[self.fond] - self.reference[self.fond]) / self.fond_scale,
+        )
+
+    def errors(self, point: _Point) -> Floats:
+        """The errors in tolerances, without their weights."""
+        return (point.values[self.targets] - self.goal) / self.tolerance
+
+    def is_reached(self, point: _Point, share: float = 1.0) -> bool:
+        return bool(np.abs(self.errors(point)).max(initial=0.0) <= share and self.violation(point) <= KEPT)
+
+    def violation(self, point: _Point) -> float:
+        """The sum of what is beyond limits, in tolerances."""
+        y, t = point.values, self.task.tolerances
+        over = y - self.upper
+        behind = point.released & self.by_coordinate
+        over[self.coordinate[behind]] = -np.inf
+        return float(np.maximum(np.maximum(self.lower - y, over) / t - KEPT, 0.0).sum())
+
+    def cost(self, point: _Point) -> tuple[bool, float]:
+        """Whether limits are violated by more than a tolerance, and half the squared error."""
+        r = self.errors(point) * self.task.weights[self.targets]
+        return self.violation(point) > 1.0, float(0.5 * r @ r)
+
+    def step(self, at: _Linear, size: float, curvature: Floats) -> tuple[Floats, float]:
+        """The step of the unknowns in a box, and the largest multiplier of a limit."""
+        m = len(at.scale)
+        box = np.concatenate([np.eye(m), -np.eye(m)])
+        rows, sides = np.concatenate([at.rows, box]), np.full(2 * m, -size)
+        gaps = np.concatenate([at.gaps, sides])
+        violated = gaps > 0.0
+        back, _ = _least(rows[violated], gaps[violated], rows[~violated], gaps[~violated])
+        gaps = np.minimum(gaps - rows @ back, 0.0)
+        root, pull = at.moving, -at.error - at.moving @ back
+        if curvature.any():
+            values, across = np.linalg.eigh(root.T @ root + curvature)
+            if values.min() > 1e-8 * values.max():
+                root = np.sqrt(values)[:, None] * across.T
+                pull = -(across.T @ at.moving.T @ at.error) / np.sqrt(values) - root @ back
+        first, multipliers = _least(root, pull, rows, gaps)
+        free = at.free
+        if free.shape[1]:
+            off = at.off + at.fond @ (back + first)
+            first = first + free @ _least(at.fond @ free, -off, rows @ free, gaps - rows @ first)[0]
+        return back + first, float(multipliers[: len(at.gaps)].max(initial=0.0))
+
+    def descended(self, here: _Point) -> _Point:
+        """The end of the search for (1) from a point."""
+        size, price, at = FIRST, 0.0, self.linear(here)
+        curvature = np.zeros((len(at.scale),) * 2)  # in the unknowns themselves
+        for _ in range(STEPS):
+            if self.is_reached(here, CLOSE) or size < SMALLEST:
+                break
+            step, multiplier = self.step(at, size, curvature * np.outer(at.scale, at.scale))
+            price = max(price, 2.0 * multiplier)
+            merit = 0.5 * at.error @ at.error + price * self.violation(here)
+            ahead = at.error + at.moving @ step
+            left = np.maximum(at.gaps - at.rows @ step - KEPT, 0.0).sum()
+            bent = 0.5 * float(step @ (curvature * np.outer(at.scale, at.scale)) @ step)
+            gain = merit - 0.5 * ahead @ ahead - max(bent, -0.5 * merit) - price * left
+            if not gain > NO_GAIN * max(merit, 1.0):
+                if not curvature.any():
+                    break
+                curvature = np.zeros_like(curvature)
+                continue
+            there = self.moved(here, at, step)
+            if there is None:
+                size *= 0.25
+                continue
+            error = self.errors(there) * self.task.weights[self.targets]
+            actual = merit - 0.5 * error @ error - price * self.violation(there)
+            if actual < 1e-4 * gain:
+                size = 0.25 * min(size, float(np.abs(step).max()))
+                continue
+            if actual > 0.5 * gain and np.abs(step).max() > 0.9 * size:
+                size = min(2.0 * size, LARGEST)
+            after = self.linear(there)
+            curvature = self.updated(curvature, at, after, here, there, error)
+            here, at = there, after
+        return here
+
+    def updated(
+        self, curvature: Floats, at: _Linear, after: _Linear, here: _Point, there: _Point, error: Floats
+    ) -> Floats:
+        """The curvature after a step, by the change of A^T r: symmetric, of rank one; none for other unknowns."""
+        if np.any(here.released != there.released):
+            return np.zeros_like(curvature)
+        way = there.unknowns - here.unknowns
+        bent = error @ (after.moving / after.scale - at.moving / at.scale) - curvature @ way
+        denominator = float(bent @ way)
+        if abs(denominator) < 1e-8 * np.linalg.norm(bent) * np.linalg.norm(way) or not denominator:
+            return curvature
+        return curvature + np.outer(bent, bent) / denominator
+
+    def preferred(self, here: _Point) -> _Point:
+        """The end of the search for (2) from a point."""
+        size, at = FIRST, self.linear(here)
+        none = np.zeros((len(at.scale),) * 2)
+        for _ in range(PREFERRED):
+            if size < SMALLEST or not at.free.shape[1]:
+                break
+            step, _ = self.step(at, size, none)
+            fond, ahead = float(at.off @ at.off), at.off + at.fond @ step
+            gain = fond - float(ahead @ ahead)
+            if not gain > 1e-8 * max(fond, 1e-6):
+                break
+            there, worst = self.moved(here, at, step), max(self.cost(here)[1], CLOSE**2)
+            for _ in range(RESTORED):
+                if there is None or (self.cost(there)[1] <= 1.01 * worst and self.violation(there) == 0.0):
+                    break
+                there = self.restored(there, at, size)
+            if there is not None and self.cost(there)[1] <= 1.01 * worst and self.violation(there) == 0.0:
+                off = (there.values[self.fond] - self.reference[self.fond]) / self.fond_scale
+                if fond - float(off @ off) > 0.1 * gain:
+                    here, at, size = there, self.linear(there), min(2.0 * size, LARGEST)
+                    continue
+            size *= 0.25
+        return here
+
+    def restored(self, there: _Point, at: _Linear, size: float) -> _Point | None:
+        """A point nearer to (1), by the derivatives of another one."""
+        error = self.errors(there) * self.task.weights[self.targets]
+        correction = np.linalg.pinv(at.moving, rcond=1e-9) @ -error
+        return self.moved(there, at, np.clip(correction, -size, size))
+
+    def checked(self, end: _Point) -> ReachStep:
+        """The commands of the end, given to the twin once more from the state before, and what they reach."""
+        live, at = self.live, self.linear(end)
+        live.return_to(self.before)
+        values = np.clip(end.values[self.command], self.lower[self.command], self.upper[self.command])
+        commands = {one.name: float(value) for one, value in zip(self.actuators, values, strict=True)}
+        state = live.at(commands, self.elapsed)
+        self.n_states += 1
+        reached = _Point(state, end.unknowns, end.released)
+        residual, limits = at.remainder(at.moving, at.error, np.zeros((0, len(at.scale))))
+        is_whole = state.succeeded and not state.snaps
+        why = "" if is_whole else f"The way from the last commands to the best ones is not stable. {state.status}"
+        if is_whole and np.abs(self.errors(reached) - self.errors(end)).max() > 1.0:
+            is_whole, why = False, ELSEWHERE
+        if not is_whole:  # the last commands stay
+            state = live.return_to(self.before)
+            reached, values = _Point(state, end.unknowns, end.released), np.array(list(state.channels.values()))
+            values = values[self.command]
+        elif residual > STATIONARY:
+            why = f"The way ends there: {self.barrier or KINK}"
+        off = self.told(reached)
+        if is_whole and self.is_reached(reached):
+            outcome, told = "reached", f"Reached: {off}."
+        elif why:
+            outcome, told = "refused", f"Refused: {off}. {why}"
+        else:
+            outcome = "nearest"
+            told = f"Not reached: {off}. No commands near these come closer within the limits"
+            told += f": {', '.join(limits)}." if limits else "."
+        left = residual
+        if outcome == "reached":
+            left, limits = at.remainder(at.fond, at.off, at.moving)
+            left *= float(at.free.shape[1] > 0)
+        return ReachStep(
+            outcome=outcome,
+            wanted=dict(self.wanted),
+            commands={self.channels[k]: float(value) for k, value in zip(self.command, values, strict=True)},
+            channels=dict(state.channels),
+            active=tuple(limits),
+            status=told,
+            gradient=left,
+            n_states=self.n_states,
+            n_derivatives=self.n_derivatives,
+            wall_s=time.perf_counter() - self.began,
+        )
+
+    def told(self, point: _Point) -> str:
+        """By how much each target is missed."""
+        off = np.abs(point.values[self.targets] - self.goal)
+        units = [self.live.units[name] for name in self.wanted]
+        each = zip(self.wanted, off.tolist(), units, strict=True)
+        return ", ".join(f"{name} {format_quantity(value, unit, digits=3)} off" for name, value, unit in each)
+
+
+def _least(A: Floats, b: Floats, rows: Floats, gaps: Floats) -> tuple[Floats, Floats]:
+    """min |A x - b| subject to rows @ x >= gaps, and the multipliers, by an active set from x = 0: gaps <= 0.
+
+    Among steps without effect on A x it takes the shortest.
+    """
+    m = A.shape[1]
+    x, active, multipliers = np.zeros(m), list[int](), np.zeros(len(gaps))
+    lengths = np.maximum(np.linalg.norm(rows, axis=1), 1e-300)
+    G, h = rows / lengths[:, None], np.minimum(gaps / lengths, 0.0)
+    size = max(float(np.linalg.norm(A)), 1e-300)
+    for _ in range(20 * (m + 2)):
+        across = np.linalg.svd(G[active])[2][len(active) :].T if active else np.eye(m)
+        way = across @ np.linalg.lstsq(A @ across, b - A @ x, rcond=1e-10)[0]
+        if np.abs(way).max(initial=0.0) < 1e-12:
+            multipliers[:] = 0.0
+            shares = np.linalg.lstsq(G[active].T, A.T @ (A @ x - b), rcond=None)[0] if active else np.zeros(0)
+            multipliers[active] = shares / lengths[active]
+            if not active or shares.min() > -1e-12 * size * (1.0 + float(np.linalg.norm(A @ x - b))):
+                break
+            del active[int(np.argmin(shares))]
+            continue
+        rate = G @ way
+        towards = rate < -1e-12 * np.abs(way).max()
+        towards[active] = False
+        room = np.where(towards, np.maximum(G @ x - h, 0.0) / np.where(towards, -rate, 1.0), np.inf)
+        first = int(np.argmin(room)) if len(room) else 0
+        share = min(1.0, float(room.min(initial=np.inf)))
+        x = x + share * way
+        if share < 1.0:
+            active.append(first)
+    return x, np.maximum(multipliers, 0.0)

@@ -1,0 +1,276 @@
+"""Commands for wanted poses: what is asked for, checked and resolved to channels; the study and its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from softcal.analysis.reach import (
+    PREFERENCES,
+    TOLERANCES,
+    Prefer,
+    ReachResult,
+    ReachStep,
+    ReachTask,
+    reach_sentences,
+    reach_targets,
+)
+from softcal.checks import Floats
+from softcal.csv_text import csv_text
+from softcal.declare import OrInfinite, checked_arguments
+from softcal.errors import Fault, InputError, ParameterError, unknown
+from softcal.limits import LIMITS
+from softcal.project.project import Project, ProjectSource
+from softcal.quantities import QUANTITIES
+from softcal.sensing.channel import channel_name
+from softcal.twin.live import LiveTwin
+from softcal.twin.parameters import with_parameters
+from softcal.twin.protocol import times_fault
+from softcal.twin.robot import Control, Robot
+from softcal.units import format_quantity
+from softcal.workflows.output import require_free_folder
+from softcal.workflows.study_files import StudyKind
+from softcal.workflows.study_source import load_calibrated
+
+_BY_UNIT = {"m": "length", "rad": "angle", "N": "force"}  # the range of a channel whose kind has none of its own
+
+
+@checked_arguments
+def reach(  # noqa: PLR0913 (one keyword for each option)
+    twin: ProjectSource | Robot,
+    targets: Mapping[str, float | Sequence[float]],
+    *,
+    times: Sequence[float] | None = None,
+    controls: Control | Mapping[str, Control] = "tension",
+    limits: Mapping[str, tuple[OrInfinite, OrInfinite]] | None = None,
+    rates: Mapping[str, float] | None = None,
+    tolerances: Mapping[str, float] | None = None,
+    weights: Mapping[str, float] | None = None,
+    prefer: Prefer = "effort",
+    pretension: float = 0.0,
+    theta: Mapping[str, float] | None = None,
+    out: str | Path | None = None,
+    progress: Callable[[int, ReachStep], None] | None = None,
+) -> ReachResult:
+    """Commands of any actuators that bring channels to wanted values, within limits, on the exact twin.
+
+    Parameters
+    ----------
+    twin
+        A robot, a project, or the path of a project file or of a run folder, which has its calibrated values.
+    targets
+        Channel -> wanted value [SI], or values of one target after the other: `{"tip.x": 0.02, "tip.pitch": 0.3}`.
+    times
+        Of the targets [s], for rates and for materials that relax or flow; by default each is held for long.
+    controls
+        What each cable is driven by: "tension", "shortening", or one of these by name of the cables that are driven.
+    limits
+        Channel, or kind of channel such as "tension" -> lowest and highest value [SI], infinite for none.
+    rates
+        As limits: largest change per second [SI/s] from one target to the next.
+    tolerances
+        As limits: error [SI] below which a target counts as reached, by default 10 um, 0.01 deg and 10 mN.
+    weights
+        As limits: of an error, in units of its tolerance, where targets cannot be reached together.
+    prefer
+        Which commands are taken where several reach the target: of least "effort", or "nearest" to the last ones.
+    pretension
+        Least tension of every driven cable [N].
+    theta
+        Values of robot parameters by dotted name [SI], replacing the robot's own.
+    out
+        A new folder for the result as JSON, and the commands as CSV.
+    progress
+        Called after every target with its number, from 1, and its step.
+
+    Returns
+    -------
+    ReachResult
+        Each target reached within its tolerances, or the nearest state with what limits it, or the reason why not.
+
+    Raises
+    ------
+    ParameterError
+        With all faults of the targets and the options: unknown channels, values out of range, limits that contradict
+        each other or a target; for a parameter or cable that there is not.
+    InputError
+        For a twin that is none, arguments of the wrong kind, or an `out` that holds files.
+    SimulationError
+        Where the robot has no equilibrium, or no commands keep the limits.
+    """
+    if out is not None:
+        require_free_folder(Path(out))
+        if isinstance(twin, Robot):
+            raise InputError(Fault("the record of a robot alone would name no project", "out", attempt="a project"))
+    project = twin if isinstance(twin, Robot | Project) else load_calibrated(Path(twin))
+    robot = project if isinstance(project, Robot) else project.robot
+    live = LiveTwin(with_parameters(robot, theta or {}), controls)
+    task, wanted = asked(live, targets, times, limits, rates, tolerances, weights, prefer, pretension)
+    steps: list[ReachStep] = []
+    for step in reach_targets(live, task, wanted, times):
+        steps.append(step)
+        if progress is not None:
+            progress(len(steps), step)
+    told = f"Of the commands for the same target those {PREFERENCES[prefer]} are taken"
+    told += f", with at least {format_quantity(pretension, 'N')} in every cable." if pretension else "."
+    number = {name: k for k, name in enumerate(live.units)}
+    result = ReachResult(
+        steps=tuple(steps),
+        units=dict(live.units),
+        tolerances={name: float(task.tolerances[number[name]]) for name in targets},
+        preference=told,
+    )
+    if out is not None and isinstance(project, Project):
+        REACH.write(result, project, "", Path(out))
+    return result
+
+
+def asked(  # noqa: PLR0913 (one argument for each option)
+    live: LiveTwin,
+    targets: Mapping[str, float | Sequence[float]],
+    times: Sequence[float] | None = None,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    rates: Mapping[str, float] | None = None,
+    tolerances: Mapping[str, float] | None = None,
+    weights: Mapping[str, float] | None = None,
+    prefer: Prefer = "effort",
+    pretension: float = 0.0,
+) -> tuple[ReachTask, list[dict[str, float]]]:
+    """The task, and each target by channel; arguments as of `reach`.
+
+    Parameters
+    ----------
+    live
+        The twin.
+    targets, times, limits, rates, tolerances, weights, prefer, pretension
+        As of `reach`.
+
+    Raises
+    ------
+    ParameterError
+        With all faults.
+    """
+    faults: list[Fault] = []
+    names, units = list(live.units), live.units
+    number = {name: k for k, name in enumerate(names)}
+    kinds = dict.fromkeys(channel_name(name).kind.name for name in names)
+
+    def numbers(key: str, where: str) -> list[int]:
+        """The channels of a name or of a kind."""
+        found = [k for k, name in enumerate(names) if key in (name, channel_name(name).kind.name)]
+        if not found:
+            faults.append(unknown("the robot has no such channel", where, key, [*names, *kinds]))
+        return found
+
+    def each(given: Mapping[str, float] | None, where: str, default: Iterable[float]) -> Floats:
+        """Positive numbers by channel."""
+        values = np.array(list(default))
+        for key, value in (given or {}).items():
+            if not value > 0.0:
+                faults.append(Fault("this must be positive", f"{where}.{key}", f"{value:g}"))
+            values[numbers(key, where)] = value
+        return values
+
+    tolerance = each(tolerances, "tolerances", [TOLERANCES.get(unit, np.nan) for unit in units.values()])
+    weight, rate = each(weights, "weights", np.ones(len(names))), each(rates, "rates", np.full(len(names), np.inf))
+    lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
+    for key, (low, high) in (limits or {}).items():
+        if not low <= high:
+            faults.append(Fault("the limits contradict each other", f"limits.{key}", f"{low:g} to {high:g}"))
+        found = numbers(key, "limits")
+        lower[found], upper[found] = np.maximum(lower[found], low), np.minimum(upper[found], high)
+    efforts = [number[f"{one.name}.{one.effort}"] for one in live.actuators]
+    if pretension and (fault := QUANTITIES["tension"].fault(pretension, "pretension")):
+        faults.append(fault)
+    lower[efforts] = np.maximum(lower[efforts], pretension)
+    crossed = [k for k in np.flatnonzero(lower > upper).tolist() if not np.isnan(lower[k])]
+    if crossed and not faults:
+        for k in crossed:
+            got = f"at least {_shown(lower[k], units[names[k]])}, at most {_shown(upper[k], units[names[k]])}"
+            faults.append(Fault("the limits contradict each other", f"limits.{names[k]}", got))
+    if not targets:
+        faults.append(Fault("there is no target", "targets", allowed="a channel and its value"))
+    columns: dict[str, Floats] = {}
+    for name, value in targets.items():
+        where = f"targets.{name}"
+        column = columns[name] = np.atleast_1d(np.array(value, dtype=np.float64))
+        if name not in number:
+            faults.append(unknown("the robot has no such channel", "targets", name, names))
+            continue
+        kind, k = channel_name(name).kind, number[name]
+        quantity = QUANTITIES.get(kind.name) or QUANTITIES.get(_BY_UNIT.get(kind.unit, ""))
+        worst = float(column[int(np.argmax(np.abs(column)))]) if len(column) else 0.0
+        beyond = column[(column < lower[k]) | (column > upper[k])]
+        if quantity is not None and (
+            fault := next((f for v in column if (f := quantity.fault(float(v), where))), None)
+        ):
+            faults.append(fault)
+        elif abs(worst) > kind.most:
+            got = _shown(worst, kind.unit)
+            faults.append(
+                Fault("this is not plausible", where, got, f"at most {_shown(kind.most, kind.unit)}", kind.mistake)
+            )
+        elif len(beyond):
+            allowed = f"{_shown(lower[k], kind.unit)} to {_shown(upper[k], kind.unit)}"
+            faults.append(Fault("the target is beyond a limit", where, _shown(float(beyond[0]), kind.unit), allowed))
+        if np.isnan(tolerance[k]):
+            faults.append(
+                Fault("the target needs a tolerance", where, f"no tolerance in {kind.unit}", attempt="tolerances")
+            )
+    lengths = {len(column) for column in columns.values()}
+    if len(lengths) > 1:
+        faults.append(Fault("the targets have different numbers of values", "targets", str(sorted(lengths))))
+    n = max(lengths, default=0)
+    if n == 0 and targets:
+        faults.append(Fault("there is no target", "targets", "no value", "one or more"))
+    if fault := LIMITS["samples"].fault(n, "targets") if n else None:
+        faults.append(fault)
+    if times is not None and len(lengths) == 1 and (fault := times_fault(np.asarray(times), n)):
+        faults.append(fault)
+    if rates and times is None:
+        faults.append(Fault("a rate needs times", "rates", ", ".join(rates), "times of the targets"))
+    if faults:
+        raise ParameterError(faults)
+    task = ReachTask(np.nan_to_num(tolerance, nan=1.0), weight, lower, upper, rate, prefer)
+    return task, [{name: float(column[k]) for name, column in columns.items()} for k in range(n)]
+
+
+def _shown(value: float, unit: str) -> str:
+    return format_quantity(value, unit) if np.isfinite(value) else f"{value:g}"
+
+
+def commands_csv(found: ReachResult) -> str:
+    """The commands in SI, a row per target, as `softcal simulate --commands` takes them."""
+    return _table(found, [(name, [step.commands[name] for step in found.steps]) for name in found.steps[0].commands])
+
+
+def reached_csv(found: ReachResult) -> str:
+    """What was wanted and what is reached, a row per target, in SI."""
+    columns: list[tuple[str, list[float]]] = []
+    for name in found.steps[0].wanted:
+        columns.append((name, [step.channels[name] for step in found.steps]))
+        columns.append((f"wanted {name}", [step.wanted[name] for step in found.steps]))
+    return _table(found, columns, [step.outcome for step in found.steps])
+
+
+def _table(found: ReachResult, columns: list[tuple[str, list[float]]], outcomes: Sequence[str] = ()) -> str:
+    """Columns in SI with their units, behind that of the times."""
+    times = [step.time for step in found.steps]
+    header = ["time [s]"] * (None not in times) + [
+        f"{n} [{found.units[n.removeprefix('wanted ')]}]" for n, _ in columns
+    ]
+    cells: list[Sequence[object]] = [*[times] * (None not in times), *(values for _, values in columns)]
+    if outcomes:
+        header, cells = [*header, "outcome"], [*cells, outcomes]
+    return csv_text(header, zip(*cells, strict=True))
+
+
+REACH = StudyKind(
+    what="the commands",
+    study=ReachResult,
+    file="reach.json",
+    sentences=reach_sentences,
+    tables={"commands.csv": commands_csv, "reached.csv": reached_csv},
+)

@@ -413,7 +413,7 @@ class Estimator:
             worths = causes(self.fit, e)
             for b in (b for b in self.fit.blocks if b.experiment == e):
                 clear, worth, changes = worths[b.channel]
-                if clear > 5:
+                if clear > 5 and changes:
                     change = changes[max(changes, key=lambda cause: worth[cause][0])] / math.sqrt(3)
                     row, alone = b.bent(change[:, None]).T @ b.pull, change[None, :] @ b.pull
                     one = Source("misfit", [row], [e], [alone])
@@ -576,8 +576,9 @@ def profile_interval(minimum: np.ndarray, covariance: np.ndarray, j: int, t: flo
 
 
 def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[float, float]], dict[str, np.ndarray]]]:
-    """Channel -> standard errors of the clearest cause; cause -> (those of it, the part of the channel's own squares by
-    which they fall where the cause is fitted beside the parameters); and cause -> what it changes of the residuals.
+    """Channel -> standard errors of the clearest shape; cause no larger than the record -> (those of it, the part of
+    the channel's own squares by which they fall where it is fitted beside the parameters); and what it changes of the
+    residuals.
 
     Whitened by the noise beside all shapes (generalised least squares), both channels of the experiment together.
     """
@@ -607,7 +608,9 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[
         left = r - X @ (X.T @ r)
         V = left @ left / (len(r) - X.shape[1]) * np.eye(len(r)) if along is None else along.covariance(len(r))
         r, J, C = (np.linalg.solve(np.linalg.cholesky(V), one) for one in (r, J, C))
-        rows.append((b.channel, r, J, dict(zip(shapes, zip(C.T, shapes.values(), strict=True), strict=True))))
+        largest = max(np.ptp(b.measured), np.ptp(y))
+        whitened = {cause: (c, shape, largest) for (cause, shape), c in zip(shapes.items(), C.T, strict=True)}
+        rows.append((b.channel, r, J, whitened))
     J = np.concatenate([J for _, _, J, _ in rows])
     basis = span(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))
     r = np.concatenate([r for _, r, _, _ in rows])
@@ -615,8 +618,8 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[
     start = 0
     for channel, own, _, shapes in rows:
         at = slice(start, start + len(own))
-        start, worth, changes = at.stop, {}, {}
-        for cause, (shape, along) in shapes.items():
+        start, clearest, worth, changes = at.stop, 0.0, {}, {}
+        for cause, (shape, along, largest) in shapes.items():
             whole = np.zeros(len(r))
             whole[at] = shape
             whole = whole - basis @ (basis.T @ whole)
@@ -624,13 +627,17 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[
                 after = r - whole * (whole @ r) / (whole @ whole)
                 t = abs(float(whole @ r)) / float(np.linalg.norm(whole))
                 one = t, 1.0 - float(np.sum(after[at] ** 2) / np.sum(r[at] ** 2))
-                if cause.startswith("contact of surfaces"):
+                contact, change = cause.startswith("contact of surfaces"), along * (whole @ r) / (whole @ whole)
+                clearest = max(clearest, 0.0 if contact else t)
+                if np.max(np.abs(change)) > largest:  # no cause is larger than the record
+                    continue
+                if contact:
                     if whole @ r < 0 and one > worth.get("contact of surfaces", (0.0, 0.0)):
                         worth["contact of surfaces"] = one
                 else:
-                    worth[cause], changes[cause] = one, along * (whole @ r) / (whole @ whole)
-        clearest = max((t for cause, (t, _) in worth.items() if cause != "contact of surfaces"), default=0.0)
-        worth = {cause: (min(t, clearest), share) for cause, (t, share) in worth.items()}
+                    worth[cause], changes[cause] = one, change
+        most = max((worth[cause][0] for cause in changes), default=0.0)
+        worth = {cause: (min(t, most), share) for cause, (t, share) in worth.items()}
         found[channel] = clearest, worth, changes
     return found
 

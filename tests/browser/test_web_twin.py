@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import html
 import json
 import re
@@ -26,6 +27,8 @@ from softcal.report.twin_view import TwinView
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
+from softcal.workflows.calibrated_shapes import furthest_response
+from softcal.workflows.reporting import write_report
 from softcal.workflows.study_source import load_calibrated
 
 TOO = """\
@@ -273,6 +276,57 @@ def test_a_sweep_has_a_page_without_bands(tmp_path: Path, capsys: pytest.Capture
     code, said, _ = told(capsys, "export", "web", tmp_path / "run", "--out", tmp_path / "web", "--samples", 3)
     assert code == 0
     assert "There are no bands: a sweep has no intervals." in " ".join(said.split())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [390, 1400])
+def test_the_frame_of_a_report_is_pulled_by_a_slider(page: Page, look: Callable[..., Seen], width: int) -> None:
+    """Its numbers are Python's, its shapes those of the load path; it asks for nothing, and is not printed."""
+    made = write_report(page.run, page.run.parent / f"report{width}", figures=["overview"])
+    seen = look(made.page.as_uri(), width=width)
+    frame = seen.page.frames[1]
+    frame.wait_for_function("document.querySelector('[data-twin]').twin")
+
+    def in_frame(expression: str, argument: object = None) -> Any:
+        return frame.evaluate(
+            f"given => {{ const twin = document.querySelector('[data-twin]').twin; return {expression}; }}", argument
+        )
+
+    data = json.loads(frame.locator("#twin-data").text_content() or "")
+    path, shapes = data["path"], data["shapes"]
+    assert (path["name"], path["kind"]) == ("shortening of front", "shortening")
+    assert path["measures"] == ["front.tension", "plate.rotation", "plate.displacement", "dot.displacement"]
+    axis = path["axes"][0]
+    read = evaluator_of({"cables": ["front"], "rows": [], "error": {}, "axes": path["axes"]})
+    rest = np.frombuffer(base64.b64decode(shapes["rest"]), "<f4")
+    modes = np.frombuffer(base64.b64decode(shapes["modes"]), "<i2").reshape(shapes["n_modes"], -1)
+    run = softcal.load_run(page.run)
+    response = furthest_response(run.project, run.headline)
+    for place in [*np.linspace(axis[0], axis[-1], 7).tolist(), *axis]:
+        shown = in_frame("twin.model.state({'shortening of front': given})", place)
+        assert [*shown.values()] == pytest.approx(read.channels([place], path["nodes"]), rel=1e-9, abs=1e-12)
+        points = np.array(in_frame("Array.from(twin.shapes.at(given))", [place]))
+        assert points == pytest.approx(rest + read.channels([place], shapes["nodes"]) @ modes, abs=1e-7)
+        if place in axis:
+            (at,) = (one for one in response.snapshots if one.drive == place)
+            assert shown["front.tension"] == pytest.approx(at.tensions["front"], rel=1e-9, abs=1e-12)
+    seen.page.locator("iframe").scroll_into_view_if_needed()  # a frame out of sight draws nothing
+    canvas, slider = frame.locator("canvas"), frame.locator("input[type=range]")
+    pixels, number = canvas.screenshot(), frame.locator("[data-values] td.short").first.inner_text()
+    slider.focus()
+    for _ in range(20):
+        slider.press("ArrowRight")
+    assert canvas.screenshot() != pixels
+    assert frame.locator("[data-values] td.short").first.inner_text() != number
+    fits = "document.documentElement.scrollWidth <= innerWidth && document.documentElement.scrollHeight <= innerHeight"
+    assert frame.evaluate(fits)
+    assert seen.page.evaluate("document.documentElement.scrollWidth") <= width
+    assert complaints(seen) == []
+    assert {one for one in seen.requests if not one.startswith("data:")} == {made.page.as_uri()}
+    assert len(html.escape(made.page.read_text(encoding="utf-8"))) < 600_000
+    assert "% of its largest" in seen.page.inner_text(".frame figcaption")
+    seen.page.emulate_media(media="print")
+    assert not seen.page.locator(".frame").is_visible()
 
 
 @pytest.mark.slow

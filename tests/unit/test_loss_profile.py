@@ -98,8 +98,26 @@ def test_a_map_has_the_scales_of_the_search() -> None:
     result = tpe_result([experiment], 2e6, 0.45, n_trials=12)
     (x, first), (y, second) = result.parameters.items()
     for scales in (("log", "linear"), ("linear", "log")):
-        parameters = {x: replace(first, scale=scales[0]), y: replace(second, scale=scales[1])}
+        parameters = {x: replace(first, lower=1e6, upper=9e6, scale=scales[0]), y: replace(second, scale=scales[1])}
         searched = replace(result, parameters=parameters)
         (drawn,) = FIGURES["loss"].function(ReportContent("arm", {"20mm": searched}, {"20mm": experiment}))
         axes = drawn.figure.axes[0]
         assert (axes.get_xscale(), axes.get_yscale()) == scales
+
+
+@pytest.mark.parametrize(("upper", "scale"), [(10e6, "linear"), (20e6, "log")])
+def test_a_modulus_over_more_than_a_decade_has_a_logarithmic_axis_however_it_was_searched(
+    upper: float, scale: str
+) -> None:
+    experiment = bench_experiment("20mm", 0.02, 2e6, pitch=False)
+    result = tpe_result([experiment], 2e6, 0.45, n_trials=12)
+    (x, first), (y, second) = result.parameters.items()
+    wide = replace(first, scale="linear", lower=1.5e6, upper=upper)
+    slack = replace(second, unit="m", scale="linear", profile=((1e-5, 0.2), (3e-3, 0.1)))
+    profiles = {x: replace(wide, profile=((1.5e6, 0.3), (2e6, 0.1), (upper, 0.4))), y: slack}
+    for method, parameters in (("tpe", {x: wide, y: second}), ("tpe", {x: wide}), ("least-squares", profiles)):
+        searched = replace(result, method=method, parameters=parameters)
+        (drawn,) = FIGURES["loss"].function(ReportContent("arm", {"20mm": searched}, {"20mm": experiment}))
+        assert drawn.figure.axes[0].get_xscale() == scale
+        if method == "least-squares":
+            assert drawn.figure.axes[1].get_xscale() == "linear"

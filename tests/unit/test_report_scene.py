@@ -78,6 +78,10 @@ def test_quadratic_faces_are_drawn_curved() -> None:
     x, y, z = fine.at(points).T
     exact = np.stack([x + 0.3 * y * z, y - 0.2 * x**2, z + 0.1 * x * y], axis=1)
     np.testing.assert_allclose(fine.at(curved), exact, atol=1e-12)
+    for most, n in ((64, 64), (63, 16), (15, 4), (1, 4)):
+        coarse = fine_surface(boundary(tets), most)
+        assert coarse.triangles.shape == (n, 3)
+        assert enclosed(coarse.at(points), coarse.triangles) == pytest.approx(1 / 6)
     linear = fine_surface(boundary(tets[:, :4]))
     assert (linear.triangles.shape, linear.edges.shape) == ((4, 3), (6, 2))
 

@@ -201,9 +201,14 @@ def test_alike_residuals_are_told_and_independent_ones_are_not() -> None:
     assert "most 40 % along the record;" in remark.text
     assert "explain" not in remark.text
     remark = said(significance=7.3, size=0.013, explained=causes)
-    by = "a slack is 7.3 standard errors from zero, and alone would explain 40 % of the squares relative to the noise"
-    more = "another material law or friction in bends alone 82 %"
-    assert remark.text.startswith(f"{MORE_THAN_NOISE}: in tension of pull1 (0.013 N RMS) {by}, {more};")
+    sure = f"{MORE_THAN_NOISE}: in tension of pull1 (0.013 N RMS) the shape of a usual cause is 7.3 standard errors"
+    sure = f"{sure} from zero"
+    by = "of the squares relative to the noise a slack alone would explain 40 %"
+    more = "another material law or friction in bends alone would explain 82 %"
+    assert remark.text.startswith(f"{sure}; {by}, {more};")
+    assert said(significance=7.3, size=0.013).text.startswith(
+        f"{sure}; no cause that explains it is within the record;"
+    )
     assert remark.tone == "warning"
     remark = said(outliers=(3, 17, 40))
     assert remark.text == f"{OUTLIERS}: 3, 17 and 40 of tension of pull1; 3, 17 and 40 of pitch of pull1."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import html
 import re
 import subprocess
 import sys
@@ -23,13 +24,15 @@ from softcal.report.content import Landscape, ReportContent
 from softcal.report.figure import FIGURES, report_pictures
 from softcal.report.html import render_page
 from softcal.report.scene_render import Rendering
+from softcal.report.twin_view import TwinFrame
 from softcal.report.write import ReportPaths, write_files, write_report
 
 
 @pytest.fixture(scope="module")
 def content() -> ReportContent:
     whole = example_content(n_trials=40)
-    return replace(whole, results={label: whole.results[label] for label in ("20 mm, 5 mm/s", "joint")})
+    frame = TwinFrame('<script>"a" < 1 && b</script>', 3, "It moves.")
+    return replace(whole, frame=frame, results={label: whole.results[label] for label in ("20 mm, 5 mm/s", "joint")})
 
 
 @pytest.fixture(scope="module")
@@ -38,10 +41,16 @@ def written(content: ReportContent, tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.mark.slow
-def test_the_page_stands_alone(written: ReportPaths) -> None:
+def test_the_page_stands_alone(written: ReportPaths, content: ReportContent) -> None:
     page = written.page.read_text()
     assert written.page.stat().st_size < 5e6
+    # A script is in a frame alone, which has an origin of its own: it reads nothing of the page, and loads nothing.
     assert "<script" not in page
+    frames = re.findall(r"<iframe [^>]*>", page)
+    assert len(frames) == 1
+    assert 'sandbox="allow-scripts"' in frames[0]
+    assert html.unescape(re.search(r'srcdoc="([^"]*)"', frames[0])[1]) == content.frame.page  # type: ignore[index,union-attr]
+    assert "@media print { .frame { display: none; }" in page
     assert 'loading="lazy"' not in page  # a browser may print, or archive, the page without them
     sources = re.findall(r'(?:src|href)="([^"]*)"', page)
     assert sources

@@ -406,18 +406,18 @@ def residual_size(case: Case, labels: list[str], told: Told) -> tuple[Fit, Block
     return fit, block
 
 
-def named_causes(fit: Fit, block: Block, text: str, least: float) -> tuple[float, list[float], list[float]]:
+def named_causes(fit: Fit, block: Block, text: str, least: float) -> tuple[list[float], list[float]]:
     """The clearest two causes of those that explain more than `least`, with the part of the channel's own squares that
-    each explains: how clear the clearest is, and how clear each named one is, and its share, in their order.
+    each explains: how clear each named one is, and its share, in their order.
     """
-    significance, worth, _ = causes(fit, block.experiment)[block.channel]
+    _, worth, _ = causes(fit, block.experiment)[block.channel]
     clearest = sorted((clear for clear, share in worth.values() if share > least), reverse=True)[:2]
     named = re.findall(CAUSE, text)
     assert len({cause for cause, *_ in named}) == len(named) == len(clearest)
     for cause, share, *_ in named:
         assert worth[cause][0] >= 0.98 * clearest[-1], f"not one of the two clearest causes: {cause}"
         like(share, 100 * max(worth[cause][1], 0.0), CLOSE)
-    return significance, [worth[cause][0] for cause, *_ in named], [float(share) for _, share, *_ in named]
+    return [worth[cause][0] for cause, *_ in named], [float(share) for _, share, *_ in named]
 
 
 @sentence(rf"{ITEM}most (?P<where>at the start|at the end|\d+ % along the record)(?: \((?P<causes>[^)]*)\))?")
@@ -429,24 +429,30 @@ def is_curve(case: Case, labels: list[str], told: Told) -> None:
     at = (int(smooth.argmax()) + (part - 1) / 2) / (len(b.r) - 1)
     expected = "at the start" if at < 0.1 else "at the end" if at > 0.9 else f"{100 * at:.0f} % along the record"
     assert told["where"] == expected
-    _, _, shares = named_causes(fit, b, told["causes"] or "", 0.2)
+    _, shares = named_causes(fit, b, told["causes"] or "", 0.2)
     assert shares == sorted(shares, reverse=True)
 
 
 @sentence(
-    rf"in (?P<channel>\w+) of (?P<of>\w+) \((?P<size>{V}) (?P<unit>\w+) RMS\) (?P<clearest>[\w ]+) is (?P<sure>{V}) "
-    rf"standard errors from zero, and (?P<share>alone would explain {V} %) of the squares relative to the noise"
-    rf"(?P<more>, [\w ]+ alone {V} %)?"
+    rf"in (?P<channel>\w+) of (?P<of>\w+) \((?P<size>{V}) (?P<unit>\w+) RMS\) the shape of a usual cause is "
+    rf"(?P<sure>{V}) standard errors from zero"
 )
 def is_more_than_noise(case: Case, labels: list[str], told: Told) -> None:
     fit, b = residual_size(case, labels, told)
     assert effective(b.r) >= min(len(b.r) / 5, 10)
-    significance, (clear, *others), _ = named_causes(
-        fit, b, f"{told['clearest']} {told['share']}{told['more'] or ''}", -1.0
-    )
+    significance, _, _ = causes(fit, b.experiment)[b.channel]
     assert significance > 5
-    assert clear >= 0.98 * max(others, default=0.0)
     like(told["sure"], significance, CLOSE)
+    case.last = (labels[0], f"{told['channel']} of {told['of']}")
+
+
+@sentence(rf"of the squares relative to the noise (?P<causes>{CAUSE}(?:, {CAUSE})?)")
+def is_named_by_causes(case: Case, labels: list[str], told: Told) -> None:
+    channel, of = case.last[1].split(" of ")
+    fit = case.fits[case.last[0]]
+    (block,) = (b for b in fit.blocks if (b.channel, b.experiment) == (channel, of))
+    (clear, *others), _ = named_causes(fit, block, told["causes"], -1.0)
+    assert clear >= 0.98 * max(others, default=0.0)
 
 
 @sentence(

@@ -70,7 +70,7 @@ def shape_modes(model: Mapping[str, Any], nodes: Floats, points: Floats, between
     data = {"n_modes": n, "rest": rest, "modes": rounded, "nodes": hermite(model, found)}
     read = evaluator_of({**model, "nodes": data["nodes"]})
     at = np.array([read.channels([*map(float, tensions)], read.model["nodes"]) for tensions in points])
-    errors = (found @ rounded - moved, np.reshape(at, (-1, n)) @ rounded - (between - rest).reshape(len(between), -1))
+    errors = (found @ rounded - moved, np.reshape(at, (-1, n)) @ rounded - (between - rest).reshape(-1, rest.size))
     return ShapeModes(data, max(map(_furthest, errors)))
 
 
@@ -94,4 +94,4 @@ def hermite(model: Mapping[str, Any], values: Floats, *, monotonic: bool = False
 
 
 def _furthest(difference: Floats) -> float:
-    return float(np.linalg.norm(difference.reshape(len(difference), -1, 3), axis=2).max(initial=0.0))
+    return float(np.linalg.norm(difference.reshape(-1, 3), axis=1).max(initial=0.0))

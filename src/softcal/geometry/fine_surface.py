@@ -43,9 +43,19 @@ class FineSurface:
         return np.repeat(values, len(self.triangles) // max(len(self.faces), 1), axis=0)
 
 
-def fine_surface(faces: Ints) -> FineSurface:
-    """Linear faces (k, 3) as they are; quadratic ones (k, 6) divided evenly between their nodes."""
+def fine_surface(faces: Ints, most: int | None = None) -> FineSurface:
+    """Linear faces (k, 3) as they are; quadratic ones (k, 6) divided evenly between their nodes.
+
+    Parameters
+    ----------
+    faces
+        Nodes of each face.
+    most
+        Triangles for which quadratic faces are divided less, or not at all.
+    """
     n = 1 if faces.shape[1] == 3 else _STEPS if len(faces) < _MANY else _FEWER
+    while most is not None and n > 1 and n * n * len(faces) > most:
+        n //= 2
     grid = np.array([(n - i - j, i, j) for i in range(n + 1) for j in range(n + 1 - i)])
     at = {(i, j): place for place, (_, i, j) in enumerate(grid.tolist())}
     flat = [(at[i, j], at[i + 1, j], at[i, j + 1]) for i in range(n) for j in range(n - i)]
@@ -58,7 +68,7 @@ def fine_surface(faces: Ints) -> FineSurface:
     _, first, own = np.unique(_keys(faces[:, :3], grid, n), return_index=True, return_inverse=True)
     own = own.reshape(len(faces), len(grid))
     L = grid / n
-    weights = L if n == 1 else np.column_stack([L * (2 * L - 1), 4 * L * L[:, [1, 2, 0]]])
+    weights = L if faces.shape[1] == 3 else np.column_stack([L * (2 * L - 1), 4 * L * L[:, [1, 2, 0]]])
     edges = own[:, sides].reshape(-1, n + 1)
     _, once = np.unique(np.sort(edges[:, [0, -1]], axis=1), axis=0, return_index=True)
     which, place = np.divmod(first, len(grid))

@@ -5,7 +5,7 @@ line; and how well the experiments predict each other.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -271,19 +271,23 @@ def _curve_text(fit: ExperimentFit, experiment: str, channel: str, one: Residual
     # The two clearest ones; the less clear one may explain more of this channel.
     causes = [(cause, share) for cause, share in one.explained.items() if share > _CAUSE][:2]
     causes.sort(key=lambda pair: -pair[1])
-    by = ", ".join(f"{cause} alone would explain {100 * share:.0f} %" for cause, share in causes)
+    by = _shares_text(causes)
     return f"{channel} of {experiment} by {size} (RMS), most {where}{by and f' ({by})'}"
+
+
+def _shares_text(causes: Iterable[tuple[str, float]]) -> str:
+    return ", ".join(f"{cause} alone would explain {100 * share:.0f} %" for cause, share in causes)
 
 
 def _cause_text(fit: ExperimentFit, experiment: str, channel: str, one: ResidualRecord) -> str:
     """What is in residuals beside noise, how sure that is, and what it explains."""
     size = format_quantity(one.size, fit.units[channel], digits=2)
-    (clearest, share), *others = one.explained.items()
-    more = "".join(f", {cause} alone {100 * s:.0f} %" for cause, s in others[:1])
-    return (
-        f"in {channel} of {experiment} ({size} RMS) {clearest} is {number(one.significance, 2)} standard errors from "
-        f"zero, and alone would explain {100 * share:.0f} % of the squares relative to the noise{more}"
+    causes = _shares_text(list(one.explained.items())[:2])
+    by = (
+        f"of the squares relative to the noise {causes}" if causes else "no cause that explains it is within the record"
     )
+    where, sure = f"in {channel} of {experiment} ({size} RMS)", number(one.significance, 2)
+    return f"{where} the shape of a usual cause is {sure} standard errors from zero; {by}"
 
 
 def _outliers_text(experiment: str, channel: str, one: ResidualRecord) -> str:

@@ -16,7 +16,7 @@ from softcal.errors import Fault, InputError, unknown
 from softcal.experiments.dataset import Dataset
 from softcal.materials.infill import PrintInfill
 from softcal.report.compared import Compared
-from softcal.report.twin_view import EquilibriumShapes, TwinView
+from softcal.report.twin_view import EquilibriumShapes, TwinFrame, TwinView
 
 R = TypeVar("R", bound=SearchResult)
 JOINT = "joint"
@@ -105,6 +105,8 @@ class ReportContent:
         Sobol indices over the bounds of one of the results.
     importance_note
         Of which result they are, or why an existing study is not shown.
+    frame
+        The twin along its pull, to be moved by a slider; None where nothing is pulled.
     equilibria
         Shapes of the headline's calibration, if positions were compared.
     records
@@ -115,6 +117,7 @@ class ReportContent:
     results: Mapping[str, SearchResult]
     experiments: Mapping[str, ExperimentContent]
     twin: TwinView | None = None
+    frame: TwinFrame | None = None
     equilibria: EquilibriumShapes | None = None
     landscapes: Mapping[str, Landscape] = field(default_factory=dict)
     records: Mapping[str, Mapping[str, RecordFit]] = field(default_factory=dict[str, Mapping[str, RecordFit]])

@@ -1,4 +1,6 @@
-"""A page of results: self-contained HTML with embedded style and pictures, no scripts, no external resources."""
+"""A page of results: self-contained HTML with embedded style and pictures, no external resources. It has no scripts of
+its own; one that moves the twin is in a frame which the browser keeps apart, and the page is whole without it.
+"""
 
 from __future__ import annotations
 

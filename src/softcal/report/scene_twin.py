@@ -78,7 +78,7 @@ def cable_radius(robot: Robot, size: float) -> float:
 
 
 def twin_parts(
-    view: TwinView, snapshot: Snapshot, moved: Mapping[str, Floats] | None, largest: float
+    view: TwinView, snapshot: Snapshot, moved: Mapping[str, Floats] | None, largest: float, most: int | None = None
 ) -> tuple[tuple[Part, ...], tuple[Label, ...]]:
     """A shape of the twin and the labels of its parts.
 
@@ -92,6 +92,8 @@ def twin_parts(
         Part -> displacements of its nodes [m], its colours; None: the colours of the materials.
     largest
         Top of the colour scale [m].
+    most
+        Triangles of a body for which its surface is coarser; see `fine_surface`.
     """
     from softcal.report.style import BLUE, LOOP, MUTED, ORANGE, SKY
 
@@ -103,7 +105,7 @@ def twin_parts(
         d = None if moved is None else moved[body.name]
         tets = view.tets[body.name]
         for material, faces in ({"": boundary(tets)} if d is not None else material_faces(body, tets)).items():
-            fine = fine_surface(faces)
+            fine = fine_surface(faces, most)
             at = fine.at(snapshot.points[body.name])
             is_fixed = fine.by_triangle(np.asarray(np.isin(faces[:, :3], body.fixed).all(axis=1)))
             hides = material == body.name and len(body.materials) > 1

@@ -13,6 +13,7 @@ from softcal.display import displayed
 from softcal.errors import Fault
 from softcal.report.content import ReportContent
 from softcal.report.tables import ReportTable, all_parameters_table, parameters_table, provenance_table
+from softcal.report.twin_view import TwinFrame
 
 OVERVIEW = "overview"  # where figures of the first screen are, which is no section
 LAST = 100  # of the sections and of the figures of one: what is registered from outside
@@ -62,7 +63,7 @@ class FoldedSteps:
     kind: ClassVar[str] = "folded steps"
 
 
-Block = str | Remark | ReportTable | Gallery | Small | Heading | FoldedTable | FoldedSteps
+Block = str | Remark | ReportTable | Gallery | Small | Heading | FoldedTable | FoldedSteps | TwinFrame
 Function = Callable[[ReportContent], Iterable[Block]]
 
 

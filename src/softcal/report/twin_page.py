@@ -43,7 +43,7 @@ class Drawn:
     view: Mapping[str, Any]
 
 
-def drawn(view: TwinView, shapes: Sequence[Snapshot]) -> Drawn:
+def drawn(view: TwinView, shapes: Sequence[Snapshot], most: int | None = None) -> Drawn:
     """The parts of the twin in shapes, in the colours of the displacement from rest.
 
     Parameters
@@ -52,12 +52,16 @@ def drawn(view: TwinView, shapes: Sequence[Snapshot]) -> Drawn:
         The twin at rest, and where it is bent most.
     shapes
         The shapes.
+    most
+        Triangles of a body for which its surface is coarser.
     """
     from matplotlib import colormaps
 
     moved = displacements(view.rest, view.bent)
     top = max(float(values.max()) for values in moved.values())
-    parts = [[one for part in twin_parts(view, shape, moved, top)[0] for one in _elements(part)] for shape in shapes]
+    parts = [
+        [one for part in twin_parts(view, shape, moved, top, most)[0] for one in _elements(part)] for shape in shapes
+    ]
     points = np.array([np.concatenate([at for _, at in elements]) for elements in parts])
     camera = bending_camera(points.reshape(-1, 3), *bending_axes(view))
     axes, window = np.stack([camera.right, camera.up, camera.back]), np.reshape(camera.window, (2, 2))
@@ -73,16 +77,17 @@ def drawn(view: TwinView, shapes: Sequence[Snapshot]) -> Drawn:
 
 
 def twin_page(
-    title: str, data: Mapping[str, Any], statements: Sequence[str], estimates: Sequence[tuple[str, str, str]] = ()
+    title: str, data: Mapping[str, Any], statements: Sequence[str] = (), estimates: Sequence[tuple[str, str, str]] = ()
 ) -> str:
     """The page as HTML.
 
     Parameters
     ----------
     title
-        The name of the project.
+        The name of the project; "" for a frame of another page, which has its own.
     data
-        What `twin.js` reads; arrays are written as their bytes in base 64.
+        What `twin.js` reads: the reduced `model`, or the `path` of one pull; arrays are written as their bytes in base
+        64.
     statements
         Sentences on what the page shows, and on its errors.
     estimates
@@ -93,7 +98,14 @@ def twin_page(
         return b64encode(values.tobytes()).decode("ascii")
 
     text = json.dumps(data, separators=(",", ":"), allow_nan=False, default=as_text).replace("<", "\\u003c")
-    return render(TEMPLATES / "twin.html.j2", title=title, data=text, statements=statements, estimates=estimates)
+    return render(
+        TEMPLATES / "twin.html.j2",
+        title=title,
+        data=text,
+        statements=statements,
+        estimates=estimates,
+        is_path="path" in data,
+    )
 
 
 def _elements(part: Part) -> list[tuple[dict[str, Any], Floats]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 from softcal.checks import Ints, frozen_ints
 from softcal.errors import Fault, InputError
@@ -53,6 +54,18 @@ class TwinView:
         ]
         if faults:
             raise InputError(faults)
+
+
+@dataclass(frozen=True)
+class TwinFrame:
+    """The twin along its pull: a page for a frame of the report, how many numbers it shows, and the sentences
+    beneath it.
+    """
+
+    page: str
+    n_measures: int
+    caption: str
+    kind: ClassVar[str] = "frame"
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from softcal.checks import Floats, ReadOnly
 from softcal.declare import FixedMapping, OrInfinite, as_annotated, checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
-from softcal.mechanics.actuator import Actuator
+from softcal.mechanics.actuator import ActuatorLimits
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.march import Reached, Target, by_command
 from softcal.mechanics.node import by_parameters
@@ -282,7 +282,7 @@ class LiveTwin(_InOneProcess):
         return self._steps.statics.length
 
     @property
-    def actuators(self) -> tuple[Actuator, ...]:
+    def actuators(self) -> tuple[ActuatorLimits, ...]:
         """Those that it drives, in the order of the controls."""
         every = {one.name: one for one in self._twin.system.actuators}
         return tuple(every[name] for name in self._controls)

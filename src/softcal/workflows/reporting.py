@@ -30,6 +30,7 @@ from softcal.workflows.run import SWEEP, CalibrationRun, Run, SweepRun
 from softcal.workflows.run_folder import load_run
 from softcal.workflows.simulation import twin_view
 from softcal.workflows.study_files import StudyKind
+from softcal.workflows.twin_frame import twin_frame
 from softcal.workflows.whole_record import compare_records
 
 # Columns and rows of a computed landscape; with this many trials, the trials are drawn instead.
@@ -126,10 +127,12 @@ def _shared(run: Run, result: SearchResult, furthest: Response | None = None) ->
     """What every report shows of its run, and of the twin at the values of its headline's result."""
     project = run.project
     equilibria = calibrated_shapes(project, result)
-    twin = _twin(project, result, furthest or furthest_response(project, result))
+    response = furthest or furthest_response(project, result)
+    twin = _twin(project, result, response)
     return {
         "project_name": project.name,
         "twin": twin or from_undeformed(equilibria),
+        "frame": None if twin is None else twin_frame(twin, response),
         "equilibria": equilibria,
         "print_infill": project.print_infill,
         "versions": run.versions,

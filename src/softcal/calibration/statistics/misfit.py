@@ -4,7 +4,8 @@ Residuals r and shapes c are divided by the noise of their channel with its corr
 is estimated beside all shapes, and are without what the fitted parameters can do in the experiment, by the jacobians. A
 cause is then worth c . r / |c| standard errors: it would reduce the sum of squares by the square of that, in all
 channels of the experiment together, since the parameters follow. Its share is that by which the channel's own squares
-fall. These shares compare causes; they do not sum to one, since shapes are alike.
+fall. These shares compare causes; they do not sum to one, since shapes are alike. What the parameters can all but do,
+such as a gain beside a modulus, would have to be larger than the record to leave what it leaves: it is no cause.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ _ROUNDING = 1e-9  # of what is measured: smaller residuals are those of an exact
 
 @dataclass(frozen=True)
 class Misfit:
-    """Of a channel: cause -> the share [-] of its squared residuals that it explains, the clearest first, how many
-    standard errors that one is worth, and the change (n,) of the residual by the clearest that is no larger than the
-    record; None without one.
+    """Of a channel: cause no larger than the record -> the share [-] of its squared residuals that it explains, the
+    clearest first; how many standard errors the clearest shape of a cause of any size is worth; and the change (n,) of
+    the residual by the first cause, None without one.
     """
 
     explained: Mapping[str, float]
@@ -59,6 +60,7 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
         rows = slice(start, start + len(one.residual))
         start = rows.stop
         square = max(float(residual[rows] @ residual[rows]), 1e-300)
+        significance = 0.0
         worth: dict[str, tuple[float, float]] = {}
         changes: dict[str, Floats] = {}
         for cause, shape, plain in one.shapes:
@@ -71,16 +73,15 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
                 continue
             after = residual[rows] - along / size * left[rows]
             pair = abs(along) / math.sqrt(size), max(1.0 - float(after @ after) / square, 0.0)
-            worth[cause] = max(worth.get(cause, pair), pair)
-            # What the parameters can all but do would have to be larger than the record, to leave what it leaves.
-            if cause != CONTACT and float(np.abs(change := along / size * plain).max()) <= one.largest:
-                changes[cause] = change
+            if cause != CONTACT:
+                significance = max(significance, pair[0])
+            if float(np.abs(change := along / size * plain).max()) <= one.largest:
+                worth[cause], changes[cause] = max(worth.get(cause, pair), pair), change
         # Contact may begin anywhere, and so follow noise: it is no clearer than the clearest shape without a choice.
         first = max((cause for cause in worth if cause != CONTACT), key=lambda cause: worth[cause][0], default="")
         clearest = worth[first][0] if first else 0.0
         ordered = sorted(worth.items(), key=lambda pair: (-min(pair[1][0], clearest), pair[0] == CONTACT))
-        bearable = max(changes, key=lambda cause: worth[cause][0], default="")
-        found.append(Misfit({cause: share for cause, (_, share) in ordered}, clearest, changes.get(bearable)))
+        found.append(Misfit({cause: share for cause, (_, share) in ordered}, significance, changes.get(first)))
     return found
 
 

@@ -49,10 +49,10 @@ class ResidualRecord:
     largest
         Where they are largest, averaged over a twentieth of the record: as a part of its samples [-].
     explained
-        Usual cause -> the share of their squares that it explains [-], the clearest first
+        Usual cause no larger than the record -> the share of their squares that it explains [-], the clearest first
         (`softcal.calibration.statistics.misfit`).
     significance
-        How many standard errors the first of these is worth [-].
+        How many standard errors the clearest shape of such causes, of any size, is worth [-].
     outliers
         The samples of the experiment, from 1, that are far off their neighbours.
     step

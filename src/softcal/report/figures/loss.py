@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 # Above this many points a scatter is rasterised inside the SVG, which keeps the file small.
 MANY_POINTS = 300
 _COLUMNS = 2  # of profiles
+_DECADE = 10.0
 
 
 @register_figure("search", place=1)
@@ -147,10 +148,7 @@ def draw_profile(axes: Axes, name: str, estimate: Estimate, result: SearchResult
         [estimate.value / scale.factor], [result.loss], marker="*", markersize=13, color=ORANGE,
         markeredgecolor=INK, linestyle="", clip_on=False, zorder=5, label="best value",
     )  # fmt: skip
-    if estimate.scale == "log":
-        plain_log_axis(axes, x[0], x[-1])
-    else:
-        axes.set_xlim(x[0], x[-1])
+    _axis_of_values(axes, estimate, x[0], x[-1])
     axes.set_xlabel(scale.axis(parameter_label(name, result.parameters)))
 
 
@@ -250,8 +248,7 @@ def draw_trials_over(axes: Axes, title: str, result: SearchResult, name: str) ->
     if len(loss) and loss.min() > 0:
         axes.set_yscale("log")
         plain_log_ticks(axes.yaxis, *axes.get_ylim())
-    if estimate.scale == "log":
-        plain_log_axis(axes, estimate.lower / scale.factor / 1.15, estimate.upper / scale.factor * 1.15)
+    _axis_of_values(axes, estimate, estimate.lower / scale.factor, estimate.upper / scale.factor, margin=0.05)
     axes.set_xlabel(scale.axis(parameter_label(name)))
     axes.set_ylabel("Loss")
     axes.set_title(title)
@@ -321,13 +318,20 @@ def _draw_bounds(axes: Axes, result: SearchResult, pair: tuple[str, str], scales
         [left, right, right, left, left], [bottom, bottom, top, top, bottom], color=MUTED, linestyle="--",
         linewidth=1.0, label="bounds", zorder=3,
     )  # fmt: skip
-    for one, low, high, upright in ((x, left, right, False), (y, bottom, top, True)):
-        if one.scale == "log":
-            stretch = (high / low) ** 0.04
-            plain_log_axis(axes, low / stretch, high * stretch, upright=upright)
-        else:
-            margin = 0.06 * (high - low)
-            (axes.set_ylim if upright else axes.set_xlim)(low - margin, high + margin)
+    _axis_of_values(axes, x, left, right, margin=0.05)
+    _axis_of_values(axes, y, bottom, top, margin=0.05, upright=True)
+
+
+def _axis_of_values(
+    axes: Axes, estimate: Estimate, low: float, high: float, *, margin: float = 0.0, upright: bool = False
+) -> None:
+    """An axis of a parameter's values: logarithmic where its search is, and for a modulus over more than a decade."""
+    if estimate.scale == "log" or (estimate.unit == "Pa" and 0.0 < _DECADE * low < high):
+        more = (high / low) ** margin
+        plain_log_axis(axes, low / more, high * more, upright=upright)
+    else:
+        more = margin * (high - low)
+        (axes.set_ylim if upright else axes.set_xlim)(low - more, high + more)
 
 
 def _draw_optimum(axes: Axes, result: SearchResult, pair: tuple[str, str], scales: tuple[Scale, ...]) -> None:

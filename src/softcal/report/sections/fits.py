@@ -53,6 +53,8 @@ def compared(content: ReportContent) -> Iterator[Block]:
 def twin(content: ReportContent) -> Iterator[Block]:
     """The robot."""
     yield Gallery(wide=True)
+    if content.frame is not None:
+        yield content.frame
 
 
 @register_section("Measured and simulated", place=40)

@@ -140,6 +140,27 @@ class Measures {
   }
 }
 
+/** One pull that was solved at several steps: what is measured of it, over the place along it. */
+class Path {
+  constructor({ name, kind, axes, measures, nodes }) {
+    Object.assign(this, { cables: [name], kind: UNITS[kind], axes, names: measures, nodes });
+    this.pulled = measures.filter((measure) => measure.endsWith(".tension")).map((measure) => measure.slice(0, -8));
+  }
+
+  state(given) {
+    const { values } = channels(this.axes, [given[this.cables[0]]], [0], this.nodes);
+    return Object.fromEntries(this.names.map((name, k) => [name, values[k]]));
+  }
+
+  of(state) {
+    return state;
+  }
+
+  bands() {
+    return {};
+  }
+}
+
 const SHADER = [
   `#version 300 es
   in vec3 place; in float moved; uniform mat3 sight; uniform vec3 middle; uniform vec2 zoom; out vec3 seen; out float shade;
@@ -315,7 +336,7 @@ function tubeTriangles(n, sides) {
   return Uint32Array.from(found);
 }
 
-const UNITS = { rotation: ["°", 180 / Math.PI], displacement: ["mm", 1e3], shortening: ["mm", 1e3], tension: ["N", 1] };
+const UNITS = { step: ["", 1], rotation: ["°", 180 / Math.PI], displacement: ["mm", 1e3], shortening: ["mm", 1e3], tension: ["N", 1] };
 const kindOf = (measure) => UNITS[measure.slice(measure.lastIndexOf(".") + 1)];
 const wordsOf = (measure) => `${measure.slice(measure.lastIndexOf(".") + 1)} of ${measure.slice(0, measure.lastIndexOf("."))}`;
 const shown = (value, [unitName, factor]) => {
@@ -352,7 +373,7 @@ class Chart {
     svg.replaceChildren();
     svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     const ends = curve.flatMap(([, value, half]) => [(value - half) * kind[1], (value + half) * kind[1]]);
-    const [low, high, most] = [Math.min(...ends), Math.max(...ends), curve.at(-1)[0]];
+    const [low, high, most] = [Math.min(...ends), Math.max(...ends), Math.max(...curve.map(([tension]) => tension)) || 1];
     const [from, to] = high - low > 1e-9 ? [low, high] : [low - 0.5, low + 0.5];
     const x = (value) => left + ((value * kind[1] - from) / (to - from)) * (width - left - right);
     const y = (tension) => height - bottom - (tension / most) * (height - top - bottom);
@@ -383,10 +404,11 @@ class Twin {
 
   constructor(root, data) {
     this.root = root;
-    this.model = new ReducedModel(data.model);
-    this.shapes = new Shapes(data.shapes, data.model.axes);
-    this.measures = new Measures(data, this.model, this.shapes);
-    this.tensions = this.model.cables.map(() => 0);
+    this.data = data;
+    this.model = data.path ? new Path(data.path) : new ReducedModel(data.model);
+    this.shapes = new Shapes(data.shapes, this.model.axes);
+    this.measures = data.path ? this.model : new Measures(data, this.model, this.shapes);
+    this.tensions = this.model.axes.map((axis) => axis[0]);
     this.find = (name) => root.parentElement.querySelector(`[data-${name}]`);
     this.chart = new Chart(root.querySelector(".chart"));
     this.top = this.largest(data);
@@ -394,8 +416,8 @@ class Twin {
     root.querySelector(".shades").style.background = `linear-gradient(to right, ${data.view.shades
       .map((rgb) => `rgb(${rgb.map((value) => Math.round(255 * value)).join(" ")})`)
       .join(", ")})`;
-    this.fill("cable", this.model.cables, (name) => name);
-    this.fill("measure", this.measures.names, wordsOf);
+    this.fill("cable", this.model.pulled ?? this.model.cables, (name) => name);
+    this.fill("measure", this.measures.names.filter((name) => !name.endsWith(".tension")), wordsOf);
     this.find("measure").value = this.measures.names.findLast((name) => name.endsWith(".rotation")) ?? this.measures.names[0];
     root.querySelectorAll("[name=kind]").forEach((button) => button.addEventListener("change", () => this.place()));
     this.sliders = this.model.cables.map((name, k) => this.slider(name, k));
@@ -406,14 +428,14 @@ class Twin {
       root.querySelector("figcaption").textContent = error.message;
     }
     new ResizeObserver(() => this.plot()).observe(this.chart.svg);
-    this.set(this.model.cables.map((_, k) => (k ? 0 : 0.6 * this.model.axes[k].at(-1))));
+    this.set(this.model.axes.map((axis, k) => (k ? axis[0] : 0.4 * axis[0] + 0.6 * axis.at(-1))));
   }
 
   /** The largest displacement [m] at the corners of the grid of what has the colours of displacements. */
   largest(data) {
     let most = 0;
     for (let corner = 0; corner < 2 ** this.model.cables.length; corner += 1) {
-      const points = this.shapes.at(this.model.axes.map((axis, k) => ((corner >> k) & 1 ? axis.at(-1) : 0)));
+      const points = this.shapes.at(this.model.axes.map((axis, k) => ((corner >> k) & 1 ? axis.at(-1) : axis[0])));
       let first = 0;
       for (const part of data.parts) {
         for (let i = 3 * first; !part.colour && i < 3 * (first + part.n); i += 3) {
@@ -437,9 +459,9 @@ class Twin {
     title.textContent = name;
     Object.assign(input, { type: "range", step: "any", ariaLabel: `Pull of ${name}` });
     input.addEventListener("input", () => {
-      this.find("cable").value = name;
-      const pulled = Number(input.value);
-      this.set(this.tensions.with(k, this.byLength ? this.tensionOf(k, pulled / 1e3) : pulled), k);
+      if (!this.model.pulled) this.find("cable").value = name;
+      const pulled = Number(input.value) / this.kind[1];
+      this.set(this.tensions.with(k, this.byLength ? this.tensionOf(k, pulled) : pulled), k);
     });
     input.addEventListener("keydown", (event) => {
       const steps = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 10, PageDown: -10 }[event.key];
@@ -455,7 +477,11 @@ class Twin {
   }
 
   get byLength() {
-    return this.root.querySelector("[name=kind]:checked").value === "shortening";
+    return this.root.querySelector("[name=kind]:checked")?.value === "shortening";
+  }
+
+  get kind() {
+    return this.model.kind ?? (this.byLength ? UNITS.shortening : UNITS.tension);
   }
 
   shortening(k, tension) {
@@ -496,15 +522,17 @@ class Twin {
 
   /** Put the sliders where the tensions are. */
   place(moved = -1) {
-    const kind = this.byLength ? UNITS.shortening : UNITS.tension;
+    const { kind } = this;
     this.sliders.forEach(({ input, value }, k) => {
-      const end = this.model.axes[k].at(-1), now = this.byLength ? this.shortening(k, this.tensions[k]) : this.tensions[k];
+      const [first, end] = [this.model.axes[k][0], this.model.axes[k].at(-1)], now = this.byLength ? this.shortening(k, this.tensions[k]) : this.tensions[k];
       if (k !== moved) {
-        const range = this.byLength ? [this.shortening(k, 0), this.shortening(k, end)] : [0, end];
+        const range = this.byLength ? [this.shortening(k, 0), this.shortening(k, end)] : [first, end];
         Object.assign(input, { min: range[0] * kind[1], max: range[1] * kind[1] });
         input.value = now * kind[1];
       }
-      value.textContent = this.byLength
+      value.textContent = this.model.kind
+        ? shown(now, kind)
+        : this.byLength
         ? `${shown(now, kind)} · ${shown(this.tensions[k], UNITS.tension)}`
         : `${shown(now, kind)} · ${shown(this.shortening(k, now), UNITS.shortening)}`;
       input.setAttribute("aria-valuetext", value.textContent);
@@ -512,15 +540,15 @@ class Twin {
   }
 
   plot() {
-    const cable = this.find("cable").value, measure = this.find("measure").value, k = this.model.cables.indexOf(cable);
-    const at = (tension) => {
-      const tensions = this.tensions.with(k, tension);
+    const cable = this.find("cable").value, measure = this.find("measure").value;
+    const k = Math.max(this.model.cables.indexOf(cable), 0), axis = this.model.axes[k];
+    const at = (place) => {
+      const tensions = this.tensions.with(k, place);
       const state = this.model.state(Object.fromEntries(this.model.cables.map((name, j) => [name, tensions[j]])));
-      const points = this.measures.data.markers.length ? this.shapes.at(tensions) : null;
-      return [tension, this.measures.of(state, points)[measure], this.measures.bands(tensions)[measure] ?? 0];
+      const found = this.measures.of(state, this.data.markers.length ? this.shapes.at(tensions) : null);
+      return [found[`${cable}.tension`] ?? place, found[measure], this.measures.bands(tensions)[measure] ?? 0];
     };
-    const most = this.model.axes[k].at(-1);
-    const curve = Array.from({ length: Twin.CURVE + 1 }, (_, n) => at((most * n) / Twin.CURVE));
+    const curve = Array.from({ length: Twin.CURVE + 1 }, (_, n) => at(axis[0] + ((axis.at(-1) - axis[0]) * n) / Twin.CURVE));
     this.chart.show(curve, at(this.tensions[k]), cable, measure);
   }
 }

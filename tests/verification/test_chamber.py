@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanics_cases import column_robot, elastic
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import quad
 
 from softcal.checks import Floats
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
-from softcal.geometry.quality import drop_unreferenced
 from softcal.geometry.quadratic import to_quadratic
 from softcal.geometry.surface import boundary_faces
-from softcal.mechanics.chamber import ATMOSPHERE, ChamberTerm
+from softcal.mechanics.chamber import ChamberTerm
 from softcal.twin.actuated import NamedActuator
 from softcal.twin.actuators.chamber import Chamber
 from softcal.twin.build import build_twin
@@ -112,5 +109,5 @@ def test_a_thick_sphere_is_blown_up_through_its_limit_point(law):
     )
     assert response.succeeded, response.status
     exact = [0.0, *(pressure_of(rate, s) for s in stretches[1:])]
-    print(law, response.channels["air.pressure"], exact, response.channels["air.pressure"][1:]/exact[1:]-1)
+    print(law, response.channels["air.pressure"], exact, response.channels["air.pressure"][1:] / exact[1:] - 1)
     np.testing.assert_allclose(response.channels["air.pressure"], exact, rtol=1e-3, atol=1e-9)

@@ -1,0 +1,238 @@
+"""An actuator in one file of the user's own: a linear push rod, simulated, calibrated and reported like a cable."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from own_module import imported
+from project_case import MODULUS, write_project
+
+from softcal import calibrate, load, with_parameters
+from softcal.errors import ParameterError, ProjectFileError
+from softcal.sensing.sensor import SENSORS
+from softcal.twin.actuated import ACTUATORS, register_actuator
+from softcal.twin.live import LiveTwin
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.simulate import simulate
+from softcal.workflows.checking import check
+from softcal.workflows.reporting import write_report
+
+PUSH_ROD = '''
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from softcal import Actuator, ActuatorSensor, ChannelKind, quantity, register_actuator, register_sensor
+from softcal.mechanics.actuator import ActuatorLimits, ActuatorTerm, Drives
+from softcal.mechanics.term import Connectivity
+
+EXTENSION = ChannelKind("extension", "m", "Extension", drives="coordinate", offset=("play", quantity("length")))
+THRUST = ChannelKind("thrust", "N", "Thrust", drives="effort", gain=("thrust_gain", quantity("positive ratio")))
+
+
+@register_sensor
+@dataclass(frozen=True)
+class PushRodSensor(ActuatorSensor):
+    """Extension [m] and thrust [N] of a push rod."""
+
+    name: ClassVar = "push-rod"
+    kinds: ClassVar = (EXTENSION, THRUST)
+    of: ClassVar = "push-rod"
+
+
+@dataclass(frozen=True)
+class PushRodTerm(ActuatorTerm):
+    """A force along the line from a point in space to a point of the robot; its machine gives way by `softness`."""
+
+    name: str
+    foot: np.ndarray
+    points: np.ndarray
+    weights: np.ndarray
+    rest: float
+    starts: object = None
+
+    @property
+    def parameters(self):
+        return (f"{self.name}.softness",)
+
+    @property
+    def actuators(self):
+        return (ActuatorLimits(self.name, "extension", "thrust"),)
+
+    def connectivity(self, layout):
+        return Connectivity([np.sort(self.points)[None]])
+
+    def plan(self, layout, pattern):
+        order = np.argsort(self.points)
+        own = replace(self, points=self.points[order], weights=self.weights[order])
+        return replace(own, starts=pattern.blocks(own.points[None])[0])
+
+    def _arm(self, x):
+        arm = self.weights @ x[self.points] - self.foot
+        return arm, np.linalg.norm(arm)
+
+    def shape_coordinates(self, x):
+        return np.array([self._arm(x)[1] - self.rest])
+
+    def shape_gradient(self, x, i, size):
+        arm, length = self._arm(x)
+        out = np.zeros(size)
+        np.add.at(out[: x.size].reshape(-1, 3), self.points, self.weights[:, None] * arm / length)
+        return out
+
+    def add_forces(self, given, effort, into, transmission):
+        into.full -= effort[0] * self.shape_gradient(given.state.x, 0, len(into.full))
+        if into.data is None:
+            return
+        arm, length = self._arm(given.state.x)
+        block = -effort[0] * (np.eye(3) - np.outer(arm, arm) / length**2) / length
+        i, j = np.triu_indices(len(self.points))
+        for start, weight, is_diagonal in zip(self.starts, self.weights[i] * self.weights[j], i == j):
+            for row in range(3):
+                first = row if is_diagonal else 0
+                into.data[start[row] + first : start[row] + 3] += weight * block[row, first:]
+
+    def coordinates(self, given, transmission):
+        softness = given.theta[f"{self.name}.softness"]
+        return self.shape_coordinates(given.state.x) + softness * given.state.effort[self.own]
+
+    def drives(self, given, which, size, transmission):
+        columns = super().drives(given, which, size, transmission).columns
+        return Drives(columns, columns, np.full(len(which), -given.theta[f"{self.name}.softness"]))
+
+    def add_by_parameters(self, into, given):
+        name = f"{self.name}.softness"
+        if name in into and not given.controls.is_held[self.own][0]:
+            into[name].efforts[self.own] -= given.state.effort[self.own]
+
+    def energy(self, given):
+        softness, effort = given.theta[f"{self.name}.softness"], given.state.effort[self.own][0]
+        return super().energy(given) - 0.5 * softness * effort**2
+
+
+@register_actuator
+@dataclass(frozen=True)
+class PushRod(Actuator):
+    """A linear motor between a point in space and a point of the robot."""
+
+    foot: tuple[float, float, float]
+    head: tuple[float, float, float]
+    on: str
+    softness: float = 1e-5
+
+    name: ClassVar = "push-rod"
+    channels: ClassVar = (EXTENSION, THRUST)
+    ranges: ClassVar = (quantity("length"), quantity("force"))
+    quantities: ClassVar = {"softness": quantity("compliance")}
+
+    def term(self, name, places):
+        points, weights = map(np.array, zip(*places.support(np.array(self.head), self.on, name)))
+        foot = np.array(self.foot)
+        rest = np.linalg.norm(weights @ places.X[points] - foot)
+        return PushRodTerm(name, foot, points, weights, rest)
+'''
+# In a project file a number has its unit, by the annotations of the fields.
+IN_FILES = PUSH_ROD.replace("foot: tuple[float, float, float]", "foot: Point").replace(
+    "head: tuple[float, float, float]", "head: Point"
+)
+IN_FILES = IN_FILES.replace("softness: float = 1e-5", "softness: Compliance = 1e-5").replace(
+    "from softcal.mechanics.term", "from softcal.quantities import Compliance, Point\nfrom softcal.mechanics.term"
+)
+OWN = """  actuators:
+    motor: {actuator: push-rod, foot: [60 mm, 0 mm, 60 mm], head: [10 mm, 0 mm, 80 mm], on: bar, softness: 0.02 mm/N}
+experiments:
+  thrust:
+    drive: [motor.thrust]
+    plate: plate
+    files:
+      - path: data/thrust.csv
+        columns: {motor.thrust: {name: "thrust [N]"}, motor.extension: {name: "extension [mm]"}, pitch: {name: "pitch [deg]"}}
+    noise: {motor.extension: 0.02 mm, pitch: 0.1 deg}
+"""  # noqa: E501
+FREE = """parameters:
+  bar.youngs_modulus: {bounds: [0.5 MPa, 20 MPa], scale: log}
+  motor.softness: {bounds: [0 mm/N, 0.2 mm/N]}
+calibration: {method: least-squares, starts: 1, loss: likelihood}
+"""
+
+
+@pytest.fixture
+def push_rod(tmp_path: Path) -> Generator[ModuleType]:
+    """The actuator, as a module of the user's registers it."""
+    yield imported(tmp_path / "push_rod.py", IN_FILES)
+    ACTUATORS.remove("push-rod")
+    SENSORS.remove("push-rod")
+
+
+def rod_project(folder: Path, **values: float) -> Path:
+    """The project of a bar with a motor at its side, and a test by thrust, made by the twin at some values."""
+    path = write_project(folder, ("experiments:\n", OWN))
+    table = folder / "data" / "thrust.csv"
+    table.write_text("thrust [N],extension [mm],pitch [deg]\n0,0,0\n-1,0,0\n", encoding="utf-8")
+    robot = with_parameters(load(path).robot, values)
+    thrust = -np.linspace(0.0, 6.0, 13)
+    seen = simulate(robot, Protocol({"motor": Command("thrust", thrust)}), curve_tolerance=0.0)
+    columns = [thrust, 1e3 * seen.channels["motor.extension"], np.degrees(seen.channels["plate.pitch"])]
+    rows = (",".join(f"{value:.8f}" for value in row) for row in zip(*columns, strict=True))
+    table.write_text("\n".join(["thrust [N],extension [mm],pitch [deg]", *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def test_it_is_driven_by_either_and_differentiated(push_rod: ModuleType, tmp_path: Path) -> None:
+    robot = load(rod_project(tmp_path)).robot
+    names = ["bar.youngs_modulus", "motor.softness"]
+    thrust = Command("thrust", np.array([-4.0, 0.0, 3.0]))
+    by_effort = simulate(robot, Protocol({"motor": thrust}), sensitivities=names, curve_tolerance=0.0)
+    assert by_effort.succeeded, by_effort.status
+    extension = Command("extension", by_effort.channels["motor.extension"])
+    by_coordinate = simulate(robot, Protocol({"motor": extension}), sensitivities=names, curve_tolerance=0.0)
+    np.testing.assert_allclose(by_coordinate.channels["motor.thrust"], thrust.values, rtol=1e-8, atol=1e-9)
+    for protocol, of in ((thrust, "motor.extension"), (extension, "motor.thrust")):
+        found = by_effort if protocol is thrust else by_coordinate
+        for name, value in zip(names, (robot.bodies[0].parameters["youngs_modulus"], 2e-5), strict=True):
+            ends = [
+                simulate(robot, Protocol({"motor": protocol}), {name: value * (1 + s)}, curve_tolerance=0.0)
+                for s in (1e-4, -1e-4)
+            ]
+            slope = (ends[0].channels[of] - ends[1].channels[of]) / (2e-4 * value)
+            np.testing.assert_allclose(
+                found.sensitivities.by(name, (of,))[:, 0], slope, rtol=1e-5, atol=1e-6 * np.abs(slope).max()
+            )
+
+
+def test_with_a_cable_it_moves_a_live_twin(push_rod: ModuleType, tmp_path: Path) -> None:
+    twin = LiveTwin(load(rod_project(tmp_path)).robot, {"front": "tension", "motor": "thrust"})
+    state = twin.at({"front": 2.0, "motor": -1.0})
+    assert state.succeeded, state.status
+    by = state.by_commands()
+    assert by["front.shortening", "motor.thrust"] == pytest.approx(by["motor.extension", "front.tension"], rel=1e-8)
+
+
+def test_it_is_calibrated_and_reported_from_a_project_file(push_rod: ModuleType, tmp_path: Path) -> None:
+    truth = {"bar.youngs_modulus": MODULUS, "motor.softness": 5e-5}
+    path = rod_project(tmp_path, **truth)
+    rod_alone = path.read_text(encoding="utf-8").partition("  pull:\n")[0]
+    path.write_text(rod_alone + FREE, encoding="utf-8")
+    project = load(path)
+    assert any(row[0] == "push-rod motor" for row in check(project).rows)
+    (result,) = calibrate(project, out=tmp_path / "run").results.values()
+    for name, value in truth.items():
+        assert result.parameters[name].value == pytest.approx(value, rel=1e-3)
+    report = write_report(tmp_path / "run", figures=["trajectory"])
+    drawn = next(path for path in report.figures if path.suffix == ".svg").read_text(encoding="utf-8")
+    assert "motor.extension [mm]" in drawn
+
+
+def test_a_class_that_is_no_actuator_is_refused() -> None:
+    with pytest.raises(ParameterError, match="this is not an actuator"):
+        register_actuator(object)
+
+
+def test_an_unknown_kind_names_those_that_there_are(tmp_path: Path) -> None:
+    with pytest.raises(ProjectFileError, match=r"push-rod.*chamber"):
+        load(write_project(tmp_path, ("experiments:\n", OWN)))

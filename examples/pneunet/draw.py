@@ -1,4 +1,4 @@
-"""Draw the actuator of this example again: four bellows over a flat base, joined by a channel, with an inlet at the foot.
+"""Draw the actuator of this example again: four bellows over a flat base, a channel between them, an inlet at the foot.
 
 python draw.py --out runs/pneunet.step         a second; needs Gmsh
 """

@@ -17,6 +17,7 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
+from mechanics_cases import blown_box
 from project_case import write_project
 from sweep_case import write_sweep
 
@@ -126,6 +127,13 @@ def _a_reduced_model(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str,
         shutil.copy(file, folder)
     monkeypatch.syspath_prepend(folder)
     return {}
+
+
+@finds("docs/chambers.md")
+def _a_box_with_a_cavity(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    robot = blown_box("P1", is_open=True, medium="gas")
+    (body,), (part,) = robot.bodies, robot.actuators
+    return {"mesh": body.mesh, "fixed": body.fixed, "faces": part.actuator.surfaces["box"]}
 
 
 @finds("docs/bench-cases.md")

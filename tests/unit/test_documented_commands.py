@@ -70,7 +70,10 @@ def test_python_m_softcal_is_softcal():
 
 OF_EXAMPLES = [document for document in DOCUMENTS if document.startswith("examples/")]
 EXAMPLES = [(document, line) for document in OF_EXAMPLES for line in commands(document)]
-LONG = [("examples/finger/README.md", "python generate.py --out runs/again")]  # a minute and a half
+LONG = [  # a minute and more
+    ("examples/finger/README.md", "python generate.py --out runs/again"),
+    ("examples/pneunet/README.md", "python generate.py --out runs/again"),
+]
 RUN = [
     pytest.param(*one, marks=pytest.mark.long if one in LONG else ())
     for one in EXAMPLES

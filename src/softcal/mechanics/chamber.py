@@ -141,7 +141,8 @@ class ChamberTerm(ActuatorTerm):
         return Connectivity([np.sort(group, axis=1) for group in self._groups])
 
     def plan(self, layout: Layout, pattern: Pattern) -> ChamberTerm:
-        pairs = [_pairs(group) for group in self._groups]
+        ends = [np.triu_indices(group.shape[1], 1) for group in self._groups]
+        pairs = [(group[:, i].ravel(), group[:, j].ravel()) for group, (i, j) in zip(self._groups, ends, strict=True)]
         low = np.concatenate([np.minimum(i, j) for i, j in pairs])
         high = np.concatenate([np.maximum(i, j) for i, j in pairs])
         sign = np.concatenate([np.where(i < j, 1.0, -1.0) for i, j in pairs])
@@ -280,11 +281,6 @@ class _NodePairs(NamedTuple):
 
     start: Ints
     sign: Floats
-
-
-def _pairs(group: Ints) -> tuple[Ints, Ints]:
-    i, j = np.triu_indices(group.shape[1], 1)
-    return group[:, i].ravel(), group[:, j].ravel()
 
 
 def _vector_area(x: Floats, W: Floats) -> Floats:

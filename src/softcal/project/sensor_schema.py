@@ -38,13 +38,9 @@ def _sensor(value: Any) -> Sensor:
     return _member(value, SENSORS, [name for name, one in SENSORS.items() if not one.of])
 
 
-def _actuator(value: Any) -> Actuator:
-    return _member(value, ACTUATORS, list(ACTUATORS))
-
-
 # `sensor: NAME` or `actuator: NAME`, and the fields of the class that is registered by that name.
 SensorSection = Annotated[Sensor, Reading(_sensor, "instead")]
-ActuatorSection = Annotated[Actuator, Reading(_actuator, "instead")]
+ActuatorSection = Annotated[Actuator, Reading(lambda value: _member(value, ACTUATORS, list(ACTUATORS)), "instead")]
 
 
 def check_sensors(given: Mapping[str, object], parts: Mapping[str, list[str]], findings: Findings) -> None:

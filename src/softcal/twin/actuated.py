@@ -32,11 +32,31 @@ class Numbering(Protocol):
         ...
 
     def faces(self, body: str, faces: Ints | str, where: str) -> Ints:
-        """Points of faces (n, 3 or 6) of a body's elements, outwards; faces: those, or a group, of its mesh."""
+        """Points of faces (n, 3 or 6) of a body's elements, outwards.
+
+        Parameters
+        ----------
+        body
+            Name of the body.
+        faces
+            Corners of faces (n, 3 or more) of its mesh, or the name of a group of that.
+        where
+            Place for error messages.
+        """
         ...
 
     def support(self, at: Floats, on: str, where: str) -> Sequence[tuple[int, float]]:
-        """A point (3,) [m] on a body, plate or rod, or of space, as points with weights."""
+        """A point as points with weights.
+
+        Parameters
+        ----------
+        at
+            The point (3,) [m].
+        on
+            Name of the body, plate or rod that it is on; "" in space.
+        where
+            Place for error messages.
+        """
         ...
 
 

@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 @displayed
 @dataclass(frozen=True)
 class Command(Checked):
-    """One actuator's prescribed effort or coordinate, shape (n_samples,): of a cable `tension` [N, >= 0] or
-    `shortening` [m, + = pulled], of a chamber `pressure` [Pa] or `volume` [m^3].
+    """One actuator's prescribed effort or coordinate, shape (n_samples,).
+
+    Of a cable `tension` [N, >= 0] or `shortening` [m, + = pulled], of a chamber `pressure` [Pa] or `volume` [m^3].
 
     by: their derivatives (n_samples,) by parameters of the rig, such as a slack; where a robot remembers, a state
     depends on those of all samples before it.

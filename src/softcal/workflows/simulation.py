@@ -51,7 +51,8 @@ def simulate(
     twin
         A project, the path of a project file, or a robot alone.
     protocol
-        Tension [N] or shortening [m] of each cable, sample by sample; see `pull`.
+        Tension [N] or shortening [m] of each cable, pressure [Pa] or volume [m^3] of each chamber, sample by sample;
+        see `pull`.
     theta
         Values [SI] of robot parameters by dotted name, replacing the robot's own.
     experiment

@@ -208,3 +208,18 @@ def test_a_chamber_of_gas_moves_in_time_to_the_states_at_rest():
         assert moved.succeeded, moved.status
         for channel in ("main.pressure", "main.volume"):
             np.testing.assert_allclose(moved.channels[channel][-1], still.channels[channel][0], rtol=1e-5)
+
+
+def test_a_cable_beside_a_chamber_does_not_push():
+    """Also where its compression would be as nothing beside the pressure's number."""
+    robot = blown_box("P1", is_open=True, medium="gas")
+    points = (ViaPoint(np.array([0.015, 0.012, 0.02]), "box", radius=0.006), ViaPoint(np.array([0.015, 0.012, -0.03])))
+    robot = replace(robot, cables=(Cable("front", points),))
+    slack = simulate(robot, Protocol({"main": Command("pressure", np.array([-4e4]))}), curve_tolerance=0.0)
+    shortening = slack.channels["front.shortening"][0]
+    assert shortening > 1e-6  # the vacuum draws its ends together
+    pulls = Command("shortening", shortening + np.array([1e-4, -1e-7]))
+    response = simulate(robot, Protocol({"main": Command("pressure", np.full(2, -4e4)), "front": pulls}))
+    assert response.succeeded, response.status
+    assert response.channels["front.tension"][0] > 0.1
+    assert response.channels["front.tension"][1] == 0.0

@@ -22,7 +22,7 @@ from softcal.mechanics.layout import Layout
 from softcal.mechanics.term import BlockColumns, Given, Sum, Term
 
 NO_GAP = 1e-9  # of a coordinate's scale: a smaller error counts as zero
-NO_EFFORT = 1e-7  # of the largest effort: a smaller one counts as zero
+NO_EFFORT = 1e-7  # of the largest effort of its kind: a smaller one counts as zero
 
 SWITCHING = "actuators keep switching between driven and at a limit of their effort (cables: taut and slack)"
 

@@ -214,7 +214,9 @@ def pushing(system: System, state: State) -> np.ndarray:
     """Which actuators' efforts are outside their limits (n_actuators,), as of a cable in compression: such a state is
     at most an intermediate one.
     """
-    (least, most), none = system.effort_limits, NO_EFFORT * np.abs(state.effort).max(initial=0.0)
+    (least, most), none = system.effort_limits, np.zeros_like(state.effort)
+    for term in system.actuated:  # efforts of one kind have one unit
+        none[term.own] = NO_EFFORT * np.abs(state.effort[term.own]).max(initial=0.0)
     return (state.effort < least - none) | (state.effort > most + none)
 
 

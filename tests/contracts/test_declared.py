@@ -24,7 +24,7 @@ from softcal.geometry.coil import Coil
 from softcal.geometry.disc import GuideHoles, SolidDisc
 from softcal.geometry.neck import Neck
 from softcal.geometry.placement import Placement, Turn
-from softcal.geometry.regions import Box, Cylinder, Plane, Sphere
+from softcal.geometry.regions import Box, Cavity, Cylinder, Plane, Sphere
 from softcal.geometry.ring import Ring
 from softcal.geometry.rod_shapes import Helix, Polyline, Straight
 from softcal.geometry.section import GivenSection, RectangularBar, RoundBar
@@ -49,9 +49,11 @@ from softcal.project.robot_schema import (
 from softcal.project.rod_schema import RodMaterialSection, RodSection
 from softcal.project.section import Section, validated
 from softcal.project.sections import SECTIONS
+from softcal.sensing.sensor import ActuatorSensor
 from softcal.sensing.sensors.cable import CableSensor
 from softcal.sensing.sensors.marker import MarkerSensor
 from softcal.sensing.sensors.plate import PlateSensor
+from softcal.twin.actuators.chamber import Chamber, ChamberSensor
 from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, CableLine, RoutingAxis
 from softcal.twin.clamp import Clamp
@@ -181,6 +183,10 @@ STATED: list[tuple[str, Declared]] = [
         "{start: [0 m, 0 m, 0 m], end: [0 m, 0 m, 1 m], radius: 5 mm}",
         Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.005),
     ),
+    (
+        "{at: [1 mm, 0 m, 0 m], openings: [{point: [0 m, 0 m, 1 m], normal: [0, 1, 0]}]}",
+        Cavity((0.001, 0.0, 0.0), (Plane((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)),)),
+    ),
     ("{centre: [0 m, 0 m, 1 m], radius: 5 mm}", Sphere((0.0, 0.0, 1.0), 0.005)),
     (
         "{start: [0 m, 0 m, 0 m], end: [0 m, 0 m, 1 m], first: [1, 0, 0]}",
@@ -243,7 +249,14 @@ STATED: list[tuple[str, Declared]] = [
         ),
     ),
     ("{size: 6 mm}", Neck(size=0.006)),
-    ("{cable: front}", CableSensor("front")),
+    ("{actuator: front}", ActuatorSensor("front")),
+    ("{actuator: front}", CableSensor("front")),
+    ("{actuator: main}", ChamberSensor("main")),
+    (
+        "{walls: {finger: cavity}, dead_volume: 6 ml, hose_compliance: 2 mm^3/kPa, polytropic_exponent: 1.2}",
+        Chamber({"finger": "cavity"}, "gas", 6e-6, 2e-12, 1.2),
+    ),
+    ("{walls: {finger: cavity}, medium: liquid}", Chamber({"finger": "cavity"}, "liquid")),
     ("{marker: m4}", MarkerSensor("m4")),
     ("{plate: top}", PlateSensor("top")),
     ("{diameter: 9 cm, thickness: 2 mm}", BaseDisc(0.09, 0.002)),
@@ -318,7 +331,7 @@ MADE_OF = [
     (
         RobotSection,
         Robot,
-        {"bodies", "rods", "plates", "ties", "cables", "loads", "markers", "sensors", "contact", "limits"},
+        {"bodies", "rods", "plates", "ties", "cables", "actuators", "loads", "markers", "sensors", "contact", "limits"},
     ),
 ]
 

@@ -330,7 +330,8 @@ class LiveTwin(_InOneProcess):
             faults.append(Fault("time does not go back", "elapsed", f"{elapsed:g} s", ">= 0 s"))
         if faults:
             raise ParameterError(faults)
-        free = dict.fromkeys(released, Command("tension", np.zeros(1)))
+        efforts = {part.name: part.channels[1].name for part in self.robot.actuated}
+        free = {name: Command(efforts[name], np.zeros(1)) for name in released}
         driven = {name: Command(self._controls[name], np.array([v])) for name, v in commands.items()}
         protocol = Protocol(free | driven)
         if faults := command_faults(self.robot, protocol):

@@ -11,6 +11,7 @@ import numpy as np
 from softcal.arrays import Triangles
 from softcal.checks import Ints
 from softcal.declare import Reading, shown
+from softcal.display import displayed
 from softcal.errors import Fault, InputError, MeshError
 from softcal.geometry.surface import border
 from softcal.mechanics.chamber import ChamberTerm, ChamberWall
@@ -65,6 +66,7 @@ class ChamberSensor(ActuatorSensor):
     of: ClassVar[str] = "chamber"
 
 
+@displayed
 @register_actuator
 @dataclass(frozen=True)
 class Chamber(Actuator):

@@ -110,7 +110,8 @@ def _of_parts(name: str, sensor: Sensor) -> Fault | None:
     if not sensor.of:
         return None
     allowed = ", ".join(sorted(key for key, one in SENSORS.items() if not one.of)) or "none"
-    return Fault(f"every one of the {sensor.of} has this sensor", name, sensor.name, allowed)
+    parts = sensor.of if sensor.of in PARTS else f"{sensor.of}s"
+    return Fault(f"every one of the {parts} has this sensor", name, sensor.name, allowed)
 
 
 class _NoPart(ParameterError):

@@ -10,7 +10,7 @@ from project_case import bar_robot
 
 from softcal.mechanics.state import moved, rest_state
 from softcal.sensing.channel import carriers, channel_name, channel_unit
-from softcal.sensing.sensor import NamedSensor, Sensor
+from softcal.sensing.sensor import PARTS, NamedSensor, Sensor
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.channels import channels_of, sensors_of
 from softcal.twin.parameters import parameter_values
@@ -67,7 +67,8 @@ def names_are_unique_and_read_again(sensor: type[Sensor], robot: Robot) -> None:
     for channel in channels_of(instances(sensor, robot)):
         assert channel_name(str(channel)) == channel
         assert channel.is_known
-        assert (sensor.of or "sensors") in carriers(channel.kind)
+        of = sensor.of or "sensors"
+        assert (of if of in ("sensors", *PARTS) else "actuators") in carriers(channel.kind)
 
 
 def units_are_known(sensor: type[Sensor], robot: Robot) -> None:

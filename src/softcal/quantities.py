@@ -141,7 +141,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity("pressure offset", "Pa", -1e8, 1e8),
         Quantity("pumped volume", "m^3", -10.0, 10.0, attempt="another unit, such as ml"),
         Quantity("dead volume", "m^3", 0.0, 10.0, attempt="another unit, such as ml"),
-        Quantity("compliance of a hose", "m^3/Pa", 0.0, 1e-3, attempt="another unit, such as ml/kPa"),
+        Quantity("compliance of a hose", "m^3/Pa", 0.0, 1.0, attempt="another unit, such as ml/kPa"),
         Quantity("polytropic exponent", "1", 1.0, 2.0),
         # The softest gels have some 1 Pa; far below, the solver fails only after minutes.
         Quantity("modulus", "Pa", 1e-3, 1e13, attempt="another unit", attempt_below="another unit, such as MPa"),

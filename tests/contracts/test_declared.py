@@ -51,9 +51,10 @@ from softcal.project.section import Section, validated
 from softcal.project.sections import SECTIONS
 from softcal.sensing.sensor import ActuatorSensor
 from softcal.sensing.sensors.cable import CableSensor
+from softcal.sensing.sensors.chamber import ChamberSensor
 from softcal.sensing.sensors.marker import MarkerSensor
 from softcal.sensing.sensors.plate import PlateSensor
-from softcal.twin.actuators.chamber import Chamber, ChamberSensor
+from softcal.twin.actuators.chamber import Chamber
 from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, CableLine, RoutingAxis
 from softcal.twin.clamp import Clamp

@@ -146,7 +146,10 @@ def test_an_engine_is_compared_in_what_it_reads(string: ModuleType, tmp_path: Pa
         (("[low, high]", "[low]"), r"robot\.sensors\.pot\.between"),
         (("between", "betwene"), r"robot\.sensors\.pot\.betwene: unknown key; .*Try: 'between'"),
         (("sensor: string", "sensor: strnig"), r"pot\.sensor: there is no such sensor; got 'strnig'.*Try: 'string'"),
-        (("sensor: string, between: [low, high]", "sensor: cable, actuator: front"), "every one of the cables has this"),
+        (
+            ("sensor: string, between: [low, high]", "sensor: cable, actuator: front"),
+            "every one of the cables has this",
+        ),
         (("sensor: string, ", ""), r"robot\.sensors\.pot: a key is missing; allowed: 'sensor' must be given"),
         (("    pot: {", "    high: {"), "two parts of the robot share a name"),
         (("pot.stretch: {name", "pit.stretch: {name"), r"columns\.pit\.stretch: .*no such sensor; got 'pit'.*'pot'"),

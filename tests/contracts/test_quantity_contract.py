@@ -46,7 +46,7 @@ def test_units_of_another_dimension_are_refused(kind: str, unit: str):
 def test_its_own_units_are_read(kind: str):
     quantity = QUANTITIES[kind]
     for unit in SAME.get(quantity.unit, (quantity.unit,)):
-        inside = [v for v in (1e-3, 100.0, 2e6) if quantity.allows(parse_quantity(f"{v} {unit}", quantity.unit))]
+        inside = [v for v in (1e-3, 1.5, 100.0, 2e6) if quantity.allows(parse_quantity(f"{v} {unit}", quantity.unit))]
         assert inside, unit
         assert all(quantity.allows(quantity.read(f"{value} {unit}")) for value in inside), unit
 

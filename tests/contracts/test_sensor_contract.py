@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+from mechanics_cases import blown_box
 from sensor_checks import CHECKS, robot_with
 
 from softcal.sensing.sensor import SENSORS, NamedSensor, Sensor
@@ -18,4 +19,7 @@ LISTED: dict[str, Sensor] = {}
 @pytest.mark.parametrize("name", SENSORS)
 def test_every_sensor_keeps_the_promise(name: str, check: Callable[[type[Sensor], Robot], None]) -> None:
     sensor = SENSORS[name]
-    check(sensor, robot_with() if sensor.of else robot_with(NamedSensor("own", LISTED[name])))
+    if sensor.of == "chamber":
+        check(sensor, blown_box("P1", is_open=True, medium="gas"))
+    else:
+        check(sensor, robot_with() if sensor.of else robot_with(NamedSensor("own", LISTED[name])))

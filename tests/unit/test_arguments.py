@@ -66,7 +66,10 @@ def test_values_of_another_kind_are_refused_with_their_names(part: type, given: 
 
 
 def test_a_command_drives_what_a_cable_has() -> None:
-    with pytest.raises(InputError, match=r"control: .* kind; got 'force'; allowed: 'tension', 'shortening'"):
+    with pytest.raises(
+        InputError,
+        match=r"control: no actuator is .* this; got 'force'; allowed: shortening, tension, volume, pressure",
+    ):
         Command("force", np.array([1.0]))  # type: ignore[arg-type]
     with pytest.raises(InputError, match="tension: the command has no sample"):
         Command("tension", np.array([]))

@@ -113,7 +113,7 @@ FAULTS = {
     "a rate in another unit": (["--to", "plate.x=3mm", "--rate", "tension=1N"], "the unit does not fit"),
     "a tolerance of zero": (["--to", "plate.x=3mm", "--tolerance", "x=0"], "this must be positive"),
     "another preference": (["--to", "plate.x=3mm", "--prefer", "beauty"], "this is of the wrong kind; got 'beauty'"),
-    "another control": (["--to", "plate.x=3mm", "--by", "force"], "this is of the wrong kind; got 'force'"),
+    "another control": (["--to", "plate.x=3mm", "--by", "force"], "no actuator is commanded by this; got 'force'"),
     "an unknown cable": (["--to", "plate.x=3mm", "--by", "back=tension"], "back"),
     "all at once": (["--to", "plate.pich=3deg,plate.x=3N", "--limit", "tension=1"], "3 faults"),
 }  # fmt: skip

@@ -7,8 +7,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from softcal.checks import Floats, Ints
 from softcal.declare import Declared
@@ -119,6 +117,9 @@ class Cavity(Declared):
 
     def faces(self, mesh: TetMesh) -> Ints:
         """The faces (n, 3 or 6) of the wall, outwards from the material."""
+        import scipy.sparse as sp
+        from scipy.sparse.csgraph import connected_components
+
         faces = boundary_faces(mesh)
         corners, slack = faces[:, :3], _slack(mesh)
         edges = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)

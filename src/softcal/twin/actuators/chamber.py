@@ -17,35 +17,11 @@ from softcal.geometry.surface import border
 from softcal.mechanics.chamber import ChamberTerm, ChamberWall
 from softcal.quantities import QUANTITIES, Quantity
 from softcal.sensing.kind import ChannelKind
-from softcal.sensing.sensor import ActuatorSensor, register_sensor
+from softcal.sensing.sensors.chamber import PRESSURE, VOLUME
 from softcal.twin.actuated import Actuator, Numbering, register_actuator
 from softcal.units import format_quantity
 
 LEAST_VOLUME = 1e-9  # of the cube of a chamber's extent: a smaller one encloses nothing
-
-VOLUME = ChannelKind(
-    "volume",
-    "m^3",
-    "Pumped volume",
-    drives="coordinate",
-    offset=("volume_offset", QUANTITIES["pumped volume"]),
-    gain=("volume_gain", QUANTITIES["positive ratio"]),
-    most=1.0,
-    mistake="ml read as l",
-    noise=1e-8,  # a syringe pump of 10 ml
-)
-PRESSURE = ChannelKind(
-    "pressure",
-    "Pa",
-    "Pressure",
-    drives="effort",
-    offset=("pressure_offset", QUANTITIES["pressure offset"]),
-    gain=("pressure_gain", QUANTITIES["positive ratio"]),
-    drift=("pressure_drift", QUANTITIES["pressure offset"]),
-    most=1e8,
-    mistake="kPa read as MPa",
-    noise=250.0,  # a gauge of 100 kPa, 0.25 % of its range
-)
 
 
 def _region_name(value: object) -> str:
@@ -54,16 +30,6 @@ def _region_name(value: object) -> str:
             Fault("this is of the wrong kind", got=shown(value), allowed="the name of a region of the body")
         )
     return value
-
-
-@register_sensor
-@dataclass(frozen=True)
-class ChamberSensor(ActuatorSensor):
-    """Volume [m^3] that a chamber's pump has displaced, and its pressure [Pa] above the atmosphere's."""
-
-    name: ClassVar[str] = "chamber"
-    kinds: ClassVar[tuple[ChannelKind, ...]] = (VOLUME, PRESSURE)
-    of: ClassVar[str] = "chamber"
 
 
 @displayed

@@ -148,7 +148,7 @@ def test_an_engine_is_compared_in_what_it_reads(string: ModuleType, tmp_path: Pa
         (("sensor: string", "sensor: strnig"), r"pot\.sensor: there is no such sensor; got 'strnig'.*Try: 'string'"),
         (
             ("sensor: string, between: [low, high]", "sensor: cable, actuator: front"),
-            "every one of the cables has this",
+            "every one of the cables has",
         ),
         (("sensor: string, ", ""), r"robot\.sensors\.pot: a key is missing; allowed: 'sensor' must be given"),
         (("    pot: {", "    high: {"), "two parts of the robot share a name"),

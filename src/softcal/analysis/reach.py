@@ -52,6 +52,7 @@ from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import SimulationError
 from softcal.html_text import summary
+from softcal.sensing.channel import channel_name
 from softcal.twin.live import LiveState, LiveTwin
 from softcal.twin.protocol import Command, Protocol
 from softcal.units import format_quantity
@@ -150,11 +151,11 @@ class ReachResult(Checked):
     @property
     def protocol(self) -> Protocol:
         """The commands of all steps, as `simulate` takes them."""
-        names = {command: command.rpartition(".") for command in self.steps[0].commands}
+        names = {command: channel_name(command) for command in self.steps[0].commands}
         values = {command: np.array([step.commands[command] for step in self.steps]) for command in names}
         times = [step.time for step in self.steps]
         return Protocol(
-            {actuator: Command(kind, values[name]) for name, (actuator, _, kind) in names.items()},  # pyright: ignore[reportArgumentType]
+            {one.carrier: Command(one.kind.name, values[command]) for command, one in names.items()},
             None if None in times else np.array(times, dtype=np.float64),
         )
 
@@ -438,7 +439,7 @@ class _Search:
             gaps.append(0.0)
             names.append(f"{self.channels[self.coordinate[k]]} beyond its upper limit: slack")
         if not len(self.fond_scale):
-            kinds = [self.channels[k].rpartition(".")[2] for k in self.fond]
+            kinds = [channel_name(self.channels[k]).kind.name for k in self.fond]
             own = np.abs(rates[self.fond, np.arange(m)] * scale).tolist()
             largest = {kind: max(size for size, one in zip(own, kinds, strict=True) if one == kind) for kind in kinds}
             self.fond_scale = np.array([max(largest[kind], 1e-12) for kind in kinds])

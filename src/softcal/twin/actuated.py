@@ -10,17 +10,19 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Protocol, Self, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, cast
 
 from softcal.catalogue import Catalogue
 from softcal.checks import Floats, Ints
 from softcal.declare import Declared
 from softcal.display import displayed
 from softcal.errors import Fault, unknown
-from softcal.mechanics.actuator import ActuatorTerm
 from softcal.quantities import Quantity
 from softcal.sensing.kind import ChannelKind
 from softcal.twin.part import NamedPart
+
+if TYPE_CHECKING:
+    from softcal.mechanics.actuator import ActuatorTerm
 
 
 class Numbering(Protocol):

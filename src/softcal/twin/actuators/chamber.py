@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from softcal.declare import Reading, shown
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, MeshError
 from softcal.geometry.surface import border
-from softcal.mechanics.chamber import ChamberTerm, ChamberWall
 from softcal.quantities import QUANTITIES, Quantity
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensors.chamber import PRESSURE, VOLUME
@@ -22,6 +21,9 @@ from softcal.twin.actuated import Actuator, Numbering, register_actuator
 from softcal.units import format_quantity
 
 LEAST_VOLUME = 1e-9  # of the cube of a chamber's extent: a smaller one encloses nothing
+
+if TYPE_CHECKING:
+    from softcal.mechanics.chamber import ChamberTerm
 
 
 def _region_name(value: object) -> str:
@@ -87,6 +89,8 @@ class Chamber(Actuator):
         MeshError
             Where its walls enclose no volume.
         """
+        from softcal.mechanics.chamber import ChamberTerm, ChamberWall
+
         walls: list[ChamberWall] = []
         for body, given in self.walls.items():
             faces = places.faces(body, given, f"{name}.walls.{body}")

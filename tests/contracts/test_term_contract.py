@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 import pytest
-from mechanics_cases import column_robot, constants, elastic, full_matrix, side_cable, twin_and_theta
+from mechanics_cases import blown_box, column_robot, constants, elastic, full_matrix, side_cable, twin_and_theta
 from slider_foundation import SliderFoundation
 
 import softcal.mechanics
@@ -19,9 +19,7 @@ from softcal.checks import Floats, Ints
 from softcal.geometry.centreline import straight
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
-from softcal.geometry.quality import drop_unreferenced
 from softcal.geometry.section import RectangularBar, RoundBar
-from softcal.geometry.surface import boundary_faces
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.cable import CableTerm
 from softcal.mechanics.chamber import ChamberTerm
@@ -41,8 +39,6 @@ from softcal.mechanics.term import Connectivity, Controls, Given, Sum, Term
 from softcal.mechanics.time_step import InertialTerm, after, at_rest, in_step
 from softcal.mechanics.viscosity import ViscousTerm
 from softcal.mechanics.wire_contact import WireContactTerm
-from softcal.twin.actuated import NamedActuator
-from softcal.twin.actuators.chamber import Chamber
 from softcal.twin.barrier import Contact
 from softcal.twin.build import Twin
 from softcal.twin.cables import CableLine, RoutingAxis
@@ -212,21 +208,6 @@ def squeezed(layout: Layout, size: float = 1e-3, seed: int = 0) -> Floats:
         moves = dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
         moves[right, 0] -= size
     return dz
-
-
-def blown_box(element: str, *, is_open: bool, medium: str) -> Robot:
-    """A thick box with a cavity, which is a chamber."""
-    mesh = box_mesh((0.04,) * 3, (3, 3, 3 + is_open), origin=(-0.02,) * 3)
-    middle = mesh.points[mesh.tets].mean(axis=1)
-    inside = (np.abs(middle[:, :2]) < 0.02 / 3).all(axis=1) & (middle[:, 2] > -0.01)
-    inside &= is_open | (middle[:, 2] < 0.02 / 3)
-    mesh = drop_unreferenced(TetMesh(mesh.points, mesh.tets[~inside], {"foot": mesh.node_sets["z0"]}))
-    faces = boundary_faces(mesh)
-    wall = faces[(np.abs(mesh.points[faces].mean(axis=1)) < [0.007, 0.007, 0.0199]).all(axis=1)]
-    body = Body("box", mesh, mesh.node_sets["foot"], elastic(1e6, 0.4), element=element, density=1e3)
-    own = {"dead_volume": 3e-6, "polytropic_exponent": 1.3} if medium == "gas" else {}
-    chamber = Chamber({"box": wall}, medium=medium, hose_compliance=2e-11, **own)
-    return Robot((body,), actuators=(NamedActuator("main", chamber),))
 
 
 def blown(layout: Layout, size: float = 1e-3, seed: int = 0) -> Floats:

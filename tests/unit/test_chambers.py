@@ -1,0 +1,65 @@
+"""Pressure chambers at every door: commands, vacuum, hoses, project files, tables."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mechanics_cases import blown_box
+
+from softcal.mechanics.chamber import ATMOSPHERE, ChamberTerm
+from softcal.twin.build import build_twin
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import Robot
+from softcal.twin.simulate import simulate
+
+DEAD = 1e-4  # [m^3], forty times the chamber
+
+
+def box(**own: float | str) -> Robot:
+    """A box with a closed chamber of gas."""
+    robot = blown_box("P1", is_open=False, medium="liquid")
+    (named,) = robot.actuators
+    chamber = replace(named.actuator, **{"medium": "gas", "hose_compliance": None, **own})
+    return replace(robot, actuators=(replace(named, actuator=chamber),))
+
+
+def driven(robot: Robot, control: str, *values: float, **options: object):
+    return simulate(robot, Protocol({"main": Command(control, np.array(values))}), **options)
+
+
+def swallowed(robot: Robot, pressure: float) -> float:
+    """What the gas at rest takes up [m^3]."""
+    gas = build_twin(robot).system.of(ChamberTerm)[0].rest_volume + DEAD
+    return gas * (1.0 - ATMOSPHERE / (ATMOSPHERE + pressure))
+
+
+@pytest.mark.parametrize("pressure", [4e4, 8e4, -4e4, -9e4])
+def test_a_long_hose_takes_up_more_than_the_chamber_itself(pressure):
+    robot = box(dead_volume=DEAD)
+    response = driven(robot, "pressure", pressure)
+    assert response.succeeded, response.status
+    assert response.channels["main.volume"][0] == pytest.approx(swallowed(robot, pressure), rel=0.1)
+    # the same state by the other command
+    back = driven(robot, "volume", *response.channels["main.volume"])
+    assert back.channels["main.pressure"][0] == pytest.approx(pressure, rel=1e-3)
+
+
+def test_a_vacuum_alone_is_a_path_from_rest():
+    robot, values = box(dead_volume=3e-6), (0.0, -1e4, -5e4)
+    response = driven(robot, "pressure", *values, snapshots=True)
+    assert response.succeeded, response.status
+    np.testing.assert_array_equal(response.channels["main.pressure"], values)
+    each = [driven(robot, "pressure", value).channels["main.volume"][0] for value in values[1:]]
+    np.testing.assert_allclose(response.channels["main.volume"], [0.0, *each], rtol=1e-4, atol=1e-12)
+    first, last = response.snapshots[0], response.snapshots[-1]
+    assert first.efforts["main"] == pytest.approx(0.0, abs=1e-6)
+    assert last.efforts["main"] == pytest.approx(-5e4, rel=1e-3)
+
+
+def test_a_vacuum_before_a_pressure_is_shown_from_rest_on():
+    response = driven(box(dead_volume=3e-6), "volume", -1e-6, 1e-6, snapshots=True)
+    efforts = [shape.efforts["main"] for shape in response.snapshots]
+    assert efforts[0] == pytest.approx(0.0, abs=1e-6)
+    assert min(efforts) < 0.0 < efforts[-1] == max(efforts)

@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 from mechanics_cases import blown_box
 
+from softcal.checks import Ints
+from softcal.errors import MeshError
+from softcal.geometry.cell import all_faces
+from softcal.geometry.surface import boundary_faces
 from softcal.mechanics.chamber import ATMOSPHERE, ChamberTerm
+from softcal.twin.actuated import NamedActuator
 from softcal.twin.build import build_twin
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Robot
@@ -63,3 +68,22 @@ def test_a_vacuum_before_a_pressure_is_shown_from_rest_on():
     efforts = [shape.efforts["main"] for shape in response.snapshots]
     assert efforts[0] == pytest.approx(0.0, abs=1e-6)
     assert min(efforts) < 0.0 < efforts[-1] == max(efforts)
+
+
+def test_a_wall_is_a_surface_of_one_chamber_alone():
+    robot = box()
+    (named,) = robot.actuators
+    wall = named.actuator.walls["box"]
+    outer = {frozenset(face) for face in boundary_faces(robot.bodies[0].mesh).tolist()}
+    inner = [face for face in all_faces(robot.bodies[0].mesh.tets).tolist() if frozenset(face) not in outer]
+
+    def refused(*walls: Ints) -> str:
+        each = (replace(named.actuator, walls={"box": one}) for one in walls)
+        with pytest.raises(MeshError) as error:
+            build_twin(replace(robot, actuators=tuple(NamedActuator(f"a{i}", one) for i, one in enumerate(each))))
+        return str(error.value)
+
+    assert "the wall has no face" in refused(wall[:0])
+    assert "12 of 24 faces are there twice" in refused(np.concatenate([wall, wall]))
+    assert "1 of 13 faces are inside the body" in refused(np.concatenate([wall, inner[:1]]))
+    assert "12 of 12 faces are of a0.walls.box, too" in refused(wall, wall)

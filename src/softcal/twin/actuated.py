@@ -31,8 +31,10 @@ class Numbering(Protocol):
         """The points of the undeformed robot so far (n_points, 3) [m]."""
         ...
 
-    def faces(self, body: str, faces: Ints | str, where: str) -> Ints:
-        """Points of faces (n, 3 or 6) of a body's elements, outwards; faces: those, or a group, of its mesh."""
+    def faces(self, body: str, faces: Ints | str, where: str, *, is_wall: bool = False) -> Ints:
+        """Points of faces (n, 3 or 6) of a body's elements, outwards; faces: those, or a group, of its mesh. A wall is
+        on the body's surface, each face once, and bounds the space of one actuator alone.
+        """
         ...
 
     def support(self, at: Floats, on: str, where: str) -> Sequence[tuple[int, float]]:

@@ -15,9 +15,14 @@ from softcal.geometry.surface import boundary_faces
 from softcal.mechanics.chamber import ATMOSPHERE, ChamberTerm
 from softcal.twin.actuated import NamedActuator
 from softcal.twin.build import build_twin
+from softcal.twin.in_time import simulate_in_time
+from softcal.twin.live import LiveTwin
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.robot import Robot
+from softcal.twin.robot import Marker, Robot
+from softcal.twin.schedule import Schedule
 from softcal.twin.simulate import simulate
+from softcal.twin.time_settings import TimeSettings
+from softcal.workflows.reach import reach
 
 DEAD = 1e-4  # [m^3], forty times the chamber
 
@@ -87,3 +92,25 @@ def test_a_wall_is_a_surface_of_one_chamber_alone():
     assert "12 of 24 faces are there twice" in refused(np.concatenate([wall, wall]))
     assert "1 of 13 faces are inside the body" in refused(np.concatenate([wall, inner[:1]]))
     assert "12 of 12 faces are of a0.walls.box, too" in refused(wall, wall)
+
+
+def test_one_solve_a_step_pumps_the_commanded_volume():
+    schedule = Schedule(np.array([0.0, 0.1]), {"main": Command("volume", np.array([0.0, 2e-6]))})
+    settings = TimeSettings(time_step=0.005, scheme="one-solve")
+    response = simulate_in_time(box(dead_volume=3e-6), schedule, settings)
+    assert response.channels["main.volume"][-1] == pytest.approx(2e-6, rel=2e-3)  # second order in the step
+
+
+def test_a_chamber_that_a_live_twin_releases_is_open():
+    live = LiveTwin(box(dead_volume=3e-6), {"main": "volume"})
+    live.at({"main": 2e-6})
+    released = live.at({}, released=["main"])
+    assert released.channels["main.pressure"] == 0.0
+    assert released.channels["main.volume"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_pose_is_reached_by_volume():
+    robot = replace(box(dead_volume=3e-6), markers=(Marker("tip", "box", np.array([0.02, 0.02, 0.02])),))
+    wanted = driven(robot, "volume", 2e-6).channels["tip.x"][0]
+    found = reach(robot, {"tip.x": wanted}, controls={"main": "volume"}).steps[0]
+    assert found.commands["main.volume"] == pytest.approx(2e-6, rel=1e-2)

@@ -321,8 +321,9 @@ class LiveTwin(_InOneProcess):
         ParameterError
             For a cable that is not driven, or a command that no cable can follow.
         """
+        what = f"this {'actuator' if self.robot.actuators else 'cable'} is not driven"
         faults = [
-            unknown("this cable is not driven", name, name, self._controls, got="")
+            unknown(what, name, name, self._controls, got="")
             for name in (*commands, *released)
             if name not in self._controls
         ]
@@ -330,7 +331,8 @@ class LiveTwin(_InOneProcess):
             faults.append(Fault("time does not go back", "elapsed", f"{elapsed:g} s", ">= 0 s"))
         if faults:
             raise ParameterError(faults)
-        free = dict.fromkeys(released, Command("tension", np.zeros(1)))
+        efforts = {part.name: part.channels[1].name for part in self.robot.actuated}
+        free = {name: Command(efforts[name], np.zeros(1)) for name in released}
         driven = {name: Command(self._controls[name], np.array([v])) for name, v in commands.items()}
         protocol = Protocol(free | driven)
         if faults := command_faults(self.robot, protocol):

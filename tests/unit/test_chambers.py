@@ -9,7 +9,7 @@ import pytest
 from mechanics_cases import blown_box
 
 from softcal.checks import Ints
-from softcal.errors import MeshError
+from softcal.errors import InputError, MeshError
 from softcal.geometry.cell import all_faces
 from softcal.geometry.surface import boundary_faces
 from softcal.mechanics.chamber import ATMOSPHERE, ChamberTerm
@@ -22,7 +22,10 @@ from softcal.twin.robot import Marker, Robot
 from softcal.twin.schedule import Schedule
 from softcal.twin.simulate import simulate
 from softcal.twin.time_settings import TimeSettings
+from softcal.workflows.cases import commanded, parse_pulls
 from softcal.workflows.reach import reach
+from softcal.workflows.simulation import twin_view
+from softcal.workflows.twin_frame import twin_frame
 
 DEAD = 1e-4  # [m^3], forty times the chamber
 
@@ -114,3 +117,31 @@ def test_a_pose_is_reached_by_volume():
     wanted = driven(robot, "volume", 2e-6).channels["tip.x"][0]
     found = reach(robot, {"tip.x": wanted}, controls={"main": "volume"}).steps[0]
     assert found.commands["main.volume"] == pytest.approx(2e-6, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("pulls", "says"),
+    [
+        (["main=40kPa", "main=5ml"], "the chamber is pulled twice"),
+        (["front=40mm"], "the robot has no such actuator; got 'front'; allowed: main"),
+    ],
+)
+def test_a_wrong_pull_of_a_chamber_is_told_in_its_own_words(pulls, says):
+    with pytest.raises(InputError) as error:
+        parse_pulls(box(), pulls)
+    assert says in str(error.value)
+
+
+def test_a_table_that_commands_a_chamber_twice_is_told_its_controls(tmp_path):
+    table = tmp_path / "commands.csv"
+    table.write_text("main.volume [ml],main.pressure [kPa]\n0,1\n1,2\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"the chamber has two commands; got main; allowed: pressure or volume"):
+        commanded(box(), table)
+
+
+def test_the_page_of_the_twin_shows_no_tension_of_a_chamber():
+    robot = box(dead_volume=3e-6)
+    response = driven(robot, "pressure", 0.0, 2e4, 4e4, snapshots=True)
+    view = twin_view(robot, response)
+    assert view is not None
+    assert twin_frame(view, response) is None

@@ -17,7 +17,7 @@ KINDS = {"m": "shortening", "N": "tension"}  # unit of a drive -> what it is
 
 
 def twin_frame(view: TwinView, response: Response) -> TwinFrame | None:
-    """The twin along its pull; None where no cable is pulled, or where its page were too large.
+    """The twin along its pull; None where no cable is pulled, or another actuator driven, or where its page were too large.
 
     Parameters
     ----------
@@ -34,8 +34,8 @@ def twin_frame(view: TwinView, response: Response) -> TwinFrame | None:
     chosen = np.unique(np.linspace(0, len(response.snapshots) - 1, MOST_SHAPES).round().astype(int))
     shapes = [response.snapshots[k] for k in chosen]
     first, pulled = shapes[0], [*shapes[0].controls]
-    if not pulled:
-        return None
+    if not pulled or not {cable.name for cable in view.robot.cables}.issuperset(pulled):
+        return None  # the page knows tensions alone
     places, kind = np.array([one.drive for one in shapes]), KINDS.get(first.drive_unit, "step")
     if kind == "step" or np.any(np.diff(places) <= 0.0):  # of several cables, or to and fro
         places, kind = np.arange(1.0, len(shapes) + 1.0), "step"

@@ -10,7 +10,7 @@ an unknown: the multiplier of that condition, which borders the tangent.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -143,8 +143,18 @@ class ActuatorTerm(Term):
         """Scales of the errors of its coordinates (n,), of a robot of this extent [m]."""
         return np.full(len(self.actuators), extent)
 
-    def coordinate_spans(self, extent: float) -> Floats:
-        """Spans of its coordinates (n,) that are long on a load path, of a robot of this extent [m]."""
+    def coordinate_spans(self, extent: float, theta: Mapping[str, float], effort: Floats) -> Floats:
+        """Spans of its coordinates (n,) that are long on a load path.
+
+        Parameters
+        ----------
+        extent
+            Of the robot [m].
+        theta
+            Values of the parameters by dotted name [SI].
+        effort
+            Efforts e (n,) to which the path goes, each in its own unit; zero where a coordinate is prescribed.
+        """
         return self.coordinate_scales(extent)
 
     def coordinate_tolerances(self, extent: float) -> Floats:

@@ -369,7 +369,7 @@ class CableTerm(ActuatorTerm):
         """Length of each cable (n_cables,) [m]."""
         return self._per_cable(self.segments.shape(x).lengths)
 
-    def coordinate_spans(self, extent: float) -> Floats:
+    def coordinate_spans(self, extent: float, theta: Mapping[str, float], effort: Floats) -> Floats:
         return self.rest_length
 
     def coordinate_tolerances(self, extent: float) -> Floats:

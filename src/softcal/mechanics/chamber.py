@@ -244,15 +244,15 @@ class ChamberTerm(ActuatorTerm):
 
     def drives(self, given: Given, which: Ints, size: int, transmission: Any) -> Drives:
         columns = super().drives(given, which, size, transmission).columns
-        slope = self.filling(given).slope(self._pressure(given))
+        slope = self.filling(given.theta).slope(self._pressure(given))
         return Drives(columns, columns, np.full(len(which), -slope))
 
     def coordinates(self, given: Given, transmission: Any) -> Floats:
-        return self.shape_coordinates(given.state.x) + self.filling(given).swallowed(self._pressure(given))
+        return self.shape_coordinates(given.state.x) + self.filling(given.theta).swallowed(self._pressure(given))
 
-    def filling(self, given: Given) -> Filling:
-        """What it is filled with."""
-        values = {key: given.theta[f"{self.name}.{key}"] for key in self.stated}
+    def filling(self, theta: Mapping[str, float]) -> Filling:
+        """What it is filled with, at values of the parameters [SI]."""
+        values = {key: theta[f"{self.name}.{key}"] for key in self.stated}
         gas = self.rest_volume + values.get("dead_volume", 0.0) if self.is_gas else 0.0
         return Filling(values.get("hose_compliance", 0.0), gas, values.get("polytropic_exponent", 1.0))
 
@@ -260,7 +260,7 @@ class ChamberTerm(ActuatorTerm):
         own = self.own
         if bool(given.controls.is_held[own][0]):
             return
-        for key, rate in self.filling(given).rates(self._pressure(given)).items():
+        for key, rate in self.filling(given.theta).rates(self._pressure(given)).items():
             if (one := into.get(f"{self.name}.{key}")) is not None:
                 one.efforts[own] -= rate
 
@@ -270,9 +270,12 @@ class ChamberTerm(ActuatorTerm):
     def coordinate_scales(self, extent: float) -> Floats:
         return np.array([abs(self.rest_volume)])
 
+    def coordinate_spans(self, extent: float, theta: Mapping[str, float], effort: Floats) -> Floats:
+        return self.coordinate_scales(extent) + abs(self.filling(theta).swallowed(float(effort[0])))
+
     def energy(self, given: Given) -> float:
         return super().energy(given) - (
-            0.0 if given.controls.is_held[self.own][0] else self.filling(given).energy(self._pressure(given))
+            0.0 if given.controls.is_held[self.own][0] else self.filling(given.theta).energy(self._pressure(given))
         )
 
 

@@ -159,13 +159,16 @@ class Dynamics:
         dz -= responses @ effort[acting]
         driven = ~wanted.is_held[acting]
         if driven.any():
-            drives = [system.drive(start, int(i), self.theta) for i in acting[driven]]
+            # A transmission, such as a gas, is linearised about its present effort; that of what only pulls is linear.
+            present = np.where(system.effort_limits[0] == 0.0, 0.0, now.state.effort)
+            about = replace(start, effort=present)
+            drives = [system.drive(about, int(i), self.theta) for i in acting[driven]]
+            corner = np.concatenate([drive.corner for drive in drives])
             rows = np.concatenate([drive.rows.T for drive in drives])
             rows = np.concatenate([rows, np.zeros((len(rows), n))], axis=1)
-            gap = self._gap(start, wanted)[acting[driven]] + rows @ dz
+            gap = self._gap(about, wanted)[acting[driven]] + rows @ dz - corner * present[acting[driven]]
             least, most = (limit[acting[driven]] for limit in system.effort_limits)
-            own = np.diag(np.concatenate([drive.corner for drive in drives]))
-            efforts = efforts_within(least, most, rows @ responses[:, driven] - own, gap)
+            efforts = efforts_within(least, most, rows @ responses[:, driven] - np.diag(corner), gap)
             dz -= responses[:, driven] @ efforts
             effort[acting[driven]] = efforts
         dz[system.layout.first_effort_unknown :] = effort

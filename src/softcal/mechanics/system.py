@@ -372,9 +372,10 @@ class System:
         """Errors of the actuators' coordinates (n_actuators,) below which they count as reached."""
         return np.concatenate([NOTHING, *(term.coordinate_tolerances(extent) for term in self.actuated)])
 
-    def coordinate_spans(self, extent: float) -> Floats:
-        """Spans of the actuators' coordinates (n_actuators,) that are long on a load path."""
-        return np.concatenate([NOTHING, *(term.coordinate_spans(extent) for term in self.actuated)])
+    def coordinate_spans(self, extent: float, theta: Mapping[str, float], effort: Floats) -> Floats:
+        """Spans of the actuators' coordinates (n_actuators,) that are long on a load path to these efforts."""
+        each = (term.coordinate_spans(extent, theta, effort[term.own]) for term in self.actuated)
+        return np.concatenate([NOTHING, *each])
 
     def at_limit(self, x: Floats) -> str:
         """What keeps actuators from moving further, as part of a sentence; "" where nothing does."""

@@ -33,7 +33,7 @@ class Numbering(Protocol):
         """The points of the undeformed robot so far (n_points, 3) [m]."""
         ...
 
-    def faces(self, body: str, faces: Ints | str, where: str) -> Ints:
+    def faces(self, body: str, faces: Ints | str, where: str, *, is_wall: bool = False) -> Ints:
         """Points of faces (n, 3 or 6) of a body's elements, outwards.
 
         Parameters
@@ -44,6 +44,8 @@ class Numbering(Protocol):
             Corners of faces (n, 3 or more) of its mesh, or the name of a group of that.
         where
             Place for error messages.
+        is_wall
+            Whether they must be on the body's surface, each once, and bound the space of one actuator alone.
         """
         ...
 

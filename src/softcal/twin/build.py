@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError, unknown
+from softcal.geometry.cell import face_keys
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.regions import Named, select_faces
+from softcal.geometry.surface import boundary_faces
 from softcal.mechanics.attachment import attach_ball, attach_point, attach_rate
 from softcal.mechanics.cable_routes import build_cables
 from softcal.mechanics.crossing import Skins
@@ -384,17 +386,36 @@ class _Numbering:
     given: Mapping[str, TetMesh]
     meshes: Mapping[str, TetMesh]
     supported: Callable[[Floats, str, str], Weights]
+    walls: dict[str, tuple[str, Ints]] = field(default_factory=dict[str, tuple[str, Ints]])  # place -> body, faces
 
     @property
     def X(self) -> Floats:
         return np.concatenate(self.builder.X)
 
-    def faces(self, body: str, faces: Ints | str, where: str) -> Ints:
+    def faces(self, body: str, faces: Ints | str, where: str, *, is_wall: bool = False) -> Ints:
         if body not in self.meshes:
             raise MeshError(unknown("there is no such body", where, body, self.meshes))
         mesh = self.given[body]
         own = select_faces(mesh, Named(faces), where=where) if isinstance(faces, str) else faces
-        return faces_in_use(mesh, self.meshes[body], own, where=where) + self.builder.first[body]
+        found = faces_in_use(mesh, self.meshes[body], own, where=where)
+        if is_wall:
+            self._check_wall(body, found, where)
+        return found + self.builder.first[body]
+
+    def _check_wall(self, body: str, faces: Ints, where: str) -> None:
+        mesh = self.meshes[body]
+        keys, surface = (face_keys(one, mesh.n_points) for one in (faces, boundary_faces(mesh)))
+        allowed = "faces of the body's surface, each once, and of no other wall"
+        if not len(keys):
+            raise MeshError(Fault("the wall has no face", where, allowed=allowed))
+        others = ((other, np.isin(keys, of)) for other, (on, of) in self.walls.items() if on == body)
+        once = np.isin(np.arange(len(keys)), np.unique(keys, return_index=True)[1])
+        wrong = {"inside the body": ~np.isin(keys, surface), "there twice": ~once}
+        for what, which in [*wrong.items(), *((f"of {other}, too", which) for other, which in others)]:
+            if which.any():
+                got = f"{np.count_nonzero(which)} of {len(keys)} faces are {what}"
+                raise MeshError(Fault("this is no wall of a chamber of its own", where, got, allowed))
+        self.walls[where] = body, keys
 
     def support(self, at: Floats, on: str, where: str) -> Weights:
         return self.supported(at, on, where)

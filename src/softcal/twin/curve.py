@@ -91,10 +91,25 @@ class Curve:
         error[self.is_jump] = 0.0
         return error
 
+    def sides(self, channel: int) -> tuple[Curve, Curve]:
+        """The curve from the node on where a channel is zero, and that before it, turned: its values rise where they
+        fall.
+        """
+        i = int(np.abs(self.values[:, channel]).argmin())
+
+        def part(rows: slice, sign: float) -> Curve:
+            values, by = sign * self.values[rows], sign * self.by_parameter[rows]
+            jumps = self.is_jump[i:] if sign > 0.0 else self.is_jump[:i][::-1]
+            return Curve(sign * self.c[rows], values, self.slopes[rows], by, self.by_parameter_slopes[rows], jumps)
+
+        return part(slice(i, None), 1.0), part(slice(i, None, -1), -1.0)
+
     def may_pass(self, channel: int, targets: Floats) -> np.ndarray:
         """Which intervals (n - 1,) may contain the first passage of a channel through one of the targets, given its
         error.
         """
+        if len(self.c) == 1:
+            return np.zeros(0, dtype=bool)
         fine = self.c[:-1] + np.linspace(0.0, 1.0, FINE)[:, None] * np.diff(self.c)
         top = self.spline()(fine)[:, :, channel].max(axis=0)
         before = np.maximum.accumulate(np.append(self.values[0, channel], top))[:-1]
@@ -106,6 +121,8 @@ class Curve:
         This is the response of a machine that prescribes the channel, c being free: past a maximum the robot snaps to
         the next branch.
         """
+        if len(self.c) == 1:
+            return np.where(targets <= self.values[0, channel], self.c[0], np.nan)
         spline = self.spline()
         pieces = zip(self.c[:-1], self.c[1:], strict=True)
         fine = np.unique(np.concatenate([np.linspace(a, b, FINE) for a, b in pieces]))

@@ -62,13 +62,15 @@ def by_coordinate(along: EquilibriumPath, start: Node, d: Floats, *, ends_there:
         Whether the path ends at the last sample, and not beyond.
     """
     (coordinate, effort), end = along.channels, float(d.max())
-    start = along.lowered(start, to=float(d.min()))
+    nodes = along.lowered(start, to=float(d.min()))
+    start = nodes[0]
     taut = d > start.c if along.only_pulls else d >= start.c
     # Solved first, with the factors of the start: the same tangent.
     still = None if taut.all() else along.curve((along.slack_node(start),))
-    path = Path((start,), True, names=along.names)
-    if end > start.c + SAME * along.length:
-        path = along.towards(start, end)
+    path = Path(nodes, True, names=along.names)
+    if end > nodes[-1].c + SAME * along.length:
+        leg = along.towards(nodes[-1], end)
+        path = replace(leg, nodes=(*nodes[:-1], *leg.nodes))
     is_curve = not path.snaps
     if is_curve:
         try:
@@ -92,7 +94,7 @@ def by_coordinate(along: EquilibriumPath, start: Node, d: Floats, *, ends_there:
     c = np.maximum(d[:n], start.c)
     values, slopes, by_parameter = along.curve(path.nodes).at(c)
     if ends_there and path.stopped_by is None:
-        path = _up_to(along, path, float(c.max(initial=start.c)))
+        path = _within(along, path, start.c, float(c.max(initial=start.c)))
     slack = ~taut[:n]
     if still is not None:
         values[slack], slopes[slack], by_parameter[slack] = still.values, still.slopes, still.by_parameter
@@ -135,12 +137,11 @@ def by_effort(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: boo
     """
     coordinate, effort = along.channels
     i_tension, largest = along.column(effort), float(T.max())
-    at_rest, start = start, along.lowered(start, until=float(T.min()))
-    path = Path((start,), True, names=along.names)
+    nodes = along.lowered(start, until=float(T.min()))
+    start, path = nodes[0], Path(nodes, True, names=along.names)
     if largest > 0.0:
-        path = along.follow(start, along.wound_up, until=largest)
-    elif start is not at_rest:
-        path = along.follow(start, at_rest.c)
+        leg = along.follow(nodes[-1], along.furthest(largest), until=largest)
+        path = replace(leg, nodes=(*nodes[:-1], *leg.nodes))
     path, curve = along.refined(path, T, of_tension=True)
     if len(path.nodes) == 1:
         at = np.full(len(T), start.c)
@@ -156,24 +157,24 @@ def by_effort(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: boo
             succeeded=True,
             end=start.c,
         )
-    at_end = path.reached and path.nodes[-1].c >= along.wound_up * (1.0 - 1e-9)
+    at_end = path.reached and path.nodes[-1].c >= along.furthest(largest) * (1.0 - 1e-9)
     is_wound = at_end and along.only_pulls  # a state, in which any tension is in equilibrium
-    c = curve.first_passage(i_tension, T)
+    c = along.passages(curve, T)
     if along.tolerance <= 0.0 and path.stopped_by is None:
         # A node at each tension whose shortening is about c: to solve at c and read the tension again takes two solves.
         about = dict(zip(c.tolist(), T.tolist(), strict=True))
         missing = along.missing(path, c[np.isfinite(c)]).tolist()
         extra = [_at_tension(along, path, value, about[value]) for value in missing]
-        nodes = [*path.nodes, *(node for node in extra if node is not None)]
-        path = replace(path, nodes=tuple(sorted(nodes, key=lambda node: node.c)))
+        found = [*path.nodes, *(node for node in extra if node is not None)]
+        path = replace(path, nodes=tuple(sorted(found, key=lambda node: node.c)))
         curve = along.curve(path.nodes)
-        c = curve.first_passage(i_tension, T)
+        c = along.passages(curve, T)
     # The rest: tensions that the solved curve reaches at another shortening than the interpolated one.
     exact = along.tolerance <= 0.0 and path.stopped_by is None
     while exact and len(missing := along.missing(path, c[np.isfinite(c)])):
         path = along.with_nodes(path, missing)
         curve = along.curve(path.nodes)
-        c = curve.first_passage(i_tension, T)
+        c = along.passages(curve, T)
     beyond = ~np.isfinite(c)
     n = len(T) if is_wound or not beyond.any() else int(np.argmax(beyond))
     at = np.where(beyond, curve.c[-1], c)[:n]
@@ -196,7 +197,7 @@ def by_effort(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: boo
         )
     last = float(at.max(initial=start.c))
     if ends_there and path.stopped_by is None:
-        path = _up_to(along, path, last)
+        path = _within(along, path, float(at.min(initial=nodes[-1].c)), last)
     # Where the path ends early, crossings up to its end may be the cause.
     reached = n == len(T)
     return Samples(
@@ -230,7 +231,7 @@ def _at_tension(along: EquilibriumPath, path: Path, c: float, T: float) -> Node 
     return node if node is not None and node.is_stable else None
 
 
-def _up_to(along: EquilibriumPath, path: Path, c: float) -> Path:
-    """The path up to c, with a node there: a path to a tension ends beyond it."""
-    path = along.with_nodes(path, along.missing(path, np.array([c])))
-    return replace(path, nodes=tuple(node for node in path.nodes if node.c <= c + SAME * along.length))
+def _within(along: EquilibriumPath, path: Path, low: float, high: float) -> Path:
+    """The path from one c to another, with nodes there: a path to a tension ends beyond it."""
+    path, nearly = along.with_nodes(path, along.missing(path, np.array([low, high]))), SAME * along.length
+    return replace(path, nodes=tuple(node for node in path.nodes if low - nearly <= node.c <= high + nearly))

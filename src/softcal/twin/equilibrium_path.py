@@ -26,7 +26,7 @@ from softcal.twin.parameters import parameter_values
 from softcal.twin.reading import SensorReading, read
 from softcal.twin.sensors import angle_columns, channel_units
 from softcal.twin.start import loaded, slack_line
-from softcal.units import unit_factor
+from softcal.units import format_quantity, unit_factor
 
 CURVE_TOLERANCE = 1e-4  # interpolation error over a channel's largest value
 FIRST_STEP = 0.12  # of the driven cable's length
@@ -91,7 +91,12 @@ class EquilibriumPath:
     @property
     def length(self) -> float:
         """A long span of the driven coordinate: a cable's length at rest [m], a chamber's volume [m^3]."""
-        return float(self.twin.system.coordinate_spans(self.statics.length)[self.number])
+        return self.span(0.0)
+
+    def span(self, effort: float) -> float:
+        """The same on a path to an effort, with what the transmission takes up at that."""
+        efforts = np.where(np.arange(self.twin.system.layout.n_actuators) == self.number, effort, 0.0)
+        return float(self.twin.system.coordinate_spans(self.statics.length, self.statics.theta, efforts)[self.number])
 
     @property
     def channels(self) -> tuple[ChannelKind, ChannelKind]:
@@ -106,7 +111,11 @@ class EquilibriumPath:
     @property
     def wound_up(self) -> float:
         """Shortening at which the cable counts as wound up [m]; of what has no such end, a coordinate far away."""
-        return self.length * (1.0 - WOUND_UP) if self.only_pulls else FAR * self.length
+        return self.furthest(0.0)
+
+    def furthest(self, effort: float) -> float:
+        """The coordinate at which a path to an effort ends at the latest."""
+        return self.length * (1.0 - WOUND_UP) if self.only_pulls else FAR * self.span(effort)
 
     @property
     def line(self) -> Line:
@@ -144,6 +153,16 @@ class EquilibriumPath:
         node = solved()
         self.statics.keep(key, self.names, node, 0.0, since=n)
         return node
+
+    def passages(self, curve: Curve, efforts: Floats) -> Floats:
+        """The c at which the driven effort first is each of some (n,), on the way up or down from the start; NaN where
+        it never is.
+        """
+        i = self.column(self.channels[1])
+        up, down = curve.sides(i)
+        above = up.first_passage(i, np.where(efforts > 0.0, efforts, up.values[0, i]))
+        below = down.first_passage(i, np.where(efforts < 0.0, -efforts, down.values[0, i]))
+        return np.where(efforts < 0.0, -below, above)
 
     def curve(self, nodes: tuple[Node, ...]) -> Curve:
         """The channels along some nodes."""
@@ -200,7 +219,9 @@ class EquilibriumPath:
             scale = self.scale(curve.values)[:, None]
             new = 0.5 * (curve.c[1:] + curve.c[:-1])
             if of_tension:
-                is_read = curve.may_pass(self.column(self.channels[1]), samples)
+                i = self.column(self.channels[1])
+                up, down = curve.sides(i)
+                is_read = np.concatenate([down.may_pass(i, -samples)[::-1], up.may_pass(i, samples)])
             elif len(left := self.missing(path, samples)):
                 # Among many samples a node is independent of their places, as of the slack, and is kept for others.
                 inside = np.diff(np.searchsorted(left, curve.c))
@@ -289,7 +310,8 @@ class EquilibriumPath:
             As of `softcal.mechanics.path.follow`.
         """
         i = self.number
-        step = FIRST_STEP * self.length
+        length = self.span(until) if np.isfinite(until) else self.length
+        step = FIRST_STEP * length
 
         def of_tension(node: Node) -> float:
             return float(node.state.effort[i]) / until
@@ -309,14 +331,14 @@ class EquilibriumPath:
             first_step=step,
             names=self.names,
             share=of_tension if np.isfinite(until) else of_shortening if np.isfinite(past) else None,
-            largest_step=3.0 * FIRST_STEP * self.length if not np.isfinite(until) else max(step, 0.25 * self.length),
+            largest_step=3.0 * FIRST_STEP * length if not np.isfinite(until) else max(step, 0.25 * length),
             guide=guide,
             keeps=path_watch().keeps,
         )
 
-    def lowered(self, start: Node, *, to: float = -np.inf, until: float = -np.inf) -> Node:
-        """A node from which the path passes lower coordinates, or efforts, than those of its start; the start itself
-        where nothing lower is wanted.
+    def lowered(self, start: Node, *, to: float = -np.inf, until: float = -np.inf) -> tuple[Node, ...]:
+        """The nodes of the way down from the start to a lower coordinate, or effort, in ascending order; the start
+        alone where nothing lower is wanted.
 
         Parameters
         ----------
@@ -332,22 +354,35 @@ class EquilibriumPath:
         """
         i, by_effort = self.number, np.isfinite(until)
         if self.only_pulls or not (until < 0.0 if by_effort else np.isfinite(to) and to < start.c):
-            return start
+            return (start,)
         back = replace(self.line, coordinate_rate=-self.line.coordinate_rate)
+        share, span = (lambda node: float(node.state.effort[i]) / until), self.span(until if by_effort else 0.0)
         path = follow(
             self.statics,
             back,
             node_at(self.statics, back, -start.c, start.state, ()),
-            self.wound_up if by_effort else -to,
-            first_step=FIRST_STEP * self.length,
-            share=(lambda node: float(node.state.effort[i]) / until) if by_effort else None,
-            largest_step=3.0 * FIRST_STEP * self.length,
+            self.furthest(until) if by_effort else -to,
+            first_step=FIRST_STEP * span,
+            share=share if by_effort else None,
+            largest_step=3.0 * FIRST_STEP * span,
             mixed=False,
         )
         last = path.nodes[-1]
+        if path.reached and by_effort and share(last) < 1.0:
+            effort, least = self.channels[1], min(float(node.state.effort[i]) for node in path.nodes)
+            raise SimulationError(
+                f"No equilibrium below {format_quantity(least, effort.unit)} of {effort.name} of {self.cable}, down to "
+                f"{self.place(-last.c)}. Command the {self.channels[0].name} to go beyond."
+            )
         if not path.reached:
             raise SimulationError(f"{path.ended[0].upper()}{path.ended[1:]} {self.place(-last.c)}: {path.status}.")
-        return node_at(self.statics, self.line, -last.c, last.state, self.names)
+        snaps = (*(node.is_snapped for node in path.nodes[1:]), False)  # which are on the way up, too
+        ways = [*zip(path.nodes, snaps, strict=True)][:0:-1]
+        nodes = (
+            replace(node_at(self.statics, self.line, -node.c, node.state, self.names), is_snapped=is_snapped)
+            for node, is_snapped in ways
+        )
+        return (*nodes, replace(start, is_snapped=snaps[0]) if snaps[0] else start)
 
     def towards(self, start: Node, end: float) -> Path:
         """The path from a node to a shortening [m]; a shared one to a place beyond that serves others too, where the
@@ -358,7 +393,7 @@ class EquilibriumPath:
             guide = self._guide_to(end) if start.c >= self.start().c else ()
             parts = 1 if self.guide is None else 2
             with part_of_series(parts - 1, parts):
-                path = self.follow(start, self.wound_up, past=end, guide=guide)
+                path = self.follow(start, max(self.wound_up, end), past=end, guide=guide)
             if not path.is_smooth and path.stopped_by is None:
                 self.statics.shared_end = path.nodes[-1].c
         elif self.is_shared and not self.twin.system.contacts and last > end:

@@ -321,8 +321,9 @@ class LiveTwin(_InOneProcess):
         ParameterError
             For a cable that is not driven, or a command that no cable can follow.
         """
+        what = f"this {'actuator' if self.robot.actuators else 'cable'} is not driven"
         faults = [
-            unknown("this cable is not driven", name, name, self._controls, got="")
+            unknown(what, name, name, self._controls, got="")
             for name in (*commands, *released)
             if name not in self._controls
         ]

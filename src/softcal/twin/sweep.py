@@ -12,7 +12,7 @@ from softcal.mechanics.path import Path
 from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.crossings import crossed_on_path
 from softcal.twin.drives import Samples, by_coordinate, by_effort
-from softcal.twin.equilibrium_path import EquilibriumPath
+from softcal.twin.equilibrium_path import SAME, EquilibriumPath
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Derivatives, Response, Shown, Snapshot, by_column
 from softcal.twin.start import UNDER_LOADS, instability, snapshot
@@ -52,7 +52,7 @@ class Sweep:
             is_coordinate = command.control == coordinate.name
             read, unit = (by_coordinate, coordinate.unit) if is_coordinate else (by_effort, effort.unit)
             samples = read(along, start, command.values, ends_there=bool(self.snapshots))
-            return self._response(samples, self._shapes(samples, unit))
+            return self._response(samples, self._shapes(start, samples, unit))
         except SimulationError as error:
             # Not even the loads, or a state on the way, could be solved.
             none = np.zeros((0, len(along.units), len(along.names)))
@@ -65,8 +65,10 @@ class Sweep:
                 sensitivities=Derivatives(tuple(along.units), along.names, none),
             )
 
-    def _shapes(self, samples: Samples, unit: str) -> list[Snapshot]:
-        """The shapes to draw, of commands in this unit: at every sample, or at every node of the path."""
+    def _shapes(self, start: Node, samples: Samples, unit: str) -> list[Snapshot]:
+        """The shapes to draw, of commands in this unit: at every sample, or at every node of the path, from the start
+        on; those below it come first.
+        """
         if not self.snapshots:
             return []
         nodes = samples.path.nodes
@@ -74,7 +76,9 @@ class Sweep:
             have = np.array([node.c for node in nodes])
             at = [nodes[int(np.abs(have - c).argmin())] for c in samples.c]
             return [self._shape(node, float(told), unit) for node, told in zip(at, samples.commands, strict=True)]
-        i = self.along.number
+        i, nearly = self.along.number, SAME * self.along.length
+        if below := [node for node in nodes if node.c < start.c - nearly]:
+            nodes = (start, *reversed(below), *(node for node in nodes if node.c > start.c + nearly))
         is_coordinate = unit == self.along.channels[0].unit
         return [self._shape(node, node.c if is_coordinate else float(node.state.effort[i]), unit) for node in nodes]
 

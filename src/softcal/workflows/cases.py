@@ -78,7 +78,13 @@ def commanded(robot: Robot, table: Path) -> Protocol:
     read = read_channels(table, [str(channel) for channel in channels])
     given = [channel for channel in channels if str(channel) in read.channels]
     twice = {one.carrier for one in given if sum(other.carrier == one.carrier for other in given) > 1}
-    faults = [Fault("the cable has two commands", str(table), name, "tension or shortening") for name in sorted(twice)]
+    parts = {part.name: part for part in robot.actuated}
+    faults = [
+        Fault(
+            f"the {_noun(robot, name)} has two commands", str(table), name, " or ".join([*parts[name].controls][::-1])
+        )
+        for name in sorted(twice)
+    ]
     if not given:
         faults.append(Fault("there is no command", str(table), allowed=", ".join(map(str, channels))))
     if faults:
@@ -106,13 +112,21 @@ def parse_pulls(robot: Robot, texts: Sequence[str]) -> Protocol:
         try:
             cable, control, end = _parsed(robot, text)
             if cable in commands:
-                raise InputError(Fault("the cable is pulled twice", "--pull", f"'{text}'", "one pull for each cable"))
+                noun = _noun(robot, cable)
+                raise InputError(
+                    Fault(f"the {noun} is pulled twice", "--pull", f"'{text}'", f"one pull for each {noun}")
+                )
             commands |= pull(robot, cable, control, end).commands
         except InputError as error:
             faults.extend(fault if fault.where else replace(fault, where="--pull") for fault in error.faults)
     if faults:
         raise InputError(faults)
     return Protocol(commands)
+
+
+def _noun(robot: Robot, name: str) -> str:
+    """What kind of part a driven one is, in words."""
+    return next((part.actuator.name for part in robot.actuators if part.name == name), "cable")
 
 
 def _parsed(robot: Robot, text: str) -> tuple[str, Control, float]:
@@ -126,7 +140,7 @@ def _parsed(robot: Robot, text: str) -> tuple[str, Control, float]:
             raise InputError(Fault(what, "--pull", f"'{text}'", allowed, instead))
         return name.removesuffix(HANGING), "tension", mass * gravity
     every = {control: quantity for part in robot.actuated for control, quantity in part.controls.items()}
-    every = every or {control: QUANTITIES[control] for control in ("shortening", "tension")}
+    every = {control: QUANTITIES[control] for control in ("shortening", "tension")} | every
     controls = next((part.controls for part in robot.actuated if part.name == name), every)
     for control, quantity in controls.items():
         try:

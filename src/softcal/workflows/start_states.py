@@ -167,7 +167,7 @@ def _end_summary(experiment: Experiment, response: Response, undeformed: Snapsho
         cable, kind = experiment.twin_channel(channel).carrier, experiment.twin_channel(channel).kind
         kinds = of_actuator(kind)
         pulled, tension = (response.channels[str(ChannelName(one, cable))] for one in kinds)
-        last = int(np.argmax(pulled))
+        last = int(np.argmax(np.abs(pulled)))
         ends = zip((pulled, tension), kinds, strict=True)
         parts.append(f"{cable} {', '.join(format_quantity(float(of[last]), one.unit) for of, one in ends)}")
         slack = tension <= NO_EFFORT * tension.max()

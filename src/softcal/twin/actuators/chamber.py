@@ -87,13 +87,13 @@ class Chamber(Actuator):
         Raises
         ------
         MeshError
-            Where its walls enclose no volume.
+            Where its walls enclose no volume, or are no surface of their bodies.
         """
         from softcal.mechanics.chamber import ChamberTerm, ChamberWall
 
         walls: list[ChamberWall] = []
         for body, given in self.walls.items():
-            faces = places.faces(body, given, f"{name}.walls.{body}")
+            faces = places.faces(body, given, f"{name}.walls.{body}", is_wall=True)
             walls.append(ChamberWall(faces, tuple(border(faces))))
         term = ChamberTerm(
             name=name,

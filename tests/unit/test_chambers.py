@@ -1,0 +1,147 @@
+"""Pressure chambers at every door: commands, vacuum, hoses, project files, tables."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mechanics_cases import blown_box
+
+from softcal.checks import Ints
+from softcal.errors import InputError, MeshError
+from softcal.geometry.cell import all_faces
+from softcal.geometry.surface import boundary_faces
+from softcal.mechanics.chamber import ATMOSPHERE, ChamberTerm
+from softcal.twin.actuated import NamedActuator
+from softcal.twin.build import build_twin
+from softcal.twin.in_time import simulate_in_time
+from softcal.twin.live import LiveTwin
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import Marker, Robot
+from softcal.twin.schedule import Schedule
+from softcal.twin.simulate import simulate
+from softcal.twin.time_settings import TimeSettings
+from softcal.workflows.cases import commanded, parse_pulls
+from softcal.workflows.reach import reach
+from softcal.workflows.simulation import twin_view
+from softcal.workflows.twin_frame import twin_frame
+
+DEAD = 1e-4  # [m^3], forty times the chamber
+
+
+def box(**own: float | str) -> Robot:
+    """A box with a closed chamber of gas."""
+    robot = blown_box("P1", is_open=False, medium="liquid")
+    (named,) = robot.actuators
+    chamber = replace(named.actuator, **{"medium": "gas", "hose_compliance": None, **own})
+    return replace(robot, actuators=(replace(named, actuator=chamber),))
+
+
+def driven(robot: Robot, control: str, *values: float, **options: object):
+    return simulate(robot, Protocol({"main": Command(control, np.array(values))}), **options)
+
+
+def swallowed(robot: Robot, pressure: float) -> float:
+    """What the gas at rest takes up [m^3]."""
+    gas = build_twin(robot).system.of(ChamberTerm)[0].rest_volume + DEAD
+    return gas * (1.0 - ATMOSPHERE / (ATMOSPHERE + pressure))
+
+
+@pytest.mark.parametrize("pressure", [4e4, 8e4, -4e4, -9e4])
+def test_a_long_hose_takes_up_more_than_the_chamber_itself(pressure):
+    robot = box(dead_volume=DEAD)
+    response = driven(robot, "pressure", pressure)
+    assert response.succeeded, response.status
+    assert response.channels["main.volume"][0] == pytest.approx(swallowed(robot, pressure), rel=0.1)
+    # the same state by the other command
+    back = driven(robot, "volume", *response.channels["main.volume"])
+    assert back.channels["main.pressure"][0] == pytest.approx(pressure, rel=1e-3)
+
+
+def test_a_vacuum_alone_is_a_path_from_rest():
+    robot, values = box(dead_volume=3e-6), (0.0, -1e4, -5e4)
+    response = driven(robot, "pressure", *values, snapshots=True)
+    assert response.succeeded, response.status
+    np.testing.assert_array_equal(response.channels["main.pressure"], values)
+    each = [driven(robot, "pressure", value).channels["main.volume"][0] for value in values[1:]]
+    np.testing.assert_allclose(response.channels["main.volume"], [0.0, *each], rtol=1e-4, atol=1e-12)
+    first, last = response.snapshots[0], response.snapshots[-1]
+    assert first.efforts["main"] == pytest.approx(0.0, abs=1e-6)
+    assert last.efforts["main"] == pytest.approx(-5e4, rel=1e-3)
+
+
+def test_a_vacuum_before_a_pressure_is_shown_from_rest_on():
+    response = driven(box(dead_volume=3e-6), "volume", -1e-6, 1e-6, snapshots=True)
+    efforts = [shape.efforts["main"] for shape in response.snapshots]
+    assert efforts[0] == pytest.approx(0.0, abs=1e-6)
+    assert min(efforts) < 0.0 < efforts[-1] == max(efforts)
+
+
+def test_a_wall_is_a_surface_of_one_chamber_alone():
+    robot = box()
+    (named,) = robot.actuators
+    wall = named.actuator.walls["box"]
+    outer = {frozenset(face) for face in boundary_faces(robot.bodies[0].mesh).tolist()}
+    inner = [face for face in all_faces(robot.bodies[0].mesh.tets).tolist() if frozenset(face) not in outer]
+
+    def refused(*walls: Ints) -> str:
+        each = (replace(named.actuator, walls={"box": one}) for one in walls)
+        with pytest.raises(MeshError) as error:
+            build_twin(replace(robot, actuators=tuple(NamedActuator(f"a{i}", one) for i, one in enumerate(each))))
+        return str(error.value)
+
+    assert "the wall has no face" in refused(wall[:0])
+    assert "12 of 24 faces are there twice" in refused(np.concatenate([wall, wall]))
+    assert "1 of 13 faces are inside the body" in refused(np.concatenate([wall, inner[:1]]))
+    assert "12 of 12 faces are of a0.walls.box, too" in refused(wall, wall)
+
+
+def test_one_solve_a_step_pumps_the_commanded_volume():
+    schedule = Schedule(np.array([0.0, 0.1]), {"main": Command("volume", np.array([0.0, 2e-6]))})
+    settings = TimeSettings(time_step=0.005, scheme="one-solve")
+    response = simulate_in_time(box(dead_volume=3e-6), schedule, settings)
+    assert response.channels["main.volume"][-1] == pytest.approx(2e-6, rel=2e-3)  # second order in the step
+
+
+def test_a_chamber_that_a_live_twin_releases_is_open():
+    live = LiveTwin(box(dead_volume=3e-6), {"main": "volume"})
+    live.at({"main": 2e-6})
+    released = live.at({}, released=["main"])
+    assert released.channels["main.pressure"] == 0.0
+    assert released.channels["main.volume"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_pose_is_reached_by_volume():
+    robot = replace(box(dead_volume=3e-6), markers=(Marker("tip", "box", np.array([0.02, 0.02, 0.02])),))
+    wanted = driven(robot, "volume", 2e-6).channels["tip.x"][0]
+    found = reach(robot, {"tip.x": wanted}, controls={"main": "volume"}).steps[0]
+    assert found.commands["main.volume"] == pytest.approx(2e-6, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("pulls", "says"),
+    [
+        (["main=40kPa", "main=5ml"], "the chamber is pulled twice"),
+        (["front=40mm"], "the robot has no such actuator; got 'front'; allowed: main"),
+    ],
+)
+def test_a_wrong_pull_of_a_chamber_is_told_in_its_own_words(pulls, says):
+    with pytest.raises(InputError) as error:
+        parse_pulls(box(), pulls)
+    assert says in str(error.value)
+
+
+def test_a_table_that_commands_a_chamber_twice_is_told_its_controls(tmp_path):
+    table = tmp_path / "commands.csv"
+    table.write_text("main.volume [ml],main.pressure [kPa]\n0,1\n1,2\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"the chamber has two commands; got main; allowed: pressure or volume"):
+        commanded(box(), table)
+
+
+def test_the_page_of_the_twin_shows_no_tension_of_a_chamber():
+    robot = box(dead_volume=3e-6)
+    response = driven(robot, "pressure", 0.0, 2e4, 4e4, snapshots=True)
+    view = twin_view(robot, response)
+    assert view is not None
+    assert twin_frame(view, response) is None

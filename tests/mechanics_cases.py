@@ -208,18 +208,3 @@ def moved_points(robot: Robot, turn: Callable[[np.ndarray], np.ndarray], rotatio
     )
     cables = tuple(replace(c, via_points=tuple(replace(v, at=turn(v.at)) for v in c.via_points)) for c in robot.cables)
     return replace(robot, bodies=bodies, plates=plates, cables=cables, gravity=rotation @ robot.gravity)
-
-
-def blown_box(element: str, *, is_open: bool, medium: str) -> Robot:
-    """A thick box with a cavity, which is a chamber."""
-    mesh = box_mesh((0.04,) * 3, (3, 3, 3 + is_open), origin=(-0.02,) * 3)
-    middle = mesh.points[mesh.tets].mean(axis=1)
-    inside = (np.abs(middle[:, :2]) < 0.02 / 3).all(axis=1) & (middle[:, 2] > -0.01)
-    inside &= is_open | (middle[:, 2] < 0.02 / 3)
-    mesh = drop_unreferenced(TetMesh(mesh.points, mesh.tets[~inside], {"foot": mesh.node_sets["z0"]}))
-    faces = boundary_faces(mesh)
-    wall = faces[(np.abs(mesh.points[faces].mean(axis=1)) < [0.007, 0.007, 0.0199]).all(axis=1)]
-    body = Body("box", mesh, mesh.node_sets["foot"], elastic(1e6, 0.4), element=element, density=1e3)
-    own = {"dead_volume": 3e-6, "polytropic_exponent": 1.3} if medium == "gas" else {}
-    chamber = Chamber({"box": wall}, medium=medium, hose_compliance=2e-11, **own)
-    return Robot((body,), actuators=(NamedActuator("main", chamber),))

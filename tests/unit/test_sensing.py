@@ -49,7 +49,9 @@ def test_a_channel_knows_what_it_is() -> None:
     assert carriers(TENSION) == ("cables",)
     assert carriers(kinds()["x"]) == ("markers", "plates")
     # In the order in which their modules were imported, which is that of the tests before.
-    assert sorted(kinds()) == ["pitch", "roll", "shortening", "tension", "time", "x", "y", "yaw", "z"]
+    assert sorted(kinds()) == [
+        "pitch", "pressure", "roll", "shortening", "tension", "time", "volume", "x", "y", "yaw", "z"
+    ]  # fmt: skip
 
 
 def test_an_unlikely_size_is_warned_of_in_a_channel_of_a_named_part() -> None:

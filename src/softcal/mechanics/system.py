@@ -373,7 +373,17 @@ class System:
         return np.concatenate([NOTHING, *(term.coordinate_tolerances(extent) for term in self.actuated)])
 
     def coordinate_spans(self, extent: float, theta: Mapping[str, float], effort: Floats) -> Floats:
-        """Spans of the actuators' coordinates (n_actuators,) that are long on a load path to these efforts."""
+        """Spans of the actuators' coordinates (n_actuators,) that are long on a load path.
+
+        Parameters
+        ----------
+        extent
+            Of the robot [m].
+        theta
+            Values of the parameters by dotted name [SI].
+        effort
+            Efforts (n_actuators,) at the end of the path, each in its own unit.
+        """
         each = (term.coordinate_spans(extent, theta, effort[term.own]) for term in self.actuated)
         return np.concatenate([NOTHING, *each])
 

@@ -17,7 +17,7 @@ KINDS = {"m": "shortening", "N": "tension"}  # unit of a drive -> what it is
 
 
 def twin_frame(view: TwinView, response: Response) -> TwinFrame | None:
-    """The twin along its pull; None where no cable is pulled, or another actuator driven, or where its page were too large.
+    """The twin along its pull; None where no cable is pulled, another actuator is driven, or its page were too large.
 
     Parameters
     ----------

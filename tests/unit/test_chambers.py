@@ -12,16 +12,19 @@ from softcal.checks import Ints
 from softcal.errors import InputError, MeshError
 from softcal.geometry.cell import all_faces
 from softcal.geometry.surface import boundary_faces
+from softcal.geometry.write import write_mesh
 from softcal.mechanics.chamber import ATMOSPHERE, ChamberTerm
 from softcal.twin.actuated import NamedActuator
 from softcal.twin.build import build_twin
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.live import LiveTwin
+from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Marker, Robot
 from softcal.twin.schedule import Schedule
 from softcal.twin.simulate import simulate
 from softcal.twin.time_settings import TimeSettings
+from softcal.workflows.calibration import calibrate
 from softcal.workflows.cases import commanded, parse_pulls
 from softcal.workflows.reach import reach
 from softcal.workflows.simulation import twin_view
@@ -145,3 +148,61 @@ def test_the_page_of_the_twin_shows_no_tension_of_a_chamber():
     view = twin_view(robot, response)
     assert view is not None
     assert twin_frame(view, response) is None
+
+
+PROJECT = """\
+softcal: 1
+name: a box
+robot:
+  bodies:
+    box:
+      mesh: {file: box.msh, unit: m}
+      element: P1
+      youngs_modulus: 1 MPa
+      poissons_ratio: 0.4
+      regions:
+        foot: {plane: {point: [0 mm, 0 mm, -20 mm], normal: [0, 0, 1]}}
+        inside: {cavity: {at: [0 mm, 0 mm, 0 mm]}}
+      fixed: foot
+  actuators:
+    main: {actuator: chamber, walls: {box: inside}, dead_volume: 3 ml}
+  markers:
+    tip: {on: box, at: [20 mm, 20 mm, 20 mm]}
+experiments:
+  vacuum:
+    drive: [main.pressure]
+    files:
+      - path: vacuum.csv
+        columns:
+          main.pressure: {name: p, unit: mmHg}
+          main.volume: {name: v, unit: ml}
+          tip.x: {name: x, unit: mm}
+    noise: {tip: 0.001 mm, main.volume: 0.01 ml}
+parameters:
+  box.youngs_modulus: {bounds: [0.1 MPa, 10 MPa], scale: log}
+  main.dead_volume: {bounds: [0 ml, 30 ml]}
+  main.pressure_offset: {bounds: [-3 kPa, 3 kPa]}
+calibration: {method: least-squares, starts: 1, loss: likelihood, mesh_error: false}
+"""
+
+
+def test_a_vacuum_gauge_with_an_offset_is_calibrated(tmp_path):
+    robot = replace(box(dead_volume=5e-6), markers=(Marker("tip", "box", np.array([0.02, 0.02, 0.02])),))
+    truth = driven(with_parameters(robot, {"box.youngs_modulus": 7e5}), "pressure", *np.linspace(0, -5e4, 8)).channels
+    read = (truth["main.pressure"] + 300.0) / 133.322387415, 1e6 * truth["main.volume"], 1e3 * truth["tip.x"]
+    rows = "".join(f"{p:.9g},{v:.9g},{x:.9g}\n" for p, v, x in zip(*read, strict=True))
+    (tmp_path / "vacuum.csv").write_text("p,v,x\n" + rows, encoding="utf-8")
+    (tmp_path / "project.yaml").write_text(PROJECT, encoding="utf-8")
+    write_mesh(robot.bodies[0].mesh, tmp_path / "box.msh")
+    found = calibrate(tmp_path / "project.yaml").headline.parameters
+    assert found["box.youngs_modulus"].value == pytest.approx(7e5, rel=1e-2)
+    assert found["main.dead_volume"].value == pytest.approx(5e-6, rel=1e-2)
+    assert found["main.pressure_offset"].value == pytest.approx(300.0, rel=2e-2)
+
+
+def test_the_last_shape_is_the_furthest_on_either_side():
+    robot = box(dead_volume=3e-6)
+    for values in ((300.0, -1e4, -5e4), (-300.0, 1e4, 5e4)):
+        efforts = [shape.efforts["main"] for shape in driven(robot, "pressure", *values, snapshots=True).snapshots]
+        assert efforts[0] == pytest.approx(0.0, abs=1e-6)
+        assert efforts[-1] == pytest.approx(values[-1], rel=1e-3)

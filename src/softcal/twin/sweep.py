@@ -67,7 +67,7 @@ class Sweep:
 
     def _shapes(self, start: Node, samples: Samples, unit: str) -> list[Snapshot]:
         """The shapes to draw, of commands in this unit: at every sample, or at every node of the path, from the start
-        on; those below it come first.
+        on: the shorter way of those below and above it, and then the longer one.
         """
         if not self.snapshots:
             return []
@@ -77,8 +77,10 @@ class Sweep:
             at = [nodes[int(np.abs(have - c).argmin())] for c in samples.c]
             return [self._shape(node, float(told), unit) for node, told in zip(at, samples.commands, strict=True)]
         i, nearly = self.along.number, SAME * self.along.length
-        if below := [node for node in nodes if node.c < start.c - nearly]:
-            nodes = (start, *reversed(below), *(node for node in nodes if node.c > start.c + nearly))
+        if below := [node for node in nodes[::-1] if node.c < start.c - nearly]:
+            above = [node for node in nodes if node.c > start.c + nearly]
+            ways = sorted((below, above), key=lambda way: abs(way[-1].c - start.c) if way else 0.0)
+            nodes = (start, *ways[0], *ways[1])
         is_coordinate = unit == self.along.channels[0].unit
         return [self._shape(node, node.c if is_coordinate else float(node.state.effort[i]), unit) for node in nodes]
 

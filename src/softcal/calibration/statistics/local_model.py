@@ -30,7 +30,7 @@ import numpy as np
 
 from softcal.calibration.problem.experiment import rig_kind
 from softcal.calibration.problem.loss import Block, Loss, rms
-from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem.parameters import SearchSpace
 from softcal.calibration.statistics.correlation import triangle
 from softcal.checks import Floats, Ints
 from softcal.twin.parameters import MODULUS
@@ -49,12 +49,6 @@ class Point:
     blocks: Sequence[Block]
 
 
-def _is_modulus(parameter: FreeParameter) -> bool:
-    """Whether it is a positive modulus of the robot, and no offset of a pressure gauge."""
-    of_rig = any(rig_kind(target) is not None for target in parameter.targets)
-    return parameter.unit == MODULUS and parameter.lower >= 0.0 and not of_rig
-
-
 class LocalModel:
     """The residuals of all blocks as functions of x in the unit box, around the simulated point `here`.
 
@@ -66,7 +60,10 @@ class LocalModel:
     ) -> None:
         self._space, self._loss, self._here, self._plain = space, loss, here, plain
         self._share = loss.share(here.blocks)
-        modulus = np.array([not plain and _is_modulus(p) for p in space.parameters])
+        # No offset of a pressure gauge, which has the unit of a modulus.
+        of_rig = [any(rig_kind(target) is not None for target in p.targets) for p in space.parameters]
+        each = zip(space.parameters, of_rig, strict=True)
+        modulus = np.array([not plain and p.unit == MODULUS and p.lower >= 0.0 and not rig for p, rig in each])
         load = np.array([p.unit in _LOADS and not plain for p in space.parameters])
         self._moduli = np.flatnonzero(modulus)
         below = np.array([reciprocal and math.isfinite(p.ceiling) and not plain for p in space.parameters])

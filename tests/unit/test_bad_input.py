@@ -10,20 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import run
 from project_case import bench_csv, bench_values, write_project
 
-from softcal.cli import main
 from softcal.geometry.write import write_mesh
 from softcal.workflows import output
 
 Change = tuple[str, str]
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as left:
-        main([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return int(left.value.code or 0), captured.out, captured.err
 
 
 def refused(capsys: pytest.CaptureFixture[str], project: Path, *pieces: str, command: str = "calibrate") -> str:

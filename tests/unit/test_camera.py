@@ -7,11 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from command_line import run
 from hypothesis import given
 from hypothesis import strategies as st
 from marker_bench import BOARD, SMALL, WEBCAM, board_poses, photograph_board, save
 
-from softcal.cli import main
 from softcal.errors import DatasetError, InputError, ProjectFileError, StorageError
 from softcal.plugins.markers.camera import Camera, Image
 from softcal.plugins.markers.camera_file import camera_text, read_camera
@@ -146,13 +146,6 @@ def test_a_board_that_cannot_be(changes: dict[str, object], said: str):
 
 
 # The command
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as left:
-        main([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return int(left.value.code or 0), captured.out, captured.err
 
 
 @pytest.fixture

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import run
 from project_case import MODULUS, RATIO, SLACK, bar_robot, bench_values, write_project
 
 from softcal.cli import main
@@ -28,13 +29,6 @@ from softcal.workflows import calibrated_shapes, reporting
 from softcal.workflows import calibration as calibrating
 from softcal.workflows.run_folder import load_run
 from softcal.workflows.simulation import pull, simulate
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as left:
-        main([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return int(left.value.code or 0), captured.out, captured.err
 
 
 def table(path: Path) -> dict[str, np.ndarray]:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from changed_trials import undigested
+from command_line import run
 from project_case import write_project
 
 import softcal
@@ -26,13 +27,6 @@ from softcal.workflows.run_folder import load_run
 
 E, SLACK = "bar.youngs_modulus", "front.slack[pull]"
 NARROW = ("[0.1 MPa, 40 MPa]", "[0.5 MPa, 4 MPa]")
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as ended:
-        main([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return int(ended.value.code or 0), captured.out, captured.err
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import run
 from project_case import bench_values, write_project
 
 import softcal
@@ -20,13 +21,6 @@ from softcal.workflows.intervals import INTERVALS, METHODS, POINTS, WITHOUT_MESH
 from softcal.workflows.run_folder import load_run
 
 E, SLACK = "bar.youngs_modulus", "front.slack[pull]"
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as ended:
-        main([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return int(ended.value.code or 0), captured.out, captured.err
 
 
 def noisy_csv() -> str:

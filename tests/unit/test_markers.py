@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from command_line import run
 from marker_bench import (
     BOARD,
     DICTIONARY,
@@ -28,7 +29,6 @@ from marker_bench import (
 )
 
 from examples.manipulator.render import Optics, Panel, render
-from softcal.cli import main
 from softcal.errors import DatasetError, InputError, ProjectFileError, StorageError
 from softcal.geometry.pose import Pose
 from softcal.plugins.markers.aruco import detect_markers
@@ -43,13 +43,6 @@ from softcal.plugins.markers.workflow import make_camera_file, measure_markers
 from softcal.project.base_file import read_base
 
 NAMES = "0=base,1=S1,2=S2,3=S3,4=S4"
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as left:
-        main([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return int(left.value.code or 0), captured.out, captured.err
 
 
 def table(path: Path) -> dict[str, dict[str, str]]:

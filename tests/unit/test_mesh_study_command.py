@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from changed_trials import undigest
+from command_line import run
 from project_case import MODULUS, write_project
 
 import softcal
@@ -26,13 +27,6 @@ from softcal.workflows.mesh_study import MESH_STUDY, study
 from softcal.workflows.reporting import report_content
 from softcal.workflows.run_folder import load_run
 from softcal.workflows.study_source import study_source
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as ended:
-        main([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return int(ended.value.code or 0), captured.out, captured.err
 
 
 @pytest.fixture(scope="module")

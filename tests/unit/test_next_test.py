@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import run
 from project_case import bench_csv, write_project
 
 import softcal
@@ -23,13 +24,6 @@ candidates:
   weighed: {tension: 2 N, measure: plate, noise: {plate.x: 0.1 mm}, samples: 20, repeats: 2}
   beyond: {like: pull, shortening: 120 mm}
 """
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as ended:
-        main([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return int(ended.value.code or 0), captured.out, captured.err
 
 
 @pytest.fixture(scope="module")

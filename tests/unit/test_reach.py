@@ -8,21 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import run
 from project_case import write_project
 from scipy.optimize import minimize
 
 import softcal
 from softcal.analysis.reach import _least
-from softcal.cli import main
 from softcal.units import format_quantity
 from softcal.workflows.reach import REACH
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as ended:
-        main([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return int(ended.value.code or 0), captured.out, captured.err
 
 
 @pytest.fixture(scope="module")

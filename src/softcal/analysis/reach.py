@@ -98,7 +98,7 @@ class ReachStep(Checked):
     status
         How it ended, in sentences.
     gradient
-        What remains of the gradient after the active limits: of the residual where the target is not reached, else of
+        The remainder of the gradient after the active limits: of the residual where the target is not reached, else of
         the preference, over its size [-].
     n_states, n_derivatives
         Equilibria and derivatives that were computed.
@@ -168,7 +168,7 @@ class ReachResult(Checked):
 
 
 def reach_sentences(result: ReachResult) -> list[str]:
-    """What a result says: how many targets are reached, the largest errors of those, the others, the preference."""
+    """The statement of a result: the number of targets reached and their largest errors, the others, the preference."""
     n = len(result.steps)
     reached = [step for step in result.steps if step.outcome == "reached"]
     told: list[str] = []
@@ -187,7 +187,7 @@ def reach_sentences(result: ReachResult) -> list[str]:
 
 @dataclass(frozen=True)
 class ReachTask:
-    """What is wanted beside the targets; arrays by channel of the twin, in its order and SI.
+    """The task beside its targets; arrays by channel of the twin, in its order and SI.
 
     Attributes
     ----------
@@ -288,7 +288,7 @@ class _Linear:
         return float(np.maximum(self.gaps - KEPT, 0.0).sum())
 
     def remainder(self, matrix: Floats, error: Floats, others: Floats) -> tuple[float, list[str]]:
-        """What remains of the gradient matrix^T error after the active limits and any multiple of other rows (k, m),
+        """The remainder of the gradient matrix^T error after the active limits and any multiple of other rows (k, m),
         over the sizes of both factors; and the names of the limits that it needs.
         """
         from scipy.optimize import nnls

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -176,7 +176,7 @@ class ChamberTerm(ActuatorTerm):
         """V [m^3] at positions of the points (n_points, 3) [m]."""
         total = 0.0
         for wall in self.walls:
-            _, _, _, at, a, b = _on_faces(wall.faces, x)
+            at, a, b = _on_faces(wall.faces, x)
             total += float(np.einsum("q,nqi,nqi->", _WEIGHTS, at, np.cross(a, b)))
         for nodes, W in self._rims:
             total += float(x[nodes].mean(axis=0) @ _vector_area(x[nodes], W))
@@ -185,12 +185,11 @@ class ChamberTerm(ActuatorTerm):
     def shape_coordinates(self, x: Floats) -> Floats:
         return np.array([self.volume(x) - self.rest_volume])
 
-    def volume_gradient(self, x: Floats, size: int) -> Floats:
-        """dV/dx on all entities (size,)."""
+    def shape_gradient(self, x: Floats, i: int, size: int) -> Floats:
         out = np.zeros(size)
         points = out[: x.size].reshape(-1, 3)
         for wall in self.walls:
-            N, N_u, N_v, at, a, b = _on_faces(wall.faces, x)
+            (N, N_u, N_v), (at, a, b) = _shapes(wall.faces.shape[1]), _on_faces(wall.faces, x)
             forces = (
                 np.einsum("q,qk,nqi->nki", _WEIGHTS, N, np.cross(a, b))
                 + np.einsum("q,qk,nqi->nki", _WEIGHTS, N_u, np.cross(b, at))
@@ -203,14 +202,11 @@ class ChamberTerm(ActuatorTerm):
             np.add.at(points, nodes, -(_vector_area(own, W) / len(nodes) + np.cross(beside, c)) / 3.0)
         return out
 
-    def shape_gradient(self, x: Floats, i: int, size: int) -> Floats:
-        return self.volume_gradient(x, size)
-
     def _spins(self, x: Floats) -> Floats:
         """The vectors a (n_pairs, 3) of the blocks d2V/dx_i dx_j = [a]x, pair by pair in the order of the plan."""
         found = [np.zeros((0, 3))]
         for wall in self.walls:
-            N, N_u, N_v, at, a, b = _on_faces(wall.faces, x)
+            (N, N_u, N_v), (at, a, b) = _shapes(wall.faces.shape[1]), _on_faces(wall.faces, x)
             i, j = np.triu_indices(wall.faces.shape[1], 1)
             of_b = N_u[:, i] * N[:, j] - N[:, i] * N_u[:, j]
             of_a = N[:, i] * N_v[:, j] - N_v[:, i] * N[:, j]
@@ -237,7 +233,7 @@ class ChamberTerm(ActuatorTerm):
             raise SimulationError(f"the pressure of {self.name} would be below that of a vacuum")
         if p == 0.0:
             return
-        into.full -= p * self.volume_gradient(x, len(into.full))
+        into.full -= p * self.shape_gradient(x, 0, len(into.full))
         if into.data is not None and self.places is not None:
             spins = (-p * self.places.sign)[:, None] * self._spins(x)
             _add_spins(self.places.start, spins, into.data)
@@ -290,11 +286,12 @@ def _vector_area(x: Floats, W: Floats) -> Floats:
     return 0.5 * np.cross(x, W @ x).sum(axis=0)
 
 
-def _on_faces(faces: Ints, x: Floats) -> tuple[Floats, ...]:
-    """Shape functions and their derivatives (6, k), and x, x_u, x_v (n, 6, 3) at the points of quadrature."""
+@cache
+def _shapes(k: int) -> tuple[Floats, Floats, Floats]:
+    """Shape functions of a face of k nodes, and their derivatives by u and v, at the points of quadrature (6, k)."""
     u, v = _POINTS.T
     w, one, none = 1.0 - u - v, np.ones_like(u), np.zeros_like(u)
-    if faces.shape[1] == 3:
+    if k == 3:
         shapes = ((w, u, v), (-one, one, none), (-one, none, one))
     else:
         shapes = (
@@ -303,8 +300,13 @@ def _on_faces(faces: Ints, x: Floats) -> tuple[Floats, ...]:
             (1 - 4 * w, none, 4 * v - 1, -4 * u, 4 * u, 4 * (w - v)),
         )
     N, N_u, N_v = (np.stack(each, axis=1) for each in shapes)
+    return N, N_u, N_v
+
+
+def _on_faces(faces: Ints, x: Floats) -> tuple[Floats, ...]:
+    """x, x_u, x_v (n, 6, 3) at the points of quadrature."""
     nodes = x[faces]
-    return N, N_u, N_v, *(np.einsum("qk,nki->nqi", by, nodes) for by in (N, N_u, N_v))
+    return tuple(np.einsum("qk,nki->nqi", by, nodes) for by in _shapes(faces.shape[1]))
 
 
 @kernel()

@@ -283,7 +283,7 @@ class LiveTwin(_InOneProcess):
 
     @property
     def actuators(self) -> tuple[ActuatorLimits, ...]:
-        """Those that it drives, in the order of the controls."""
+        """The driven actuators, in the order of the controls."""
         every = {one.name: one for one in self._twin.system.actuators}
         return tuple(every[name] for name in self._controls)
 
@@ -321,7 +321,7 @@ class LiveTwin(_InOneProcess):
         ParameterError
             For a cable that is not driven, or a command that no cable can follow.
         """
-        what = f"this {'actuator' if self.robot.actuators else 'cable'} is not driven"
+        what = f"this {self.robot.actuator_word} is not driven"
         faults = [
             unknown(what, name, name, self._controls, got="")
             for name in (*commands, *released)

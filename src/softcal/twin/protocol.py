@@ -245,7 +245,7 @@ def let_go_fault(where: str, cable: str, got: str) -> Fault:
 def command_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
     """Commands that no actuator of the robot can follow: an unknown name, a push of a cable, a value out of range."""
     parts, faults = {part.name: part for part in robot.actuated}, list[Fault]()
-    what = f"there is no such {'actuator' if robot.actuators else 'cable'}"
+    what = f"there is no such {robot.actuator_word}"
     for name, command in protocol.commands.items():
         if name not in parts:
             faults.append(unknown(what, name, name, parts, got=""))

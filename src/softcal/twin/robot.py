@@ -455,6 +455,11 @@ class Robot(Checked):
         return (*self.cables, *self.actuators)
 
     @property
+    def actuator_word(self) -> str:
+        """What messages call its actuators: "cable" where there are no others."""
+        return "actuator" if self.actuators else "cable"
+
+    @property
     def fitted_contact(self) -> Contact | None:
         """The contact with the lengths that are omitted chosen for the parts; None: they may overlap."""
         return None if self.contact is None else self.contact.fitted(self.bodies, self.rods, self.plates)

@@ -261,7 +261,7 @@ def pull(
     """
     known = {part.name: part for part in robot.actuated}
     if cable not in known:
-        what = f"the robot has no such {'actuator' if robot.actuators else 'cable'}"
+        what = f"the robot has no such {robot.actuator_word}"
         raise ParameterError(unknown(what, "", cable, known))
     controls = known[cable].controls
     if control not in controls:
@@ -297,8 +297,7 @@ def twin_view(robot: Robot, response: Response) -> TwinView | None:
 
 def _title(robot: Robot, shape: Snapshot) -> str:
     """Title of a shape: the taut cables with their tensions, and the efforts of other actuators."""
-    units = {part.name: part.channels[1].unit for part in robot.actuators}
-    others = [f"{name}: {format_quantity(value, units[name])}" for name, value in shape.efforts.items() if value]
+    others = [f"{name}: {effort}" for name, effort in efforts_shown(robot, shape).items()]
     largest = max(shape.tensions.values(), default=0.0)
     pulled = [name for name, tension in shape.tensions.items() if tension > 1e-6 * largest]
     if largest <= 0.0 and not others:
@@ -307,6 +306,12 @@ def _title(robot: Robot, shape: Snapshot) -> str:
         return ", ".join([f"{len(pulled)} cables pulled, by up to {format_quantity(largest, 'N')}", *others])
     each = [f"{name}: {format_quantity(shape.tensions[name], 'N')}" for name in pulled if largest > 0.0]
     return ", ".join([*each, *others])
+
+
+def efforts_shown(robot: Robot, shape: Snapshot) -> dict[str, str]:
+    """The efforts of the actuators but cables in a shape, such as "20 kPa", without those that are zero."""
+    units = {part.name: part.channels[1].unit for part in robot.actuators}
+    return {name: format_quantity(value, units[name]) for name, value in shape.efforts.items() if value}
 
 
 def turning_angle(rotation: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:

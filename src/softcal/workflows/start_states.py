@@ -21,7 +21,7 @@ from softcal.twin.response import Response, Snapshot
 from softcal.twin.simulate import simulate
 from softcal.twin.start import snapshot
 from softcal.units import format_quantity
-from softcal.workflows.simulation import protocol_of, response_to, robot_in, turning_angle
+from softcal.workflows.simulation import efforts_shown, protocol_of, response_to, robot_in, turning_angle
 
 # Larger rotations, or displacements over the robot's size, under the loads alone suggest another orientation.
 TURNED, MOVED = np.deg2rad(30.0), 0.25
@@ -135,8 +135,7 @@ def start_states(
             shape = response.snapshots[-1]
             tensions = sorted(shape.tensions.items(), key=lambda pair: -pair[1])
             taut = [f"{cable} {format_quantity(tension, 'N')}" for cable, tension in tensions if tension > 0.0]
-            units = {part.name: part.channels[1].unit for part in project.robot.actuators}
-            taut += [f"{name} {format_quantity(value, units[name])}" for name, value in shape.efforts.items() if value]
+            taut += [f"{name} {effort}" for name, effort in efforts_shown(project.robot, shape).items()]
             shapes[f"{name}\n{', '.join(taut[:2])}{' …' if len(taut) > 2 else ''}".strip()] = shape
     tets = {name: mesh.tets for name, mesh in twin.meshes.items()}
     return StartStates(tuple(rows), tuple(warnings), responses, undeformed, shapes, tets)

@@ -229,28 +229,20 @@ def _controls(experiment: Experiment, rig: Mapping[str, float], channel: str) ->
     """An actuator's control per sample, and its derivatives by the rig parameters that it depends on."""
     driven = experiment.twin_channel(channel)
     measured = experiment.dataset.values(channel)
-    if driven.kind not in (SHORTENING, TENSION):
-        gain = rig.get(driven.gain, 1.0)
-        free = (measured - rig.get(driven.offset, 0.0) - _drifted(experiment, rig, driven)) / gain
-        rates = {driven.offset: -np.ones_like(measured), driven.gain: -free, driven.drift: -experiment.elapsed}
-        return free, {name: rate / gain for name, rate in rates.items() if name in rig}
-    if driven.kind == SHORTENING:
-        # Negative values too: a cable drawn out by the sagging robot is slack there, and taut at zero.
-        free, backlash = measured - rig[driven.offset], backlash_of(driven.carrier)
-        if backlash not in rig:
-            return free, {driven.offset: -np.ones_like(measured)}
+    pulleys = gain_of(experiment, rig, driven.carrier) if driven.kind == TENSION else PulleyGain(1.0, {})
+    gain = rig.get(driven.gain, 1.0) * pulleys.value
+    free = (measured - rig.get(driven.offset, 0.0) - _drifted(experiment, rig, driven)) / gain
+    if driven.kind == SHORTENING and (backlash := backlash_of(driven.carrier)) in rig:
         followed = play(free, 0.5 * rig[backlash])
         return followed.values, {driven.offset: -followed.by_shift, backlash: 0.5 * followed.by_half}
-    pulleys = gain_of(experiment, rig, driven.carrier)
-    gain = rig[driven.gain] * pulleys.value
-    free = (measured - rig[driven.offset] - _drifted(experiment, rig, driven)) / gain
-    pulled = (free > 0).astype(float)
-    controls = np.maximum(free, 0.0)
+    # A cable does not push. Negative shortenings stay: one drawn out by the sagging robot is slack, and taut at zero.
+    acts, controls = np.ones_like(free), free
+    if driven.kind == TENSION:
+        acts, controls = (free > 0).astype(float), np.maximum(free, 0.0)
     derivatives = {
-        driven.offset: -pulled / gain,
-        driven.gain: -controls / rig[driven.gain],
-        driven.drift: -pulled * experiment.elapsed / gain,
+        driven.offset: -acts / gain,
+        driven.gain: -controls / rig.get(driven.gain, 1.0),
+        driven.drift: -acts * experiment.elapsed / gain,
+        **{friction: -controls * by / pulleys.value for friction, by in pulleys.by.items()},
     }
-    for friction, by in pulleys.by.items():
-        derivatives[friction] = -controls * by / pulleys.value
-    return controls, derivatives
+    return controls, {name: rate for name, rate in derivatives.items() if name in rig}

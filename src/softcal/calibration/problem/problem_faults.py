@@ -43,7 +43,7 @@ def problem_faults(
     }
     names = [experiment.name for experiment in experiments]
     parts = [part.name for part in robot.actuated]
-    what = f"the robot has no such {'actuator' if robot.actuators else 'cable'}"
+    what = f"the robot has no such {robot.actuator_word}"
     faults = [Fault("two experiments share a name", got=name) for name in sorted(set(names)) if names.count(name) > 1]
     faults += [
         Fault("the experiment's name cannot name a file", "", f"'{name}'", "letters, digits, space and . _ + -")

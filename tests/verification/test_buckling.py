@@ -224,9 +224,11 @@ def test_a_node_that_is_put_in_beyond_a_fall_knows_of_it() -> None:
     assert between(statics, line, unseen, 1e-4).is_snapped
     assert not between(statics, line, path, 0.5 * path.nodes[fell - 1].c).is_snapped
     # A tension that rounding makes negative is no push: it must not hide that the straight column is not stable.
+    of_two = build_twin(column(cables=(axial(), axial(name="back")))).system
     twice = replace(upright, effort=np.array([*upright.effort, -1e-12]))
     assert not node_at(statics, line, 2e-4, upright, ()).is_stable
-    assert not pushing(statics.system, twice).any()
+    assert not pushing(of_two, twice).any()
+    assert list(pushing(of_two, replace(twice, effort=np.array([1.0, -1e-3])))) == [False, True]
     assert pushing(statics.system, replace(upright, effort=-upright.effort)).any()
     statics.release()
 

@@ -21,7 +21,7 @@ from sweep_case import write_sweep
 import softcal
 from softcal import ExportRequest, InputError, load, write_export
 from softcal.cli import main
-from softcal.export.reduced import evaluator_of
+from softcal.export.tension_grid_model import GridModel
 from softcal.report.twin_page import drawn
 from softcal.report.twin_view import TwinView
 from softcal.twin.protocol import Command, Protocol
@@ -114,7 +114,7 @@ def in_page(seen: Seen, expression: str, argument: object = None) -> Any:
 
 @pytest.mark.slow
 def test_javascript_is_python(page: Page, random: np.ndarray, look: Callable[..., Seen]) -> None:
-    seen, read = look(page.path.as_uri()), evaluator_of(page.data["model"])
+    seen, read = look(page.path.as_uri()), GridModel(page.data["model"])
     ends = [axis[-1] for axis in read.axes]
     for front, left in [*random.tolist(), [0.0, 0.0], ends, [read.axes[0][1], 0.0]]:
         given = {"front": front, "left": left}
@@ -204,7 +204,7 @@ def test_the_body_follows_the_sliders(page: Page, look: Callable[..., Seen], wid
     seen.page.get_by_label("shortening", exact=True).check()
     slider.press("ArrowLeft")
     front, left = in_page(seen, "twin.tensions")
-    length = evaluator_of(page.data["model"]).state({"front": front, "left": left})["shortenings"]["front"]
+    length = GridModel(page.data["model"]).state({"front": front, "left": left})["shortenings"]["front"]
     assert 1e3 * length == pytest.approx(float(slider.input_value()), rel=1e-6)
     pixels = canvas.screenshot()
     canvas.focus()
@@ -297,7 +297,7 @@ def test_the_frame_of_a_report_is_pulled_by_a_slider(page: Page, look: Callable[
     assert (path["name"], path["kind"]) == ("shortening of front", "shortening")
     assert path["measures"] == ["front.tension", "plate.rotation", "plate.displacement", "dot.displacement"]
     axis = path["axes"][0]
-    read = evaluator_of({"cables": ["front"], "rows": [], "error": {}, "axes": path["axes"]})
+    read = GridModel({"cables": ["front"], "rows": [], "error": {}, "axes": path["axes"]})
     rest = np.frombuffer(base64.b64decode(shapes["rest"]), "<f4")
     modes = np.frombuffer(base64.b64decode(shapes["modes"]), "<i2").reshape(shapes["n_modes"], -1)
     run = softcal.load_run(page.run)

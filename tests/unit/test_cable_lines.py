@@ -16,7 +16,7 @@ from softcal.calibration.problem.problem import Problem, make_problem
 from softcal.calibration.problem.rig import Rig
 from softcal.errors import InputError, ParameterError, ProjectFileError
 from softcal.experiments.dataset import Channel, Dataset
-from softcal.export.reduced import Reach, reduced
+from softcal.export.reduced import Span, reduced
 from softcal.plugins.calculix.deck import deck_faults
 from softcal.plugins.sofa.robot import scene_faults
 from softcal.project.project import load
@@ -162,7 +162,7 @@ def test_other_programs_say_that_their_cables_do_not_stretch() -> None:
             "0.2, friction_preload, friction_speed"
         ]
     with pytest.raises(ParameterError, match="a reduced model has no memory"):
-        reduced(elastic(friction_memory=True), {"front": Reach(1.0, "N")}, 3)
+        reduced(elastic(friction_memory=True), {"front": Span(0.0, 1.0, "N")})
 
 
 def test_a_cable_made_in_python_is_checked_too() -> None:

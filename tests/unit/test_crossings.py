@@ -293,7 +293,7 @@ def test_every_command_tells_of_it_once(tmp_path: Path) -> None:
     deck = run("export", "calculix", path, "--out", tmp_path / "ccx")
     assert deck.count(told) == 1
     assert "set contact: true" not in deck  # which is not exported
-    reduced = run("export", "reduced", path, "--reach", "5mm", "--samples", 5, "--out", tmp_path / "reduced")
+    reduced = run("export", "reduced", path, "--reach", "5mm", "--samples", 10, "--out", tmp_path / "reduced")
     assert reduced.count(told) == 1
     end = run("calibrate", path, "--no-report", "--out", tmp_path / "run")
     assert end.count(told) == 1

@@ -123,7 +123,7 @@ def _a_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 def _a_reduced_model(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     write_project(folder / "project")
     request = softcal.ExportRequest(softcal.load(folder / "project" / "project.yaml"))
-    for file in softcal.write_export("reduced", request, folder / "reduced", cables="front", reach="4N", samples=5):
+    for file in softcal.write_export("reduced", request, folder / "reduced", reach="4N", samples=10):
         shutil.copy(file, folder)
     monkeypatch.syspath_prepend(folder)
     return {}

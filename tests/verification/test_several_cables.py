@@ -145,3 +145,17 @@ def test_parallel_cables_whose_lengths_follow_from_each_other_are_named(shorteni
     assert response.status.endswith("Drive one of them by its tension, or not at all.")
     one_by_tension = {n: ("shortening", [v]) for n, v in d.items() if n != "middle"} | {"middle": ("tension", [0.5])}
     assert simulate(robot, commands(**one_by_tension)).succeeded
+
+
+def test_a_tension_of_zero_has_the_derivative_of_a_pull():
+    """Alone, beside others, or with them all zero: it is slack to one side only."""
+    robot, names = column(FRONT, BACK), ["front.tension", "plate.mass"]
+    alone = simulate(robot, commands(front=("tension", [0.0])), sensitivities=names)
+    many = simulate(robot, commands(front=("tension", [0.0, 0.2])), sensitivities=names, curve_tolerance=0.0)
+    both = simulate(robot, commands(front=("tension", [0.0]), back=("tension", [0.0])), sensitivities=names)
+    step = simulate(robot, commands(front=("tension", [0.0, 1e-3])), curve_tolerance=0.0)
+    for channel in ("plate.x", "plate.z", "front.shortening"):
+        slope = np.diff(step.channels[channel])[0] / 1e-3
+        for one in (alone, many, both):
+            assert one.sensitivities[channel]["front.tension"][0] == pytest.approx(slope, rel=1e-3), channel
+    assert alone.sensitivities["front.tension"]["front.tension"] == [1.0]

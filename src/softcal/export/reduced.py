@@ -1,10 +1,17 @@
-"""Reduced model for a controller: tensions to poses of plates, shortenings and compliance.
+"""Reduced model for a controller: commands and loads to poses of plates, places of markers, and coordinates.
 
-The twin is solved on a grid of tensions, one axis per cable, with its exact derivatives by every tension. Between the
-nodes it is interpolated by tensor-product cubic Hermite polynomials: values and slopes are the twin's, mixed
-derivatives are those of splines through the slopes. Orientations are quaternions, which have no jumps; the compliance
-is the derivative of the interpolant, consistent with the poses. The error is measured with the exported evaluator at
-random points between the nodes.
+The twin is solved at samples of the inputs u, efforts of actuators and parameters of the robot, each with its exact
+derivatives by all of them. Every output y is then a polynomial of total degree d,
+
+    y(u) = sum over |a| <= d of c_a prod over k of T_a_k(s_k),    s_k = 2 (u_k - l_k) / (h_k - l_k) - 1,
+
+with Chebyshev polynomials T and the range l_k to h_k of each input, by least squares over values and derivatives. Since
+every equilibrium tells 1 + n numbers of an output, their number grows with n, the number of inputs, and not as a grid
+does. Samples are low-discrepancy points, denser towards the ends of each range as Chebyshev polynomials need them; the
+degree is the lowest whose error at samples that are left out is small, else that of the smallest error.
+
+Orientations are quaternions, which have no jumps; the Jacobian is the derivative of the polynomials, consistent with
+the poses. The error is measured at other, random states.
 """
 
 from __future__ import annotations
@@ -12,47 +19,85 @@ from __future__ import annotations
 import itertools
 import json
 import shutil
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, ParameterError, SimulationError, unknown
 from softcal.export import reduced_model as evaluator
-from softcal.export.engine import actuator_faults, history_faults
+from softcal.export.engine import history_faults
+from softcal.export.reduced_c import c_source
+from softcal.export.rotations import angle_between, quaternions, rotation_rates
+from softcal.sensing.kind import ChannelKind
+from softcal.twin.actuated import ActuatedPart
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.response import Response, Snapshot
+from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 from softcal.units import format_quantity
 
-MODEL, EVALUATOR = "model.json", "reduced_model.py"
-MOST_CABLES = 3
-HELD_OUT, SEED = 40, 0  # random points between the nodes, at which the error is measured
+MODEL, EVALUATOR, SOURCE, README = "model.json", "reduced_model.py", "reduced_model.c", "README.txt"
 POSE = 7  # numbers of a plate: position, quaternion
+SAMPLES = 64  # equilibria for each input, by default
+TESTED, SEED = 100, 0  # random states at which the error is measured
+LEFT_OUT = 5  # of the samples every fifth chooses the degree
+MOST_TERMS, MOST_DEGREE = 1000, 30
+DETERMINED = 2.0  # numbers of the twin for each coefficient, at least
+ENOUGH = 1e-4  # of the change of an output: the error for which no higher degree is taken
+QUANTILES = {"p50": 0.5, "p95": 0.95, "max": 1.0}
 
 
 @dataclass(frozen=True)
-class Reach:
-    """Largest pull of a cable: a tension [N], or the tension of a shortening [m] with no other pulled."""
+class Span:
+    """Range of an input [unit]: of an actuator's effort, of its coordinate, or of a parameter of the robot."""
 
-    value: float
-    unit: str  # N or m
+    least: float
+    most: float
+    unit: str
 
 
 @dataclass(frozen=True)
-class ChannelError:
-    """Error of the model at the held-out points, and the largest change of the channel over them."""
+class Input:
+    """An input of a model.
+
+    Attributes
+    ----------
+    name, unit
+        Of an actuator, or the dotted name of a parameter; its SI unit.
+    least, most
+        Its range [unit].
+    default
+        Of an actuator no effort, or what is nearest to it; of a parameter the robot's value.
+    control
+        What commands it, an actuator's effort; "" of a parameter.
+    """
+
+    name: str
+    unit: str
+    least: float
+    most: float
+    default: float
+    control: str = ""
+
+    @property
+    def derivative(self) -> str:
+        """By which the twin has derivatives."""
+        return f"{self.name}.{self.control}" if self.control else self.name
+
+
+@dataclass(frozen=True)
+class OutputError:
+    """The distribution of an output's error over the random states [unit], and its largest change over them."""
 
     unit: str
+    p50: float
+    p95: float
     largest: float
-    rms: float
     change: float
 
 
@@ -65,165 +110,136 @@ class ReducedModelFit:
     model
         Content of `model.json`.
     error
-        Channel -> measured error.
-    nodes, between
-        Shapes at the nodes, the last cable's changing first, and at the held-out points; empty where not asked for.
-    points
-        The held-out points (n, n_cables) [N].
-    tets
-        Body -> connectivity of the shapes.
-    rates
-        Measure -> its derivatives by the parameters at the nodes (n_nodes, n_parameters).
+        Output -> measured error.
+    degree
+        Of its polynomials.
+    n_samples
+        Equilibria to which it was fitted.
     """
 
     model: Mapping[str, Any]
-    error: Mapping[str, ChannelError]
-    nodes: tuple[Snapshot, ...]
-    between: tuple[Snapshot, ...]
-    points: Floats
-    tets: Mapping[str, Ints]
-    rates: Mapping[str, Floats]
+    error: Mapping[str, OutputError]
+    degree: int
+    n_samples: int
 
 
 def reduced(
     robot: Robot,
-    reaches: Mapping[str, Reach],
-    samples: int,
+    spans: Mapping[str, Span],
+    samples: int | None = None,
     *,
     tell: Callable[[str], None] = lambda sentence: None,
-    parameters: Sequence[str] = (),
-    shapes: bool = False,
 ) -> ReducedModelFit:
-    """The cable-space model of a robot.
+    """The reduced model of a robot.
 
     Parameters
     ----------
-    reaches
-        Cables that the controller pulls, at most three, and their largest pull; of all others, those with a
-        pretension stay at zero shortening, and the rest are slack.
+    robot
+        The robot.
+    spans
+        Actuator or parameter -> its range. That of an actuator is of its effort, or of its coordinate, then the efforts
+        that lead there with no other actuator. All other actuators have no effort, or, of a cable with a pretension,
+        zero shortening.
     samples
-        Nodes along each cable; for a reach in length evenly spaced in length.
+        Equilibria at which the twin is solved; None: 64 for each input.
     tell
-        Called with the sentence on bodies that penetrate within reach.
-    parameters
-        Those of the robot by which the measures have derivatives.
-    shapes
-        Whether shapes are kept.
+        Called with each warning of the twin within the ranges, such as of a robot that snaps.
 
     Raises
     ------
     ParameterError
-        For an unknown cable, more than three, or an invalid reach or number of samples.
+        With all faults: an unknown input, an empty range, a robot with a memory, too few samples.
     SimulationError
-        If a state within reach has no equilibrium.
+        Where a state within the ranges has no equilibrium.
     """
-    known = [cable.name for cable in robot.cables]
-    faults = [unknown("there is no such cable", name, name, known, got="") for name in reaches if name not in known]
-    faults += history_faults(robot, "a reduced model") + actuator_faults(robot, "a reduced model")
-    if any(cable.line.friction_memory for cable in robot.cables):
-        rough = ", ".join(cable.name for cable in robot.cables if cable.line.friction_memory)
-        faults.append(Fault("a reduced model has no memory", "friction_memory", rough, "friction without a memory"))
-    if not 1 <= len(reaches) <= MOST_CABLES:
-        faults.append(
-            Fault(
-                "the model has a grid over its cables",
-                "cables",
-                f"{len(reaches)} of them",
-                f"1 to {MOST_CABLES}",
-                "those that the controller pulls",
-            )
-        )
-    faults += [
-        Fault("the reach of a cable must be positive", f"{name}, reach", f"{reach.value:g} {reach.unit}", "> 0")
-        for name, reach in reaches.items()
-        if not 0.0 < reach.value < np.inf
-    ]
-    if samples < 2:
-        faults.append(Fault("there are too few samples", "samples", str(samples), "2 or more"))
-    if faults:
-        raise ParameterError(faults)
-    axes = [_axis(robot, cable, reach, samples) for cable, reach in reaches.items()]
-    cables = list(reaches)
-    grid = np.array(_snake([len(axis) for axis in axes]))
-    tensions = np.column_stack([axis[grid[:, k]] for k, axis in enumerate(axes)])
-    shape = tuple(len(axis) for axis in axes)
-    plates, pulled = _moving(robot), [cable.name for cable in robot.cables]
-    sampled, at_nodes = _sampled(robot, cables, tensions, tell, parameters, shapes=shapes)
-    in_order = np.lexsort(grid.T[::-1])
-    n_channels = POSE * len(plates) + len(pulled)
-    table = sampled[in_order, : 1 + len(cables), :n_channels].reshape(*shape, 1 + len(cables), n_channels)
-    _align_quaternions(table, len(plates))
-    rows = [f"{name}.{key}" for name in plates for key in ("x", "y", "z", "rx", "ry", "rz")]
-    others = "All other cables are slack."
-    tight = [c.name for c in robot.cables if c.name not in cables and "pretension" in c.properties]
-    if tight:
-        others = f"At zero shortening, with their pretension: {', '.join(tight)}. {others}"
+    inputs = _inputs(robot, spans)
+    n = samples or SAMPLES * len(inputs)
+    if n < 2 * LEFT_OUT:
+        raise ParameterError(Fault("there are too few samples", "samples", str(samples), f"{2 * LEFT_OUT} or more"))
+    sampled = _Sampled.at(robot, inputs, _scattered(len(inputs), n), tell)
+    outputs = _Outputs.of(robot)
+    powers = _best_powers(sampled, outputs.changes(sampled.values))
     model: dict[str, Any] = {
         "format": "softcal-reduced",
-        "version": 2,
-        "units": "m, N, rad; quaternions (x, y, z, w) of the rotation from rest",
-        "cables": cables,
-        "axes": [axis.tolist() for axis in axes],
-        "plates": plates,
-        "shortenings": pulled,
-        "rows": rows + [f"{name}.shortening" for name in pulled],
+        "version": 3,
+        "units": "SI; quaternions (x, y, z, w) of the rotation from rest",
+        "inputs": [
+            {
+                "name": one.name,
+                "unit": one.unit,
+                "least": one.least,
+                "most": one.most,
+                "default": one.default,
+                "is_command": bool(one.control),
+            }
+            for one in inputs
+        ],
+        "plates": outputs.plates,
+        "coordinates": outputs.coordinates,
+        "markers": outputs.markers,
+        "rows": outputs.rows,
+        "powers": powers.tolist(),
+        "coefficients": _fitted(sampled, powers).tolist(),
         "parameters": {f"{name} [{info.unit}]": info.value for name, info in robot_parameters(robot).items()},
-        "nodes": with_mixed(table, axes).tolist(),
-        "others": others,
+        "others": _others(robot, inputs),
         "error": {},
     }
-    rng = np.random.default_rng(SEED)
-    points = rng.uniform(size=(HELD_OUT, len(axes))) * [axis[-1] for axis in axes]
-    points = points[np.lexsort(points.T[::-1])]
-    exact, between = _sampled(robot, cables, points, shapes=shapes)
-    error = _errors(model, points, exact)
+    error = measured_error(robot, model, np.random.default_rng(SEED).uniform(size=(TESTED, len(inputs))))
     model["error"] = {
-        "measured at": f"{HELD_OUT} random points between the nodes",
+        "measured at": f"{TESTED} random states",
         **{
-            name: {"unit": e.unit, "max": e.largest, "rms": e.rms, "largest change": e.change}
+            name: {"unit": e.unit, "p50": e.p50, "p95": e.p95, "max": e.largest, "largest change": e.change}
             for name, e in error.items()
         },
     }
-    return ReducedModelFit(
-        model,
-        error,
-        tuple(at_nodes.snapshots[k] for k in in_order) if shapes else (),
-        between.snapshots,
-        points,
-        at_nodes.tets,
-        _rates_of_measures(robot, np.delete(sampled[in_order], np.s_[1 : 1 + len(cables)], axis=1)),
-    )
+    return ReducedModelFit(model, error, int(powers.sum(axis=1).max()), n)
 
 
-def write_reduced(model: ReducedModelFit, folder: Path) -> list[Path]:
-    """Write the model, its evaluator and a README into an existing folder."""
-    path, readme = folder / MODEL, folder / "README.txt"
-    path.write_text(json.dumps(model.model, separators=(",", ":")), encoding="utf-8")
+def write_reduced(fit: ReducedModelFit, folder: Path) -> list[Path]:
+    """Write the model, its evaluators in Python and C, and a README into an existing folder."""
+    model, source, readme = folder / MODEL, folder / SOURCE, folder / README
+    model.write_text(json.dumps(fit.model, separators=(",", ":")), encoding="utf-8")
     code = Path(shutil.copyfile(evaluator.__file__, folder / EVALUATOR))
-    spans = ", ".join(
-        f"{name} 0 to {axis[-1]:.6g} N" for name, axis in zip(model.model["cables"], model.model["axes"], strict=True)
-    )
+    source.write_text(c_source(fit.model), encoding="utf-8")
+    entries = fit.model["inputs"]
+    spans = ", ".join(f"{one['name']} {one['least']:.6g} to {one['most']:.6g} {one['unit']}" for one in entries)
     lines = "\n".join(
-        f"  {name}: at most {e.largest:.2g} {e.unit}, rms {e.rms:.2g} {e.unit} (it changes by up to {e.change:.3g})"
-        for name, e in model.error.items()
+        f"  {name}: {e.p50:.2g}, {e.p95:.2g} and {e.largest:.2g} {e.unit} (it changes by up to {e.change:.3g})"
+        for name, e in fit.error.items()
     )
-    first = model.model["cables"][0]
+    first = entries[0]
+    n_terms = len(fit.model["powers"])
     readme.write_text(
-        f"Tensions of cables ({spans}) to poses of plates, shortenings of cables, and the compliance matrix.\n"
-        f"{model.model['others']} Statics only: no dynamics, no hysteresis.\n\n"
-        f"{EVALUATOR} needs only Python's standard library:\n"
+        f"Inputs ({spans}) to poses of plates, places of markers, coordinates of actuators, and the Jacobian.\n"
+        f"{fit.model['others']}Statics only: no dynamics, no hysteresis.\n"
+        f"Polynomials of degree {fit.degree} with {n_terms} terms, from {fit.n_samples} equilibria.\n\n"
+        f"{EVALUATOR} needs Python and NumPy:\n"
         "  from reduced_model import ReducedModel\n"
-        f'  state = ReducedModel("{MODEL}").state({{"{first}": {0.5 * model.model["axes"][0][-1]:.3g}}})\n'
-        "Its compliance has the rows that it names: .x .y .z and shortenings in m/N, .rx .ry .rz in rad/N, small\n"
-        "rotations about the world's axes. It refuses tensions outside the model.\n\n"
-        f"Error against the twin, {model.model['error']['measured at']}:\n{lines}\n",
+        f'  model = ReducedModel("{MODEL}")\n'
+        f'  state = model.state({{"{first["name"]}": {0.5 * (first["least"] + first["most"]):.3g}}})\n'
+        f'  model.inverse({{"{(fit.model["rows"] or [""])[0]}": 0.01}}, start={{}})["commands"]\n'
+        "The Jacobian has the rows that it names: positions and coordinates in their units by those of the inputs,\n"
+        ".rx .ry .rz in rad, small rotations about the world's axes. It refuses inputs outside the model.\n\n"
+        f"{SOURCE} is the same in C99, without dependencies: see its first lines.\n\n"
+        f"Error against the twin at {fit.model['error']['measured at']}: median, 95th percentile and largest.\n"
+        f"{lines}\n",
         encoding="utf-8",
     )
-    return [path, code, readme]
+    return [model, code, source, readme]
 
 
-def measured_error(robot: Robot, model: Mapping[str, Any], points: Floats) -> dict[str, ChannelError]:
-    """Errors of a model against the twin, by plate and cable, and of its compliances.
+def evaluator_of(model: Mapping[str, Any]) -> evaluator.ReducedModel:
+    """The evaluator of a model, as it is exported."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / MODEL
+        path.write_text(json.dumps(model), encoding="utf-8")
+        return evaluator.ReducedModel(path)
+
+
+def measured_error(robot: Robot, model: Mapping[str, Any], places: Floats) -> dict[str, OutputError]:
+    """Errors of a model against the twin: distances of plates and markers, angles, coordinates, and of its Jacobian.
 
     Parameters
     ----------
@@ -231,237 +247,382 @@ def measured_error(robot: Robot, model: Mapping[str, Any], points: Floats) -> di
         The robot.
     model
         Content of `model.json`.
-    points
-        Tensions (n, n_cables) [N].
+    places
+        Inputs as shares of their ranges (n, n_inputs).
 
     Raises
     ------
     SimulationError
         If the twin has no equilibrium at one of them.
     """
-    return _errors(model, points, _sampled(robot, model["cables"], points)[0])
+    inputs = [
+        Input(one["name"], one["unit"], one["least"], one["most"], one["default"], _control(robot, one["name"]))
+        for one in model["inputs"]
+    ]
+    exact = _Sampled.at(robot, inputs, places)
+    read = evaluator_of(model)
+    states = [read.state(dict(zip(read.inputs, at.tolist(), strict=True))) for at in exact.points]
+    rates = np.array([np.reshape(state["jacobian"], (-1, len(inputs))) for state in states])
+    exact_rates, n_plates = exact.row_rates(len(model["plates"])), len(model["plates"])
+    errors: dict[str, OutputError] = {}
 
+    def add(name: str, unit: str, difference: Floats, change: float, rows: slice) -> None:
+        errors[name] = _distribution(unit, np.linalg.norm(difference, axis=1), change)
+        for k, one in enumerate(inputs):
+            apart = np.linalg.norm((rates - exact_rates)[:, rows, k], axis=1)
+            largest = float(np.linalg.norm(exact_rates[:, rows, k], axis=1).max())
+            errors[f"d {name} / d {one.name}"] = _distribution(f"{unit}/{one.unit}", apart, largest)
 
-def evaluator_of(model: Mapping[str, Any]) -> evaluator.ReducedModel:
-    """The evaluator of a model, as it is exported."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / MODEL
-        path.write_text(json.dumps(model), encoding="utf-8")
-        return evaluator.ReducedModel(path)
-
-
-def _errors(model: Mapping[str, Any], points: Floats, table: Floats) -> dict[str, ChannelError]:
-    cables, read = model["cables"], evaluator_of(model)
-    states = [read.state(dict(zip(cables, map(float, at), strict=True))) for at in points]
-    compliance = np.array([state["compliance"] for state in states]).transpose(0, 2, 1)
-    exact = _compliance(table, len(model["plates"]), len(model["shortenings"]))
-    errors: dict[str, ChannelError] = {}
     for k, name in enumerate(model["plates"]):
-        own, turn, rows = slice(POSE * k, POSE * k + 3), slice(POSE * k + 3, POSE * k + 7), slice(6 * k, 6 * k + 3)
+        pose = exact.values[:, POSE * k : POSE * (k + 1)]
         at = np.array([state["plates"][name]["position"] for state in states])
         q = np.array([state["plates"][name]["quaternion"] for state in states])
+        change = float(np.ptp(pose[:, :3], axis=0).max())
+        add(f"{name}.position", "m", at - pose[:, :3], change, slice(6 * k, 6 * k + 3))
         rest = np.array([0.0, 0.0, 0.0, 1.0])
-        errors[f"{name}.position"] = _error("m", at - table[:, 0, own], np.ptp(table[:, 0, own], axis=0))
-        errors[f"{name}.rotation"] = _error(
-            "rad", _angle(q, table[:, 0, turn])[:, None], _angle(rest, table[:, 0, turn]).max()
-        )
-        for what, unit, block in (("position", "m/N", rows), ("rotation", "rad/N", slice(6 * k + 3, 6 * k + 6))):
-            errors[f"d {name}.{what} / d tension"] = _error(
-                unit, (compliance - exact)[:, :, block].reshape(-1, 3), np.ptp(exact[:, :, block], axis=0)
-            )
-    for k, name in enumerate(model["shortenings"]):
-        values = table[:, 0, POSE * len(model["plates"]) + k]
-        ours = np.array([state["shortenings"][name] for state in states])
-        errors[f"{name}.shortening"] = _error("m", (ours - values)[:, None], np.ptp(values))
-        row = 6 * len(model["plates"]) + k
-        errors[f"d {name}.shortening / d tension"] = _error(
-            "m/N", (compliance - exact)[:, :, row].reshape(-1, 1), np.ptp(exact[:, :, row], axis=0)
-        )
+        turned = float(angle_between(np.broadcast_to(rest, q.shape), pose[:, 3:]).max())
+        add(f"{name}.rotation", "rad", angle_between(q, pose[:, 3:])[:, None], turned, slice(6 * k + 3, 6 * k + 6))
+    first, row = POSE * n_plates, 6 * n_plates
+    units = {name: kind.unit for name, kind in _coordinates(robot).items()}
+    for k, name in enumerate(model["coordinates"]):
+        values = exact.values[:, first + k]
+        ours = np.array([state["coordinates"][name] for state in states])
+        add(name, units[name], (ours - values)[:, None], float(np.ptp(values)), slice(row + k, row + k + 1))
+    first, row = first + len(units), row + len(units)
+    for k, name in enumerate(model["markers"]):
+        values = exact.values[:, first + 3 * k : first + 3 * k + 3]
+        ours = np.array([state["markers"][name] for state in states])
+        change = float(np.ptp(values, axis=0).max())
+        add(f"{name}.position", "m", ours - values, change, slice(row + 3 * k, row + 3 * k + 3))
     return errors
 
 
-def _error(unit: str, difference: Floats, change: Floats | float) -> ChannelError:
-    """Error from the norms of differences (n, components)."""
-    size = np.linalg.norm(difference, axis=1)
-    return ChannelError(unit, float(size.max()), float(np.sqrt(np.mean(size**2))), float(np.max(change)))
+def _distribution(unit: str, size: Floats, change: float) -> OutputError:
+    """Of errors (n,)."""
+    p50, p95, largest = np.quantile(size, [*QUANTILES.values()]).tolist()
+    return OutputError(unit, p50, p95, largest, change)
 
 
-def _axis(robot: Robot, cable: str, reach: Reach, samples: int) -> Floats:
-    """Grid of tensions [N] from zero to a cable's reach."""
-    if reach.unit == "N":
-        return np.linspace(0.0, reach.value, samples)
-    taut = float(simulate(robot, Protocol({})).channels[f"{cable}.shortening"][0])
-    if reach.value <= taut:
-        raise ParameterError(
-            Fault("the cable is still slack there", f"{cable}, reach", f"{reach.value:g} m", f"> {taut:.4g} m")
-        )
-    pulls = np.linspace(taut, reach.value, samples)
-    response = simulate(robot, Protocol({cable: Command("shortening", pulls)}), curve_tolerance=0.0)
+def _coordinates(robot: Robot) -> dict[str, ChannelKind]:
+    """The channels of all actuators' coordinates."""
+    return {f"{part.name}.{part.channels[0].name}": part.channels[0] for part in robot.actuated}
+
+
+def _control(robot: Robot, name: str) -> str:
+    """What commands an input: the effort of an actuator, "" of a parameter."""
+    return next((part.channels[1].name for part in robot.actuated if part.name == name), "")
+
+
+def _others(robot: Robot, inputs: Sequence[Input]) -> str:
+    names = {one.name for one in inputs}
+    tight = [cable.name for cable in robot.cables if cable.name not in names and "pretension" in cable.properties]
+    if {part.name for part in robot.actuated} <= names:
+        return ""
+    told = f"At zero shortening, with their pretension: {', '.join(tight)}. " if tight else ""
+    return f"{told}All other {robot.actuator_word}s have no effort. "
+
+
+def _inputs(robot: Robot, spans: Mapping[str, Span]) -> list[Input]:
+    """The inputs, checked."""
+    actuated, parameters = {part.name: part for part in robot.actuated}, robot_parameters(robot)
+    faults = history_faults(robot, "a reduced model")
+    if rough := ", ".join(cable.name for cable in robot.cables if cable.line.friction_memory):
+        faults.append(Fault("a reduced model has no memory", "friction_memory", rough, "friction without a memory"))
+    if not spans:
+        faults.append(Fault("the model has no inputs", "inputs", "none", ", ".join(actuated)))
+    found: list[Input] = []
+    for name, span in spans.items():
+        text = f"{format_quantity(span.least, span.unit)} to {format_quantity(span.most, span.unit)}"
+        if name not in actuated and name not in parameters:
+            what = f"there is no such {robot.actuator_word} or parameter"
+            faults.append(unknown(what, name, name, [*actuated, *parameters], got=""))
+        elif not span.least < span.most < np.inf or not np.isfinite(span.least):
+            faults.append(Fault("the range of an input must not be empty", name, text, "least below most"))
+        elif name in parameters:
+            kind, value = parameters[name].quantity, parameters[name].value
+            out = [fault for end in (span.least, span.most) if (fault := kind.fault(end, name)) is not None]
+            faults += out
+            if not out and not span.least <= value <= span.most:
+                at = format_quantity(value, span.unit)
+                faults.append(Fault("the range must have the robot's own value", name, text, f"a range with {at}"))
+            found.append(Input(name, span.unit, span.least, span.most, value))
+        elif not faults:
+            found.append(_of_actuator(robot, actuated[name], span))
+    if faults:
+        raise ParameterError(faults)
+    return found
+
+
+def _of_actuator(robot: Robot, part: ActuatedPart, span: Span) -> Input:
+    """The input of an actuator's effort.
+
+    Raises
+    ------
+    ParameterError
+        For a range that it does not have, or of a coordinate over which the effort is not monotonic.
+    SimulationError
+        Where a coordinate is not reached.
+    """
+    coordinate, effort = part.channels
+    if span.unit != effort.unit:
+        if span.unit != coordinate.unit:
+            wanted = f"a range in {effort.unit} or {coordinate.unit}"
+            raise ParameterError(Fault("this is no range of the actuator", part.name, f"in {span.unit}", wanted))
+        span = _efforts(robot, part, span)
+    for end in (span.least, span.most):
+        if (fault := part.command_fault(effort.name, np.array([end]))) is not None:
+            raise ParameterError(fault)
+    default = min(max(0.0, span.least), span.most)
+    return Input(part.name, effort.unit, span.least, span.most, default, effort.name)
+
+
+def _efforts(robot: Robot, part: ActuatedPart, span: Span) -> Span:
+    """The efforts at the ends of a range of an actuator's coordinate, with no other actuator."""
+    coordinate, effort = part.channels
+    free = float(simulate(robot, Protocol({})).channels[f"{part.name}.{coordinate.name}"][0])
+    if span.most <= free:
+        what, got = "the actuator has no effort there", format_quantity(span.most, span.unit)
+        raise ParameterError(Fault(what, part.name, got, f"> {format_quantity(free, span.unit)}"))
+    ways = np.linspace(max(span.least, free), span.most, 33)
+    response = simulate(robot, Protocol({part.name: Command(coordinate.name, ways)}))
     if not response.succeeded:
-        raise SimulationError(f"{cable}: {response.status}")
-    tension = response.channels[f"{cable}.tension"].copy()
-    tension[0] = 0.0
-    falls = np.flatnonzero(np.diff(tension) <= 0.0)
+        raise SimulationError(f"{part.name}: {response.status}")
+    values = response.channels[f"{part.name}.{effort.name}"]
+    falls = np.flatnonzero(np.diff(values) <= 0.0)
     if len(falls):
         raise ParameterError(
             Fault(
-                "its tension is not monotonic, so that it does not determine the robot's state",
-                f"{cable}, reach",
-                format_quantity(reach.value, "m"),
-                f"up to {format_quantity(float(pulls[falls[0]]), 'm')}",
+                f"its {effort.name} is not monotonic, so that it does not determine the robot's state",
+                part.name,
+                format_quantity(span.most, span.unit),
+                f"up to {format_quantity(float(ways[falls[0]]), span.unit)}",
             )
         )
-    return tension
+    return Span(0.0 if span.least <= free else float(values[0]), float(values[-1]), effort.unit)
 
 
-def _snake(shape: Sequence[int]) -> list[tuple[int, ...]]:
-    """All nodes of a grid in an order of neighbours, so that each solve starts near its solution."""
-    order: list[tuple[int, ...]] = [()]
-    for n in shape:
-        ways = itertools.cycle([range(n), range(n - 1, -1, -1)])
-        order = [(*before, i) for before, way in zip(order, ways, strict=False) for i in way]
-    return order
+@dataclass(frozen=True)
+class _Outputs:
+    """The outputs: plates that move, channels of coordinates, markers; rows: of the Jacobian."""
+
+    plates: list[str]
+    coordinates: list[str]
+    markers: list[str]
+
+    @classmethod
+    def of(cls, robot: Robot) -> _Outputs:
+        plates = [plate.name for plate in robot.plates if not plate.fixed]
+        return cls(plates, [*_coordinates(robot)], [marker.name for marker in robot.markers])
+
+    @property
+    def rows(self) -> list[str]:
+        places = [f"{name}.{key}" for name in self.plates for key in ("x", "y", "z", "rx", "ry", "rz")]
+        return places + self.coordinates + [f"{name}.{axis}" for name in self.markers for axis in "xyz"]
+
+    def changes(self, values: Floats) -> Floats:
+        """The change of each output (n_outputs,) over values (n, n_outputs): of a position or quaternion that of the
+        component which changes most; infinite where nothing does.
+        """
+        sizes = [3, 4] * len(self.plates) + [1] * len(self.coordinates) + [3] * len(self.markers)
+        each = np.split(np.ptp(values, axis=0), np.cumsum(sizes)[:-1])
+        return np.repeat([float(one.max()) or np.inf for one in each], sizes)
 
 
-def _moving(robot: Robot) -> list[str]:
-    return [plate.name for plate in robot.plates if not plate.fixed]
+@dataclass(frozen=True)
+class _Sampled:
+    """The twin at samples.
 
-
-def _sampled(
-    robot: Robot,
-    cables: Sequence[str],
-    tensions: Floats,
-    tell: Callable[[str], None] = lambda sentence: None,
-    parameters: Sequence[str] = (),
-    *,
-    shapes: bool = False,
-) -> tuple[Floats, Response]:
-    """The channels and the positions of markers at tensions (n, n_cables), then their derivatives by each and by the
-    parameters: (n, 1 + n_cables + n_parameters, n_channels); and the response.
+    Attributes
+    ----------
+    points
+        Inputs (n, n_inputs).
+    places
+        The same, each from -1 to 1 over its range.
+    values
+        Poses of plates, coordinates, places of markers (n, n_outputs); quaternions with the signs of neighbours.
+    rates
+        Their derivatives by the inputs (n, n_inputs, n_outputs).
+    half
+        Half of each range (n_inputs,).
     """
-    protocol = Protocol({name: Command("tension", tensions[:, k]) for k, name in enumerate(cables)})
-    by = [*(f"{name}.tension" for name in cables), *parameters]
-    kept = "samples" if shapes else False
-    response = simulate(robot, protocol, sensitivities=by, snapshots=kept, curve_tolerance=0.0)
-    if not response.succeeded:
-        raise SimulationError(f"The robot cannot be pulled that far: {response.status} Try a smaller reach.")
-    for sentence in response.warnings:
-        tell(sentence)
+
+    points: Floats
+    places: Floats
+    values: Floats
+    rates: Floats
+    half: Floats
+
+    @classmethod
+    def at(
+        cls,
+        robot: Robot,
+        inputs: Sequence[Input],
+        shares: Floats,
+        tell: Callable[[str], None] = lambda sentence: None,
+    ) -> _Sampled:
+        """Solve the twin at shares (n, n_inputs) of the ranges, each sample after one that is near.
+
+        Raises
+        ------
+        SimulationError
+            Where one has no equilibrium.
+        """
+        least, most = (np.array([getattr(one, end) for one in inputs]) for end in ("least", "most"))
+        order = _tour(shares)
+        shares = shares[order]
+        points = least + shares * (most - least)
+        commands = [k for k, one in enumerate(inputs) if one.control]
+        by = [one.derivative for one in inputs]
+        # Samples of one robot are one simulation.
+        fixed = [k for k in range(len(inputs)) if k not in commands]
+        each = [np.arange(len(points))] if not fixed else np.arange(len(points))[:, None]
+        parts: list[Floats] = []
+        for rows in each:
+            protocol = Protocol({inputs[k].name: Command(inputs[k].control, points[rows, k]) for k in commands})
+            theta = {inputs[k].name: float(points[rows[0], k]) for k in fixed}
+            response = simulate(robot, protocol, theta, sensitivities=by, curve_tolerance=0.0)
+            if not response.succeeded:
+                raise SimulationError(
+                    f"The robot has no equilibrium within the ranges: {response.status} Try smaller ones."
+                )
+            for sentence in response.warnings:
+                tell(sentence)
+            parts.append(_outputs(robot, response, by))
+        table = np.concatenate(parts)
+        places = 2.0 * shares - 1.0
+        _align_quaternions(table, places, sum(not plate.fixed for plate in robot.plates))
+        return cls(points, places, table[:, 0], table[:, 1:], 0.5 * (most - least))
+
+    def row_rates(self, n_plates: int) -> Floats:
+        """Derivatives of the Jacobian's rows (n, n_rows, n_inputs)."""
+        parts: list[Floats] = []
+        for k in range(n_plates):
+            own = slice(POSE * k + 3, POSE * k + 7)
+            parts += [self.rates[..., POSE * k : POSE * k + 3]]
+            parts += [rotation_rates(self.values[:, None, own], self.rates[..., own])]
+        return np.concatenate([*parts, self.rates[..., POSE * n_plates :]], axis=2).transpose(0, 2, 1)
+
+    def take(self, rows: Ints) -> _Sampled:
+        return _Sampled(self.points[rows], self.places[rows], self.values[rows], self.rates[rows], self.half)
+
+
+def _scattered(n_inputs: int, n: int) -> Floats:
+    """Shares (n, n_inputs) of the ranges: the corner of all least and each input's other end, then Sobol' points with
+    the density of Chebyshev's points.
+    """
+    from scipy.stats.qmc import Sobol
+
+    corners = np.concatenate([np.zeros((1, n_inputs)), np.eye(n_inputs)])[: n // 2]
+    wanted = n - len(corners)
+    points = Sobol(n_inputs, seed=SEED).random_base2(int(np.ceil(np.log2(max(wanted, 2)))))[:wanted]
+    return np.concatenate([corners, 0.5 - 0.5 * np.cos(np.pi * points)])
+
+
+def _tour(shares: Floats) -> Ints:
+    """An order of points (n, n_inputs) in which each is near to the one before; the first is nearest to the corner."""
+    left, at, order = np.arange(len(shares)), np.zeros(shares.shape[1]), list[int]()
+    while len(left):
+        k = int(((shares[left] - at) ** 2).sum(axis=1).argmin())
+        order.append(int(left[k]))
+        at, left = shares[left[k]], np.delete(left, k)
+    return np.array(order)
+
+
+def _outputs(robot: Robot, response: Response, by: Sequence[str]) -> Floats:
+    """Outputs, then their derivatives by the inputs: (n, 1 + n_inputs, n_outputs)."""
 
     def of(channel: str) -> Floats:
-        rates = [response.sensitivities[channel][name] for name in by]
-        return np.stack([response.channels[channel], *rates], axis=1)
+        return np.stack([response.channels[channel], *(response.sensitivities[channel][name] for name in by)], axis=1)
 
     columns: list[Floats] = []
-    for plate in _moving(robot):
-        columns += [of(f"{plate}.{axis}") for axis in "xyz"]
-        columns += list(np.moveaxis(_quaternions(*(of(f"{plate}.{key}") for key in ("pitch", "roll", "yaw"))), 2, 0))
-    columns += [of(f"{cable.name}.shortening") for cable in robot.cables]
+    for plate in robot.plates:
+        if not plate.fixed:
+            columns += [of(f"{plate.name}.{axis}") for axis in "xyz"]
+            angles = (of(f"{plate.name}.{key}") for key in ("pitch", "roll", "yaw"))
+            columns += list(np.moveaxis(quaternions(*angles), 2, 0))
+    columns += [of(name) for name in _coordinates(robot)]
     columns += [of(f"{marker.name}.{axis}") for marker in robot.markers for axis in "xyz"]
     table = np.stack(columns, axis=2)
     if not np.isfinite(table).all():
-        raise SimulationError("A plate rolls by a right angle within reach, where the twin's angles have no rates.")
-    return table, response
+        raise SimulationError(
+            "A plate rolls by a right angle within the ranges, where the twin's angles have no rates."
+        )
+    return table
 
 
-def _rates_of_measures(robot: Robot, table: Floats) -> dict[str, Floats]:
-    """Derivatives (n_nodes, n) of what a page shows of a state: how far every plate and marker is from where it is at
-    the first node, by which angle a plate is turned from there, and the shortenings.
+def _align_quaternions(table: Floats, places: Floats, n_plates: int) -> None:
+    """Choose the sign of each sample's quaternions nearest to its neighbour's: q and -q are one rotation.
 
-    table: channels, and their n derivatives, at the nodes.
+    Parameters
+    ----------
+    table
+        Outputs and derivatives (n, 1 + n_inputs, n_outputs), changed.
+    places
+        Inputs (n, n_inputs).
+    n_plates
+        Number of plates.
     """
-
-    def along(direction: Floats, rate: Floats) -> Floats:  # of the length of a vector
-        length = np.linalg.norm(direction, axis=1, keepdims=True)
-        unit = np.divide(direction, length, out=np.zeros_like(direction), where=length > 0.0)
-        return np.einsum("nc,npc->np", unit, rate - rate[:1])
-
-    plates, rates = _moving(robot), dict[str, Floats]()
-    first = POSE * len(plates) + len(robot.cables)
-    places = {name: POSE * k for k, name in enumerate(plates)}
-    places |= {marker.name: first + 3 * k for k, marker in enumerate(robot.markers)}
-    for name, k in places.items():
-        at, q = table[..., k : k + 3], table[..., k + 3 : k + POSE]
-        if name in plates:
-            back = q[:, :1] * [-1.0, -1.0, -1.0, 1.0]
-            turned = _product(q[:, 0], np.broadcast_to(back[0], q[:, 0].shape))
-            axis = turned[:, :3] * np.where(turned[:, 3:] < 0.0, -1.0, 1.0)
-            rates[f"{name}.rotation"] = along(axis, 2.0 * _product(q[:, 1:], back)[..., :3])
-        rates[f"{name}.displacement"] = along(at[:, 0] - at[0, 0], at[:, 1:])
-    for k, cable in enumerate(robot.cables):
-        rates[f"{cable.name}.shortening"] = table[:, 1:, POSE * len(plates) + k]
-    return rates
-
-
-def _quaternions(pitch: Floats, roll: Floats, yaw: Floats) -> Floats:
-    """Quaternions and their rates (n, 1 + n_cables, 4) of Ry(pitch) Rx(roll) Rz(yaw), from angles and rates."""
-
-    def about(axis: int, angle: Floats) -> tuple[Floats, Floats]:
-        half = 0.5 * angle[:, 0]
-        q, dq = np.zeros((len(half), 4)), np.zeros((len(half), 4))
-        q[:, axis], q[:, 3] = np.sin(half), np.cos(half)
-        dq[:, axis], dq[:, 3] = 0.5 * np.cos(half), -0.5 * np.sin(half)
-        return q, dq
-
-    (a, da), (b, db), (c, dc) = about(1, pitch), about(0, roll), about(2, yaw)
-    parts = (_product(_product(da, b), c), _product(_product(a, db), c), _product(_product(a, b), dc))
-    rates = sum(
-        (part[:, None] * angle[:, 1:, None] for part, angle in zip(parts, (pitch, roll, yaw), strict=True)),
-        np.zeros((len(a), pitch.shape[1] - 1, 4)),
-    )
-    return np.concatenate([_product(_product(a, b), c)[:, None], rates], axis=1)
-
-
-def _product(p: Floats, q: Floats) -> Floats:
-    """The product of quaternions (…, 4)."""
-    v, w = p[..., 3:] * q[..., :3] + q[..., 3:] * p[..., :3] + np.cross(p[..., :3], q[..., :3]), p[..., 3] * q[..., 3]
-    return np.concatenate([v, (w - np.sum(p[..., :3] * q[..., :3], axis=-1))[..., None]], axis=-1)
-
-
-def _angle(p: Floats, q: Floats) -> Floats:
-    """The angle [rad] between unit quaternions."""
-    between = _product(np.broadcast_to(p, q.shape), q * [-1.0, -1.0, -1.0, 1.0])
-    return 2.0 * np.arctan2(np.linalg.norm(between[..., :3], axis=-1), np.abs(between[..., 3]))
-
-
-def _align_quaternions(table: Floats, n_plates: int) -> None:
-    """Choose the sign of each node's quaternion nearest to its neighbour's: q and -q are one rotation."""
-    for index in np.ndindex(table.shape[:-2]):
-        last = max((k for k, i in enumerate(index) if i > 0), default=None)
-        if last is None:
-            continue
-        neighbour = tuple(i - (k == last) for k, i in enumerate(index))
+    for k in range(1, len(table)):
+        near = int(((places[:k] - places[k]) ** 2).sum(axis=1).argmin())
         for plate in range(n_plates):
             own = slice(POSE * plate + 3, POSE * plate + 7)
-            if table[index][0, own] @ table[neighbour][0, own] < 0.0:
-                table[index][:, own] *= -1.0
+            if table[k, 0, own] @ table[near, 0, own] < 0.0:
+                table[k, :, own] *= -1.0
 
 
-def with_mixed(table: Floats, axes: Sequence[Floats]) -> Floats:
-    """Values and all derivatives of a node: (n_nodes, 2) for each cable in turn, then n_channels.
+def _powers(n_inputs: int, degree: int) -> Ints:
+    """Exponents (n_terms, n_inputs) of the polynomials of a total degree."""
+    rows = [
+        np.bincount(np.array(which, dtype=np.int64), minlength=n_inputs)
+        for total in range(degree + 1)
+        for which in itertools.combinations_with_replacement(range(n_inputs), total)
+    ]
+    return np.array(rows, dtype=np.int64)
 
-    The twin gives the first derivatives; a mixed one is the mean of splines through those of one order less, along each
-    cable.
+
+def _design(places: Floats, powers: Ints) -> tuple[Floats, Floats]:
+    """Terms (n, n_terms) at places (n, n_inputs), and their derivatives (n, n_inputs, n_terms)."""
+    from numpy.polynomial import chebyshev
+
+    degree = int(powers.max())
+    slopes = np.zeros((degree + 1, degree + 1))  # of T_i in the others
+    for i in range(1, degree + 1):
+        slopes[i, :i] = chebyshev.chebder(np.eye(degree + 1)[i])[:i]
+    table = chebyshev.chebvander(places, degree)
+    factors = [table[:, k][:, powers[:, k]] for k in range(places.shape[1])]
+    changes = [(table[:, k] @ slopes.T)[:, powers[:, k]] for k in range(places.shape[1])]
+    rates = [np.prod([*factors[:k], changes[k], *factors[k + 1 :]], axis=0, initial=1.0) for k in range(len(factors))]
+    return np.prod(factors, axis=0), np.stack(rates, axis=1)
+
+
+def _fitted(sampled: _Sampled, powers: Ints) -> Floats:
+    """Coefficients (n_terms, n_outputs); derivatives count less as the degree grows, as Chebyshev polynomials are
+    steeper.
     """
-    n = len(axes)
-    known: list[Floats] = [table[..., 0, :]]
-    for bits in range(1, 2**n):
-        own = [k for k in range(n) if bits >> k & 1]
-        if len(own) == 1:
-            known.append(table[..., 1 + own[0], :])
-        else:
-            along = [CubicSpline(axes[k], known[bits ^ 1 << k], axis=k).derivative()(axes[k]) for k in own]
-            known.append(np.mean(along, axis=0))
-    # Of the bits by which `known` is counted, that of the last cable comes first.
-    apart = np.stack(known, axis=-2).reshape(*table.shape[:n], *[2] * n, table.shape[-1])
-    return apart.transpose([*(axis for k in range(n) for axis in (k, 2 * n - 1 - k)), 2 * n])
+    from scipy.linalg import lstsq
+
+    terms, rates = _design(sampled.places, powers)
+    weight = 1.0 / max(int(powers.sum(axis=1).max()), 1)
+    A = np.concatenate([terms, weight * rates.reshape(-1, len(powers))])
+    slopes = (sampled.rates * sampled.half[:, None]).reshape(-1, sampled.rates.shape[2])
+    found: Any = lstsq(A, np.concatenate([sampled.values, weight * slopes]), lapack_driver="gelsy", cond=1e-13)
+    return found[0]
 
 
-def _compliance(table: Floats, n_plates: int, n_cables: int) -> Floats:
-    """The twin's compliance (n, n_cables, n_rows) from its channels and their derivatives."""
-    rows: list[Floats] = []
-    for k in range(n_plates):
-        q = table[:, :1, POSE * k + 3 : POSE * k + 7] * [-1.0, -1.0, -1.0, 1.0]
-        rates = table[:, 1:, POSE * k + 3 : POSE * k + 7]
-        rows += [table[:, 1:, POSE * k : POSE * k + 3], 2.0 * _product(rates, q)[..., :3]]
-    return np.concatenate([*rows, table[:, 1:, POSE * n_plates : POSE * n_plates + n_cables]], axis=2)
+def _best_powers(sampled: _Sampled, change: Floats) -> Ints:
+    """The terms of the degree that predicts the samples that are left out; change (n_outputs,): of the outputs."""
+    n, n_inputs = sampled.places.shape
+    is_out = np.arange(n) % LEFT_OUT == LEFT_OUT - 1
+    kept, out = sampled.take(np.flatnonzero(~is_out)), sampled.take(np.flatnonzero(is_out))
+    best, least = _powers(n_inputs, 1), np.inf
+    for degree in range(1, MOST_DEGREE + 1):
+        powers = _powers(n_inputs, degree)
+        if len(powers) > min(MOST_TERMS, len(kept.places) * (1 + n_inputs) / DETERMINED):
+            break
+        apart = np.abs(_design(out.places, powers)[0] @ _fitted(kept, powers) - out.values) / change
+        error = float(np.quantile(apart, QUANTILES["p95"], axis=0).max())
+        if error < least:
+            best, least = powers, error
+        if error < ENOUGH:
+            break
+    return best

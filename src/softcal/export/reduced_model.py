@@ -1,48 +1,206 @@
-"""Evaluator of a reduced model: tensions to poses, shortenings and compliance: `python reduced_model.py front=3.0`"""
+"""Evaluator of a reduced model, with NumPy alone: inputs to poses and derivatives, and poses to commands.
+
+`python reduced_model.py front=3.0` prints a state.
+"""
 
 import json
 import sys
-from bisect import bisect_right
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 
 class ReducedModel:
-    """Cubic Hermite interpolation of the twin's values and slopes on a grid of tensions; `error`: see README.txt."""
+    """Chebyshev polynomials of total degree d in the inputs; `error`: see README.txt.
+
+    `inputs`: names, of actuators' efforts and of parameters; `channels`: names of what `inverse` brings to a value;
+    `rows`: of the Jacobian.
+    """
 
     def __init__(self, path: "str | Path" = "model.json") -> None:
         self.model: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
-        self.cables, self.axes, self.rows, self.error = (self.model[k] for k in ("cables", "axes", "rows", "error"))
+        entries = self.model["inputs"]
+        self.inputs: list[str] = [entry["name"] for entry in entries]
+        self.units: list[str] = [entry["unit"] for entry in entries]
+        self.least, self.most, self.default = (
+            np.array([entry[key] for entry in entries]) for key in ("least", "most", "default")
+        )
+        self.is_command = np.array([entry["is_command"] for entry in entries])
+        self.plates, self.markers, self.coordinates = (self.model[key] for key in ("plates", "markers", "coordinates"))
+        self.rows, self.error = self.model["rows"], self.model["error"]
+        angles = [f"{name}.{key}" for name in self.plates for key in ("x", "y", "z", "pitch", "roll", "yaw")]
+        points = [f"{name}.{axis}" for name in self.markers for axis in "xyz"]
+        self.channels: list[str] = angles + self.coordinates + points
+        self._turns = np.array([name.rpartition(".")[2] in ("pitch", "roll", "yaw") for name in self.channels])
+        self._half, self._middle = 0.5 * (self.most - self.least), 0.5 * (self.most + self.least)
+        powers = np.array(self.model["powers"], dtype=np.int64).T
+        self._degree, self._places = max(int(powers.max()), 1), (powers, np.arange(len(powers))[:, None])
+        self._steepness = np.arange(1.0 + self._degree)[:, None] / self._half
+        self._coefficients = np.array(self.model["coefficients"])
 
-    def state(self, tensions: "dict[str, float]") -> "dict[str, Any]":
-        """Position [m] and quaternion of plates, shortenings [m], compliance (`rows` by `cables`). Unnamed is slack."""
-        for name in sorted(set(tensions) - set(self.cables)):
-            raise ValueError(f"The model has no cable {name!r}; it has {', '.join(self.cables)}.")
-        at = [float(tensions.get(name, 0.0)) for name in self.cables]
-        for name, t, axis in zip(self.cables, at, self.axes):
-            if not 0.0 <= t <= axis[-1]:
-                raise ValueError(f"{name}: {t:g} N is outside the model, which holds from 0 to {axis[-1]:.6g} N.")
-        plates, shortenings, columns = {}, {}, []
-        for k, t in enumerate(at):  # a complex step: what becomes imaginary is the exact derivative by this tension
-            rows = self.channels([*at[:k], t + 1e-30j, *at[k + 1 :]], self.model["nodes"])
-            for i, name in enumerate(self.model["plates"]):
-                *position, x, y, z, w = rows[6 * i : 6 * i + 7]
-                size = (x * x + y * y + z * z + w * w) ** 0.5
-                a, b, c, d = quaternion = [(part / size).real for part in (x, y, z, w)]
-                turn = (d * x - a * w + b * z - c * y, d * y - b * w + c * x - a * z, d * z - c * w + a * y - b * x)
-                rows[6 * i + 3 : 6 * i + 7] = [2 * part / size for part in turn]  # the quaternion gives way to it
-                plates[name] = {"position": [part.real for part in position], "quaternion": quaternion}
-            shortenings = dict(zip(self.model["shortenings"], (part.real for part in rows[6 * len(plates) :])))
-            columns.append([part.imag / 1e-30 for part in rows])
-        return {"plates": plates, "shortenings": shortenings, "compliance": [list(row) for row in zip(*columns)]}
+    def state(self, commands: "dict[str, float]") -> "dict[str, Any]":
+        """Poses of plates (position [m], quaternion x, y, z, w), places of markers [m], coordinates of actuators, and
+        the Jacobian (`rows` by `inputs`). An input that is not named has its default, an actuator no effort.
+        """
+        n = len(self.plates)
+        values, rates = self._outputs(self._at(commands), self._coefficients, n)
+        points = values[7 * n + len(self.coordinates) :].reshape(-1, 3)
+        poses = values[: 7 * n].reshape(n, 7)
+        return {
+            "plates": {
+                name: {"position": pose[:3].tolist(), "quaternion": pose[3:].tolist()}
+                for name, pose in zip(self.plates, poses)
+            },
+            "markers": dict(zip(self.markers, points.tolist())),
+            "coordinates": dict(zip(self.coordinates, values[7 * n : 7 * n + len(self.coordinates)].tolist())),
+            "jacobian": rates.T.tolist(),
+        }
 
-    def channels(self, at: "list[complex]", table: Any) -> "list[complex]":
-        axis = self.axes[-len(at)]  # the first that is left; table: at each of its nodes, the values and the slopes
-        i = bisect_right(axis, at[0].real, 1, len(axis) - 1)
-        h, s = axis[i] - axis[i - 1], (at[0] - axis[i - 1]) / (axis[i] - axis[i - 1])
-        a, b, c, d = (1 + 2 * s) * (1 - s) ** 2, h * s * (1 - s) ** 2, s * s * (3 - 2 * s), h * s * s * (s - 1)
-        ends = [self.channels(at[1:], end) if len(at) > 1 else end for end in (*table[i - 1], *table[i])]
-        return [a * p + b * q + c * r + d * t for p, q, r, t in zip(*ends)]
+    def inverse(
+        self,
+        targets: "dict[str, float]",
+        start: "dict[str, float] | None" = None,
+        weights: "dict[str, float] | None" = None,
+        inputs: "dict[str, float] | None" = None,
+    ) -> "dict[str, Any]":
+        """The commands within the model's ranges that bring channels nearest to values [SI]: least squares of the
+        differences, each times its weight (by default 1, of angles 0.1 m/rad). Of several, near to `start` (by default
+        no effort). `inputs`: values of those that are no commands.
+
+        Returns commands, `misses` (channel less target), and `limits`, the commands at an end of their range.
+        """
+        read = self._read([self._number(name, self.channels, "channel") for name in targets])
+        wanted = np.array(list(targets.values()), dtype=float)
+        weight = np.array([(weights or {}).get(name, 0.1 if turn else 1.0) for name, turn in zip(targets, read[-1])])
+        at, free = self._at({**(inputs or {}), **(start or {})}), np.flatnonzero(self.is_command)
+        scale, least, most = self._half[free], self.least[free], self.most[free]
+        r, J = self._differences(at, read, wanted, weight)
+        damping = 0.0
+        for _ in range(60):
+            step = _step(J[free].T * scale, r, (least - at[free]) / scale, (most - at[free]) / scale, damping)
+            ahead = at.copy()
+            ahead[free] = np.minimum(np.maximum(at[free] + scale * step, least), most)
+            r_ahead, J_ahead = self._differences(ahead, read, wanted, weight)
+            is_end = np.abs(step).max(initial=0.0) <= 1e-6  # the error after it is of the order of its square
+            if r_ahead @ r_ahead <= r @ r:
+                at, r, J, damping = ahead, r_ahead, J_ahead, 0.1 * damping if damping > 1e-9 else 0.0
+            elif damping < 1e6:
+                damping = max(10.0 * damping, 1e-4)
+            if is_end:
+                break
+        ends = (at <= self.least) | (at >= self.most)
+        return {
+            "commands": {self.inputs[k]: float(at[k]) for k in free},
+            "misses": dict(zip(targets, (r / weight).tolist())),
+            "limits": [self.inputs[k] for k in free if ends[k]],
+        }
+
+    def _at(self, commands: "dict[str, float]") -> np.ndarray:
+        at = self.default.copy()
+        for name, value in commands.items():
+            k = self._number(name, self.inputs, "input")
+            if not self.least[k] <= value <= self.most[k]:
+                raise ValueError(
+                    f"{name}: {value:g} {self.units[k]} is outside the model, which holds from "
+                    f"{self.least[k]:.6g} to {self.most[k]:.6g} {self.units[k]}."
+                )
+            at[k] = value
+        return at
+
+    def _number(self, name: str, names: "list[str]", what: str) -> int:
+        if name not in names:
+            raise ValueError(f"The model has no {what} {name!r}; it has {', '.join(names)}.")
+        return names.index(name)
+
+    def _polynomials(self, at: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+        """The polynomials (1 + n_inputs, n): their values and, below, their derivatives by each input."""
+        s = (at - self._middle) / self._half
+        T, U = np.empty((2, 1 + self._degree, len(s)))  # T_k and U_(k-1), since T_k' = k U_(k-1)
+        T[0], T[1], U[0], U[1] = 1.0, s, 0.0, 1.0
+        for k in range(2, self._degree + 1):
+            T[k], U[k] = 2.0 * s * T[k - 1] - T[k - 2], 2.0 * s * U[k - 1] - U[k - 2]
+        factors, slopes = T[self._places], (U * self._steepness)[self._places]
+        basis = np.empty((1 + len(s), factors.shape[1]))
+        basis[0] = before = np.ones(factors.shape[1])
+        for k in range(len(s)):
+            basis[1 + k] = before * slopes[k]
+            before = before * factors[k]
+        basis[0], after = before, np.ones(factors.shape[1])
+        for k in range(len(s) - 1, -1, -1):
+            basis[1 + k] *= after
+            after = after * factors[k]
+        return basis @ coefficients
+
+    def _outputs(self, at: np.ndarray, coefficients: np.ndarray, n: int) -> "tuple[np.ndarray, np.ndarray]":
+        """Outputs (n_outputs,), the first n of them poses with unit quaternions, and their rates (n_inputs, n_rows), of
+        quaternions as small rotations about the world's axes.
+        """
+        found = self._polynomials(at, coefficients)
+        values, rates = found[0], found[1:]
+        pose, by = values[: 7 * n].reshape(n, 7), rates[:, : 7 * n].reshape(len(at), n, 7)
+        size = np.sqrt((pose[:, 3:] ** 2).sum(axis=1, keepdims=True))
+        pose[:, 3:] /= size
+        a, b, c, d = pose[:, 3:].T
+        x, y, z, w = np.moveaxis(by[..., 3:], -1, 0)
+        turns = (d * x - a * w + b * z - c * y, d * y - b * w + c * x - a * z, d * z - c * w + a * y - b * x)
+        moved = np.concatenate([by[..., :3], 2.0 / size * np.stack(turns, axis=-1)], axis=-1)
+        return values, np.concatenate([moved.reshape(len(rates), 6 * n), rates[:, 7 * n :]], axis=1)
+
+    def _read(self, numbers: "list[int]") -> "tuple[np.ndarray, int, list[int], np.ndarray]":
+        """What channels need: coefficients of their plates and other outputs, the number of plates, their columns
+        among the channels of these, and whether they are angles.
+        """
+        n = 6 * len(self.plates)
+        plates = sorted({k // 6 for k in numbers if k < n})
+        outputs = [7 * k + i for k in plates for i in range(7)] + [k + len(self.plates) for k in numbers if k >= n]
+        others = iter(range(6 * len(plates), 6 * len(plates) + len(numbers)))
+        columns = [6 * plates.index(k // 6) + k % 6 if k < n else next(others) for k in numbers]
+        return self._coefficients[:, outputs], len(plates), columns, self._turns[numbers]
+
+    def _differences(
+        self, at: np.ndarray, read: "tuple[Any, ...]", wanted: np.ndarray, weight: np.ndarray
+    ) -> "tuple[np.ndarray, np.ndarray]":
+        """Weighted differences (n,) of channels from wanted values, and their rates (n_inputs, n)."""
+        coefficients, n, columns, turns = read
+        values, rates = self._outputs(at, coefficients, n)
+        poses = values[: 7 * n].reshape(n, 7)
+        channels = np.empty(6 * n + len(values) - 7 * n)
+        channels[6 * n :] = values[7 * n :]
+        by = rates[:, : 6 * n].reshape(len(at), n, 6)
+        for k, (px, py, pz, x, y, z, w) in enumerate(poses.tolist()):
+            # R = Ry(pitch) Rx(roll) Rz(yaw), by its quaternion.
+            R02, R22, R12 = 2 * (x * z + w * y), 1 - 2 * (x * x + y * y), 2 * (y * z - w * x)
+            R10, R11 = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z)
+            across = max(R02 * R02 + R22 * R22, 1e-12)
+            channels[6 * k : 6 * k + 6] = (
+                px, py, pz, np.arctan2(R02, R22), np.arcsin(max(-1.0, min(1.0, -R12))), np.arctan2(R10, R11)
+            )  # fmt: skip
+            wx, wy, wz = by[:, k, 3:].T.copy()
+            cosine, sine = R22 / across**0.5, R02 / across**0.5  # of the pitch
+            yaw = (wx * sine + wz * cosine) / across**0.5
+            by[:, k, 3], by[:, k, 4], by[:, k, 5] = wy - yaw * R12, wx * cosine - wz * sine, yaw
+        r = channels[columns] - wanted
+        r[turns] = (r[turns] + np.pi) % (2 * np.pi) - np.pi
+        return weight * r, weight * rates[:, columns]
+
+
+def _step(A: np.ndarray, r: np.ndarray, least: np.ndarray, most: np.ndarray, damping: float) -> np.ndarray:
+    """The shortest step d within a box that makes A d + r small: what leaves the box ends at its side, and the others
+    are solved anew; what a side holds leaves it where that lowers the sum of squares.
+    """
+    d, slope = np.zeros(A.shape[1]), A.T @ r
+    moves = ~((least >= 0.0) & (slope > 0.0) | (most <= 0.0) & (slope < 0.0))
+    while moves.any():
+        U, s, V = np.linalg.svd(A[:, moves], full_matrices=False)
+        kept = s / (s * s + (damping + 1e-18) * s[0] * s[0]) * (s > 1e-9 * s[0])
+        d[moves] = -V.T @ (kept * (U.T @ (r + A[:, ~moves] @ d[~moves])))
+        out = moves & ((d < least) | (d > most))
+        if not out.any():
+            break
+        d[out] = np.minimum(np.maximum(d[out], least[out]), most[out])
+        moves &= ~out
+    return d
 
 
 if __name__ == "__main__":

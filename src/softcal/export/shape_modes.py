@@ -1,7 +1,7 @@
-"""Drawn shapes over a reduced model's grid of tensions, as few modes.
+"""Drawn shapes over a grid of tensions, as few modes.
 
 The points of all shapes at the nodes are one matrix, of which the singular value decomposition gives the modes that
-represent it best. Their coefficients are interpolated over the grid as the channels of the reduced model are, with the
+represent it best. Their coefficients are interpolated over the grid as the channels of the grid's model are, with the
 slopes of splines through them. Points have four bytes a coordinate, modes two.
 """
 
@@ -15,7 +15,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from softcal.checks import Floats
-from softcal.export.reduced import evaluator_of, with_mixed
+from softcal.export.tension_grid import with_mixed
+from softcal.export.tension_grid_model import GridModel
 
 CLOSE = 2e-4  # of the largest displacement: the error of the modes at the nodes
 MOST_MODES = 40
@@ -45,7 +46,7 @@ def shape_modes(model: Mapping[str, Any], nodes: Floats, points: Floats, between
     Parameters
     ----------
     model
-        Of the same grid; content of `model.json`.
+        Of the same grid.
     nodes
         Positions [m] at its nodes (n_nodes, n_points, 3), the last cable's changing first.
     points
@@ -68,7 +69,7 @@ def shape_modes(model: Mapping[str, Any], nodes: Floats, points: Floats, between
             break
         n += 1
     data = {"n_modes": n, "rest": rest, "modes": rounded, "nodes": hermite(model, found)}
-    read = evaluator_of({**model, "nodes": data["nodes"]})
+    read = GridModel({**model, "nodes": data["nodes"]})
     at = np.array([read.channels([*map(float, tensions)], read.model["nodes"]) for tensions in points])
     errors = (found @ rounded - moved, np.reshape(at, (-1, n)) @ rounded - (between - rest).reshape(-1, rest.size))
     return ShapeModes(data, max(map(_furthest, errors)))
@@ -80,7 +81,7 @@ def hermite(model: Mapping[str, Any], values: Floats, *, monotonic: bool = False
     Parameters
     ----------
     model
-        Of the same grid; content of `model.json`.
+        Of the same grid.
     values
         At its nodes, the last cable's changing first.
     monotonic

@@ -160,7 +160,8 @@ def respond(  # noqa: PLR0913 (one keyword for each option)
         got, why = ", ".join(sensitivities), "a state depends on the commands of all samples before it, too"
         raise ParameterError(Fault(why, "sensitivities", got, "parameters of the robot"))
     driven = protocol.driven
-    if len(driven) > 1 or twin.system.remembers:
+    # A command of zero throughout drives nothing, but a tension is slack to one side alone and has a derivative.
+    if len(driven) > 1 or not {*commanded.values()} <= {*driven} or twin.system.remembers:
         with statics_of(twin, theta) as statics:
             return simulate_many(
                 twin, statics, protocol, names, snapshots=snapshots, crossings=crossings, commanded=commanded
@@ -186,12 +187,9 @@ def respond(  # noqa: PLR0913 (one keyword for each option)
         response = with_modulus(response, modulus, theta[modulus], names)
     if not commanded:
         return response
-    # Slopes are the derivatives by the driven cable's command; that of a slack cable has no effect.
+    # Slopes are the derivatives by the driven cable's command.
     channels, known = tuple(response.channels), response.sensitivities
-    none = np.zeros((len(channels), len(next(iter(response.channels.values())))))
     rates = [known.by(name, channels) for name in known.parameters]
-    for cable in commanded.values():
-        is_driven = cable in driven and response.slopes
-        rates.append((np.array([response.slopes[channel] for channel in channels]) if is_driven else none).T)
+    rates += [np.array([response.slopes[channel] for channel in channels]).T for _ in commanded]
     parameters = (*known.parameters, *commanded)
     return replace(response, sensitivities=Derivatives(channels, parameters, np.stack(rates, axis=-1)))

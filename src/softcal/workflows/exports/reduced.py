@@ -2,35 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softcal.errors import Fault, ParameterError, UnitError
+from softcal.errors import Fault, ParameterError, UnitError, unknown
 from softcal.workflows.export import ExportOption, ExportRequest, register_export
 
 if TYPE_CHECKING:
-    from softcal.export.reduced import Reach
+    from softcal.export.reduced import Span
     from softcal.twin.robot import Robot
-
-SAMPLES = {1: 33, 2: 9, 3: 7}  # number of cables -> nodes along each
 
 
 @register_export(
     "model.json",
     "reduced_model.py",
+    "reduced_model.c",
     "README.txt",
     pulled=False,
     reach=ExportOption(
-        str, "Largest pull of the cables: 8N, or 40mm with one cable; or for each: front=8N,left=40mm.", "VALUE"
+        str,
+        "Range of all cables, 8N, or of each input: front=8N,left=40mm,grip=-5kPa..40kPa,tip.mass=0g..200g.",
+        "VALUE",
     ),
-    cables=ExportOption(str, "One to three cables, by default all: front,left.", "NAMES"),
-    samples=ExportOption(int, "Nodes along each cable; by default 33, 9 or 7.", "N"),
+    samples=ExportOption(int, "Equilibria to solve; by default 64 for each input.", "N"),
 )
-def reduced(
-    request: ExportRequest, folder: Path, reach: str, cables: str = "", samples: int | None = None
-) -> list[Path]:
-    """For a controller: tensions to poses, shortenings and compliance, as JSON with a self-contained evaluator.
+def reduced(request: ExportRequest, folder: Path, reach: str, samples: int | None = None) -> list[Path]:
+    """For a controller: efforts, and loads, to poses and derivatives, and poses to efforts, in Python and C.
 
     Parameters
     ----------
@@ -39,40 +36,66 @@ def reduced(
     folder
         Of the model.
     reach
-        Largest pull of the cables, `8N`, or of each, `front=8N,left=40mm`.
-    cables
-        Names of one to three cables; by default all.
+        Largest effort of all actuators, `8N`, or ranges of inputs: of actuators by effort or coordinate, from 0 where
+        the lower end is not stated, and of parameters of the robot, `front=8N,left=40mm,tip.mass=0g..200g`.
     samples
-        Nodes along each cable; by default 33, 9 or 7.
+        Equilibria that are solved; by default 64 for each input.
     """
     from softcal.export.reduced import reduced as reduced_model
     from softcal.export.reduced import write_reduced
 
-    request.stage("Simulating the nodes of the model, and points between them")
-    robot = request.project.robot
-    reaches = _reaches(robot, reach, [name.strip() for name in cables.split(",") if name.strip()])
-    model = reduced_model(robot, reaches, samples or SAMPLES.get(len(reaches), 2), tell=request.warn)
-    written = write_reduced(model, folder)
+    spans = _spans(request.project.robot, reach)
+    request.stage("Simulating the samples of the model, and random states for its error")
+    written = write_reduced(reduced_model(request.project.robot, spans, samples, tell=request.warn), folder)
     request.note(written[-1].read_text(encoding="utf-8"))
     return written
 
 
-def _reaches(robot: Robot, text: str, cables: Sequence[str]) -> dict[str, Reach]:
+def _spans(robot: Robot, text: str) -> dict[str, Span]:
+    """The range of each input.
+
+    Raises
+    ------
+    ParameterError
+        With all faults of the text.
+    """
     parts = [part.strip() for part in text.split(",") if part.strip()]
     of_each = dict((name.strip(), value.strip()) for name, sign, value in (p.partition("=") for p in parts) if sign)
     if not of_each and len(parts) == 1:
-        of_each = dict.fromkeys(cables or [cable.name for cable in robot.cables], parts[0])
-    elif len(of_each) != len(parts) or (cables and set(cables) != set(of_each)):
-        allowed = "one reach for all the cables (8N), or one for each of them (front=8N,left=40mm)"
-        raise ParameterError(Fault("the reach is not defined for each cable", "--reach", f"'{text}'", allowed))
-    return {name: _reach(value) for name, value in of_each.items()}
+        of_each = dict.fromkeys([part.name for part in robot.actuated], parts[0])
+    elif len(of_each) != len(parts):
+        allowed = f"one range for all {robot.actuator_word}s (8N), or one for each input (front=8N,left=40mm)"
+        raise ParameterError(Fault("the ranges are not those of inputs", "--reach", f"'{text}'", allowed))
+    found, faults = dict[str, "Span"](), list[Fault]()
+    for name, value in of_each.items():
+        try:
+            found[name] = _span(robot, name, value)
+        except (ParameterError, UnitError) as error:
+            faults += error.faults
+    if faults:
+        raise ParameterError(faults)
+    return found
 
 
-def _reach(text: str) -> Reach:
-    from softcal.export.reduced import Reach
-    from softcal.quantities import QUANTITIES
+def _span(robot: Robot, name: str, text: str) -> Span:
+    from softcal.export.reduced import Span
+    from softcal.twin.parameters import robot_parameters
+    from softcal.units import parse_quantity
 
-    try:
-        return Reach(QUANTITIES["shortening"].read(text), "m")
-    except UnitError:
-        return Reach(QUANTITIES["tension"].read(text, where="--reach"), "N")
+    low, dots, high = text.partition("..")
+    ends = (low, high) if dots else ("0", text)
+    where = f"--reach {name}"
+    part, parameters = {one.name: one for one in robot.actuated}.get(name), robot_parameters(robot)
+    if part is None and name not in parameters:
+        what = f"there is no such {robot.actuator_word} or parameter"
+        raise ParameterError(unknown(what, "--reach", name, [*(one.name for one in robot.actuated), *parameters]))
+    if part is None and not dots:
+        raise ParameterError(Fault("the range of a parameter has two ends", where, f"'{text}'", "such as 0g..200g"))
+    units = [kind.unit for kind in part.channels] if part is not None else [parameters[name].unit]
+    for unit in units[:-1]:  # an actuator's coordinate
+        try:
+            return Span(parse_quantity(ends[0], unit), parse_quantity(ends[1], unit), unit)
+        except UnitError:
+            continue
+    least, most = (parse_quantity(end, units[-1], where=where) for end in ends)
+    return Span(least, most, units[-1])

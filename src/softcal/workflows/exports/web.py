@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 
 from softcal.units import format_quantity
 from softcal.workflows.export import ExportOption, ExportRequest, register_export
-from softcal.workflows.exports.reduced import SAMPLES
 
 if TYPE_CHECKING:
     from softcal.calibration.statistics.estimator import Estimator
     from softcal.checks import Floats
-    from softcal.export.reduced import Reach
+    from softcal.export.tension_grid import Reach
 
 PAGE = "twin.html"
+SAMPLES = {1: 33, 2: 9, 3: 7}  # number of cables -> nodes along each
 
 
 @register_export(
@@ -39,15 +39,15 @@ def web(request: ExportRequest, folder: Path, samples: int | None = None) -> lis
     """
     import numpy as np
 
-    from softcal.export.reduced import reduced
     from softcal.export.shape_modes import hermite, shape_modes
+    from softcal.export.tension_grid import tension_grid
     from softcal.report.twin_page import drawn, twin_page
     from softcal.report.twin_view import TwinView
 
     robot, reaches = request.project.robot, _reaches(request)
     band, told = _Band.of(request), list[str]()
     request.stage("Simulating the nodes of the model, and points between them")
-    fit = reduced(
+    fit = tension_grid(
         robot,
         reaches,
         samples or SAMPLES.get(len(reaches), 2),
@@ -94,7 +94,7 @@ def web(request: ExportRequest, folder: Path, samples: int | None = None) -> lis
 
 def _reaches(request: ExportRequest) -> dict[str, Reach]:
     """The largest command of each cable in the cases, of the kind of its first one."""
-    from softcal.export.reduced import Reach
+    from softcal.export.tension_grid import Reach
 
     found: dict[str, Reach] = {}
     for case in request.cases().values():

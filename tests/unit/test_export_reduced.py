@@ -84,7 +84,8 @@ def test_its_error_at_other_states_is_the_one_stated(fit: ReducedModelFit, read:
 
 def test_it_grows_gently_with_the_inputs() -> None:
     assert [of_cables(NAMES[:n]).n_samples for n in (1, 2)] == [64, 128]
-    assert len(_powers(9, 4)) == math.comb(13, 4)
+    assert len(_powers(np.ones(9), 4.0)) == math.comb(13, 4)
+    assert len(_powers(np.array([1.0, 1.0, 9.0]), 4.0)) == math.comb(6, 2)
     one = of_cables(("front",), 10)
     assert one.error["plate.position"].p95 < 1e-3 * one.error["plate.position"].change
 

@@ -1,14 +1,16 @@
 """Reduced model for a controller: commands and loads to poses of plates, places of markers, and coordinates.
 
 The twin is solved at samples of the inputs u, efforts of actuators and parameters of the robot, each with its exact
-derivatives by all of them. Every output y is then a polynomial of total degree d,
+derivatives by all of them. With s_k from -1 to 1 over the range of each input, every output y is then
 
-    y(u) = sum over |a| <= d of c_a prod over k of T_a_k(s_k),    s_k = 2 (u_k - l_k) / (h_k - l_k) - 1,
+    y(u) = sum over a of c_a prod over k of T_a_k(t_k),    t = D s,    sum over k of a_k w_k <= d,
 
-with Chebyshev polynomials T and the range l_k to h_k of each input, by least squares over values and derivatives. Since
-every equilibrium tells 1 + n numbers of an output, their number grows with n, the number of inputs, and not as a grid
-does. Samples are low-discrepancy points, denser towards the ends of each range as Chebyshev polynomials need them; the
-degree is the lowest whose error at samples that are left out is small, else that of the smallest error.
+with Chebyshev polynomials T, by least squares over values and derivatives. The rows of D are the eigenvectors of the
+mean of J^T J, each scaled so that |t_k| <= 1: directions in which the outputs change much, such as bending, and little,
+as where antagonists pull against each other. The latter get lower powers: w_k = 1 + 0.3 log(strength of the first / its
+own). Since every equilibrium tells 1 + n numbers of an output, their number grows with n, the number of inputs, and not
+as a grid does. Samples are low-discrepancy points, denser towards the ends of each range as Chebyshev polynomials need
+them; the degree d is the lowest whose error at samples that are left out is small, else that of the smallest error.
 
 Orientations are quaternions, which have no jumps; the Jacobian is the derivative of the polynomials, consistent with
 the poses. The error is measured at other, random states.
@@ -16,7 +18,6 @@ the poses. The error is measured at other, random states.
 
 from __future__ import annotations
 
-import itertools
 import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
@@ -46,8 +47,10 @@ POSE = 7  # numbers of a plate: position, quaternion
 SAMPLES = 64  # equilibria for each input, by default
 TESTED, SEED = 100, 0  # random states at which the error is measured
 LEFT_OUT = 5  # of the samples every fifth chooses the degree
-MOST_TERMS, MOST_DEGREE = 1000, 30
+MOST_TERMS, MOST_DEGREE = 1500, 30
 DETERMINED = 2.0  # numbers of the twin for each coefficient, at least
+WEAK = 0.3  # by which a direction e times as weak has lower powers
+RIDGE = 1e-12  # of the mean square of a term
 ENOUGH = 1e-4  # of the change of an output: the error for which no higher degree is taken
 QUANTILES = {"p50": 0.5, "p95": 0.95, "max": 1.0}
 
@@ -158,7 +161,7 @@ def reduced(
         raise ParameterError(Fault("there are too few samples", "samples", str(samples), f"{2 * LEFT_OUT} or more"))
     sampled = _Sampled.at(robot, inputs, _scattered(len(inputs), n), tell)
     outputs = _Outputs.of(robot)
-    powers = _best_powers(sampled, outputs.changes(sampled.values))
+    directions, powers = _best_terms(sampled, outputs.changes(sampled.values))
     model: dict[str, Any] = {
         "format": "softcal-reduced",
         "version": 3,
@@ -178,8 +181,9 @@ def reduced(
         "coordinates": outputs.coordinates,
         "markers": outputs.markers,
         "rows": outputs.rows,
+        "directions": directions.tolist(),
         "powers": powers.tolist(),
-        "coefficients": _fitted(sampled, powers).tolist(),
+        "coefficients": _fitted(sampled, directions, powers).tolist(),
         "parameters": {f"{name} [{info.unit}]": info.value for name, info in robot_parameters(robot).items()},
         "others": _others(robot, inputs),
         "error": {},
@@ -192,7 +196,7 @@ def reduced(
             for name, e in error.items()
         },
     }
-    return ReducedModelFit(model, error, int(powers.sum(axis=1).max()), n)
+    return ReducedModelFit(model, error, int(powers.max()), n)
 
 
 def write_reduced(fit: ReducedModelFit, folder: Path) -> list[Path]:
@@ -570,59 +574,77 @@ def _align_quaternions(table: Floats, places: Floats, n_plates: int) -> None:
                 table[k, :, own] *= -1.0
 
 
-def _powers(n_inputs: int, degree: int) -> Ints:
-    """Exponents (n_terms, n_inputs) of the polynomials of a total degree."""
-    rows = [
-        np.bincount(np.array(which, dtype=np.int64), minlength=n_inputs)
-        for total in range(degree + 1)
-        for which in itertools.combinations_with_replacement(range(n_inputs), total)
-    ]
+def _directions(sampled: _Sampled, change: Floats) -> tuple[Floats, Floats]:
+    """D (n_inputs, n_inputs), and the weights (n_inputs,) of the powers; change (n_outputs,): of the outputs."""
+    slopes = (sampled.rates * sampled.half[:, None] / change).transpose(1, 0, 2).reshape(sampled.rates.shape[1], -1)
+    squares, vectors = np.linalg.eigh(slopes @ slopes.T)
+    size = np.abs(vectors).sum(axis=0)
+    strength = np.sqrt(np.maximum(squares, 1e-16 * squares.max())) * size
+    order = np.argsort(-strength)
+    return (vectors / size).T[order], 1.0 + WEAK * np.log(strength.max() / strength[order])
+
+
+def _powers(weights: Floats, degree: float) -> Ints:
+    """Exponents (n_terms, n_inputs) of the terms up to a degree, with weights (n_inputs,) of the powers."""
+    rows: list[tuple[int, ...]] = [()]
+    for k, weight in enumerate(weights.tolist()):
+        left = [degree - float(np.dot(row, weights[:k])) for row in rows]
+        rows = [(*row, i) for row, most in zip(rows, left, strict=True) for i in range(int(most / weight + 1e-9) + 1)]
     return np.array(rows, dtype=np.int64)
 
 
-def _design(places: Floats, powers: Ints) -> tuple[Floats, Floats]:
-    """Terms (n, n_terms) at places (n, n_inputs), and their derivatives (n, n_inputs, n_terms)."""
+def _design(sampled: _Sampled, directions: Floats, powers: Ints) -> tuple[Floats, Floats]:
+    """Terms (n, n_terms) at the samples, and their derivatives by each direction (n, n_inputs, n_terms)."""
     from numpy.polynomial import chebyshev
 
-    degree = int(powers.max())
+    degree = int(powers.max(initial=1))
     slopes = np.zeros((degree + 1, degree + 1))  # of T_i in the others
     for i in range(1, degree + 1):
         slopes[i, :i] = chebyshev.chebder(np.eye(degree + 1)[i])[:i]
-    table = chebyshev.chebvander(places, degree)
-    factors = [table[:, k][:, powers[:, k]] for k in range(places.shape[1])]
-    changes = [(table[:, k] @ slopes.T)[:, powers[:, k]] for k in range(places.shape[1])]
-    rates = [np.prod([*factors[:k], changes[k], *factors[k + 1 :]], axis=0, initial=1.0) for k in range(len(factors))]
+    table = chebyshev.chebvander(sampled.places @ directions.T, degree)
+    factors = [table[:, k][:, powers[:, k]] for k in range(table.shape[1])]
+    changes = [(table[:, k] @ slopes.T)[:, powers[:, k]] for k in range(table.shape[1])]
+    rates = [np.prod([*factors[:k], changes[k], *factors[k + 1 :]], axis=0) for k in range(len(factors))]
     return np.prod(factors, axis=0), np.stack(rates, axis=1)
 
 
-def _fitted(sampled: _Sampled, powers: Ints) -> Floats:
+def _fitted(sampled: _Sampled, directions: Floats, powers: Ints) -> Floats:
     """Coefficients (n_terms, n_outputs); derivatives count less as the degree grows, as Chebyshev polynomials are
     steeper.
     """
-    from scipy.linalg import lstsq
+    from scipy.linalg import cho_factor, cho_solve
 
-    terms, rates = _design(sampled.places, powers)
-    weight = 1.0 / max(int(powers.sum(axis=1).max()), 1)
+    terms, rates = _design(sampled, directions, powers)
+    weight = 1.0 / max(int(powers.max()), 1)
     A = np.concatenate([terms, weight * rates.reshape(-1, len(powers))])
-    slopes = (sampled.rates * sampled.half[:, None]).reshape(-1, sampled.rates.shape[2])
-    found: Any = lstsq(A, np.concatenate([sampled.values, weight * slopes]), lapack_driver="gelsy", cond=1e-13)
-    return found[0]
+    # By a direction, the others at rest: s = D^-1 t.
+    slopes = np.linalg.solve(directions.T, sampled.rates * sampled.half[:, None])
+    values = np.concatenate([sampled.values, weight * slopes.reshape(-1, slopes.shape[2])])
+    N = A.T @ A
+    N[np.diag_indices_from(N)] += RIDGE * N.trace() / len(N)
+    found: Any = cho_solve(cho_factor(N), A.T @ values)
+    return found
 
 
-def _best_powers(sampled: _Sampled, change: Floats) -> Ints:
-    """The terms of the degree that predicts the samples that are left out; change (n_outputs,): of the outputs."""
+def _best_terms(sampled: _Sampled, change: Floats) -> tuple[Floats, Ints]:
+    """Directions, and the powers of the degree that predicts the samples that are left out.
+
+    change (n_outputs,): of the outputs.
+    """
     n, n_inputs = sampled.places.shape
     is_out = np.arange(n) % LEFT_OUT == LEFT_OUT - 1
     kept, out = sampled.take(np.flatnonzero(~is_out)), sampled.take(np.flatnonzero(is_out))
-    best, least = _powers(n_inputs, 1), np.inf
+    directions, weights = _directions(sampled, change)
+    best, least = _powers(weights, 1.0), np.inf
     for degree in range(1, MOST_DEGREE + 1):
-        powers = _powers(n_inputs, degree)
+        powers = _powers(weights, degree)
         if len(powers) > min(MOST_TERMS, len(kept.places) * (1 + n_inputs) / DETERMINED):
             break
-        apart = np.abs(_design(out.places, powers)[0] @ _fitted(kept, powers) - out.values) / change
+        terms, _ = _design(out, directions, powers)
+        apart = np.abs(terms @ _fitted(kept, directions, powers) - out.values) / change
         error = float(np.quantile(apart, QUANTILES["p95"], axis=0).max())
         if error < least:
             best, least = powers, error
         if error < ENOUGH:
             break
-    return best
+    return directions, best

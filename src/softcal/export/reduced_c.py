@@ -27,29 +27,31 @@ enum { N_INPUTS = @N_INPUTS@, N_TERMS = @N_TERMS@, DEGREE = @DEGREE@, N_PLATES =
 
 static const double LEAST[N_INPUTS] = @LEAST@;
 static const double MOST[N_INPUTS] = @MOST@;
+static const double DIRECTIONS[N_INPUTS][N_INPUTS] = @DIRECTIONS@;
 static const unsigned char POWERS[N_TERMS][N_INPUTS] = @POWERS@;
 static const double COEFFICIENTS[N_TERMS][N_OUTPUTS] = @COEFFICIENTS@;
 
 int reduced_model(const double input[], double output[], double jacobian[]) {
-  double T[N_INPUTS][DEGREE + 1], D[N_INPUTS][DEGREE + 1], rate[N_INPUTS][N_OUTPUTS];
+  double T[N_INPUTS][DEGREE + 1], D[N_INPUTS][DEGREE + 1], by[N_INPUTS][N_OUTPUTS], rate[N_INPUTS][N_OUTPUTS];
   for (int k = 0; k < N_INPUTS; ++k)
     if (!(LEAST[k] <= input[k] && input[k] <= MOST[k])) return k + 1;
   for (int k = 0; k < N_INPUTS; ++k) { /* Chebyshev polynomials T, and their derivatives n U_(n-1) */
-    const double half = 0.5 * (MOST[k] - LEAST[k]), s = (input[k] - 0.5 * (MOST[k] + LEAST[k])) / half;
-    double before = 0.0, U = 1.0;
+    double s = 0.0, before = 0.0, U = 1.0;
+    for (int j = 0; j < N_INPUTS; ++j)
+      s += DIRECTIONS[k][j] * ((input[j] - 0.5 * (MOST[j] + LEAST[j])) / (0.5 * (MOST[j] - LEAST[j])));
     T[k][0] = 1.0;
     D[k][0] = 0.0;
     for (int n = 1; n <= DEGREE; ++n) {
       const double next = 2.0 * s * U - before;
       T[k][n] = n == 1 ? s : 2.0 * s * T[k][n - 1] - T[k][n - 2];
-      D[k][n] = n * U / half;
+      D[k][n] = n * U;
       before = U;
       U = next;
     }
   }
   for (int i = 0; i < N_OUTPUTS; ++i) {
     output[i] = 0.0;
-    for (int k = 0; k < N_INPUTS; ++k) rate[k][i] = 0.0;
+    for (int k = 0; k < N_INPUTS; ++k) by[k][i] = rate[k][i] = 0.0;
   }
   for (int m = 0; m < N_TERMS; ++m) {
     double after[N_INPUTS + 1], before = 1.0;
@@ -59,10 +61,15 @@ int reduced_model(const double input[], double output[], double jacobian[]) {
     for (int k = 0; jacobian != NULL && k < N_INPUTS; ++k) {
       const double weight = before * D[k][POWERS[m][k]] * after[k + 1];
       if (weight != 0.0)
-        for (int i = 0; i < N_OUTPUTS; ++i) rate[k][i] += weight * COEFFICIENTS[m][i];
+        for (int i = 0; i < N_OUTPUTS; ++i) by[k][i] += weight * COEFFICIENTS[m][i];
       before *= T[k][POWERS[m][k]];
     }
   }
+  for (int k = 0; jacobian != NULL && k < N_INPUTS; ++k) /* from directions to inputs */
+    for (int j = 0; j < N_INPUTS; ++j) {
+      const double weight = DIRECTIONS[j][k] / (0.5 * (MOST[k] - LEAST[k]));
+      for (int i = 0; i < N_OUTPUTS; ++i) rate[k][i] += weight * by[j][i];
+    }
   for (int p = 0; p < N_PLATES; ++p) {
     double *q = output + 7 * p + 3;
     const double size = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
@@ -95,12 +102,13 @@ def c_source(model: Mapping[str, Any]) -> str:
         "ROWS": _listed(model["rows"]),
         "N_INPUTS": str(len(inputs)),
         "N_TERMS": str(len(powers)),
-        "DEGREE": str(int(powers.max())),
+        "DEGREE": str(max(int(powers.max()), 1)),
         "N_PLATES": str(len(plates)),
         "N_OUTPUTS": str(coefficients.shape[1]),
         "N_ROWS": str(len(model["rows"])),
         "LEAST": _numbers([one["least"] for one in inputs]),
         "MOST": _numbers([one["most"] for one in inputs]),
+        "DIRECTIONS": "{\n" + ",\n".join(map(_numbers, model["directions"])) + "}",
         "POWERS": "{\n" + ",\n".join(_numbers(row) for row in powers.tolist()) + "}",
         "COEFFICIENTS": "{\n" + ",\n".join(_numbers(row) for row in coefficients.tolist()) + "}",
     }

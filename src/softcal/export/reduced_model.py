@@ -12,7 +12,7 @@ import numpy as np
 
 
 class ReducedModel:
-    """Chebyshev polynomials of total degree d in the inputs; `error`: see README.txt.
+    """Chebyshev polynomials in directions of the inputs; `error`: see README.txt.
 
     `inputs`: names, of actuators' efforts and of parameters; `channels`: names of what `inverse` brings to a value;
     `rows`: of the Jacobian.
@@ -36,7 +36,7 @@ class ReducedModel:
         self._half, self._middle = 0.5 * (self.most - self.least), 0.5 * (self.most + self.least)
         powers = np.array(self.model["powers"], dtype=np.int64).T
         self._degree, self._places = max(int(powers.max()), 1), (powers, np.arange(len(powers))[:, None])
-        self._steepness = np.arange(1.0 + self._degree)[:, None] / self._half
+        self._directions = np.array(self.model["directions"])
         self._coefficients = np.array(self.model["coefficients"])
 
     def state(self, commands: "dict[str, float]") -> "dict[str, Any]":
@@ -115,12 +115,12 @@ class ReducedModel:
 
     def _polynomials(self, at: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """The polynomials (1 + n_inputs, n): their values and, below, their derivatives by each input."""
-        s = (at - self._middle) / self._half
+        s = self._directions @ ((at - self._middle) / self._half)
         T, U = np.empty((2, 1 + self._degree, len(s)))  # T_k and U_(k-1), since T_k' = k U_(k-1)
         T[0], T[1], U[0], U[1] = 1.0, s, 0.0, 1.0
         for k in range(2, self._degree + 1):
             T[k], U[k] = 2.0 * s * T[k - 1] - T[k - 2], 2.0 * s * U[k - 1] - U[k - 2]
-        factors, slopes = T[self._places], (U * self._steepness)[self._places]
+        factors, slopes = T[self._places], (U * np.arange(1.0 + self._degree)[:, None])[self._places]
         basis = np.empty((1 + len(s), factors.shape[1]))
         basis[0] = before = np.ones(factors.shape[1])
         for k in range(len(s)):
@@ -130,7 +130,9 @@ class ReducedModel:
         for k in range(len(s) - 1, -1, -1):
             basis[1 + k] *= after
             after = after * factors[k]
-        return basis @ coefficients
+        found = basis @ coefficients
+        found[1:] = self._directions.T @ found[1:] / self._half[:, None]
+        return found
 
     def _outputs(self, at: np.ndarray, coefficients: np.ndarray, n: int) -> "tuple[np.ndarray, np.ndarray]":
         """Outputs (n_outputs,), the first n of them poses with unit quaternions, and their rates (n_inputs, n_rows), of

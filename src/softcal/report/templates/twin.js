@@ -548,7 +548,7 @@ class Twin {
       const found = this.measures.of(state, this.data.markers.length ? this.shapes.at(tensions) : null);
       return [found[`${cable}.tension`] ?? place, found[measure], this.measures.bands(tensions)[measure] ?? 0];
     };
-    const curve = Array.from({ length: Twin.CURVE + 1 }, (_, n) => at(axis[0] + ((axis.at(-1) - axis[0]) * n) / Twin.CURVE));
+    const curve = Array.from({ length: Twin.CURVE + 1 }, (_, n) => at(Math.min(axis[0] + ((axis.at(-1) - axis[0]) * n) / Twin.CURVE, axis.at(-1)))); // rounding leads beyond
     this.chart.show(curve, at(this.tensions[k]), cable, measure);
   }
 }

@@ -90,8 +90,8 @@ def measure(quick: bool) -> Section:
         "random states, on one core. *State*: poses, coordinates and Jacobian by the exported Python evaluator. "
         "*Inverse*: tensions for the channels of a state, within the ranges: of random states from no tension, and "
         "along a closed path of 200 states, each from the last one as a controller does. Of OpenCR v4 the range of 6 N "
-        "takes the tip over 0.29 m, its records over 0.27 and 0.30 m; with 10 N, where it curls up, the 95th percentile "
-        "is 1.7 % of the length. Processor: "
+        "takes the tip over 0.29 m, its records over 0.27 and 0.30 m; with 10 N, where it curls up, the 95th "
+        "percentile is 1.7 % of the length. Processor: "
         f"{dict(machine())['processor']}."
     ]  # fmt: skip
     return Section("Reduced models", header, rows, goals, notes)

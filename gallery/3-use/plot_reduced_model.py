@@ -2,9 +2,9 @@
 A reduced model for a controller
 ================================
 
-`write_export("reduced", …)` solves the twin at samples of its inputs, with its derivatives, and writes a file of numbers
-and evaluators in Python and C that need no softcal, with an inverse: from a wanted height to the tension. The error is
-measured at random states and stated in the file.
+`write_export("reduced", …)` solves the twin at samples of its inputs, with its derivatives, and writes a file of
+numbers and evaluators in Python and C that need no softcal, with an inverse: from a wanted height to the tension. The
+error is measured at random states and stated in the file.
 """
 
 import importlib.util

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from softcal.calibration.problem.problem import Simulate
@@ -29,12 +30,14 @@ def _solve(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) 
     settings = running.settings if isinstance(running.settings, SofaSettings) else SofaSettings()
     engine = sofa_engine(replace(settings, timeout=running.timeout or settings.timeout))
     found = state_of(engine(robot, protocol, snapshots=True))
-    given = {(name, command.control) for name, command in protocol.commands.items()}
-    return replace(
-        found,
-        tensions={name: value for name, value in found.tensions.items() if (name, "tension") not in given},
-        shortenings={name: value for name, value in found.shortenings.items() if (name, "shortening") not in given},
-    )
+    given = {name: command.control for name, command in protocol.commands.items()}
+    kinds = {part.name: part.channels for part in robot.actuated}
+
+    def answers(values: Mapping[str, float], i: int) -> dict[str, float]:
+        """Without what is commanded."""
+        return {name: value for name, value in values.items() if given.get(name) != kinds[name][i].name}
+
+    return replace(found, efforts=answers(found.efforts, 1), coordinates=answers(found.coordinates, 0))
 
 
 def _strain_of_rods(shape: Snapshot) -> tuple[float, str]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from softcal.checks import Ints
 from softcal.errors import Fault, ParameterError
-from softcal.export.engine import cable_faults, contact_faults, history_faults
+from softcal.export.engine import actuator_faults, cable_faults, contact_faults, history_faults
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import linear_numbers
 from softcal.geometry.varied_section import VariedSection
@@ -26,7 +26,7 @@ STAND_IN = "neo-hooke"  # its law for those by E and nu that it does not have
 
 def scene_faults(robot: Robot) -> list[Fault]:
     """Faults of features that SOFA with SoftRobots does not support."""
-    faults = cable_faults(robot, "SOFA")
+    faults = actuator_faults(robot, "SOFA") + cable_faults(robot, "SOFA")
     faults += [
         Fault(
             "in SOFA a via point is attached to one element, not to the wall of a bore",

@@ -1,7 +1,7 @@
-"""Chambers in a CalculiX deck: a pressure on the faces of the wall, which follows them, and that of its caps on the rims.
+"""Chambers in a CalculiX deck: a pressure on the faces of the wall, which follows them.
 
-CalculiX has no faces over an opening, so that a flat cap hands no pressure to its rim, and three points on a curved face,
-where the pressure on it needs six. What is left out are forces on nodes, dead ones, updated at each shape.
+CalculiX has no faces over an opening, so that a flat cap hands no pressure to its rim, and three points on a curved
+face, where the pressure on it needs six. What is left out are forces on nodes, dead ones, updated at each shape.
 """
 
 from __future__ import annotations

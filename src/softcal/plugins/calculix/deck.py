@@ -2,9 +2,10 @@
 
 The deck represents the assembled system: every point is a node; plates are rigid bodies over the points that they
 carry, ties are equations between displacements, fixed points are boundary conditions, weight and loads are dead forces
-on nodes, cables are springs with softcal's tensions, and chambers a pressure on their walls. Each step ends at an equilibrium of softcal, which CalculiX
-should reproduce. CalculiX has no neo-Hookean law of SOFA's form: bodies are written with its isochoric one
-(`neo-hooke-isochoric` in softcal) at the same modulus and ratio, which agrees only at small strain.
+on nodes, cables are springs with softcal's tensions, and chambers a pressure on their walls. Each step ends at an
+equilibrium of softcal, which CalculiX should reproduce. CalculiX has no neo-Hookean law of SOFA's form: bodies are
+written with its isochoric one (`neo-hooke-isochoric` in softcal) at the same modulus and ratio, which agrees only at
+small strain.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ DECK = "robot.inp"
 PLACE = "the deck"
 ITS_LAW = ISOCHORIC
 ITS_ELEMENTS = {element.cell: element for element in (P1, P2)}
-# One increment per step, smaller ones if it does not converge; residual forces below a millionth of the average force, and
+# One increment per step, smaller ones if it does not converge; residual forces below a millionth of the average force,
 # corrections below a millionth of the increment, in up to a hundred iterations: CalculiX's tangent does not contain the
 # stiffness of a pressure, and its residual has the pressure of the iteration before.
 _STEP = (
@@ -114,7 +115,7 @@ def calculix_deck(robot: Robot, shapes: Sequence[Snapshot], notes: Sequence[str]
     Raises
     ------
     ParameterError
-        For features that a deck cannot represent: rods, actuators of other kinds, friction and stretch of cables.
+        For features that a deck cannot represent: rods, other actuators, friction and stretch of cables.
     """
     _require(robot)
     robot = robot.as_clamped
@@ -170,7 +171,7 @@ def _require(robot: Robot) -> None:
 
 
 def deck_faults(robot: Robot) -> list[Fault]:
-    """Faults of features that a deck cannot represent: rods, actuators of other kinds, friction and stretch of cables."""
+    """Faults of features that a deck cannot represent: rods, other actuators, friction and stretch of cables."""
     faults = [
         Fault("a rod has no solid elements to write", where=rod.name, attempt="a solid mesh") for rod in robot.rods
     ]

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from softcal.checks import Floats, Ints
 from softcal.materials.catalogue import LAWS
 
-# The deck's units [m], [N], with seconds, grams and Pa: CalculiX takes a residual below 1e-6 of its unit of force, and a
-# displacement below 1e-8 of its unit of length, for zero.
+# The deck's units [m], [N], with seconds, grams and Pa: CalculiX takes a residual below 1e-6 of its unit of force, and
+# a displacement below 1e-8 of its unit of length, for zero.
 MM, MICRONEWTON = 1e-3, 1e-6
 
 

@@ -42,8 +42,8 @@ class LoadPath:
 
 
 def load_path(robot: Robot, end: Snapshot) -> LoadPath:
-    """Load path to the equilibrium `end`: first the loads alone, if there are any, then the coordinates of the actuators
-    that have an effort, such as shortenings of taut cables, in equal increments.
+    """Load path to the equilibrium `end`: first the loads alone, if there are any, then the coordinates of the
+    actuators that have an effort, such as shortenings of taut cables, in equal increments.
 
     The number of increments is the largest rotation of an element over 15 degrees. If this path does not reach `end`
     (snap-through along the path, or before it), the path consists of `end` alone.

@@ -7,41 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanics_cases import blown_box, elastic
+from mechanics_cases import blown_box, hanging_finger
 
-from softcal.geometry.mesh import TetMesh
-from softcal.geometry.primitives import box_mesh
-from softcal.geometry.quality import drop_unreferenced
-from softcal.geometry.surface import boundary_faces
 from softcal.plugins.calculix.chambers import forces_left_out
 from softcal.plugins.calculix.crosscheck import EngineComparison, crosscheck
 from softcal.plugins.calculix.deck import calculix_deck, in_its_law, write_calculix
-from softcal.twin.actuated import NamedActuator
-from softcal.twin.actuators.chamber import Chamber
 from softcal.twin.build import twin_of
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.robot import Body, Plate, Robot
+from softcal.twin.robot import Plate, Robot
 from softcal.twin.simulate import simulate
 
 needs_ccx = pytest.mark.skipif(
     shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed; Debian: calculix-ccx"
 )
-
-
-def finger(element: str, *, is_open: bool) -> Robot:
-    """A square bar that hangs from its foot, with a chamber on one side, which bends it."""
-    size, divisions = np.array((0.016, 0.016, 0.06)), (4, 4, 8)
-    mesh = box_mesh(size, divisions)
-    cell = mesh.points[mesh.tets].mean(axis=1) / (size / divisions)
-    inside = (cell[:, 0] > 1) & (cell[:, 0] < 2) & (cell[:, 1] > 1) & (cell[:, 1] < 3) & (cell[:, 2] < 7)
-    mesh = drop_unreferenced(TetMesh(mesh.points, mesh.tets[~inside | (cell[:, 2] < 1 - is_open)]))
-    faces = boundary_faces(mesh)
-    middle = mesh.points[faces].mean(axis=1)
-    wall = faces[((middle > 1e-9) & (middle < size - 1e-9)).all(axis=1)]
-    foot = np.flatnonzero(mesh.points[:, 2] < 1e-9)
-    body = Body("finger", mesh, foot, elastic(3e5, 0.45), element=element, density=1e3)
-    main = NamedActuator("main", Chamber({"finger": wall}, dead_volume=3e-6))
-    return Robot((body,), actuators=(main,), gravity=np.array([0.0, 0.0, 9.81]))
 
 
 def compared(robot: Robot, control: str, value: float) -> EngineComparison:
@@ -63,14 +41,14 @@ def assert_agrees(one: EngineComparison, bent: float) -> None:
 @needs_ccx
 @pytest.mark.parametrize("is_open", [False, True])
 def test_a_linear_finger_is_calculix_own(is_open):
-    assert_agrees(compared(finger("P1", is_open=is_open), "pressure", 4e4), 1e-3)
+    assert_agrees(compared(hanging_finger("P1", is_open=is_open), "pressure", 4e4), 1e-3)
 
 
 @needs_ccx
 @pytest.mark.slow
 @pytest.mark.parametrize("is_open", [False, True])
 def test_a_bending_finger_is_calculix_own_up_to_40_kPa(is_open):
-    assert_agrees(compared(finger("P2", is_open=is_open), "pressure", 4e4), 2e-3)
+    assert_agrees(compared(hanging_finger("P2", is_open=is_open), "pressure", 4e4), 2e-3)
 
 
 @needs_ccx
@@ -92,7 +70,7 @@ def test_a_vacuum_and_a_volume_are_solved_at_softcals_pressure(on):
 
 
 def test_the_deck_presses_on_each_face_of_the_wall_and_names_the_pressure(tmp_path):
-    robot = in_its_law(finger("P2", is_open=False))
+    robot = in_its_law(hanging_finger("P2", is_open=False))
     (body,), (main,) = robot.bodies, robot.actuators
     end = simulate(robot, Protocol({"main": Command("pressure", np.array([1e3]))}), snapshots=True).snapshots[-1]
     text = calculix_deck(robot, [end]).text
@@ -111,7 +89,7 @@ def test_the_deck_presses_on_each_face_of_the_wall_and_names_the_pressure(tmp_pa
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_what_calculix_leaves_out_closes_the_surface(element):
     """Under a pressure all around the forces of a closed wall vanish, so those of an open one are the caps'."""
-    closed, opened = (in_its_law(finger(element, is_open=is_open)) for is_open in (False, True))
+    closed, opened = (in_its_law(hanging_finger(element, is_open=is_open)) for is_open in (False, True))
     pressure, forces = 1e3, []
     for robot in (closed, opened):
         protocol = Protocol({"main": Command("pressure", np.array([pressure]))})

@@ -127,6 +127,22 @@ def blown_box(element: str, *, is_open: bool, medium: str) -> Robot:
     return Robot((body,), actuators=(NamedActuator("main", chamber),))
 
 
+def hanging_finger(element: str, *, is_open: bool) -> Robot:
+    """A square bar that hangs from its foot, with a chamber on one side, which bends it."""
+    size, divisions = np.array((0.016, 0.016, 0.06)), (4, 4, 8)
+    mesh = box_mesh(size, divisions)
+    cell = mesh.points[mesh.tets].mean(axis=1) / (size / divisions)
+    inside = (cell[:, 0] > 1) & (cell[:, 0] < 2) & (cell[:, 1] > 1) & (cell[:, 1] < 3) & (cell[:, 2] < 7)
+    mesh = drop_unreferenced(TetMesh(mesh.points, mesh.tets[~inside | (cell[:, 2] < 1 - is_open)]))
+    faces = boundary_faces(mesh)
+    middle = mesh.points[faces].mean(axis=1)
+    wall = faces[((middle > 1e-9) & (middle < size - 1e-9)).all(axis=1)]
+    foot = np.flatnonzero(mesh.points[:, 2] < 1e-9)
+    body = Body("finger", mesh, foot, elastic(3e5, 0.45), element=element, density=1e3)
+    main = NamedActuator("main", Chamber({"finger": wall}, dead_volume=3e-6))
+    return Robot((body,), actuators=(main,), gravity=np.array([0.0, 0.0, 9.81]))
+
+
 def column_robot(
     element: str = "P1",
     *,

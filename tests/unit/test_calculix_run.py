@@ -54,7 +54,8 @@ def test_displacements_at_every_state_are_read(ccx, tmp_path):
     ccx(printing(1, 2))
     found = run_calculix(DECK, tmp_path)
     assert found.shape == (2, 3, 3)
-    np.testing.assert_array_equal(found[1], [[0.1, 0.2, 0.3], [0.0, 0.0, 1e-104], [0.0, 0.0, -2.0]])
+    expected = [[1e-4, 2e-4, 3e-4], [0.0, 0.0, 1e-107], [0.0, 0.0, -2e-3]]  # [m]
+    np.testing.assert_allclose(found[1], expected, rtol=1e-15)
 
 
 @pytest.mark.parametrize(

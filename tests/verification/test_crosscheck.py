@@ -95,9 +95,9 @@ NAN = float("nan")
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
-        (lambda a: replace(a, tensions={"left": NAN}), "no finite number of the tension of left"),
+        (lambda a: replace(a, efforts={"left": NAN}), "no finite number of the tension of left"),
         (lambda a: replace(a, needed={"front": NAN}), "no finite number of the tension of front"),
-        (lambda a: replace(a, shortenings={"left": np.inf}), "no finite number of the shortening of left"),
+        (lambda a: replace(a, coordinates={"left": np.inf}), "no finite number of the shortening of left"),
         (
             lambda a: replace(a, plates={"plate": (np.zeros(3), np.full((3, 3), NAN))}),
             "no finite number of the pose of plate",

@@ -4,7 +4,7 @@ exports to no other program, contact: parts may pass through each other there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,9 +14,7 @@ from softcal.checks import Floats
 from softcal.declare import Checked, Declared
 from softcal.display import displayed
 from softcal.errors import Fault, SimulationError
-from softcal.sensing.channel import ChannelName
-from softcal.sensing.kind import ChannelKind
-from softcal.sensing.sensors.cable import SHORTENING, TENSION
+from softcal.sensing.channel import channel_name
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
@@ -30,19 +28,19 @@ class EngineState:
 
     Attributes
     ----------
-    tensions, shortenings : mapping of str to float
-        Cable -> tension [N] and shortening [m], unless prescribed.
+    efforts, coordinates : mapping of str to float
+        Actuator -> effort and coordinate [SI], of a cable tension and shortening, unless prescribed.
     plates : mapping of str to (position, rotation)
         Plate -> position (3,) [m] and rotation (3, 3).
     points : mapping of str to array
         Body or rod -> positions of the nodes (n, 3) [m].
     needed : mapping of str to float
-        For an engine with prescribed tensions: cable -> tension [N] that it needs for softcal's shortening, to first
+        For an engine with prescribed efforts: actuator -> effort [SI] that it needs for softcal's coordinate, to first
         order by softcal's exact stiffness.
     """
 
-    tensions: Mapping[str, float]
-    shortenings: Mapping[str, float]
+    efforts: Mapping[str, float]
+    coordinates: Mapping[str, float]
     plates: Mapping[str, tuple[Floats, Floats]]
     points: Mapping[str, Floats]
     needed: Mapping[str, float] = field(default_factory=dict)
@@ -136,25 +134,19 @@ def state_of(response: Response) -> EngineState:
     if not response.succeeded:
         raise SimulationError(response.status)
     shape = response.snapshots[-1]
-    names = list(shape.tensions)
-    return EngineState(
-        tensions=_last(response, TENSION, names),
-        shortenings=_last(response, SHORTENING, names),
-        plates=shape.plates,
-        points={**shape.points, **shape.rods},
-    )
-
-
-def _last(response: Response, kind: ChannelKind, cables: Iterable[str]) -> dict[str, float]:
-    return {name: float(response.channels[str(ChannelName(kind, name))][-1]) for name in cables}
+    last: dict[str, dict[str, float]] = {"effort": {}, "coordinate": {}, "": {}}
+    for channel, values in response.channels.items():
+        name = channel_name(channel)
+        last[name.kind.drives][name.carrier] = float(values[-1])
+    return EngineState(last["effort"], last["coordinate"], shape.plates, {**shape.points, **shape.rods})
 
 
 def cable_faults(robot: Robot, program: str) -> list[Fault]:
-    """Faults of actuators but cables, of friction along these, their stretch and pretension; program: such as "SOFA".
+    """Faults of friction along cables, their stretch and pretension; program: such as "SOFA".
 
     Without a friction coefficient the preload and the speed of friction have no effect, and are no fault.
     """
-    faults = actuator_faults(robot, program)
+    faults: list[Fault] = []
     for cable in robot.cables:
         if (mu := cable.friction_coefficient) > 0.0:
             parts = [name for name in ("friction_preload", "friction_speed") if getattr(cable.line, name) is not None]
@@ -171,10 +163,11 @@ def cable_faults(robot: Robot, program: str) -> list[Fault]:
     return faults
 
 
-def actuator_faults(robot: Robot, program: str) -> list[Fault]:
-    """Faults of actuators other than cables; program: such as "SOFA"."""
-    what, allowed = f"this actuator is not exported to {program}", "cables alone"
-    return [Fault(what, part.name, part.actuator.name, allowed) for part in robot.actuators]
+def actuator_faults(robot: Robot, program: str, *kinds: str) -> list[Fault]:
+    """Faults of actuators other than cables and those kinds; program: such as "SOFA"."""
+    what, allowed = f"this actuator is not exported to {program}", ", ".join(("cable", *kinds))
+    own = (part for part in robot.actuators if part.actuator.name not in kinds)
+    return [Fault(what, part.name, part.actuator.name, allowed) for part in own]
 
 
 def history_faults(robot: Robot, program: str) -> list[Fault]:

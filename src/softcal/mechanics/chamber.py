@@ -288,8 +288,13 @@ def _vector_area(x: Floats, W: Floats) -> Floats:
 
 @cache
 def _shapes(k: int) -> tuple[Floats, Floats, Floats]:
-    """Shape functions of a face of k nodes, and their derivatives by u and v, at the points of quadrature (6, k)."""
-    u, v = _POINTS.T
+    """Those of a face of k nodes at the points of quadrature (6, k)."""
+    return face_shapes(k, _POINTS)
+
+
+def face_shapes(k: int, points: Floats) -> tuple[Floats, Floats, Floats]:
+    """Shape functions of a face of k nodes, and their derivatives by u and v, at points u, v (n, 2); each (n, k)."""
+    u, v = points.T
     w, one, none = 1.0 - u - v, np.ones_like(u), np.zeros_like(u)
     if k == 3:
         shapes = ((w, u, v), (-one, one, none), (-one, none, one))

@@ -190,10 +190,10 @@ def controls_at(
 
 
 def furthest_state(protocol: Protocol) -> Protocol:
-    """The one sample of a protocol where its cables are pulled most, each measured by its own largest pull."""
+    """The one sample of a protocol whose commands are furthest from none, each measured by its own largest."""
     pulls = np.zeros(protocol.n_samples)
     for command in protocol.commands.values():
-        pulls += command.values / max(float(np.abs(command.values).max()), 1e-300)
+        pulls += np.abs(command.values) / max(float(np.abs(command.values).max()), 1e-300)
     return protocol.take(np.array([np.argmax(pulls)]))
 
 

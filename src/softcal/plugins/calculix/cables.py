@@ -18,13 +18,13 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.mechanics.cable import cables_of
-from softcal.plugins.calculix.format import number, set_name, weighted_sum
+from softcal.plugins.calculix.format import MICRONEWTON, number, place, set_name, weighted_sum
 from softcal.plugins.calculix.load_path import positions
 from softcal.twin.build import Twin
 from softcal.twin.loads import Weights
 from softcal.twin.response import Snapshot
 
-FAR = 1.0  # [m], largest elongation in the table of forces; its last value is extrapolated
+FAR = 1e3  # [mm], largest elongation in the table of forces; its last value is extrapolated
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def cable_lines(twin: Twin, shapes: Sequence[Snapshot], node: int, element: int)
             node += 1
             ends[i] = node
             at = np.sum([weight * twin.system.layout.X[point] for point, weight in via[i]], axis=0)
-            nodes.append(f"{node}, " + ", ".join(number(v) for v in at))
+            nodes.append(f"{node}, {place(at)}")
             equations += weighted_sum(node, [(point + 1, weight) for point, weight in via[i] if weight != 0.0])
         springs.append(f"*ELEMENT, TYPE=SPRINGA, ELSET=CABLE_{set_name(name)}")
         for a, b in segments:
@@ -72,7 +72,8 @@ def cable_lines(twin: Twin, shapes: Sequence[Snapshot], node: int, element: int)
             springs.append(f"{element}, {ends[a]}, {ends[b]}")
         springs.append(f"*SPRING, ELSET=CABLE_{set_name(name)}, NONLINEAR")
         for k, tension in enumerate([0.0, *tensions]):
-            springs += [f"{number(tension)}, {number(stretch)}, {number(k)}" for stretch in (-FAR, FAR)]
+            pull = number(tension / MICRONEWTON)
+            springs += [f"{pull}, {number(stretch)}, {number(k)}" for stretch in (-FAR, FAR)]
     return CableLines(tuple(nodes), tuple(springs), tuple(equations))
 
 

@@ -27,12 +27,14 @@ from softcal.twin.simulate import simulate
 
 AGREES = 1e-4  # relative difference; for angles in rad
 STILL = 1e-12  # [m]
-NEEDED = "tension (by slope)"  # tension that an engine needs for softcal's shortening; see `EngineState`
+NEEDED = " (by slope)"  # after the effort that an engine needs for softcal's coordinate; see `EngineState`
 
 
 @dataclass(frozen=True)
 class Difference:
-    """One quantity in softcal and in the engine; relative: over the largest of its kind, for an angle over 1 rad."""
+    """One quantity in softcal and in the engine; relative: over the largest of its kind, for an angle over 1 rad,
+    for a volume over that of the largest chamber.
+    """
 
     quantity: str
     unit: str
@@ -210,13 +212,13 @@ def _compared(own: Robot, ours: EngineState, theirs: EngineState) -> list[Differ
     for name, points in ours.points.items():
         if name not in theirs.points or np.shape(theirs.points[name]) != points.shape:
             raise SimulationError(f"The engine gives no position of each of the {len(points)} nodes of {name}.")
-    numbers = {
-        **{f"the tension of {name}": value for name, value in (*theirs.tensions.items(), *theirs.needed.items())},
-        **{f"the shortening of {name}": value for name, value in theirs.shortenings.items()},
-        **{f"the pose of {name}": np.hstack([np.ravel(one) for one in pose]) for name, pose in theirs.plates.items()},
-        **{f"the shape of {name}": value for name, value in theirs.points.items()},
-    }
-    if lost := [what for what, value in numbers.items() if not np.isfinite(value).all()]:
+    kinds = {part.name: part.channels for part in own.actuated}
+    numbers: list[tuple[str, float | Floats]] = []
+    for i, values in ((1, theirs.efforts), (1, theirs.needed), (0, theirs.coordinates)):
+        numbers += [(f"the {kinds[name][i].name} of {name}", value) for name, value in values.items()]
+    numbers += [(f"the pose of {name}", np.hstack([np.ravel(v) for v in pose])) for name, pose in theirs.plates.items()]
+    numbers += [(f"the shape of {name}", value) for name, value in theirs.points.items()]
+    if lost := [what for what, value in numbers if not np.isfinite(value).all()]:
         raise SimulationError(f"The engine gives no finite number of {', '.join(lost)}.")
     differences = _differences(own, ours, theirs)
     if lost := [one.quantity for one in differences if not np.isfinite(one.absolute)]:
@@ -234,24 +236,28 @@ def _moved(robot: Robot, outcome: EngineState) -> dict[str, Floats]:
 def _differences(robot: Robot, ours: EngineState, theirs: EngineState) -> list[Difference]:
     moved, there = _moved(robot, ours), _moved(robot, theirs)
     tip = max(float(np.linalg.norm(u, axis=1).max()) for u in moved.values())
-    strongest = max((abs(value) for value in ours.tensions.values()), default=0.0)
+    sizes = {"m": tip, "rad": 1.0}
+    scales = [scale for term in twin_of(robot).system.actuated for scale in term.coordinate_scales(tip).tolist()]
+    for part, scale in zip(robot.actuated, scales, strict=True):
+        coordinate, effort = (kind.unit for kind in part.channels)
+        sizes[coordinate] = max(sizes.get(coordinate, 0.0), scale)
+        sizes[effort] = max(sizes.get(effort, 0.0), abs(ours.efforts[part.name]))
     found: list[Difference] = []
-    for kind, unit, a, b, size in (
-        ("tension", "N", ours.tensions, theirs.tensions, strongest),
-        (NEEDED, "N", ours.tensions, theirs.needed, strongest),
-        ("shortening", "m", ours.shortenings, theirs.shortenings, tip),
+    for after, i, a, b in (
+        ("", 1, ours.efforts, theirs.efforts),
+        (NEEDED, 1, ours.efforts, theirs.needed),
+        ("", 0, ours.coordinates, theirs.coordinates),
     ):
-        found += [
-            Difference(f"{name}.{kind}", unit, a[name], b[name], abs(a[name] - b[name]), _over(a[name] - b[name], size))
-            for name in a
-            if name in b
-        ]
+        for part in robot.actuated:
+            if (name := part.name) in b:
+                kind, gap = part.channels[i], a[name] - b[name]
+                relative = _over(gap, sizes[kind.unit])
+                found.append(Difference(f"{name}.{kind.name}{after}", kind.unit, a[name], b[name], abs(gap), relative))
     for one in robot.sensors:
         a_all, b_all = (one.sensor.sense(EnginePosture(robot, state, ours)) for state in (ours, theirs))
         for channel, a, b in zip(channels_of([one]), a_all, b_all, strict=True):
             unit = channel.kind.unit
-            size = {"m": tip, "N": strongest, "rad": 1.0}.get(unit, abs(float(a)))
-            relative = _over(float(a - b), size)
+            relative = _over(float(a - b), sizes.get(unit, abs(float(a))))
             found.append(Difference(str(channel), unit, float(a), float(b), abs(float(a - b)), relative))
     for plate in robot.plates:
         if plate.fixed or plate.name not in theirs.plates:
@@ -282,7 +288,7 @@ def _angle(R: Floats) -> float:
 class EnginePosture:
     """An engine's state, for sensors to read.
 
-    robot: the engine's robot; own: softcal's state, with the cables' commands.
+    robot: the engine's robot; own: softcal's state, with the actuators' commands.
     """
 
     robot: Robot
@@ -302,12 +308,12 @@ class EnginePosture:
         return self._pose(plate)[1]
 
     def coordinate(self, actuator: str) -> float:
-        """Shortening [m] of a cable."""
-        return self.state.shortenings.get(actuator, self.own.shortenings[actuator])
+        """Coordinate [SI] of an actuator."""
+        return self.state.coordinates.get(actuator, self.own.coordinates[actuator])
 
     def effort(self, actuator: str) -> float:
-        """Tension [N] of a cable."""
-        return self.state.tensions.get(actuator, self.own.tensions[actuator])
+        """Effort [SI] of an actuator."""
+        return self.state.efforts.get(actuator, self.own.efforts[actuator])
 
     def _pose(self, plate: str) -> tuple[Floats, Floats]:
         (found,) = (one for one in self.robot.plates if one.name == plate)

@@ -2,9 +2,10 @@
 
 The deck represents the assembled system: every point is a node; plates are rigid bodies over the points that they
 carry, ties are equations between displacements, fixed points are boundary conditions, weight and loads are dead forces
-on nodes, and cables are springs with softcal's tensions. Each step ends at an equilibrium of softcal, which CalculiX
-should reproduce. CalculiX has no neo-Hookean law of SOFA's form: bodies are written with its isochoric one
-(`neo-hooke-isochoric` in softcal) at the same modulus and ratio, which agrees only at small strain.
+on nodes, cables are springs with softcal's tensions, and chambers a pressure on their walls. Each step ends at an
+equilibrium of softcal, which CalculiX should reproduce. CalculiX has no neo-Hookean law of SOFA's form: bodies are
+written with its isochoric one (`neo-hooke-isochoric` in softcal) at the same modulus and ratio, which agrees only at
+small strain.
 """
 
 from __future__ import annotations
@@ -15,15 +16,27 @@ from pathlib import Path
 
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
 from softcal.errors import Fault, ParameterError
-from softcal.export.engine import cable_faults, contact_faults, history_faults, not_exported
+from softcal.export.engine import actuator_faults, cable_faults, contact_faults, history_faults, not_exported
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import ELEMENTS, P1, P2
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.plugins.calculix.cables import cable_lines, dead_pulls
-from softcal.plugins.calculix.format import CARDS, ISOCHORIC, law_lines, listed, number, set_name, weighted_sum
-from softcal.plugins.calculix.load_path import load_path
+from softcal.plugins.calculix.chambers import forces_left_out, wall_pressures
+from softcal.plugins.calculix.format import (
+    CARDS,
+    ISOCHORIC,
+    MICRONEWTON,
+    law_lines,
+    listed,
+    number,
+    place,
+    set_name,
+    weighted_sum,
+)
+from softcal.plugins.calculix.load_path import efforts, load_path
+from softcal.twin.actuators.chamber import Chamber
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.parameters import parameter_values
 from softcal.twin.response import Snapshot
@@ -33,13 +46,17 @@ DECK = "robot.inp"
 PLACE = "the deck"
 ITS_LAW = ISOCHORIC
 ITS_ELEMENTS = {element.cell: element for element in (P1, P2)}
-# One increment per step, smaller ones if it does not converge; residual forces below a millionth of the average force.
+# One increment per step, smaller ones if it does not converge; residual forces below a millionth of the average force,
+# corrections below a millionth of the increment, in up to a hundred iterations: CalculiX's tangent does not contain the
+# stiffness of a pressure, and its residual has the pressure of the iteration before.
 _STEP = (
     "*STEP, NLGEOM, INC=1000",
     "*STATIC",
     "1.0, 1.0, 1e-4, 1.0",
     "*CONTROLS, PARAMETERS=FIELD",
-    "1e-6, 1e-6, , , 1e-6",
+    "1e-6, 1e-6, , , 1e-6, , , 1e-12",
+    "*CONTROLS, PARAMETERS=TIME INCREMENTATION",
+    "60, 60, 60, 100, 100",
 )
 _OUTPUT = ("*NODE FILE", "U", "*NODE PRINT, NSET=ALL, FREQUENCY=100000", "U", "*END STEP")
 
@@ -84,21 +101,21 @@ def _in_its_law(body: Body) -> Body:
 
 
 def calculix_deck(robot: Robot, shapes: Sequence[Snapshot], notes: Sequence[str] = ()) -> Deck:
-    """The deck of a robot under the loads and cable tensions of its shapes, one after the other; see `load_path`.
+    """The deck of a robot under the loads and efforts of its shapes, one after the other; see `load_path`.
 
     Parameters
     ----------
     robot
         Of `in_its_law`.
     shapes
-        Shapes with the tensions [N] of the cables.
+        Shapes with the tensions [N] of the cables and the pressures [Pa] of the chambers.
     notes
         Sentences for the header.
 
     Raises
     ------
     ParameterError
-        For features that a deck cannot represent: rods, friction and stretch of cables.
+        For features that a deck cannot represent: rods, other actuators, friction and stretch of cables.
     """
     _require(robot)
     robot = robot.as_clamped
@@ -107,16 +124,18 @@ def calculix_deck(robot: Robot, shapes: Sequence[Snapshot], notes: Sequence[str]
     last_node = layout.n_points + 2 * layout.n_moving_frames
     cables = cable_lines(twin, shapes, last_node, sum(len(mesh.tets) for mesh in twin.meshes.values()))
     lines = [
-        "** Written by softcal. Units: m, kg, s, N, Pa. Run it with: ccx -i robot",
+        "** Written by softcal. Units: mm, g, s, uN, Pa. Run it with: ccx -i robot",
         *(f"** {note}" for note in notes),
         *_nodes(twin),
         *cables.nodes,
     ]
+    corners: list[Ints] = []
     n_tets = 0
     for body in twin.robot.bodies:
         mesh, first = twin.meshes[body.name], twin.first_point[body.name]
         for material in body.materials:
             lines.append(f"*ELEMENT, TYPE={mesh.cell.calculix}, ELSET={set_name(material.name)}")
+            corners.append(first + mesh.tets[material.elements, :4])
             for tet in mesh.tets[material.elements]:
                 n_tets += 1
                 lines.append(f"{n_tets}, " + ", ".join(str(first + n + 1) for n in tet))
@@ -132,14 +151,16 @@ def calculix_deck(robot: Robot, shapes: Sequence[Snapshot], notes: Sequence[str]
     moves = (layout.rider != FIXED) & (layout.rider < layout.n_moving_frames)  # forces on fixed nodes are omitted
     for k, shape in enumerate(shapes, start=1):
         temperature = ["*TEMPERATURE", f"ALL, {number(k)}"] if cables.springs else []
-        force = dead + dead_pulls(twin, shape)
+        force = dead + dead_pulls(twin, shape) + forces_left_out(twin, shape)
         loads = [
-            f"{i + 1}, {axis + 1}, {number(force[i, axis])}"
+            f"{i + 1}, {axis + 1}, {number(force[i, axis] / MICRONEWTON)}"
             for i in np.flatnonzero(moves & np.any(force != 0.0, axis=1))
             for axis in np.flatnonzero(force[i])
         ]
         # In a static step CalculiX ramps linearly from the previous loads to these; loads not listed go to zero.
         loads = ["*CLOAD, OP=NEW", *loads] if loads else []
+        pressures = list(wall_pressures(twin, shape, np.concatenate(corners)))
+        loads += ["*DLOAD, OP=NEW", *pressures] if pressures else []
         lines += [f"** {shape.label}", *_STEP, *temperature, *loads, *_OUTPUT]
     return Deck("\n".join([*lines, ""]), dict(twin.first_point), len(shapes), last_node)
 
@@ -150,11 +171,12 @@ def _require(robot: Robot) -> None:
 
 
 def deck_faults(robot: Robot) -> list[Fault]:
-    """Faults of features that a deck cannot represent: rods, friction and stretch of cables."""
+    """Faults of features that a deck cannot represent: rods, other actuators, friction and stretch of cables."""
     faults = [
         Fault("a rod has no solid elements to write", where=rod.name, attempt="a solid mesh") for rod in robot.rods
     ]
-    faults += [*cable_faults(robot, "CalculiX"), *history_faults(robot, "CalculiX")]
+    faults += [*actuator_faults(robot, "CalculiX", Chamber.name), *cable_faults(robot, "CalculiX")]
+    faults += history_faults(robot, "CalculiX")
     faults += [
         Fault("a moment cannot be exported", load.name, attempt="two forces")
         for load in robot.loads
@@ -198,9 +220,10 @@ def write_calculix(robot: Robot, shape: Snapshot, folder: Path, *, given: Robot 
     deck = calculix_deck(robot, load_path(robot, shape).shapes, notes)
     path, readme = folder / DECK, folder / "README.txt"
     path.write_text(deck.text, encoding="utf-8")
-    pulls = ", ".join(f"{name} {tension:.6g} N" for name, tension in shape.tensions.items())
+    units = {part.name: part.channels[1].unit for part in robot.actuated}
+    pulls = ", ".join(f"{name} {effort:.6g} {units[name]}" for name, effort in efforts(shape).items())
     readme.write_text(
-        f"State: {shape.label}{f'; cables: {pulls}' if pulls else ''}.\n"
+        f"State: {shape.label}{f'; {pulls}' if pulls else ''}.\n"
         f"Steps: {deck.n_states}. Each ends at an equilibrium of softcal on the load path, the last at this state.\n"
         "Run: ccx -i robot\nLook at it: cgx robot.frd\n" + "".join(f"{note}\n" for note in notes),
         encoding="utf-8",
@@ -212,12 +235,11 @@ def _nodes(twin: Twin) -> Iterator[str]:
     layout = twin.system.layout
     yield "*NODE, NSET=ALL"
     for i, at in enumerate(layout.X):
-        yield f"{i + 1}, " + ", ".join(number(v) for v in at)
+        yield f"{i + 1}, {place(at)}"
     for k, pivot in enumerate(_pivots(twin)):
         reference, turn = _frame_nodes(layout, k)
-        at = ", ".join(number(v) for v in pivot)
-        yield f"{reference}, {at}"
-        yield f"{turn}, {at}"
+        yield f"{reference}, {place(pivot)}"
+        yield f"{turn}, {place(pivot)}"
 
 
 def _frame_nodes(layout: Layout, k: int) -> tuple[int, int]:

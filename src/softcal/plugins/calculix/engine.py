@@ -1,4 +1,4 @@
-"""CalculiX: the same mesh, law and loads under the cables' pull, by a deck."""
+"""CalculiX: the same mesh, law and loads under the actuators' efforts, by a deck."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.export.engine import Engine, EngineState, Running, register_engine
 from softcal.plugins.calculix.deck import calculix_deck, deck_faults, in_its_law
-from softcal.plugins.calculix.load_path import LoadPath, load_path, positions, shortenings
+from softcal.plugins.calculix.load_path import LoadPath, coordinates, efforts, load_path, positions
 from softcal.plugins.calculix.run import HOW_TO_GET, TIMEOUT, find_calculix, run_calculix
 from softcal.twin.build import twin_of
 from softcal.twin.protocol import Protocol
@@ -24,36 +24,36 @@ def _missing() -> str:
 
 
 def _solve(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) -> EngineState:
-    """Solve with CalculiX under gravity, loads and softcal's tensions."""
+    """Solve with CalculiX under gravity, loads and softcal's efforts."""
     twin, path = twin_of(robot), load_path(robot, shape)
     deck = calculix_deck(robot, path.shapes)
     layout = twin.system.layout
     with tempfile.TemporaryDirectory() as folder:
         x = layout.X + run_calculix(deck, Path(folder), timeout=running.timeout or TIMEOUT)[-1, : layout.n_points]
-    shortening = shortenings(twin, x)
     plates: dict[str, tuple[Floats, Floats]] = {}
     for name, k in twin.frame.items():
         riders = np.flatnonzero(layout.rider == k)
         if k < layout.n_moving_frames and len(riders) >= 3:
             plates[name] = _fitted_pose(layout.X[riders], x[riders], layout.references[k])
+    ours, theirs = (coordinates(robot, at, efforts(shape)) for at in (positions(twin, shape), x))
     return EngineState(
-        tensions={},
-        shortenings=shortening,
+        efforts={},
+        coordinates=theirs,
         plates=plates,
         points={name: x[deck.first[name] :][: mesh.n_points] for name, mesh in twin.meshes.items()},
-        needed=_needed(path, shape, shortenings(twin, positions(twin, shape)), shortening),
+        needed=_needed(path, shape, ours, theirs),
     )
 
 
 def _needed(
     path: LoadPath, shape: Snapshot, ours: Mapping[str, float], theirs: Mapping[str, float]
 ) -> dict[str, float]:
-    """Tensions [N] that another engine needs for softcal's shortenings, from those under softcal's tensions."""
+    """Efforts [SI] that another engine needs for softcal's coordinates, from those under softcal's efforts."""
     if path.stiffness is None:
         return {}
-    lacks = np.array([ours[name] - theirs[name] for name in path.taut])
+    lacks = np.array([ours[name] - theirs[name] for name in path.acting])
     more = path.stiffness @ lacks
-    return {name: shape.tensions[name] + float(dT) for name, dT in zip(path.taut, more, strict=True)}
+    return {name: efforts(shape)[name] + float(change) for name, change in zip(path.acting, more, strict=True)}
 
 
 def _fitted_pose(X: Floats, x: Floats, reference: Floats) -> tuple[Floats, Floats]:

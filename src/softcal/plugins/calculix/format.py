@@ -4,13 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from softcal.checks import Ints
+from softcal.checks import Floats, Ints
 from softcal.materials.catalogue import LAWS
+
+# The deck's units [m], [N], with seconds, grams and Pa: CalculiX takes a residual below 1e-6 of its unit of force, and
+# a displacement below 1e-8 of its unit of length, for zero.
+MM, MICRONEWTON = 1e-3, 1e-6
 
 
 def number(value: float) -> str:
     """A number in at most twenty characters: CalculiX ignores the rest, possibly an exponent."""
     return f"{value:.12e}"
+
+
+def place(at: Floats) -> str:
+    """The coordinates of a point (3,) [m]."""
+    return ", ".join(number(value / MM) for value in at)
 
 
 def set_name(name: str) -> str:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from softcal.checks import Floats
 from softcal.export.engine import EngineState
-from softcal.mechanics.cable import cables_of
+from softcal.mechanics.chamber import ChamberTerm
 from softcal.sensing.channel import ChannelName
-from softcal.sensing.sensors.cable import TENSION
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
@@ -24,60 +24,63 @@ SAME = 1e-6  # of the largest displacement
 
 @dataclass(frozen=True)
 class LoadPath:
-    """Equilibria from rest to a given state, and the cable stiffness at that state.
+    """Equilibria from rest to a given state, and the stiffness of the actuators at that state.
 
     Attributes
     ----------
     shapes
         Equilibria along the path; the last one is the given state.
-    taut
-        Names of the cables that are taut at the given state.
+    acting
+        Names of the actuators that have an effort at the given state.
     stiffness
-        d tension / d shortening of the taut cables there (n_taut, n_taut) [N/m], or None if unknown.
+        d effort / d coordinate of those there (n_acting, n_acting) [SI], or None if unknown.
     """
 
     shapes: tuple[Snapshot, ...]
-    taut: tuple[str, ...]
+    acting: tuple[str, ...]
     stiffness: Floats | None
 
 
 def load_path(robot: Robot, end: Snapshot) -> LoadPath:
-    """Load path to the equilibrium `end`: first the loads alone, if there are any, then the taut cables shortened in
-    equal increments.
+    """Load path to the equilibrium `end`: first the loads alone, if there are any, then the coordinates of the
+    actuators that have an effort, such as shortenings of taut cables, in equal increments.
 
     The number of increments is the largest rotation of an element over 15 degrees. If this path does not reach `end`
     (snap-through along the path, or before it), the path consists of `end` alone.
     """
     twin = twin_of(robot)
-    cables = cables_of(twin.system)
-    taut = tuple(name for name in cables.names if end.tensions.get(name, 0.0) > 0.0)
-    if not taut:
+    kinds = {part.name: part.channels for part in robot.actuated if efforts(end).get(part.name, 0.0) != 0.0}
+    acting = tuple(kinds)
+    if not acting:
         return LoadPath((end,), (), np.zeros((0, 0)))
     begin = simulate(robot, Protocol({}), snapshots=True).snapshots[0]
     n = max(1, int(np.ceil(_largest_turn(twin, begin, end) / TURN)))
     share = np.arange(1, n + 1) / n
-    first, last = (shortenings(twin, positions(twin, shape)) for shape in (begin, end))
-    commands = {name: Command("shortening", first[name] + share * (last[name] - first[name])) for name in taut}
+    first, last = (coordinates(robot, positions(twin, shape), efforts(shape)) for shape in (begin, end))
+    commands = {
+        name: Command(coordinate.name, first[name] + share * (last[name] - first[name]))
+        for name, (coordinate, _) in kinds.items()
+    }
     by = list(Protocol(commands).drives)
     response = simulate(robot, Protocol(commands), sensitivities=by, snapshots=True, curve_tolerance=0.0)
     pulls = [{name: float(command.values[i]) for name, command in commands.items()} for i in range(n)]
-    scales = [max(abs(value) for value in pull.values()) for pull in pulls]
+    scales = {name: float(np.abs(command.values).max()) for name, command in commands.items()}
     found = [
         shape
-        for pull, scale in zip(pulls, scales, strict=True)
+        for pull in pulls
         for shape in response.snapshots
-        if all(abs(shape.controls[name] - value) <= 1e-9 * scale for name, value in pull.items())
+        if all(abs(shape.controls[name] - value) <= 1e-9 * scales[name] for name, value in pull.items())
     ]
     if not response.succeeded or len(found) != n:
-        return LoadPath((end,), taut, None)
+        return LoadPath((end,), acting, None)
     x, y = positions(twin, found[-1]), positions(twin, end)
     if not float(np.abs(x - y).max()) <= SAME * float(np.abs(y - twin.system.layout.X).max()):
-        return LoadPath((end,), taut, None)
-    rows = [response.sensitivities[str(ChannelName(TENSION, name))] for name in taut]
+        return LoadPath((end,), acting, None)
+    rows = [response.sensitivities[str(ChannelName(effort, name))] for name, (_, effort) in kinds.items()]
     stiffness = np.array([[float(row[name][-1]) for name in by] for row in rows])
     theta = parameter_values(robot)
     is_loaded = twin.system.is_loaded(theta)
-    return LoadPath((*((begin,) if is_loaded else ()), *found[:-1], end), taut, stiffness)
+    return LoadPath((*((begin,) if is_loaded else ()), *found[:-1], end), acting, stiffness)
 
 
 def positions(twin: Twin, shape: Snapshot | EngineState) -> Floats:
@@ -92,10 +95,29 @@ def positions(twin: Twin, shape: Snapshot | EngineState) -> Floats:
     return x
 
 
-def shortenings(twin: Twin, x: Floats) -> dict[str, float]:
-    """Shortening of each cable from rest [m], slack or not, with all points at x (n_points, 3) [m]."""
-    cables = cables_of(twin.system)
-    return dict(zip(cables.names, cables.shape_coordinates(x).tolist(), strict=True))
+def efforts(shape: Snapshot) -> dict[str, float]:
+    """Effort of every actuator [SI] in a shape."""
+    return {**shape.tensions, **shape.efforts}
+
+
+def coordinates(robot: Robot, x: Floats, effort: Mapping[str, float]) -> dict[str, float]:
+    """Coordinate of every actuator from rest [SI], cables slack or not.
+
+    Parameters
+    ----------
+    robot
+        Without stretch of cables.
+    x
+        Positions of all points (n_points, 3) [m].
+    effort
+        Of every chamber [Pa].
+    """
+    system, found = twin_of(robot).system, dict[str, float]()
+    for term in system.actuated:
+        found |= zip((one.name for one in term.actuators), term.shape_coordinates(x).tolist(), strict=True)
+    for term in system.of(ChamberTerm):
+        found[term.name] += term.filling(parameter_values(robot)).swallowed(effort[term.name])
+    return found
 
 
 def _largest_turn(twin: Twin, before: Snapshot, after: Snapshot) -> float:

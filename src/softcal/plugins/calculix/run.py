@@ -12,6 +12,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.plugins.calculix.deck import DECK, Deck
+from softcal.plugins.calculix.format import MM
 from softcal.processes import exit_code
 
 TIMEOUT = 1800.0  # [s]
@@ -87,5 +88,5 @@ def _displacements(path: Path, n_nodes: int) -> list[Floats]:
             break
         if (rows[:, 0] != np.arange(1, len(rows) + 1)).any():
             break
-        states.append(rows[:, 1:])
+        states.append(MM * rows[:, 1:])
     return states

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+
+import numpy as np
 
 from softcal.calibration.problem.problem import Simulate
 from softcal.errors import InputError
@@ -11,7 +14,8 @@ from softcal.plugins.sofa.install import find_sofa
 from softcal.plugins.sofa.robot import linear_robot, scene_faults
 from softcal.plugins.sofa.settings import SofaSettings
 from softcal.plugins.sofa.simulator import sofa_engine
-from softcal.twin.protocol import Protocol
+from softcal.sensing.sensors.chamber import PRESSURE, VOLUME
+from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Robot
 
@@ -25,16 +29,24 @@ def _missing() -> str:
 
 
 def _solve(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) -> EngineState:
-    """Solve with SOFA, run to rest under the protocol's commands."""
+    """Solve with SOFA, run to rest under the protocol's commands; for that of a volume, under softcal's pressure."""
+    pressures = {
+        name: Command(PRESSURE.name, np.array([shape.efforts[name]]))
+        for name, command in protocol.commands.items()
+        if command.control == VOLUME.name
+    }
+    protocol = Protocol({**protocol.commands, **pressures})
     settings = running.settings if isinstance(running.settings, SofaSettings) else SofaSettings()
     engine = sofa_engine(replace(settings, timeout=running.timeout or settings.timeout))
     found = state_of(engine(robot, protocol, snapshots=True))
-    given = {(name, command.control) for name, command in protocol.commands.items()}
-    return replace(
-        found,
-        tensions={name: value for name, value in found.tensions.items() if (name, "tension") not in given},
-        shortenings={name: value for name, value in found.shortenings.items() if (name, "shortening") not in given},
-    )
+    given = {name: command.control for name, command in protocol.commands.items()}
+    kinds = {part.name: part.channels for part in robot.actuated}
+
+    def answers(values: Mapping[str, float], i: int) -> dict[str, float]:
+        """Without what is commanded."""
+        return {name: value for name, value in values.items() if given.get(name) != kinds[name][i].name}
+
+    return replace(found, efforts=answers(found.efforts, 1), coordinates=answers(found.coordinates, 0))
 
 
 def _strain_of_rods(shape: Snapshot) -> tuple[float, str]:

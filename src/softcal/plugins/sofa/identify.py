@@ -20,8 +20,7 @@ from softcal.calibration.run import calibrate
 from softcal.errors import Fault, ParameterError, SimulationError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.plugins.sofa.robot import LinearRobot, is_its_own
-from softcal.sensing.channel import ChannelName, positions
-from softcal.sensing.sensors.cable import CableSensor
+from softcal.sensing.channel import channel_name, positions
 from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Protocol
@@ -36,7 +35,7 @@ NOISE = 1e-3  # of the largest change of any channel of one unit
 ENOUGH = 2e-2  # of it: above this difference Poisson's ratio is identified too
 LARGEST_RATIO, STARTING_RATIO = 0.49, 0.45
 EXPERIMENT = "twin"
-UNITS = {"m": "mm", "N": "N", "rad": "rad"}
+UNITS = {"m": (1e3, "mm"), "N": (1.0, "N"), "rad": (1.0, "rad"), "Pa": (1e-3, "kPa"), "m^3": (1e6, "ml")}
 
 
 @dataclass(frozen=True)
@@ -59,10 +58,10 @@ class Identified:
         found = ", ".join(
             f"{name} {_shown(name, new)} (twin: {_shown(name, old)})" for name, (old, new) in self.values.items()
         )
+        shown = {name: (value, largest, *UNITS[unit]) for name, (value, unit, largest) in self.differences.items()}
         left = ", ".join(
-            f"{name} {1e3 * value if unit == 'm' else value:.3g} {UNITS[unit]} of "
-            f"{1e3 * largest if unit == 'm' else largest:.4g}"
-            for name, (value, unit, largest) in self.differences.items()
+            f"{name} {factor * value:.3g} {unit} of {factor * largest:.4g}"
+            for name, (value, largest, factor, unit) in shown.items()
         )
         return (
             f"{', '.join(names)}: SOFA has no element or law like the twin's. Exported as linear tetrahedra (P1) with "
@@ -97,15 +96,14 @@ def identify(robot: Robot, linear: LinearRobot, protocol: Protocol) -> Identifie
     target = _simulated(robot, thinned)
     # The twin's response as a dataset: all channels that change, with noise proportional to the change.
     drives = tuple(thinned.drives)
-    free = [cable.name for cable in robot.cables if cable.name not in thinned.commands]
-    slack = [str(ChannelName(kind, name)) for name in free for kind in CableSensor.kinds]
+    idle = {part.name for part in robot.actuated} - set(thinned.commands)
     places = {plate.name: plate.reference for plate in robot.plates}
     places |= {marker.name: marker.place for marker in robot.markers}
     rest = {str(part): float(x) for name, at in places.items() for part, x in zip(positions(name), at, strict=True)}
     change = {
         channel: float(np.abs(values - rest.get(channel, 0.0)).max())
         for channel, values in target.channels.items()
-        if channel not in drives and channel not in slack
+        if channel not in drives and channel_name(channel).carrier not in idle
     }
     largest = {unit: max((change[c] for c in change if target.units[c] == unit), default=0.0) for unit in UNITS}
     compared = tuple(c for c in change if change[c] > 1e-6 * largest[target.units[c]])

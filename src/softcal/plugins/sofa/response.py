@@ -12,10 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from softcal.checks import Floats
 from softcal.mechanics.cable import cables_of
+from softcal.mechanics.chamber import ChamberTerm
 from softcal.plugins.sofa.scene import begins_first
 from softcal.sensing.channel import kinds
 from softcal.sensing.sensors.cable import TENSION
 from softcal.twin.build import Twin
+from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Snapshot
 from softcal.twin.sensors import angle_columns, channel_units, read_all
@@ -41,6 +43,7 @@ class RecordPosture:
     """A record as sensors see it."""
 
     record: Record
+    twin: Twin
 
     def point(self, name: str) -> Floats:
         """Position (3,) [m] of a marker or plate."""
@@ -53,17 +56,24 @@ class RecordPosture:
         return _pose(self.record["plates"][plate])[1]
 
     def coordinate(self, actuator: str) -> float:
-        """Shortening [m] of a cable."""
-        return self.record["cables"][actuator]["shortening"]
+        """Shortening [m] of a cable, or what the pump of a chamber has displaced [m^3]."""
+        if actuator in self.record["cables"]:
+            return self.record["cables"][actuator]["shortening"]
+        (term,) = (one for one in self.twin.system.of(ChamberTerm) if one.name == actuator)
+        filling = term.filling(parameter_values(self.twin.robot))
+        grown = self.record["chambers"][actuator]["volume"] - term.rest_volume
+        return grown + filling.swallowed(self.effort(actuator))
 
     def effort(self, actuator: str) -> float:
-        """Tension [N] of a cable."""
-        return self.record["cables"][actuator]["tension"]
+        """Tension [N] of a cable, or pressure [Pa] of a chamber."""
+        if actuator in self.record["cables"]:
+            return self.record["cables"][actuator]["tension"]
+        return self.record["chambers"][actuator]["pressure"]
 
 
 def table(twin: Twin, records: Sequence[Record]) -> Floats:
     """Records as rows, with unwrapped angles."""
-    values = np.array([read_all(twin, RecordPosture(record)) for record in records])
+    values = np.array([read_all(twin, RecordPosture(record, twin)) for record in records])
     values = values.reshape(len(records), len(twin.columns))
     turns = angle_columns(twin)
     values[:, turns] = np.unwrap(values[:, turns], axis=0)
@@ -144,7 +154,7 @@ def shapes(
     twin, protocol, records
         As in `row_by_row`.
     states
-        Cable -> shortening [m] or tension [N], of each state after the first.
+        Actuator -> shortening [m], tension [N] or pressure [Pa], of each state after the first.
     """
     commanded: list[Mapping[str, float]] = [dict.fromkeys(protocol.commands, 0.0), *states]
     found: list[Snapshot] = []
@@ -162,6 +172,7 @@ def shapes(
                 plates={name: _pose(at) for name, at in record["plates"].items()},
                 controls=dict(controls),
                 tensions={name: float(cable["tension"]) for name, cable in record["cables"].items()},
+                efforts={name: float(chamber["pressure"]) for name, chamber in record["chambers"].items()},
                 rods={name: np.array(points) for name, points in record["rods"].items()},
                 markers={name: np.array(at) for name, at in record["markers"].items()},
             )

@@ -10,14 +10,18 @@ import numpy as np
 
 from softcal.checks import Ints
 from softcal.errors import Fault, ParameterError
-from softcal.export.engine import cable_faults, contact_faults, history_faults
+from softcal.export.engine import actuator_faults, cable_faults, contact_faults, history_faults
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import linear_numbers
+from softcal.geometry.regions import Named, select_faces
 from softcal.geometry.varied_section import VariedSection
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import P1
 from softcal.plugins.sofa.rods import linear_rod
+from softcal.sensing.sensors.chamber import VOLUME
+from softcal.twin.actuators.chamber import Chamber
 from softcal.twin.bores import bores
+from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Body, Moment, Robot, SurfaceLoad
 
 ITS_ELEMENT = P1.name
@@ -26,7 +30,7 @@ STAND_IN = "neo-hooke"  # its law for those by E and nu that it does not have
 
 def scene_faults(robot: Robot) -> list[Fault]:
     """Faults of features that SOFA with SoftRobots does not support."""
-    faults = cable_faults(robot, "SOFA")
+    faults = actuator_faults(robot, "SOFA", Chamber.name) + cable_faults(robot, "SOFA")
     faults += [
         Fault(
             "in SOFA a via point is attached to one element, not to the wall of a bore",
@@ -53,6 +57,15 @@ def scene_faults(robot: Robot) -> list[Fault]:
     ]
     faults += point_faults(robot, "SOFA")
     return [*faults, *contact_faults(robot, "SOFA"), *history_faults(robot, "SOFA"), *law_faults(robot)]
+
+
+def command_faults_of_sofa(protocol: Protocol) -> list[Fault]:
+    """Faults of commands that SOFA's components do not follow."""
+    return [
+        Fault("a chamber in SOFA is driven by pressure", name, command.control, "pressure", "--pull NAME=20kPa")
+        for name, command in protocol.commands.items()
+        if command.control == VOLUME.name
+    ]
 
 
 def point_faults(robot: Robot, program: str) -> list[Fault]:
@@ -177,8 +190,28 @@ def linear_robot(robot: Robot) -> LinearRobot:
         for cable in robot.cables
     )
     rods = tuple(linear_rod(rod, still) for rod in robot.rods)
+
+    def wall(body: str, faces: Ints | str) -> Ints:
+        mesh = old[body].mesh
+        own = select_faces(mesh, Named(faces), where=body) if isinstance(faces, str) else faces
+        return _renumbered(mesh, own[:, :3])
+
+    actuators = tuple(
+        replace(part, actuator=part.actuator.on_surfaces({b: wall(b, f) for b, f in part.actuator.surfaces.items()}))
+        for part in robot.actuators
+    )
     return LinearRobot(
-        replace(robot, bodies=bodies, rods=rods, plates=plates, ties=ties, loads=loads, cables=cables, contact=None),
+        replace(
+            robot,
+            bodies=bodies,
+            rods=rods,
+            plates=plates,
+            ties=ties,
+            loads=loads,
+            cables=cables,
+            actuators=actuators,
+            contact=None,
+        ),
         still,
     )
 

@@ -7,6 +7,7 @@ import keyword
 import re
 import unicodedata
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,14 @@ import numpy as np
 
 from softcal.csv_text import csv_text
 from softcal.geometry.mesh import TetMesh
+from softcal.geometry.surface import border
 from softcal.mechanics.attachment import attach
 from softcal.mechanics.elements import ELEMENTS
 from softcal.plugins.sofa.robot import LinearRobot, material
 from softcal.plugins.sofa.rods import SEGMENTS, finer, node_volumes, rod_parameters
 from softcal.plugins.sofa.settings import SofaSettings
+from softcal.sensing.channel import kinds
+from softcal.twin.actuated import Actuator
 from softcal.twin.loads import surface_forces
 from softcal.twin.masses import plate_inertia
 from softcal.twin.protocol import Protocol
@@ -36,7 +40,8 @@ TAKEN = frozenset({"", "scene", "run", "sofa", "sofaruntime", "numpy"})
 ASSUMED_DENSITY = 1000.0
 RADIUS_OF_GYRATION = 1e-3  # [m], of a plate of unknown inertia, which SOFA inverts
 PULL_SPEED = 2e-3  # [m/s], paper A's
-PULL_TIME = 20.0  # [s], for the largest tension
+PULL_TIME = 20.0  # [s], for the largest tension or pressure
+KEY_STEP = 1e3  # [Pa], of a chamber that is not commanded
 SCHEDULE_ROWS = 41
 
 
@@ -53,7 +58,7 @@ def scene_parameters(
     linear
         The robot with laws that SOFA has.
     protocol
-        The cables pulled by tension or shortening; the others are slack.
+        The cables pulled by tension or shortening, and the chambers under pressure; the others are slack, or open.
     motion
         Time step and damping of the scene; None for those of `TimeSettings()`.
     settings
@@ -122,6 +127,10 @@ def scene_parameters(
         "ties": {tie.name: {"body": tie.body, "on": tie.on, "nodes": tie.nodes.tolist()} for tie in robot.ties},
         "loads": _loads(robot, linear.still, meshes),
         "cables": cables,
+        "chambers": {
+            part.name: {**_chamber(part.actuator, meshes), "key_step": largest.get(part.name, 0.0) / 50.0 or KEY_STEP}
+            for part in robot.actuators
+        },
         "markers": markers,
     }
 
@@ -193,8 +202,7 @@ def schedule_csv(protocol: Protocol) -> str:
     )
     steps = np.abs(np.diff(table, axis=0)) / rates
     times = np.append(0.0, np.cumsum(np.maximum(steps.max(axis=1, initial=0.0), 1e-2)))
-    unit = {"tension": "N", "shortening": "m"}
-    headers = [f"{name}.{command.control} [{unit[command.control]}]" for name, command in commands.items()]
+    headers = [f"{name}.{command.control} [{kinds()[command.control].unit}]" for name, command in commands.items()]
     rows = [[f"{t:.6g}", *(f"{v:.12g}" for v in row)] for t, row in zip(times, table, strict=True)]
     return csv_text(["time [s]", *headers], rows)
 
@@ -212,6 +220,28 @@ def begins_first(cable: Cable) -> bool:
     """Whether the scene's cable starts at the first via point: an end fixed in space, of two the pulled one."""
     in_space = cable.via_points[0].on == "", cable.via_points[-1].on == ""
     return in_space[0] if in_space[0] != in_space[1] else cable.pulled_end == "first"
+
+
+def _chamber(actuator: Actuator, meshes: Mapping[str, TetMesh]) -> dict[str, Any]:
+    """The closed surface of a chamber: points of bodies, and triangles of them whose normals point out of the chamber.
+
+    An opening is closed by triangles from one node of its rim, with the area, and so the force, of a flat cap.
+    """
+    points: list[tuple[str, int]] = []
+    triangles: list[list[int]] = []
+    for body, faces in actuator.surfaces.items():
+        first = len(points)
+        used, numbers = np.unique(np.asarray(faces), return_inverse=True)
+        points += [(body, int(node)) for node in used]
+        wall = first + numbers.reshape(-1, 3)
+        triangles += wall[:, ::-1].tolist()
+        triangles += [[rim[0], a, b] for rim in map(np.ndarray.tolist, border(wall)) for a, b in pairwise(rim[1:-1])]
+    return {
+        "bodies": [body for body, _ in points],
+        "nodes": [node for _, node in points],
+        "positions": [meshes[body].points[node].tolist() for body, node in points],
+        "triangles": triangles,
+    }
 
 
 def _loads(robot: Robot, still: tuple[str, ...], meshes: Mapping[str, TetMesh]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from softcal.export.engine import left_out_by
 from softcal.plugins.sofa.install import Sofa, find_sofa
 from softcal.plugins.sofa.process import ProcessOutcome, run_states
 from softcal.plugins.sofa.response import SofaSamples, along_one_cable, row_by_row, shapes
-from softcal.plugins.sofa.robot import LinearRobot, element_faults, linear_robot, scene_faults
+from softcal.plugins.sofa.robot import LinearRobot, command_faults_of_sofa, element_faults, linear_robot, scene_faults
 from softcal.plugins.sofa.settings import SofaSettings
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.parameters import robot_parameters, unknown_name, with_parameters
@@ -29,7 +29,7 @@ from softcal.twin.sensors import channel_units
 
 STEP = 2e-2  # finite-difference step over a parameter's value, or over its distance from an excluded limit
 STEPS_FROM_ZERO = {"kg/m^3": 10.0, "kg": 1e-3, "N": 1e-3}
-COMMAND_STEPS = {"tension": 1e-2, "shortening": 1e-4}  # [N], [m]
+COMMAND_STEPS = {"tension": 1e-2, "shortening": 1e-4, "pressure": 1e2}  # [N], [m], [Pa]
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class SofaEngine:
     """SOFA as a simulator.
 
     For one driven cable, at most `states` shortenings or tensions are run to rest, and the samples are interpolated by
-    a cubic spline; with several driven cables every sample is run to rest.
+    a cubic spline; with several driven actuators, or a chamber, every sample is run to rest.
     """
 
     sofa: Sofa
@@ -77,7 +77,7 @@ class SofaEngine:
         known = robot_parameters(robot)
         commanded = protocol.drives
         self.require(robot)
-        faults = command_faults(robot, protocol)
+        faults = command_faults(robot, protocol) + command_faults_of_sofa(protocol)
         faults += [unknown_name(n, {**known, **commanded}) for n in sensitivities if n not in {**known, **commanded}]
         if faults:
             raise ParameterError(faults)
@@ -111,6 +111,12 @@ class _EngineRun:
     def driven(self) -> list[str]:
         commands = self.protocol.commands.items()
         return [n for n, command in commands if command.control == "shortening" or np.any(command.values != 0.0)]
+
+    @property
+    def cable(self) -> str:
+        """The cable that alone is driven; "" where there is none."""
+        alone = self.driven[0] if len(self.driven) == 1 else ""
+        return alone if alone in {cable.name for cable in self.linear.robot.cables} else ""
 
     def response(self, sensitivities: Sequence[str], snapshots: bool) -> Response:
         twin = twin_of(self.linear.robot)
@@ -154,7 +160,7 @@ class _EngineRun:
 
     def _along(self, protocol: Protocol) -> Floats:
         """Ascending commands of the driven cable that are run to rest."""
-        command = protocol.commands[self.driven[0]]
+        command = protocol.commands[self.cable]
         # Zero tension is the first state anyway; zero shortening need not be slack.
         unique = np.unique(command.values if command.control == "shortening" else command.values[command.values > 0.0])
         if len(unique) <= self.engine.settings.states:
@@ -164,8 +170,8 @@ class _EngineRun:
     def _states(self, protocol: Protocol) -> list[Mapping[str, float]]:
         if not self.driven:
             return []
-        if len(self.driven) == 1:
-            return [{self.driven[0]: float(value)} for value in self._along(protocol)]
+        if self.cable:
+            return [{self.cable: float(value)} for value in self._along(protocol)]
         return [
             {name: float(protocol.commands[name].values[i]) for name in self.driven} for i in range(protocol.n_samples)
         ]
@@ -182,8 +188,8 @@ class _EngineRun:
         if not self.driven:
             row = row_by_row(twin, Protocol({}), [outcome.records[0]] * 2).values
             return SofaSamples(np.repeat(row, protocol.n_samples, axis=0), None)
-        if len(self.driven) == 1:
-            return along_one_cable(twin, protocol, self.driven[0], self._along(protocol), outcome.records)
+        if self.cable:
+            return along_one_cable(twin, protocol, self.cable, self._along(protocol), outcome.records)
         return row_by_row(twin, protocol, outcome.records)
 
     def _derivative(self, name: str, seen: SofaSamples) -> tuple[Floats, str]:
@@ -196,7 +202,7 @@ class _EngineRun:
             linear = replace(linear, robot=with_parameters(linear.robot, {name: value + step}))
         else:
             cable = protocol.drives[name]
-            if len(self.driven) == 1 and cable == self.driven[0] and seen.slopes is not None:
+            if cable == self.cable and seen.slopes is not None:
                 return seen.slopes, ""
             if cable not in self.driven:
                 return np.zeros_like(seen.values), ""

@@ -13,7 +13,7 @@ from softcal.export.engine import not_exported
 from softcal.html_text import markdown
 from softcal.plugins.sofa.identify import Identified, identify
 from softcal.plugins.sofa.install import CONDA, ROOT
-from softcal.plugins.sofa.robot import linear_robot
+from softcal.plugins.sofa.robot import command_faults_of_sofa, linear_robot
 from softcal.plugins.sofa.rods import SEGMENTS
 from softcal.plugins.sofa.scene import (
     ASSUMED_DENSITY,
@@ -47,7 +47,7 @@ def write_sofa(
     motion: TimeSettings | None = None,
     settings: SofaSettings | None = None,
 ) -> list[Path]:
-    """Write the robot's scene, with a schedule that pulls its cables as the protocol does, into an existing folder.
+    """Write the robot's scene, with a schedule that drives its actuators as the protocol does, into an existing folder.
 
     Bodies that SOFA does not support become linear tets with re-identified parameters; see `identify`. Contact is left
     out, and the notes say so.
@@ -75,7 +75,7 @@ def write_sofa(
     SimulationError
         If parameters are to be identified, and the protocol has no solution.
     """
-    if faults := command_faults(robot, protocol):
+    if faults := command_faults(robot, protocol) + command_faults_of_sofa(protocol):
         raise InputError(faults)
     found = identify(replace(robot, contact=None), linear_robot(robot), protocol)
     contact = not_exported(robot, PLACE)
@@ -105,11 +105,10 @@ def write_sofa(
 def furthest(protocols: Mapping[str, Protocol]) -> str:
     """Name of the protocol with the largest pull, for the scene's only schedule.
 
-    It has the largest shortening; if no protocol prescribes shortenings, the largest tension.
+    It has the largest shortening; if no protocol prescribes shortenings, the largest tension, else pressure.
     """
-    return max(
-        protocols, key=lambda name: (_largest(protocols[name], "shortening"), _largest(protocols[name], "tension"))
-    )
+    controls = ("shortening", "tension", "pressure")
+    return max(protocols, key=lambda name: tuple(_largest(protocols[name], control) for control in controls))
 
 
 def _largest(protocol: Protocol, control: Control) -> float:
@@ -146,7 +145,7 @@ def _readme(
             f"- {names}: {SEGMENTS} beams for each element of a rod, in the scene twice, from either end, with half of "
             "softcal's stiffness (`rods.py`)."
         )
-    keys = ", ".join(f"{i} {cable.name}" for i, cable in enumerate(robot.cables[:9], start=1)) or "there are none"
+    keys = ", ".join(f"{i} {part.name}" for i, part in enumerate(robot.actuated[:9], start=1)) or "there are none"
     return _TEXT.format(
         name=markdown(name),
         conda=CONDA,
@@ -166,7 +165,7 @@ A SOFA scene written by softcal: SofaPython3 and SoftRobots, SOFA v23.12 to v26.
     {conda}
     runSofa -l SofaPython3 scene.py
 
-{schedule}. Keys (with Ctrl in runSofa's window): a digit chooses a cable
+{schedule}. Keys (with Ctrl in runSofa's window): a digit chooses a cable or chamber
 ({keys}), + and - pull and release it, P prints its positions.
 Among runSofa's display flags, Visual Models are the surfaces, Interaction Force Fields the cables, and Force Fields,
 hidden at first, the tets and beams. Without Sofa.GL there are no surfaces.
@@ -185,7 +184,7 @@ The folder `{package}` is a Python package with the robot. Copy it, or put this 
     def createScene(root):
         root.gravity = [...]                     # and root.dt, a FreeMotionAnimationLoop and a constraint solver
         robot = add_robot(root, "{package}")
-        robot.pull({{"CABLE": 0.01}}, root.dt.value)     # m, or N for a cable pulled by force
+        robot.pull({{"CABLE": 0.01}}, root.dt.value)     # m, or N for a cable pulled by force, Pa for a chamber
 
 Gravity, loop and constraint solver are those of the scene; softcal was compared with those in `scene.py`. Several
 robots, each from its own package, can be in one scene.
@@ -196,18 +195,18 @@ robots, each from its own package, can be in one scene.
 |---|---|
 | `scene.py` | `createScene`: gravity, loop, constraint solver, and the robot |
 | `run.py` | runs without a window |
-| `{package}/robot.py`, `parts.py`, `rods.py` | `add_robot`: bodies, rods, plates, cables, loads |
+| `{package}/robot.py`, `parts.py`, `rods.py` | `add_robot`: bodies, rods, plates, cables, chambers, loads |
 | `{package}/visuals.py`, `*.obj` | the visual model: surfaces, colours, the camera |
 | `{package}/{parameters}` | all numbers; the scene reads them each time it is loaded |
 | `{package}/*.vtk` | the bodies' meshes |
 | `{package}/pulling.py` | keys and schedule |
-| `{package}/robot_state.py` | tensions, shortenings, poses and markers |
+| `{package}/robot_state.py` | tensions, shortenings, pressures, volumes, poses and markers |
 
 ## Remarks
 
 {notes}
 - A cable pulled by force has impulses, force times time step, as inputs and outputs in SOFA. The scene multiplies
-  and divides; `tension` and `shortening` in `{parameters}` are N and m.
+  and divides; `tension` and `shortening` in `{parameters}` are N and m. So it is with the pressure of a chamber, in Pa.
 - `ParameterSet` is mu and Lame's lambda, from `youngs_modulus` and `poissons_ratio` in `{parameters}`.
 - The time step and damping in `time` are the project's `dynamics`, by default those of the soft neck's paper. Stiffness
   damping increases the tension while cables are pulled: as if they were pulled `rayleigh_stiffness` seconds longer

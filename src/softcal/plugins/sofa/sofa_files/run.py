@@ -86,7 +86,8 @@ class SofaRun:
         self.values = {
             name: 0.0 if cable["control"] == "tension" else SLACK for name, cable in parameters["cables"].items()
         }
-        self.settled = []  # how far the cables were pulled in each state, and which time step brought it to rest
+        self.values.update(dict.fromkeys(parameters["chambers"], 0.0))
+        self.settled = []  # how far each state was pulled and filled, and which time step brought it to rest
 
     def scene_of(self, dt):
         if dt not in self.scenes:
@@ -120,7 +121,8 @@ class SofaRun:
         """
         begun = self.steps
         goal = {**self.values, **target}
-        pulls = {name: max(value, 0.0) for name, value in goal.items()}
+        chambers = self.parameters["chambers"]
+        pulls = {name: abs(value) if name in chambers else max(value, 0.0) for name, value in goal.items()}
         time_steps = self.rest["time_steps"]
         first = self.first_choice(pulls)
         failures = []
@@ -199,12 +201,12 @@ def below(node):
 
 
 def run(states, parameters, rest, tell, shapes=False):
-    """Reach the rest state with all cables slack, then every state. False where one was not reached.
+    """Reach the rest state with all cables slack and no pressure, then every state. False where one was not reached.
 
     Parameters
     ----------
     states
-        Cable -> shortening [m] or tension [N], of each state.
+        Cable -> shortening [m] or tension [N], chamber -> pressure [Pa], of each state.
     parameters
         Content of parameters.json.
     rest
@@ -239,12 +241,14 @@ def probe():
 
 
 def write_table(path, records):
-    """Cables, plates and markers of every state as CSV."""
+    """Cables, chambers, plates and markers of every state as CSV."""
     rows = []
     for record in records:
         row = {}
         for name, one in record["cables"].items():
             row[name + ".shortening [m]"], row[name + ".tension [N]"] = one["shortening"], one["tension"]
+        for name, one in record["chambers"].items():
+            row[name + ".pressure [Pa]"], row[name + ".volume [m^3]"] = one["pressure"], one["volume"]
         for name, at in record["plates"].items():
             row.update(zip([name + "." + key for key in ("x [m]", "y [m]", "z [m]", "qx", "qy", "qz", "qw")], at))
         for name, at in record["markers"].items():

@@ -33,19 +33,23 @@ PLUGINS = [
 class Placed:
     """A robot in a scene.
 
-    node: below which it is; parameters: what parameters.json holds; parts: the nodes of its "bodies", "rods", "plates"
-    and "cables", by name.
+    node: below which it is; parameters: what parameters.json holds; parts: the nodes of its "bodies", "rods", "plates",
+    "cables" and "chambers", by name.
     """
 
     def __init__(self, node, parameters, parts):
         self.node, self.parameters, self.parts = node, parameters, parts
 
     def pull(self, values, dt):
-        """Tell cables their shortening [m] or tension [N], by name; dt: the scene's time step [s]."""
+        """Tell cables their shortening [m] or tension [N], chambers their pressure [Pa], by name; dt: the scene's time
+        step [s].
+        """
         pull(self.parts, self.parameters, values, dt)
 
     def state(self, dt):
-        """Tension [N] and shortening [m] of the cables, poses of the plates, positions of the markers [m]."""
+        """Tension [N] and shortening [m] of the cables, pressure [Pa] and volume [m^3] of the chambers, poses of the
+        plates, positions of the markers [m].
+        """
         return read_state(self.parts, self.parameters, dt)
 
 
@@ -83,7 +87,7 @@ def read_parameters():
 
 
 def build(robot, parameters):
-    """Everything below the robot's node; the nodes of its bodies, rods, plates and cables by name."""
+    """Everything below the robot's node; the nodes of its bodies, rods, plates, cables and chambers by name."""
     time = parameters["time"]
     robot.addObject(
         "EulerImplicitSolver", rayleighStiffness=time["rayleigh_stiffness"], rayleighMass=time["rayleigh_mass"]
@@ -92,7 +96,7 @@ def build(robot, parameters):
     robot.addObject("SparseLDLSolver", template="CompressedRowSparseMatrixd")
     robot.addObject("GenericConstraintCorrection")
 
-    parts = {"bodies": {}, "rods": {}, "plates": {}, "cables": {}}
+    parts = {"bodies": {}, "rods": {}, "plates": {}, "cables": {}, "chambers": {}}
     for name, plate in parameters["plates"].items():
         if not plate["fixed"]:
             parts["plates"][name] = add_plate(robot, name, plate)
@@ -104,6 +108,8 @@ def build(robot, parameters):
         add_load(name, load, parts)
     for name, cable in parameters["cables"].items():
         parts["cables"][name] = add_cable(robot, name, cable, parts)
+    for name, chamber in parameters["chambers"].items():
+        parts["chambers"][name] = add_chamber(name, chamber, parts)
     return parts
 
 
@@ -282,6 +288,35 @@ def add_cable(robot, name, cable, parts):
         value=[0.0],
         **where,
         **limit,
+    )
+    return node
+
+
+def add_chamber(name, chamber, parts):
+    """The closed surface of a chamber, whose triangles' normals point out of it, on nodes of bodies.
+
+    Its pressure is an impulse in SOFA [Pa s].
+
+    Parameters
+    ----------
+    name, chamber
+        The chamber's name, and its entry in parameters.json.
+    parts
+        The robot's nodes by kind and name.
+    """
+    bodies = list(dict.fromkeys(chamber["bodies"]))
+    parents = [parts["bodies"][body] for body in bodies]
+    node = parents[0].addChild(name)
+    for parent in parents[1:]:
+        parent.addChild(node)
+    node.addObject("MechanicalObject", name="dofs", template="Vec3", position=chamber["positions"])
+    put_together(node, parents, [(bodies.index(b), n) for b, n in zip(chamber["bodies"], chamber["nodes"])])
+    node.addObject(
+        "SurfacePressureConstraint",
+        name="chamber",
+        triangles=chamber["triangles"],
+        valueType="pressure",
+        value=[0.0],
     )
     return node
 

@@ -1,25 +1,30 @@
-"""What the robot of scene.py is told to do, and what it does: cables, plates and markers in m, N and rad."""
+"""What the robot of scene.py is told to do, and what it does: cables, chambers, plates and markers in m, N, Pa, rad."""
 
 import numpy as np
 
 
 def pull(parts, parameters, values, dt):
-    """Give cables their shortening or tension. A force is an impulse in SOFA: tension times step.
+    """Give cables their shortening or tension, and chambers their pressure. A force is an impulse in SOFA, tension
+    times step, and so is a pressure.
 
     Parameters
     ----------
     parts, parameters, dt
         As in `read_state`.
     values
-        Cable -> shortening [m] or tension [N].
+        Cable -> shortening [m] or tension [N]; chamber -> pressure [Pa].
     """
     for name, value in values.items():
+        if name in parts["chambers"]:
+            parts["chambers"][name].chamber.value.value = [float(value * dt)]
+            continue
         is_tension = parameters["cables"][name]["control"] == "tension"
         parts["cables"][name].cable.value.value = [float(value * dt if is_tension else value)]
 
 
 def read_state(parts, parameters, dt):
-    """Tension and shortening of cables; position and quaternion (x, y, z, w) of plates' references; markers.
+    """Tension and shortening of cables; pressure and volume of chambers; position and quaternion (x, y, z, w) of the
+    references of plates; markers.
 
     Parameters
     ----------
@@ -32,6 +37,9 @@ def read_state(parts, parameters, dt):
     """
     return {
         "cables": {name: read_cable(node, parameters["cables"][name], dt) for name, node in parts["cables"].items()},
+        "chambers": {
+            name: read_chamber(node, parameters["chambers"][name], dt) for name, node in parts["chambers"].items()
+        },
         "plates": {name: read_plate(name, plate, parts) for name, plate in parameters["plates"].items()},
         "markers": {name: read_marker(marker, parameters, parts) for name, marker in parameters["markers"].items()},
     }
@@ -54,6 +62,21 @@ def read_cable(node, cable, dt):
     # From the points: the constraint's own `displacement` is that of the step before.
     shortening = cable["length"] - length
     return {"tension": float(node.cable.force.value) / dt, "shortening": shortening, "points": points.tolist()}
+
+
+def read_chamber(node, chamber, dt):
+    """Pressure [Pa] and volume [m^3] of a chamber.
+
+    Parameters
+    ----------
+    node, chamber
+        The chamber's node, and its entry in parameters.json.
+    dt
+        Time step [s].
+    """
+    a, b, c = np.swapaxes(np.array(node.dofs.position.value, dtype=float)[chamber["triangles"]], 0, 1)
+    volume = float((a * np.cross(b, c)).sum()) / 6.0
+    return {"pressure": float(node.chamber.pressure.value) / dt, "volume": volume}
 
 
 def read_rods(parts, parameters):

@@ -137,7 +137,7 @@ class Dynamics:
 
     def _gap(self, state: State, wanted: Controls) -> Floats:
         """The prescribed coordinates less the present ones (n_actuators,): of a cable, the excess of its length [m]."""
-        return wanted.coordinate - self.system.coordinates(state, self.theta)
+        return wanted.coordinate - self.system.commanded(state, self.theta)
 
     def _one_solve(self, now: Instant, step: float, wanted: Controls) -> Instant:
         system = self._begin(now, step)
@@ -163,7 +163,7 @@ class Dynamics:
             present = np.where(system.effort_limits[0] == 0.0, 0.0, now.state.effort)
             about = replace(start, effort=present)
             drives = [system.drive(about, int(i), self.theta) for i in acting[driven]]
-            corner = np.concatenate([drive.corner for drive in drives])
+            corner = np.concatenate([drive.corner.diagonal() for drive in drives])
             rows = np.concatenate([drive.rows.T for drive in drives])
             rows = np.concatenate([rows, np.zeros((len(rows), n))], axis=1)
             gap = self._gap(about, wanted)[acting[driven]] + rows @ dz - corner * present[acting[driven]]

@@ -131,16 +131,13 @@ class Protocol(Checked):
         return float(self.times[max(i, 1)] - self.times[max(i, 1) - 1])
 
     def completed(self, robot: Robot, n: int | None = None) -> Protocol:
-        """With the cables that nothing drives and that have a pretension, at zero shortening; n: the number of samples,
+        """With what nothing drives and that has a pretension at its coordinate zero, as cables at zero shortening; n: the number of samples,
         where there are no commands to tell it.
         """
-        held = [c.name for c in robot.cables if "pretension" in c.properties and c.name not in self.commands]
         none = np.zeros(n or self.n_samples)
-        return (
-            replace(self, commands={**self.commands, **{c: Command("shortening", none) for c in held}})
-            if held
-            else self
-        )
+        held = [part for part in robot.pretensioned if part.name not in self.commands]
+        still = {part.name: Command(part.channels[0].name, none) for part in held}
+        return replace(self, commands={**self.commands, **still}) if still else self
 
     def thinned(self, most: int) -> Protocol:
         """At most so many of its samples, evenly spaced, with the first and the last."""
@@ -186,6 +183,8 @@ def controls_at(
             is_held[k], coordinate[k] = False, values[actuator.name]
         else:
             effort[k] = values[actuator.name]
+        if (led := system.followers.get(actuator.name)) is not None:
+            is_held[led], coordinate[led] = False, 0.0
     return Controls(is_held, effort, coordinate)
 
 
@@ -249,6 +248,9 @@ def command_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
     for name, command in protocol.commands.items():
         if name not in parts:
             faults.append(unknown(what, name, name, parts, got=""))
+        elif name in robot.led:
+            what_to, by = f"command {robot.led[name]}", f"{robot.led[name]} drives it"
+            faults.append(Fault("this cable has no command of its own", name, by, attempt=what_to))
         elif fault := parts[name].command_fault(command.control, command.values):
             faults.append(fault)
     return faults

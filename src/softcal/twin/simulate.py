@@ -160,7 +160,7 @@ def respond(  # noqa: PLR0913 (one keyword for each option)
         got, why = ", ".join(sensitivities), "a state depends on the commands of all samples before it, too"
         raise ParameterError(Fault(why, "sensitivities", got, "parameters of the robot"))
     driven = protocol.driven
-    if len(driven) > 1 or twin.system.remembers:
+    if len(driven) > 1 or twin.system.remembers or not twin.system.followers.keys().isdisjoint(driven):
         with statics_of(twin, theta) as statics:
             return simulate_many(
                 twin, statics, protocol, names, snapshots=snapshots, crossings=crossings, commanded=commanded

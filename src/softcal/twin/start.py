@@ -111,7 +111,7 @@ def pretensioned(twin: Twin, statics: Statics, slack: Collection[str]) -> Start:
     zero = {name: one for name, one in Protocol({}).completed(twin.robot, 1).commands.items() if name not in slack}
     if not zero:
         return start
-    here = system.coordinates(start.state, statics.theta)
+    here = system.commanded(start.state, statics.theta)
     target = controls_at(system, zero, dict.fromkeys(zero, 0.0), here)
     begun = Reached(start.state, replace(slack_line(twin).at(0.0), coordinate=here), np.zeros((0, 0)))
     reached = reach(statics, begun, Target(target))

@@ -45,7 +45,7 @@ def check_plausible(dataset: Dataset) -> tuple[str, ...]:
         kind = channel_name(key).kind
         largest = float(np.abs(measured.values[np.isfinite(measured.values)]).max(initial=0.0))
         if largest > kind.most:
-            unit, factor = ("deg", np.degrees(1.0)) if kind.is_angle else (kind.unit, 1.0)
+            unit, factor = ("deg", np.degrees(1.0)) if kind.unit == "rad" else (kind.unit, 1.0)
             reached = f"reaches {factor * largest:.3g} {unit}, above {factor * kind.most:g} {unit}"
             warnings.append(f"{key} {reached}: {kind.mistake}?")
     if {"pitch", "shortening"} <= dataset.channels.keys():

@@ -157,6 +157,7 @@ class DriveTerm(ActuatorTerm):
         tensions, theta, is_held = self._tensions(given), given.theta, given.controls.is_held
         stretched = np.where(is_held[self.cables], 0.0, (tensions - self._value(theta, "pretension")) ** 2)
         stored = float(self._radii(theta) @ tensions) * angle - 0.5 * self._softness(theta) * float(stretched.sum())
+        stored += 0.0 if is_held[self.first + 1] else given.controls.coordinate[self.first + 1] * angle
         if is_held[self.first]:
             return stored - torque * self.gear_ratio * angle
         most = np.hypot(self.gear_ratio * torque, PLAY_TORQUE)

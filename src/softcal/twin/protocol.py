@@ -131,8 +131,9 @@ class Protocol(Checked):
         return float(self.times[max(i, 1)] - self.times[max(i, 1) - 1])
 
     def completed(self, robot: Robot, n: int | None = None) -> Protocol:
-        """With what nothing drives and that has a pretension at its coordinate zero, as cables at zero shortening; n: the number of samples,
-        where there are no commands to tell it.
+        """With what has a pretension and no command at its coordinate zero, as cables at zero shortening.
+
+        n: the number of samples, where there are no commands to tell it.
         """
         none = np.zeros(n or self.n_samples)
         held = [part for part in robot.pretensioned if part.name not in self.commands]

@@ -477,7 +477,7 @@ class Robot(Checked):
 
     @property
     def pretensioned(self) -> tuple[ActuatedPart, ...]:
-        """What stays at its coordinate zero where it has no command, by its pretension or by that of cables it drives."""
+        """What stays at its coordinate zero where it has no command: by its pretension, or that of cables it drives."""
         tense = {cable.name for cable in self.cables if "pretension" in cable.properties}
         tense |= {part.name for part in self.actuators if part.actuator.has_pretension}
         tense |= {self.led[cable] for cable in tense if cable in self.led}

@@ -60,10 +60,8 @@ class Drive(Actuator):
         if not self.cables:
             raise InputError(Fault("the drive has no cable", "cables", allowed="cable: 1, or -1 where it is paid out"))
         if self.pretension and self.spring_rate is None:
-            what, got = "without springs a drive has no pretension", f"pretension {self.pretension:.6g} N"
-            raise InputError(
-                Fault(what, got=got, attempt="spring_rate: 5 N/mm, or the pretension of the cables' lines")
-            )
+            what, attempt = "without springs a drive has no pretension", "spring_rate, or the pretension of the cables"
+            raise InputError(Fault(what, "pretension", f"{self.pretension:.6g} N", attempt=attempt))
 
     @property
     def driven(self) -> tuple[str, ...]:

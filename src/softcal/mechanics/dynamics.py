@@ -119,6 +119,7 @@ class Dynamics:
         at_limit = by_coordinate & np.where(
             state.effort <= limits[0], self._gap(state, wanted) <= 0.0, state.effort >= limits[1]
         )
+        at_limit &= system.engaged(wanted.is_held | at_limit, wanted)
         for _ in range(4 * len(system.actuators) + 4):
             effort = np.where(by_coordinate, limited, wanted.effort)
             controls = replace(wanted, is_held=wanted.is_held | at_limit, effort=effort)
@@ -130,9 +131,11 @@ class Dynamics:
             state = solved.state
             pushes = by_coordinate & ~at_limit & pushing(system, state)
             returns = at_limit & returning(self._statics, state.effort, self._gap(state, wanted))
-            if not pushes.any() and not returns.any():
+            before, at_limit = at_limit, (at_limit | pushes) & ~returns
+            at_limit &= system.engaged(wanted.is_held | at_limit, wanted)
+            if np.all(at_limit == before):
                 return system.advanced(state, controls, self.theta)
-            at_limit, limited = (at_limit | pushes) & ~returns, np.clip(state.effort, *limits)
+            limited = np.clip(state.effort, *limits)
         raise SimulationError(f"{SWITCHING}.")
 
     def _gap(self, state: State, wanted: Controls) -> Floats:

@@ -18,7 +18,7 @@ from softcal.mechanics.state import State, rest_state
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import Twin
 from softcal.twin.loads import Weights
-from softcal.twin.protocol import Protocol, controls_at
+from softcal.twin.protocol import Command, Protocol, controls_at
 from softcal.twin.response import Snapshot
 from softcal.units import format_quantity
 
@@ -109,6 +109,9 @@ def pretensioned(twin: Twin, statics: Statics, slack: Collection[str]) -> Start:
     """
     start, system = loaded(twin, statics), twin.system
     zero = {name: one for name, one in Protocol({}).completed(twin.robot, 1).commands.items() if name not in slack}
+    # The cables of a drive stay tense where a torque turns it.
+    turned = [part for part in twin.robot.pretensioned if part.name in system.followers and part.name in slack]
+    zero |= {part.name: Command(part.channels[1].name, np.zeros(1)) for part in turned}
     if not zero:
         return start
     here = system.commanded(start.state, statics.theta)

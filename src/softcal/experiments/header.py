@@ -15,7 +15,7 @@ from softcal.experiments.table import Table, bare_unit, is_unit, is_unit_of, loa
 from softcal.experiments.table_format import ColumnSpec, TableFormat
 from softcal.sensing.channel import channel_name, channel_unit, kinds
 from softcal.sensing.sensors.plate import ANGLES
-from softcal.units import unit_factor
+from softcal.units import sensor_factor, unit_factor
 
 MASS = "mass"  # a mass that hangs from a cable: its weight is the tension
 
@@ -131,7 +131,9 @@ def read_layout(
     for key, place in layout.places.items():
         si_unit = column_unit(key) or "1"
         attempt = f"unit: {'mm' if si_unit == 'm' else si_unit}, in the project"
-        found = unit_of_column(table, place, si_unit, layout.unit_faults, layout.columns[key].unit, attempt)
+        spec = layout.columns[key]
+        constant = spec.scale if isinstance(spec.scale, str) else ""
+        found = unit_of_column(table, place, si_unit, layout.unit_faults, spec.unit, attempt, constant)
         if found is not None:
             layout.units[key], layout.factors[key] = found
     return layout
@@ -202,6 +204,7 @@ def unit_of_column(
     faults: list[Fault],
     stated: str | None = None,
     attempt: str = "the unit in brackets behind the name of the column",
+    constant: str = "",
 ) -> tuple[str, float] | None:
     """Unit of a column and its factor to SI, from the project or the file; a contradiction of both is a fault.
 
@@ -219,6 +222,8 @@ def unit_of_column(
         Unit in the project; None to use that of the file.
     attempt
         Where to state a missing unit, for messages.
+    constant
+        Of a sensor that writes another quantity, see `sensor_factor`; "" of any other.
     """
     header = table.headers[place]
     where = f"{table.path}, line {table.header_line}, column '{header}'"
@@ -246,6 +251,8 @@ def unit_of_column(
     if unit in ("", "-") and si_unit == "1":
         unit = "1"
     try:
+        if constant:
+            return unit, sensor_factor(unit, constant, si_unit, where=where)
         factor = unit_factor(unit, si_unit, where=where)
         if stated is not None and in_file and is_unit(in_file):
             file_factor = unit_factor(in_file, si_unit, where=where)

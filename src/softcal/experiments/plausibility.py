@@ -35,6 +35,8 @@ def check_plausible(dataset: Dataset) -> tuple[str, ...]:
             units = {word for word in words if word.casefold() != "in" and is_unit_of(word, si_unit)}
             if si_unit == "1" or is_unit_of(in_brackets or "", si_unit) or not units:
                 continue
+            if isinstance(column["scale"], str):  # of a sensor that writes another quantity
+                continue
             factor = unit_factor(column["unit"], si_unit)
             agree = any(np.isclose(unit_factor(unit, si_unit), factor, rtol=1e-9) for unit in units)
             if not agree or any(unit in (in_brackets or "") for unit in units):

@@ -120,7 +120,7 @@ def bent_column(element: str = "P1", law: str = "neo-hooke", friction: float = 0
 
 def driven_column() -> Robot:
     """Its two cables on a pulley."""
-    drive = Drive({"front": 1.0, "through": -0.8}, 0.02, -3.0, 2e3, pretension=0.4, backlash=0.3, zero=0.2)
+    drive = Drive({"front": 1.0, "through": -0.8}, 0.02, -3.0, 2e3, pretension=0.4, gear_backlash=0.3, zero=0.2)
     return replace(bent_column(**STRETCH), actuators=(NamedActuator("hand", drive),))
 
 

@@ -106,7 +106,7 @@ class DriveTerm(ActuatorTerm):
     def coordinates(self, given: Given, transmission: Any) -> Floats:
         """The motor's angle [rad], and the torque that the cables do not balance [N m]."""
         torque, angle = given.state.effort[self.own].tolist()
-        play = 0.5 * self._value(given.theta, "backlash") * _sign(self.gear_ratio * torque)
+        play = 0.5 * self._value(given.theta, "gear_backlash") * _sign(self.gear_ratio * torque)
         balance = self.gear_ratio * torque - float(self._radii(given.theta) @ self._tensions(given))
         return np.array([self.gear_ratio * (angle + play) + self._value(given.theta, "zero"), balance])
 
@@ -119,7 +119,7 @@ class DriveTerm(ActuatorTerm):
     def couplings(self, given: Given) -> list[tuple[int, int, float]]:
         motor, pulley = self.first, self.first + 1
         torque, softness = float(given.state.effort[motor]), self._softness(given.theta)
-        play = 0.5 * self.gear_ratio**2 * self._value(given.theta, "backlash") * _slope(self.gear_ratio * torque)
+        play = 0.5 * self.gear_ratio**2 * self._value(given.theta, "gear_backlash") * _slope(self.gear_ratio * torque)
         each = zip(self.cables.tolist(), self._radii(given.theta).tolist(), strict=True)
         return [
             (motor, pulley, -self.gear_ratio),
@@ -142,7 +142,7 @@ class DriveTerm(ActuatorTerm):
                 rates[self.cables] = softness**2 * (tensions - pretension)
             elif key == "pretension":
                 rates[self.cables] = softness
-            elif key == "backlash":
+            elif key == "gear_backlash":
                 rates[self.first] = -0.5 * self.gear_ratio * _sign(self.gear_ratio * torque)
             else:
                 rates[self.first] = -1.0
@@ -161,7 +161,7 @@ class DriveTerm(ActuatorTerm):
         if is_held[self.first]:
             return stored - torque * self.gear_ratio * angle
         most = np.hypot(self.gear_ratio * torque, PLAY_TORQUE)
-        play = 0.5 * self._value(theta, "backlash") * (most - PLAY_TORQUE)
+        play = 0.5 * self._value(theta, "gear_backlash") * (most - PLAY_TORQUE)
         lag = self.gear_ratio * angle + self._value(theta, "zero") - given.controls.coordinate[self.first]
         return float(stored - torque * lag - play)
 

@@ -32,7 +32,7 @@ class Drive(Actuator):
     gear_ratio : Turns of the motor for one of the pulley; negative where they turn against each other
     spring_rate : Of a spring between the pulley and each cable [N/m]; None: none
     pretension : Tension [N] of each cable at the pulley's angle zero, by the springs; None: just taut
-    backlash : Angle of the pulley [rad] by which it turns freely while the motor stands; None: none
+    gear_backlash : Angle of the pulley [rad] by which it turns freely while the motor stands; None: none
     zero : Angle of the motor [rad] at which the pulley's is zero; None: zero too
     """
 
@@ -41,7 +41,7 @@ class Drive(Actuator):
     gear_ratio: Factor = 1.0
     spring_rate: SpringRate | None = None
     pretension: Tension | None = None
-    backlash: Annotated[float, QUANTITIES["backlash"]] | None = None
+    gear_backlash: Annotated[float, QUANTITIES["backlash"]] | None = None
     zero: Angle | None = None
 
     name: ClassVar[str] = "drive"
@@ -51,7 +51,7 @@ class Drive(Actuator):
         "radius": QUANTITIES["size"],
         "spring_rate": QUANTITIES["spring rate"],
         "pretension": QUANTITIES["tension"],
-        "backlash": QUANTITIES["backlash"],
+        "gear_backlash": QUANTITIES["backlash"],
         "zero": QUANTITIES["angle"],
     }
 

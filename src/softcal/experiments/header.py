@@ -130,9 +130,10 @@ def read_layout(
     layout.label = None if label is None else find_column(table, label, layout.faults)
     for key, place in layout.places.items():
         si_unit = column_unit(key) or "1"
-        attempt = f"unit: {'mm' if si_unit == 'm' else si_unit}, in the project"
         spec = layout.columns[key]
         constant = spec.scale if isinstance(spec.scale, str) else ""
+        common = "counts" if constant else "mm" if si_unit == "m" else si_unit
+        attempt = f"unit: {common}, in the project"
         found = unit_of_column(table, place, si_unit, layout.unit_faults, spec.unit, attempt, constant)
         if found is not None:
             layout.units[key], layout.factors[key] = found
@@ -197,6 +198,11 @@ def find_column(table: Table, name: str, faults: list[Fault]) -> int | None:
     return None
 
 
+def _converted(si_unit: str, constant: str) -> str:
+    """What a column's unit must do, as part of a sentence."""
+    return f"that {constant} leads from" if constant else f"that converts to {si_unit}"
+
+
 def unit_of_column(
     table: Table,
     place: int,
@@ -243,7 +249,7 @@ def unit_of_column(
                 Fault(
                     "the unit is missing",
                     where=where,
-                    allowed=f"a unit that converts to {si_unit}, in the header or in a row under it",
+                    allowed=f"a unit {_converted(si_unit, constant)}, in the header or in a row under it",
                     attempt=attempt,
                 )
             )

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 from softcal.declare import Check, Declared, Reading
-from softcal.errors import Fault, InputError
+from softcal.errors import Fault, InputError, UnitError
 from softcal.limits import LIMITS
 from softcal.quantities import QUANTITIES
 from softcal.units import has_unit
@@ -20,7 +20,11 @@ def _scale(value: object, where: str = "") -> float | str:
     """The constant of a sensor as it is, any other scale as a number."""
     if isinstance(value, str) and has_unit(value) and not value.rstrip().endswith("%"):
         return value
-    return QUANTITIES["scale factor"].read(value, where=where)
+    try:
+        return QUANTITIES["scale factor"].read(value, where=where)
+    except UnitError as error:
+        allowed = "a plain number, %, or the constant of a sensor, such as 4096 counts/turn or 1.2 N*m/A"
+        raise UnitError([replace(fault, allowed=allowed) for fault in error.faults]) from error
 
 
 Scale = Annotated[float | str, Reading(_scale, "instead"), Check(_scale)]

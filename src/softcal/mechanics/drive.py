@@ -89,7 +89,7 @@ class DriveTerm(ActuatorTerm):
             if len(pulled):
                 driven[pulled[0]] = False
             elif torque:
-                raise SimulationError(f"a torque of {target.effort[self.first]:.4g} N m of {self.name} pulls no cable")
+                raise SimulationError(f"a torque of {target.effort[self.first]:.4g} N m of {self.name} pulls no cable.")
             else:
                 driven[self.cables[0]] = False
         return driven

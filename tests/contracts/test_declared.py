@@ -263,8 +263,8 @@ STATED: list[tuple[str, Declared]] = [
     ("{actuator: servo}", DriveSensor("servo")),
     ("{cables: {left: 1, right: -80 %}, radius: 8 mm}", Drive({"left": 1.0, "right": -0.8}, 8e-3)),
     (
-        "{cables: {left: 1}, radius: 8 mm, gear_ratio: -5, spring_rate: 5 N/mm, pretension: 1 N, gear_backlash: 0.1 rad, "
-        "zero: 90 deg}",
+        "{cables: {left: 1}, radius: 8 mm, gear_ratio: -5, spring_rate: 5 N/mm, pretension: 1 N, "
+        "gear_backlash: 0.1 rad, zero: 90 deg}",
         Drive({"left": 1.0}, 8e-3, -5.0, 5e3, 1.0, 0.1, np.pi / 2.0),
     ),
     ("{marker: m4}", MarkerSensor("m4")),

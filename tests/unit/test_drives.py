@@ -128,9 +128,8 @@ def test_an_encoders_offset_is_free_as_the_zero_is(tmp_path: Path) -> None:
 
 def test_a_check_states_its_cables_and_sizes(tmp_path: Path) -> None:
     told = dict(check(project(tmp_path)).rows)["drive servo"]
-    assert (
-        told == "of left and right, radius 8 mm, spring rate 5000 N/m, pretension 1 N, gear backlash 4 deg, zero 1 deg"
-    )
+    sizes = "radius 8 mm, spring rate 5000 N/m, pretension 1 N, gear backlash 4 deg, zero 1 deg"
+    assert told == f"of left and right, {sizes}"
 
 
 def test_its_commands_have_units(tmp_path: Path) -> None:
@@ -149,7 +148,7 @@ def test_its_commands_have_units(tmp_path: Path) -> None:
 def test_a_pose_is_reached(tmp_path: Path, control: str) -> None:
     found = reach(project(tmp_path).robot, {"tip.x": 5e-3}, controls={"servo": control})
     (step,) = found.steps
-    assert step.reached
+    assert step.outcome == "reached", step.status
     assert step.channels["tip.x"] == pytest.approx(5e-3, abs=1e-5)
 
 

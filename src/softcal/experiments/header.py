@@ -198,11 +198,6 @@ def find_column(table: Table, name: str, faults: list[Fault]) -> int | None:
     return None
 
 
-def _converted(si_unit: str, constant: str) -> str:
-    """What a column's unit must do, as part of a sentence."""
-    return f"that {constant} leads from" if constant else f"that converts to {si_unit}"
-
-
 def unit_of_column(
     table: Table,
     place: int,
@@ -245,11 +240,12 @@ def unit_of_column(
         if si_unit == "1":
             unit = "1"
         else:
+            leads = f"{constant} leads from" if constant else f"converts to {si_unit}"
             faults.append(
                 Fault(
                     "the unit is missing",
                     where=where,
-                    allowed=f"a unit {_converted(si_unit, constant)}, in the header or in a row under it",
+                    allowed=f"a unit that {leads}, in the header or in a row under it",
                     attempt=attempt,
                 )
             )

@@ -17,8 +17,8 @@ Skipped = Annotated[int, LIMITS["rows to skip"]]
 
 
 def _scale(value: object, where: str = "") -> float | str:
-    """The constant of a sensor as it is, any other scale as a number."""
-    if isinstance(value, str) and has_unit(value) and not value.rstrip().endswith("%"):
+    """The constant of a sensor, a quotient, as it is; any other scale as a number."""
+    if isinstance(value, str) and "/" in value and has_unit(value):
         return value
     try:
         return QUANTITIES["scale factor"].read(value, where=where)

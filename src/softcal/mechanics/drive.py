@@ -118,8 +118,9 @@ class DriveTerm(ActuatorTerm):
 
     def couplings(self, given: Given) -> list[tuple[int, int, float]]:
         motor, pulley = self.first, self.first + 1
-        torque, softness = float(given.state.effort[motor]), self._softness(given.theta)
-        play = 0.5 * self.gear_ratio**2 * self._value(given.theta, "gear_backlash") * _slope(self.gear_ratio * torque)
+        softness, torque = self._softness(given.theta), self.gear_ratio * float(given.state.effort[motor])
+        slope = PLAY_TORQUE**2 / float(np.hypot(torque, PLAY_TORQUE)) ** 3  # s'(K)
+        play = 0.5 * self.gear_ratio**2 * self._value(given.theta, "gear_backlash") * slope
         each = zip(self.cables.tolist(), self._radii(given.theta).tolist(), strict=True)
         return [
             (motor, pulley, -self.gear_ratio),
@@ -183,8 +184,3 @@ class DriveTerm(ActuatorTerm):
 def _sign(torque: float) -> float:
     """s(K)."""
     return torque / float(np.hypot(torque, PLAY_TORQUE))
-
-
-def _slope(torque: float) -> float:
-    """s'(K) [1/(N m)]."""
-    return PLAY_TORQUE**2 / float(np.hypot(torque, PLAY_TORQUE)) ** 3

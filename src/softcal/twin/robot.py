@@ -418,12 +418,6 @@ class Robot(Checked):
             require_below(n_points.get(body, np.inf), numbers, where)
         for cable in self.cables:
             require_changing_length(cable, self.plates)
-        self._require_one_drive()
-        if self.contact is not None:
-            require_wires(self.rods)
-
-    def _require_one_drive(self) -> None:
-        """Refuse an actuator of cables that there are not, or that another one drives."""
         for part in self.actuators:
             for cable in part.actuator.driven:
                 if cable not in (names := [one.name for one in self.cables]):
@@ -431,6 +425,8 @@ class Robot(Checked):
                 if self.led[cable] != part.name:
                     got = f"{self.led[cable]} and {part.name}"
                     raise InputError(Fault("two actuators drive one cable", cable, got, "one of them"))
+        if self.contact is not None:
+            require_wires(self.rods)
 
     def plot_shape(self, *, ax: Axes | None = None) -> Axes:
         """The robot at rest, with its regions, cables and loads.

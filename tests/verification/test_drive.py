@@ -240,6 +240,9 @@ def test_a_live_twin_goes_where_simulations_go() -> None:
         assert state.succeeded, state.status
         assert state.channels["servo.torque"] == pytest.approx(expected.channels["servo.torque"][k], rel=1e-6)
         assert state.channels["servo.angle"] == pytest.approx(angle)
+    still, freed = twin.at({}), twin.at({}, released=["servo"])
+    assert still.channels["servo.angle"] == freed.channels["servo.torque"] == 0.0
+    assert min(freed.channels["left.tension"], freed.channels["right.tension"]) > 0.0
     free = LiveTwin(robot)
     assert free.controls == {"servo": "torque"}
     by = free.at({"servo": 1e-3}).by_commands()

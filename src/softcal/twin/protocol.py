@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 class Command(Checked):
     """One actuator's prescribed effort or coordinate, shape (n_samples,).
 
-    Of a cable `tension` [N, >= 0] or `shortening` [m, + = pulled], of a chamber `pressure` [Pa] or `volume` [m^3].
+    Of a cable `tension` [N, >= 0] or `shortening` [m, + = pulled], of a chamber `pressure` [Pa] or `volume` [m^3], of a
+    drive `torque` [N m] or `angle` [rad].
 
     by: their derivatives (n_samples,) by parameters of the rig, such as a slack; where a robot remembers, a state
     depends on those of all samples before it.
@@ -49,7 +50,7 @@ class Command(Checked):
 @dataclass(frozen=True)
 class Protocol(Checked):
     """Commands by the actuators' names, all of one length. One that is not named has no effort: a cable is slack, a
-    chamber is open. A cable that has a pretension stays at zero shortening.
+    chamber is open. A cable that has a pretension stays at zero shortening, a drive of such cables at the angle zero.
 
     Samples are quasi-static states; where the robot is elastic, their order and repetition do not matter. Where a term
     has a memory (see `softcal.mechanics.memory`) they are a load path from rest, solved in their order. Along

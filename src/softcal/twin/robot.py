@@ -57,7 +57,7 @@ def _drives(control: str, where: str) -> str:
 
 
 Control = Annotated[str, Check(_drives)]
-"""What a command prescribes: a cable's tension or shortening, a chamber's pressure or volume."""
+"""What a command prescribes: tension or shortening of a cable, pressure or volume of a chamber, torque or angle."""
 
 
 # What another part chooses where it is omitted: a plate for its disc, a force for its direction.
@@ -382,7 +382,7 @@ class Robot(Checked):
     Attributes
     ----------
     bodies, plates, cables, loads, rods, ties, markers, sensors : The parts; no two share a name
-    actuators : What drives it beside cables, such as chambers; its name is no other part's either
+    actuators : What drives it beside cables, such as chambers and drives; its name is no other part's either
     gravity : Acceleration (3,) [m/s^2]
     contact : Contact of the parts; None: they may overlap
     limits : Limits of the work on each of its load paths

@@ -108,7 +108,8 @@ def full_matrix(system: System, at: Linearisation) -> np.ndarray:
     if len(border.corner):
         K[:n, n + border.driven] = border.columns[:, :n_taut]
         K[n + border.driven, :n] = border.rows[:, :n_taut].T
-        K[:n, :n] += border.columns[:, n_taut:] @ (border.rows[:, n_taut:] / -border.corner[n_taut:]).T
+        K[np.ix_(n + border.driven, n + border.driven)] = border.corner[:n_taut, :n_taut]
+        K[:n, :n] += border.columns[:, n_taut:] @ border.rows[:, n_taut:].T
     return K
 
 

@@ -93,6 +93,7 @@ if TYPE_CHECKING:
     from softcal.twin.actuated import NamedActuator as NamedActuator
     from softcal.twin.actuated import register_actuator as register_actuator
     from softcal.twin.actuators.chamber import Chamber as Chamber
+    from softcal.twin.actuators.drive import Drive as Drive
     from softcal.twin.barrier import Contact as Contact
     from softcal.twin.cables import CableLine as CableLine
     from softcal.twin.cables import RoutingAxis as RoutingAxis
@@ -171,6 +172,7 @@ _HOMES = {
     "Disc": "softcal.twin.robot",
     "Drawing": "softcal.report.figure",
     "DrawnShape": "softcal.geometry.shape",
+    "Drive": "softcal.twin.actuators.drive",
     "Engine": "softcal.export.engine",
     "Executor": "softcal.executors.executor",
     "Experiment": "softcal.calibration.problem.experiment",
@@ -304,6 +306,7 @@ __all__ = [
     "Disc",
     "Drawing",
     "DrawnShape",
+    "Drive",
     "Engine",
     "Executor",
     "Experiment",

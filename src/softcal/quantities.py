@@ -156,6 +156,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity("friction over all pulleys", "1", 0.0, 10.0, attempt="the wrap of one pulley, and 0.05 for 5 %"),
         Quantity("wrap angle", "rad", 0.0, 100.0),
         Quantity("angle", "rad", -1000.0, 1000.0),
+        Quantity("backlash", "rad", 0.0, 6.3, attempt="another unit, such as deg"),
         Quantity("twist", "rad/m", -1e5, 1e5),
         Quantity("time", "s", 0.0, 1e7),
         Quantity("duration", "s", 0.0, 1e7, "(]"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 import re
@@ -28,7 +29,7 @@ SI_UNITS = {
     "pixel": "px",
 }
 
-# All known units, in Pint's syntax. Angle and pixel are dimensions of their own, distinct from a ratio or a length.
+# All known units, in Pint's syntax. Angle, pixel and count are dimensions of their own, not ratios or lengths.
 _DEFINITIONS = """\
 nano- = 1e-9 = n-
 micro- = 1e-6 = µ- = μ- = u-
@@ -45,6 +46,8 @@ second = [time] = s = sec = seconds = secs
 gram = [mass] = g = grams = gramme = grammes
 radian = [angle] = rad = radians
 pixel = [image] = px = pixels
+ampere = [current] = A = amperes = amps
+count = [count] = counts = tick = ticks = pulse = pulses
 percent = 0.01 = %
 ppm = 1e-6
 inch = 0.0254 * metre = in = inches
@@ -77,6 +80,8 @@ millimetre_of_mercury = 133.322387415 * pascal = mmHg
 torr = 101325 / 760 * pascal = Torr
 ksi = 1000 * psi
 joule = newton * metre = J
+watt = joule / second = W
+volt = watt / ampere = V
 """
 
 # The most frequent units: dimension -> unit -> factor to Pint's base units, as Pint has them (a test compares). They
@@ -272,6 +277,41 @@ def parse_quantity(value: object, si_unit: str, *, where: str = "") -> float:
     if not math.isfinite(number):
         raise UnitError(Fault("the number is not finite", where=where, got=_shown(value)))
     return number
+
+
+def has_unit(text: str) -> bool:
+    """Whether a text is a number with a unit, such as "1.2 N*m/A"."""
+    match = _NUMBER.fullmatch(text)
+    return match is not None and bool(match[2]) and _base(match[2]) is not None
+
+
+def sensor_factor(unit: str, constant: str, si_unit: str, *, where: str = "") -> float:
+    """Conversion factor from the numbers that a sensor writes to the quantity that it measures.
+
+    Parameters
+    ----------
+    unit
+        Of its numbers, such as "counts", "A" or "mV".
+    constant
+        The sensor's constant: what it writes for one of the quantity, or the reverse, such as "4096 counts/turn",
+        "1.2 N*m/A" or "-2 mV/N".
+    si_unit
+        Of the quantity.
+    where
+        Where the unit is stated, for errors.
+
+    Raises
+    ------
+    UnitError
+        If the constant is zero, or leads from the one unit to none of the other.
+    """
+    for way, power in ((f"{si_unit}/({unit})", 1), (f"({unit})/({si_unit})", -1)):
+        if _base(way) is None:
+            continue
+        with contextlib.suppress(UnitError, ZeroDivisionError):
+            return float(parse_quantity(constant, way) ** power)
+    got, allowed = f"'{constant}' for a column in '{unit}'", f"a number in {si_unit} per {unit}, or the reverse"
+    raise UnitError(Fault("the constant does not lead from the column's unit to its channel's", where, got, allowed))
 
 
 def _as_float(value: float) -> float:

@@ -52,9 +52,11 @@ from softcal.project.sections import SECTIONS
 from softcal.sensing.sensor import ActuatorSensor
 from softcal.sensing.sensors.cable import CableSensor
 from softcal.sensing.sensors.chamber import ChamberSensor
+from softcal.sensing.sensors.drive import DriveSensor
 from softcal.sensing.sensors.marker import MarkerSensor
 from softcal.sensing.sensors.plate import PlateSensor
 from softcal.twin.actuators.chamber import Chamber
+from softcal.twin.actuators.drive import Drive
 from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, CableLine, RoutingAxis
 from softcal.twin.clamp import Clamp
@@ -258,6 +260,13 @@ STATED: list[tuple[str, Declared]] = [
         Chamber({"finger": "cavity"}, "gas", 6e-6, 2e-12, 1.2),
     ),
     ("{walls: {finger: cavity}, medium: liquid}", Chamber({"finger": "cavity"}, "liquid")),
+    ("{actuator: servo}", DriveSensor("servo")),
+    ("{cables: {left: 1, right: -80 %}, radius: 8 mm}", Drive({"left": 1.0, "right": -0.8}, 8e-3)),
+    (
+        "{cables: {left: 1}, radius: 8 mm, gear_ratio: -5, spring_rate: 5 N/mm, pretension: 1 N, "
+        "gear_backlash: 0.1 rad, zero: 90 deg}",
+        Drive({"left": 1.0}, 8e-3, -5.0, 5e3, 1.0, 0.1, np.pi / 2.0),
+    ),
     ("{marker: m4}", MarkerSensor("m4")),
     ("{plate: top}", PlateSensor("top")),
     ("{diameter: 9 cm, thickness: 2 mm}", BaseDisc(0.09, 0.002)),

@@ -25,6 +25,7 @@ from softcal.mechanics.cable import CableTerm
 from softcal.mechanics.chamber import ChamberTerm
 from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.damping import Damping
+from softcal.mechanics.drive import DriveTerm
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.loads import Loads
 from softcal.mechanics.moments import Moments
@@ -39,6 +40,8 @@ from softcal.mechanics.term import Connectivity, Controls, Given, Sum, Term
 from softcal.mechanics.time_step import InertialTerm, after, at_rest, in_step
 from softcal.mechanics.viscosity import ViscousTerm
 from softcal.mechanics.wire_contact import WireContactTerm
+from softcal.twin.actuated import NamedActuator
+from softcal.twin.actuators.drive import Drive
 from softcal.twin.barrier import Contact
 from softcal.twin.build import Twin
 from softcal.twin.cables import CableLine, RoutingAxis
@@ -113,6 +116,12 @@ def bent_column(element: str = "P1", law: str = "neo-hooke", friction: float = 0
         mass=0.02,
         cables=(replace(side_cable("front", (0.05, 0.0)), friction_coefficient=friction), through),
     )
+
+
+def driven_column() -> Robot:
+    """Its two cables on a pulley."""
+    drive = Drive({"front": 1.0, "through": -0.8}, 0.02, -3.0, 2e3, pretension=0.4, gear_backlash=0.3, zero=0.2)
+    return replace(bent_column(**STRETCH), actuators=(NamedActuator("hand", drive),))
 
 
 def clamped_column(element: str) -> Robot:
@@ -210,6 +219,13 @@ def squeezed(layout: Layout, size: float = 1e-3, seed: int = 0) -> Floats:
     return dz
 
 
+def wound(layout: Layout, size: float = 1e-3, seed: int = 0) -> Floats:
+    """As `taut`, with a torque within the backlash."""
+    dz = taut(layout, size, seed)
+    dz[layout.first_effort_unknown + 2] *= 1e-5
+    return dz
+
+
 def blown(layout: Layout, size: float = 1e-3, seed: int = 0) -> Floats:
     """As `rough`, with pressures of some 10 kPa."""
     dz = rough(layout, size, seed)
@@ -252,6 +268,7 @@ class Case:
     has_energy: bool = True
     remembers: bool = False
     is_held: bool = True  # the first actuator, by its effort; all others are driven by their coordinates
+    beside: tuple[type[Term], ...] = ()  # terms without which it is nothing, as a drive without its cables
 
     @cached_property
     def own(self) -> Alone:
@@ -267,7 +284,7 @@ class Case:
         layout, term = twin.system.layout, self.pick(twin, theta)
         n = layout.n_actuators
         controls = Controls(self.is_held & (np.arange(n) == 0), np.full(n, 0.7), np.full(n, 0.004), 0.8, elapsed=0.5)
-        system = build_system(layout, (term,))
+        system = build_system(layout, (*(one for one in twin.system.terms if isinstance(one, self.beside)), term))
         state = moved(layout, rest_state(layout), self.move(layout))
         if system.remembers:  # as a sample elsewhere left it, at any parameters
             before = moved(layout, rest_state(layout), self.move(layout, seed=9))
@@ -331,6 +348,8 @@ CASES = {
     "chamber": Case(ChamberTerm, lambda: blown_box("P1", is_open=False, medium="gas"), *PUMPED),
     "chamber, P2, open": Case(ChamberTerm, lambda: blown_box("P2", is_open=True, medium="gas"), *PUMPED),
     "chamber of a liquid, P2P1": Case(ChamberTerm, lambda: blown_box("P2P1", is_open=True, medium="liquid"), *PUMPED),
+    "drive": Case(DriveTerm, driven_column, first(DriveTerm), wound, is_held=False, beside=(CableTerm,)),
+    "drive with a prescribed tension": Case(DriveTerm, driven_column, first(DriveTerm), wound, beside=(CableTerm,)),
     "loads": Case(Loads, bent_column, first(Loads)),
     "moments": Case(Moments, twisted_whip, first(Moments), has_energy=False),
     "contact": Case(ContactTerm, blocks, first(ContactTerm), pressed),
@@ -438,8 +457,9 @@ def test_derivatives_by_parameters_are_those_of_differences(name):
 @every_case
 def test_it_writes_where_it_said_it_would(name):
     """Alone, in a pattern of what it connects, or among the others: the tangent is the same."""
-    alone = CASES[name].own
-    among = replace(alone.twin.system, terms=(alone.term,))
+    alone, beside = CASES[name].own, CASES[name].beside
+    others = (one for one in alone.twin.system.terms if isinstance(one, beside))
+    among = replace(alone.twin.system, terms=(*others, alone.term))
     one, other = (system.linearise(alone.state, alone.controls, alone.theta) for system in (alone.system, among))
     K, K_among = full_matrix(alone.system, one), full_matrix(among, other)
     np.testing.assert_allclose(K, K_among, rtol=0.0, atol=1e-13 * np.abs(K_among).max())

@@ -25,6 +25,8 @@ import softcal
 from softcal.calibration.problem.loss import LOSSES
 from softcal.calibration.search.optimiser import OPTIMISERS
 from softcal.experiments.step import STEPS
+from softcal.geometry.centreline import straight
+from softcal.geometry.section import RoundBar
 from softcal.materials.catalogue import LAWS
 from softcal.plugins.bench.case import CASES
 from softcal.report.figure import FIGURES
@@ -134,6 +136,18 @@ def _a_box_with_a_cavity(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[
     robot = blown_box("P1", is_open=True, medium="gas")
     (body,), (part,) = robot.bodies, robot.actuators
     return {"mesh": body.mesh, "fixed": body.fixed, "faces": part.actuator.surfaces["box"]}
+
+
+@finds("docs/drives.md")
+def _a_rod_between_cables(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    height = 0.1
+    own = {"youngs_modulus": 1e9, "poissons_ratio": 0.35}
+    line = straight((0.0, 0.0, 0.0), (0.0, 0.0, height), 6)
+    spine = softcal.Rod("spine", line, RoundBar(0.003), own, clamped={"tip": [6]}, fixed=[0])
+    sides = {"left": 0.01, "right": -0.01}
+    via = {n: (softcal.ViaPoint([x, 0.0, 0.0]), softcal.ViaPoint([x, 0.0, height], "tip")) for n, x in sides.items()}
+    left, right = (softcal.Cable(name, points, pulled_end="first") for name, points in via.items())
+    return {"spine": spine, "tip": softcal.Plate("tip", {}, [0.0, 0.0, height]), "left": left, "right": right}
 
 
 @finds("docs/bench-cases.md")

@@ -19,6 +19,7 @@ from softcal.units import (
     parse_quantity,
     plain,
     readable_unit,
+    sensor_factor,
     unit_factor,
 )
 from tests.strategies import numbers
@@ -91,6 +92,34 @@ def test_quantities_are_read(text, si_unit, value):
 def test_what_is_no_quantity_is_refused(text, si_unit, message):
     with pytest.raises(UnitError, match=message):
         parse_quantity(text, si_unit, where="robot.neck")
+
+
+@pytest.mark.parametrize(
+    ("unit", "constant", "si_unit", "factor"),
+    [
+        ("counts", "4096 counts/turn", "rad", 2.0 * math.pi / 4096),
+        ("counts", "0.1 deg/count", "rad", math.radians(0.1)),
+        ("mA", "-0.9 N*m/A", "N*m", -9e-4),
+        ("mV", "2 mV/N", "N", 0.5),
+        ("V", "2 mV/kgf", "N", 500.0 * 9.80665),
+    ],
+)
+def test_a_sensors_constant_leads_either_way(unit, constant, si_unit, factor):
+    assert sensor_factor(unit, constant, si_unit) == pytest.approx(factor, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("unit", "constant", "si_unit"),
+    [
+        ("counts", "0 counts/turn", "rad"),
+        ("A", "4 counts/turn", "rad"),
+        ("deg", "4 counts/turn", "rad"),
+        ("cats", "1 N/A", "N"),
+    ],
+)
+def test_a_sensors_constant_that_leads_nowhere_is_refused(unit, constant, si_unit):
+    with pytest.raises(UnitError, match=f"got '{constant}' for a column in '{unit}'"):
+        sensor_factor(unit, constant, si_unit)
 
 
 def test_a_refusal_names_its_place():

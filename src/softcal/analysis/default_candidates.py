@@ -55,7 +55,8 @@ def default_candidates(problem: Problem) -> list[Candidate]:
     found += _heavier(problem, like)
     if len(like.drives) == 1:
         pulled = {experiment.twin_channel(c).carrier for experiment in references for c in experiment.drives}
-        others = [cable.name for cable in problem.robot.cables if cable.name not in pulled]
+        led = problem.robot.led
+        others = [cable.name for cable in problem.robot.cables if cable.name not in pulled | led.keys()]
         found += [Candidate(name=f"{cable} as {like.name}", like=like.name, cable=cable) for cable in others]
     return found
 

@@ -15,7 +15,7 @@ from softcal.experiments.table import Table, bare_unit, is_unit, is_unit_of, loa
 from softcal.experiments.table_format import ColumnSpec, TableFormat
 from softcal.sensing.channel import channel_name, channel_unit, kinds
 from softcal.sensing.sensors.plate import ANGLES
-from softcal.units import unit_factor
+from softcal.units import sensor_factor, unit_factor
 
 MASS = "mass"  # a mass that hangs from a cable: its weight is the tension
 
@@ -130,8 +130,11 @@ def read_layout(
     layout.label = None if label is None else find_column(table, label, layout.faults)
     for key, place in layout.places.items():
         si_unit = column_unit(key) or "1"
-        attempt = f"unit: {'mm' if si_unit == 'm' else si_unit}, in the project"
-        found = unit_of_column(table, place, si_unit, layout.unit_faults, layout.columns[key].unit, attempt)
+        spec = layout.columns[key]
+        constant = spec.scale if isinstance(spec.scale, str) else ""
+        common = "counts" if constant else "mm" if si_unit == "m" else si_unit
+        attempt = f"unit: {common}, in the project"
+        found = unit_of_column(table, place, si_unit, layout.unit_faults, spec.unit, attempt, constant)
         if found is not None:
             layout.units[key], layout.factors[key] = found
     return layout
@@ -202,6 +205,7 @@ def unit_of_column(
     faults: list[Fault],
     stated: str | None = None,
     attempt: str = "the unit in brackets behind the name of the column",
+    constant: str = "",
 ) -> tuple[str, float] | None:
     """Unit of a column and its factor to SI, from the project or the file; a contradiction of both is a fault.
 
@@ -219,6 +223,8 @@ def unit_of_column(
         Unit in the project; None to use that of the file.
     attempt
         Where to state a missing unit, for messages.
+    constant
+        Of a sensor that writes another quantity, see `sensor_factor`; "" of any other.
     """
     header = table.headers[place]
     where = f"{table.path}, line {table.header_line}, column '{header}'"
@@ -234,11 +240,12 @@ def unit_of_column(
         if si_unit == "1":
             unit = "1"
         else:
+            leads = f"{constant} leads from" if constant else f"converts to {si_unit}"
             faults.append(
                 Fault(
                     "the unit is missing",
                     where=where,
-                    allowed=f"a unit that converts to {si_unit}, in the header or in a row under it",
+                    allowed=f"a unit that {leads}, in the header or in a row under it",
                     attempt=attempt,
                 )
             )
@@ -246,6 +253,8 @@ def unit_of_column(
     if unit in ("", "-") and si_unit == "1":
         unit = "1"
     try:
+        if constant:
+            return unit, sensor_factor(unit, constant, si_unit, where=where)
         factor = unit_factor(unit, si_unit, where=where)
         if stated is not None and in_file and is_unit(in_file):
             file_factor = unit_factor(in_file, si_unit, where=where)

@@ -35,6 +35,8 @@ def check_plausible(dataset: Dataset) -> tuple[str, ...]:
             units = {word for word in words if word.casefold() != "in" and is_unit_of(word, si_unit)}
             if si_unit == "1" or is_unit_of(in_brackets or "", si_unit) or not units:
                 continue
+            if isinstance(column["scale"], str):  # of a sensor that writes another quantity
+                continue
             factor = unit_factor(column["unit"], si_unit)
             agree = any(np.isclose(unit_factor(unit, si_unit), factor, rtol=1e-9) for unit in units)
             if not agree or any(unit in (in_brackets or "") for unit in units):
@@ -45,7 +47,7 @@ def check_plausible(dataset: Dataset) -> tuple[str, ...]:
         kind = channel_name(key).kind
         largest = float(np.abs(measured.values[np.isfinite(measured.values)]).max(initial=0.0))
         if largest > kind.most:
-            unit, factor = ("deg", np.degrees(1.0)) if kind.is_angle else (kind.unit, 1.0)
+            unit, factor = ("deg", np.degrees(1.0)) if kind.unit == "rad" else (kind.unit, 1.0)
             reached = f"reaches {factor * largest:.3g} {unit}, above {factor * kind.most:g} {unit}"
             warnings.append(f"{key} {reached}: {kind.mistake}?")
     if {"pitch", "shortening"} <= dataset.channels.keys():

@@ -88,7 +88,7 @@ def read_table(
             faults.append(not_numbers(table, place, held.odd[key], held.decimal))
         elif key in layout.factors:
             values[key] = held.numbers[key]
-            values[key] *= layout.factors[key] * columns[key].scale
+            values[key] *= layout.factors[key] * columns[key].factor
     if layout.label is not None:
         column, first = f"{table.path}, column '{table.headers[layout.label]}'", dict[str, int]()
         nameless = [i for i, text in enumerate(held.labels) if not text]

@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
-from softcal.declare import Declared
-from softcal.errors import Fault, InputError
+from softcal.declare import Check, Declared, Reading
+from softcal.errors import Fault, InputError, UnitError
 from softcal.limits import LIMITS
-from softcal.quantities import Factor
+from softcal.quantities import QUANTITIES
+from softcal.units import has_unit
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 Line = Annotated[int, LIMITS["lines before the data"]]
 Skipped = Annotated[int, LIMITS["rows to skip"]]
+
+
+def _scale(value: object, where: str = "") -> float | str:
+    """The constant of a sensor, a quotient, as it is; any other scale as a number."""
+    if isinstance(value, str) and "/" in value and has_unit(value):
+        return value
+    try:
+        return QUANTITIES["scale factor"].read(value, where=where)
+    except UnitError as error:
+        allowed = "a plain number, %, or the constant of a sensor, such as 4096 counts/turn or 1.2 N*m/A"
+        raise UnitError([replace(fault, allowed=allowed) for fault in error.faults]) from error
+
+
+Scale = Annotated[float | str, Reading(_scale, "instead"), Check(_scale)]
 
 
 @dataclass(frozen=True)
@@ -23,12 +38,18 @@ class ColumnSpec(Declared):
     ----------
     name : The column's header, with or without its unit
     unit : Of the numbers; None reads it from the file
-    scale : Factor on the numbers, such as -1 for a machine that writes tension negative
+    scale : Factor on the numbers, such as -1 for a machine that writes tension negative; or the constant of a sensor
+        that writes another quantity, such as 4096 counts/turn, 1.2 N*m/A or 2 mV/N
     """
 
     name: str
     unit: str | None = None
-    scale: Factor = 1.0
+    scale: Scale = 1.0
+
+    @property
+    def factor(self) -> float:
+        """The factor on the numbers in the channel's unit; one where a sensor's constant leads to that."""
+        return 1.0 if isinstance(self.scale, str) else self.scale
 
 
 @dataclass(frozen=True, kw_only=True)

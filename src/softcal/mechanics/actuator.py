@@ -19,7 +19,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.mechanics.layout import Layout
-from softcal.mechanics.term import BlockColumns, Given, Sum, Term
+from softcal.mechanics.term import BlockColumns, Controls, Given, Sum, Term
 
 NO_GAP = 1e-9  # of a coordinate's scale: a smaller error counts as zero
 NO_EFFORT = 1e-7  # of the largest effort of its kind: a smaller one counts as zero
@@ -29,13 +29,17 @@ SWITCHING = "actuators keep switching between driven and at a limit of their eff
 
 @dataclass(frozen=True)
 class ActuatorLimits:
-    """Names of an actuator's coordinate and effort, and the limits of the effort."""
+    """Names of an actuator's coordinate and effort, and the limits of the effort.
+
+    is_motion: whether its unknown is no effort but a motion, and its equation a balance of efforts, as of a pulley.
+    """
 
     name: str
     coordinate: str
     effort: str
     least_effort: float = -np.inf
     most_effort: float = np.inf
+    is_motion: bool = False
 
 
 class Drives(NamedTuple):
@@ -139,6 +143,39 @@ class ActuatorTerm(Term):
             What `transmission` returned there.
         """
 
+    @property
+    def followers(self) -> Mapping[str, Ints]:
+        """Actuator of its own -> numbers among the system's of those that have no command but its own: of a drive its
+        cables and its pulley. Commanded by what `taken_up` leaves of their coordinates: zero.
+        """
+        return {}
+
+    def taken_up(self, given: Given) -> Floats | float:
+        """What it takes up of the coordinates of its followers, among those of all (n_actuators,)."""
+        return 0.0
+
+    def couplings(self, given: Given) -> Sequence[tuple[int, int, float]]:
+        """Entries (i, j, rate) of the tangent, and (j, i, rate) where these differ, between efforts of the system."""
+        return ()
+
+    def engaged(self, is_held: np.ndarray, target: Controls) -> np.ndarray:
+        """Which actuators (n_actuators,) are at prescribed efforts, less those that must be driven for its equations to
+        determine its motion.
+
+        Parameters
+        ----------
+        is_held
+            Which would be (n_actuators,).
+        target
+            The commands.
+
+        Raises
+        ------
+        SimulationError
+            Where none can be driven.
+        """
+        return is_held
+
     def coordinate_scales(self, extent: float) -> Floats:
         """Scales of the errors of its coordinates (n,), of a robot of this extent [m]."""
         return np.full(len(self.actuators), extent)
@@ -181,8 +218,11 @@ class ActuatorTerm(Term):
         self.add_forces(given, state.effort[own], into, transmission)
         coordinates = self.coordinates(given, transmission)
         into.efforts[own] += np.where(is_held, 0.0, given.controls.coordinate[own] - coordinates)
+        if self.followers:
+            into.efforts += np.where(given.controls.is_held, 0.0, self.taken_up(given))
         if into.data is None:
             return
+        into.couplings.extend(self.couplings(given))
         if len(driven := np.flatnonzero(~is_held)):
             into.driven.append((self.first + driven, self.drives(given, driven, size, transmission)))
         if transmission is not None:

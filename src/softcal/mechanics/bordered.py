@@ -140,7 +140,7 @@ class BorderedTangent:
             border,
             columns=np.concatenate([border.columns.reshape(len(modes), -1), modes / size], axis=1),
             rows=np.concatenate([border.rows.reshape(len(modes), -1), modes / size], axis=1),
-            corner=np.concatenate([border.corner, np.zeros(modes.shape[1])]),
+            corner=np.pad(border.corner, (0, modes.shape[1])),
         )
         self._columns_solved = solved
 
@@ -200,9 +200,10 @@ class BorderedTangent:
         n_negative = self._own_factors.n_negative
         if len(border.corner):
             columns_solved, _ = self._with_border_solved(np.zeros((len(self.unit), 0)))
-            schur = border.rows.T @ columns_solved - np.diag(border.corner)
+            schur = border.rows.T @ columns_solved - border.corner
             n_negative += int(np.count_nonzero(np.linalg.eigvals(schur).real > 0.0))
-        n_unstable = n_negative - self.system.layout.n_pressures - len(border.corner)
+        n_motions = sum(self.system.actuators[i].is_motion for i in border.driven.tolist())
+        n_unstable = n_negative - self.system.layout.n_pressures - (len(border.corner) - n_motions)
         return n_unstable % 2 if border.has_moments else n_unstable
 
     def _iterated(self, b: Floats, accuracy: float) -> tuple[Floats, Floats]:
@@ -254,7 +255,7 @@ class BorderedTangent:
             rows_y = border.rows.T @ y
             rows_y[: len(border.driven)] -= b[n + border.driven]
             try:
-                w = np.linalg.solve(border.rows.T @ columns_solved - np.diag(border.corner), rows_y)
+                w = np.linalg.solve(border.rows.T @ columns_solved - border.corner, rows_y)
             except np.linalg.LinAlgError as error:
                 raise SimulationError("The tangent is singular.") from error
             y -= columns_solved @ w

@@ -83,5 +83,5 @@ def dense_tangent(pattern: Pattern, data: Floats, touch: Any, border: Border) ->
     upper = sp.csr_matrix((data, pattern.indices, pattern.indptr), shape=(n, n))
     whole: Floats = (upper if touch is None else upper + touch).toarray()
     whole += np.triu(whole, 1).T + border.columns[:, k:] @ border.rows[:, k:].T
-    own = {"columns": border.columns[:, :k], "rows": border.rows[:, :k], "corner": border.corner[:k]}
+    own = {"columns": border.columns[:, :k], "rows": border.rows[:, :k], "corner": border.corner[:k, :k]}
     return whole, replace(border, **own)

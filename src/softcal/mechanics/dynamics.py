@@ -119,6 +119,7 @@ class Dynamics:
         at_limit = by_coordinate & np.where(
             state.effort <= limits[0], self._gap(state, wanted) <= 0.0, state.effort >= limits[1]
         )
+        at_limit &= system.engaged(wanted.is_held | at_limit, wanted)
         for _ in range(4 * len(system.actuators) + 4):
             effort = np.where(by_coordinate, limited, wanted.effort)
             controls = replace(wanted, is_held=wanted.is_held | at_limit, effort=effort)
@@ -130,14 +131,16 @@ class Dynamics:
             state = solved.state
             pushes = by_coordinate & ~at_limit & pushing(system, state)
             returns = at_limit & returning(self._statics, state.effort, self._gap(state, wanted))
-            if not pushes.any() and not returns.any():
+            before, at_limit = at_limit, (at_limit | pushes) & ~returns
+            at_limit &= system.engaged(wanted.is_held | at_limit, wanted)
+            if np.all(at_limit == before):
                 return system.advanced(state, controls, self.theta)
-            at_limit, limited = (at_limit | pushes) & ~returns, np.clip(state.effort, *limits)
+            limited = np.clip(state.effort, *limits)
         raise SimulationError(f"{SWITCHING}.")
 
     def _gap(self, state: State, wanted: Controls) -> Floats:
         """The prescribed coordinates less the present ones (n_actuators,): of a cable, the excess of its length [m]."""
-        return wanted.coordinate - self.system.coordinates(state, self.theta)
+        return wanted.coordinate - self.system.commanded(state, self.theta)
 
     def _one_solve(self, now: Instant, step: float, wanted: Controls) -> Instant:
         system = self._begin(now, step)
@@ -163,7 +166,7 @@ class Dynamics:
             present = np.where(system.effort_limits[0] == 0.0, 0.0, now.state.effort)
             about = replace(start, effort=present)
             drives = [system.drive(about, int(i), self.theta) for i in acting[driven]]
-            corner = np.concatenate([drive.corner for drive in drives])
+            corner = np.concatenate([drive.corner.diagonal() for drive in drives])
             rows = np.concatenate([drive.rows.T for drive in drives])
             rows = np.concatenate([rows, np.zeros((len(rows), n))], axis=1)
             gap = self._gap(about, wanted)[acting[driven]] + rows @ dz - corner * present[acting[driven]]

@@ -14,14 +14,14 @@ from softcal.mechanics.term import Controls
 
 @dataclass(frozen=True)
 class Border:
-    """Columns and rows (n_unknowns - n_actuators, k) around the sparse tangent K, with a diagonal corner (k,):
+    """Columns and rows (n_unknowns - n_actuators, k) around the sparse tangent K, with a corner (k, k):
 
         [ K     columns ]
         [ rows^T corner ]
 
-    The first ones belong to the efforts of `driven` actuators (corner zero without stretch), the others to parts of the
-    tangent that are products of columns and rows, such as friction (corner -1). has_moments: whether dead moments are
-    among these.
+    The first ones belong to the efforts of `driven` actuators (corner diagonal without couplings, zero without
+    stretch), the others to parts of the tangent that are products of columns and rows, such as friction (corner -1).
+    has_moments: whether dead moments are among these.
     """
 
     driven: Ints
@@ -31,7 +31,7 @@ class Border:
     has_moments: bool = False
 
 
-NO_BORDER = Border(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0))
+NO_BORDER = Border(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0)))
 
 
 @dataclass(frozen=True)

@@ -139,12 +139,12 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
     system, by_coordinate = statics.system, ~target.is_held
     state, snaps = last.state, False
     # A driven actuator moves from its present coordinate to the target's; the check below drives those at a limit.
-    held = last.controls.is_held
+    held = system.engaged(last.controls.is_held, target)
     start = replace(
         target,
         is_held=held,
         effort=np.where(held, last.controls.effort, 0.0),
-        coordinate=system.coordinates(state, statics.theta),
+        coordinate=system.commanded(state, statics.theta),
     )
     commanded, end = last.commanded, None if last.commanded is None else last.commanded.to(target)
     for _ in range(4 * len(system.actuators) + 4):
@@ -176,22 +176,23 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
             snaps |= path.snaps
             commanded = CommandPath(line, path.nodes[-2:])
         state, here = node.state, line.at(node.c)
-        coordinates = system.coordinates(state, statics.theta)
+        coordinates = system.commanded(state, statics.theta)
         pushes = driven & pushing(system, state)
         returns = by_coordinate & start.is_held & returning(statics, state.effort, target.coordinate - coordinates)
         returns &= node.c == end
-        if not pushes.any() and not returns.any():
+        is_held = system.engaged((start.is_held | pushes) & ~returns, target)
+        pushes &= is_held
+        if np.all(is_held == start.is_held):
             controls = held_at(target, start.is_held, start.effort)
             snapped = snaps, last.has_snapped or snaps
             return remembered(statics, node.state, controls, aim, snapped, commanded)
         if snaps:
             break  # the snap-through was found with fixed taut and slack states; with switching ones it ends elsewhere
-        is_held = (start.is_held | pushes) & ~returns
         effort = np.where(by_coordinate, np.clip(state.effort, *system.effort_limits), here.effort)
         start = replace(target, is_held=is_held, effort=np.where(is_held, effort, 0.0), coordinate=coordinates)
         if pushes.any():
             state = _released(statics, state, start, pushes)
-            start = replace(start, coordinate=system.coordinates(state, statics.theta))
+            start = replace(start, coordinate=system.commanded(state, statics.theta))
         commanded = None
     return _fallen(statics, last, aim)
 
@@ -250,9 +251,9 @@ def _fallen(statics: Statics, last: Reached, aim: Target) -> Reached:
 
     def switched(state: State, controls: Controls) -> Controls:
         returns = by_coordinate & returning(
-            statics, state.effort, target.coordinate - system.coordinates(state, statics.theta)
+            statics, state.effort, target.coordinate - system.commanded(state, statics.theta)
         )
-        is_held = np.where(controls.is_held, ~returns, pushing(system, state))
+        is_held = system.engaged(np.where(controls.is_held, ~returns, pushing(system, state)), target)
         return controls if np.all(is_held == controls.is_held) else within_limits(is_held, state)
 
     snapped = overdamped_equilibrium(statics, last.state, within_limits(last.controls.is_held, last.state), switched)
@@ -352,7 +353,7 @@ def by_command(statics: Statics, state: State, now: Controls, target: Controls, 
         if not now.is_held[i]:
             right[first + i, column] = 1.0
         elif target.is_held[i]:
-            right[:first, column] = system.drive(state, i, statics.theta).columns[:, 0]
+            right[:, column] = system.gradient_by_effort(state, i, now, statics.theta)
     if len(which) == 0:
         return right
     dz = -statics.solve(right)

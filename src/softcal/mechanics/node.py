@@ -250,5 +250,5 @@ def _rate_of_gradient(statics: Statics, line: Line, state: State) -> Floats:
         by_load = system.gradient_by_load(state, line.at(0.0), statics.theta)
         inner += line.load_rate * by_load[: layout.first_effort_unknown]
     for i in np.flatnonzero(line.is_held & (line.effort_rate != 0.0)):
-        inner += line.effort_rate[i] * system.drive(state, int(i), statics.theta).columns[:, 0]
+        rate += line.effort_rate[i] * system.gradient_by_effort(state, int(i), line.at(0.0), statics.theta)
     return rate

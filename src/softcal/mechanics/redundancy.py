@@ -39,14 +39,16 @@ def require_independent(system: System, border: Border, unit: Floats, solved: Fl
     SimulationError
         Where some are driven to coordinates that depend on each other.
     """
-    k = len(border.driven)
+    # What no motion of the robot changes by itself, as the angle of a pulley, its couplings determine.
+    which = [k for k, i in enumerate(border.driven.tolist()) if i not in system.coupled]
+    k = len(which)
     if k == 0:
         return
-    rows, own = border.rows[:, :k], np.abs(border.corner[:k])
-    whole = np.abs((rows * solved[:, :k]).sum(axis=0)) + own
+    rows, own = border.rows[:, which], np.abs(border.corner.diagonal()[which])
+    whole = np.abs((rows * solved[:, which]).sum(axis=0)) + own
     together = redundant(unit[:, None] * rows, np.divide(own, whole, out=np.zeros(k), where=whole > 0.0))
     if len(together):
-        raise SimulationError(redundant_sentence([system.actuators[border.driven[i]] for i in together]))
+        raise SimulationError(redundant_sentence([system.actuators[border.driven[which[i]]] for i in together]))
 
 
 def redundant(gradients: Floats, elastic: Floats) -> Ints:

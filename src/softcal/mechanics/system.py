@@ -328,13 +328,48 @@ class System:
         if len(at.border.corner):
             k = len(driven)
             out[:n] += columns[:, :k] @ dz[n + driven] + columns[:, k:] @ (rows[:, k:].T @ x)
-            out[n + driven] = rows[:, :k].T @ x + at.border.corner[:k, None] * dz[n + driven]
+            out[n + driven] = rows[:, :k].T @ x + at.border.corner[:k, :k] @ dz[n + driven]
         return out
 
     def coordinates(self, state: State, theta: Theta) -> Floats:
         """The coordinates of all actuators (n_actuators,) at a state, as their machines measure them."""
         each = [(term, self._given_to(term, state, theta)) for term in self.actuated]
         return np.concatenate([NOTHING, *(term.coordinates(given, term.transmission(given)) for term, given in each)])
+
+    def commanded(self, state: State, theta: Theta) -> Floats:
+        """The coordinates of all actuators (n_actuators,) as commands prescribe them: of what follows another one, less
+        what that takes up.
+        """
+        out = self.coordinates(state, theta)
+        for term in self._leading:
+            out -= term.taken_up(self._given_to(term, state, theta))
+        return out
+
+    def engaged(self, is_held: np.ndarray, target: Controls) -> np.ndarray:
+        """Which actuators (n_actuators,) are at prescribed efforts, less those that must be driven, see `ActuatorTerm`.
+
+        Raises
+        ------
+        SimulationError
+            Where none can be driven.
+        """
+        for term in self._leading:
+            is_held = term.engaged(is_held, target)
+        return is_held
+
+    @cached_property
+    def followers(self) -> Mapping[str, Ints]:
+        """Actuator -> numbers of those that have no command but its own, such as the cables of a drive."""
+        return {name: numbers for term in self.actuated for name, numbers in term.followers.items()}
+
+    @cached_property
+    def coupled(self) -> frozenset[int]:
+        """Numbers of the actuators whose coordinates change by couplings alone."""
+        return frozenset(i for term in self._leading for i in range(term.own.start, term.own.stop))
+
+    @cached_property
+    def _leading(self) -> tuple[ActuatorTerm, ...]:
+        return tuple(term for term in self.actuated if term.followers)
 
     def coordinate_rates(self, state: State, theta: Theta, dz: Floats, names: Sequence[str]) -> Floats:
         """Rates (n_actuators, k) of the actuators' coordinates.
@@ -355,7 +390,11 @@ class System:
         for term in self.actuated:
             given = self._given_to(term, state, theta)
             own = self._drives(term, given, np.arange(len(term.actuators)))
-            out[term.own] = -(own.rows.T @ dz[:n] + own.corner[:, None] * dz[n:][term.own])
+            out[term.own] = -(own.rows.T @ dz[:n] + own.corner @ dz[n:][term.own])
+            for i, j, rate in term.couplings(given):
+                for row, column in {(i, j), (j, i)}:
+                    if term.own.start <= row < term.own.stop:
+                        out[row] -= rate * dz[n + column]
             sums = {name: Sum(self.layout) for name in {*names} & {*term.parameters, *remembered}}
             term.add_by_parameters(sums, given)
             for name in remembered.keys() & sums.keys():
@@ -406,6 +445,30 @@ class System:
         term = next(term for term in self.actuated if term.own.start <= i < term.own.stop)
         return self._drives(term, self._given_to(term, state, theta), np.array([i - term.first]))
 
+    def gradient_by_effort(self, state: State, i: int, controls: Controls, theta: Theta) -> Floats:
+        """d gradient / d effort of an actuator (n_unknowns,).
+
+        Parameters
+        ----------
+        state
+            The state.
+        i
+            Number of the actuator.
+        controls
+            The controls.
+        theta
+            Parameter values by dotted name [SI].
+        """
+        first = self.layout.first_effort_unknown
+        out = np.zeros(self.layout.n_unknowns)
+        out[:first] = self.drive(state, i, theta).columns[:, 0]
+        for term in self._leading:
+            for j, k, rate in term.couplings(self._given_to(term, state, theta)):
+                if j != k and i in (j, k):
+                    out[first + j + k - i] += rate
+        out[first:][controls.is_held] = 0.0
+        return out
+
     def _drives(self, term: ActuatorTerm, given: Given, which: Ints) -> Border:
         """The border of some actuators of one term."""
         drives = term.drives(given, which, self.layout.n_components, term.transmission(given))
@@ -414,7 +477,7 @@ class System:
     def _driven(self, state: State, which: Ints, drives: Drives) -> Border:
         columns = self._reduced(state, drives.columns, len(which))
         rows = columns if drives.rows is drives.columns else self._reduced(state, drives.rows, len(which))
-        return Border(which, columns, rows, drives.corner)
+        return Border(which, columns, rows, np.diag(drives.corner))
 
     def _reduced(self, state: State, columns: Floats | BlockColumns, k: int) -> Floats:
         """k columns on the unknowns but the efforts."""
@@ -452,9 +515,14 @@ class System:
         none = np.zeros((self.layout.first_effort_unknown, 0))
         columns = np.hstack([none, *(one.columns for one in driven), *(column for column, _ in products)])
         rows = np.hstack([none, *(one.rows for one in driven), *(row for _, row in products)])
-        corner = np.concatenate([NOTHING, *(one.corner for one in driven)])
         own = np.concatenate([NO_BORDER.driven, *(one.driven for one in driven)])
-        corner = np.concatenate([corner, -np.ones(columns.shape[1] - len(corner))])
+        corner = np.concatenate([NOTHING, *(one.corner for _, one in total.driven)])
+        corner = np.diag(np.concatenate([corner, -np.ones(columns.shape[1] - len(corner))]))
+        places = {number: k for k, number in enumerate(own.tolist())}
+        for i, j, rate in total.couplings:
+            for row, column in {(i, j), (j, i)}:
+                if row in places and column in places:
+                    corner[places[row], places[column]] += rate
         return Border(own, columns, rows, corner, has_moments=bool(total.rank_one_own))
 
 

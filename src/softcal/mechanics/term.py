@@ -164,6 +164,8 @@ class Sum:
         Squares of forces [N^2] that count in the scale of the residual, besides those in `full`.
     driven
         (actuators, their `Drives` on all entities) that border the tangent for unknown efforts.
+    couplings
+        (i, j, rate): symmetric entries of the tangent between the efforts of actuators i and j.
     low_rank
         Unsymmetric products that are added to the tangent.
     rank_one_own
@@ -185,6 +187,7 @@ class Sum:
         self.data: Floats | None = None if size is None else np.zeros(size)
         self.squares = 0.0
         self.driven: list[tuple[Ints, Drives]] = []
+        self.couplings: list[tuple[int, int, float]] = []
         self.low_rank: list[LowRank] = []
         self.rank_one_own: list[tuple[Floats, Floats]] = []
         self.outside: list[tuple[Floats, Ints, Ints]] = []

@@ -268,5 +268,5 @@ class WarmSteps:
         at_limit = controls.is_held & ~target.is_held
         if not at_limit.any():
             return False
-        gap = target.coordinate - self.statics.system.coordinates(state, self.statics.theta)
+        gap = target.coordinate - self.statics.system.commanded(state, self.statics.theta)
         return bool((at_limit & returning(self.statics, state.effort, gap)).any())

@@ -65,8 +65,8 @@ class ChannelKind:
 
     @property
     def is_angle(self) -> bool:
-        """True for an angle, which may pass half a turn."""
-        return self.unit == "rad"
+        """True for an angle that is read of a rotation, whose values jump by a turn where it passes half of one."""
+        return self.unit == "rad" and not self.drives
 
     @property
     def is_force(self) -> bool:

@@ -49,6 +49,18 @@ class Numbering(Protocol):
         """
         ...
 
+    def cable(self, name: str, where: str) -> int:
+        """The number of a cable among the actuators.
+
+        Parameters
+        ----------
+        name
+            Name of the cable.
+        where
+            Place for error messages.
+        """
+        ...
+
     def support(self, at: Floats, on: str, where: str) -> Sequence[tuple[int, float]]:
         """A point as points with weights.
 
@@ -139,6 +151,16 @@ class Actuator(Declared, ABC):
         MeshError
             Where it cannot be attached.
         """
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """Names of the cables that it drives, which have no commands of their own."""
+        return ()
+
+    @property
+    def has_pretension(self) -> bool:
+        """Whether it stays at its coordinate zero where it has no command, as a cable with a pretension does."""
+        return False
 
     def with_values(self, values: Mapping[str, float]) -> Self:
         """The same with other values [SI] of its parameters, by the names of the fields."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -279,7 +279,7 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
         elif isinstance(load, SurfaceLoad):
             forces.extend(surface_forces(load, given, meshes, builder.first))
 
-    places = _Numbering(builder, given, meshes, support)
+    places = _Numbering(builder, given, meshes, support, [cable.name for cable in robot.cables])
     others = tuple(part.actuator.term(part.name, places) for part in robot.actuators)
     if robot.contact is not None:
         for plate in robot.plates:
@@ -291,7 +291,7 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
         rider=np.concatenate(builder.rider),
         references=frames.references,
         n_pressures=n_pressures,
-        n_actuators=len(robot.actuated),
+        n_actuators=len(robot.cables) + sum(len(term.actuators) for term in others),
         n_fixed_frames=frames.n_fixed,
         ties=join_ties(robot, meshes, builder.first),
     )
@@ -386,6 +386,7 @@ class _Numbering:
     given: Mapping[str, TetMesh]
     meshes: Mapping[str, TetMesh]
     supported: Callable[[Floats, str, str], Weights]
+    cables: Sequence[str]
     walls: dict[str, tuple[str, Ints]] = field(default_factory=dict[str, tuple[str, Ints]])  # place -> body, faces
 
     @property
@@ -416,6 +417,11 @@ class _Numbering:
                 got = f"{np.count_nonzero(which)} of {len(keys)} faces are {what}"
                 raise MeshError(Fault("this is no wall of a chamber of its own", where, got, allowed))
         self.walls[where] = body, keys
+
+    def cable(self, name: str, where: str) -> int:
+        if name not in self.cables:
+            raise MeshError(unknown("there is no such cable", where, name, self.cables))
+        return self.cables.index(name)
 
     def support(self, at: Floats, on: str, where: str) -> Weights:
         return self.supported(at, on, where)

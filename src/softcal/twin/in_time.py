@@ -77,6 +77,10 @@ def simulate_in_time(
     """
     faults = [*command_faults(robot, protocol := Protocol(schedule.commands)), *let_go_faults(robot, protocol)]
     if settings.scheme == "one-solve":
+        for part in robot.actuators:
+            if part.actuator.driven:
+                what = f"one linear solve for each step is too coarse for a {part.actuator.name}"
+                faults.append(Fault(what, part.name, "scheme: one-solve", attempt="scheme: converged"))
         what = "one linear solve for each step is too coarse for friction that depends on the slip"
         for cable in robot.cables:
             keys = ["friction_memory: true"] if cable.line.friction_memory else []
@@ -240,6 +244,7 @@ class _Motion:
         # A slack cable's shortening is the command.
         columns = cable_columns(self.twin, SHORTENING)
         slack = (~controls.is_held & (now.state.effort == 0.0))[: len(columns)]
+        slack &= np.array([cable.name not in self.twin.robot.led for cable in self.twin.robot.cables], dtype=bool)
         row[np.array(columns, dtype=int)[slack]] = controls.coordinate[: len(columns)][slack]
         if self.n_snapshots and len(self.rows) % max(n_steps // self.n_snapshots, 1) == 0:
             self.shapes.append(self._shape(now))

@@ -234,7 +234,7 @@ class LiveTwin(_InOneProcess):
             self._controls |= controls
         else:
             # A control that is no actuator's own leaves it driven by its effort, as a chamber by its pressure.
-            for part in self.robot.actuated:
+            for part in self.robot.commandable:
                 self._controls[part.name] = controls if controls in part.controls else part.channels[1].name
         at_rest = Protocol({name: Command(control, np.zeros(1)) for name, control in self._controls.items()})
         if faults := command_faults(self.robot, at_rest):
@@ -243,7 +243,7 @@ class LiveTwin(_InOneProcess):
         statics = Statics(built.system, values)
         self._names = names if built.system.remembers else ()
         start = loaded(built, statics, self._names)
-        coordinate = built.system.coordinates(start.state, statics.theta)
+        coordinate = built.system.commanded(start.state, statics.theta)
         slack = replace(slack_line(built).at(0.0), coordinate=coordinate)
         begin = Reached(start.state, slack, np.zeros((0, 0)), has_snapped=start.snaps)
         self._steps = WarmSteps(statics, begin)
@@ -423,13 +423,14 @@ class _Place(_InOneProcess):
     @_in_turn
     def by_commands(self) -> Jacobian:
         statics, now, target = self._steps.statics, self.reached.controls, self.aim.controls
-        parts = {part.name: part.channels for part in self.twin.robot.actuated}
+        parts = {part.name: part.channels for part in self.twin.robot.commandable}
+        numbers = np.array([self.twin.system.number(name) for name in parts], dtype=np.int64)
         labels = tuple(
             str(ChannelName(channels[int(is_held)], name))
-            for (name, channels), is_held in zip(parts.items(), target.is_held.tolist(), strict=True)
+            for (name, channels), is_held in zip(parts.items(), target.is_held[numbers].tolist(), strict=True)
         )
         self._steps.factorise(self.state, now)
-        dz = by_command(statics, self.state, now, target, np.arange(len(parts)))
+        dz = by_command(statics, self.state, now, target, numbers)
         names = {name: str(ChannelName(parts[name][0], name)) for name in self.coordinates}
         own = {name: (np.array(labels) == label).astype(float) for name, label in names.items()}
         return self._jacobian(labels, sense_rates(self.twin, self.state, statics.theta, dz, (), own))

@@ -84,7 +84,7 @@ def simulate_many(
         instabilities = instability(UNDER_LOADS) if loads.snaps else ""
         # A cable that is commanded in length starts at its present length.
         lengths = cables_of(twin.system).lengths(state.x)
-        slack = replace(slack_line(twin).at(0.0), coordinate=twin.system.coordinates(state, statics.theta))
+        slack = replace(slack_line(twin).at(0.0), coordinate=twin.system.commanded(state, statics.theta))
         begun = reached = Reached(loads.state, slack, np.zeros((0, 0)), has_snapped=loads.snaps)
         for i in range(protocol.n_samples):
             target = controls_at(twin.system, protocol.commands, protocol.at(i), slack.coordinate)

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 class Command(Checked):
     """One actuator's prescribed effort or coordinate, shape (n_samples,).
 
-    Of a cable `tension` [N, >= 0] or `shortening` [m, + = pulled], of a chamber `pressure` [Pa] or `volume` [m^3].
+    Of a cable `tension` [N, >= 0] or `shortening` [m, + = pulled], of a chamber `pressure` [Pa] or `volume` [m^3], of a
+    drive `torque` [N m] or `angle` [rad].
 
     by: their derivatives (n_samples,) by parameters of the rig, such as a slack; where a robot remembers, a state
     depends on those of all samples before it.
@@ -49,7 +50,7 @@ class Command(Checked):
 @dataclass(frozen=True)
 class Protocol(Checked):
     """Commands by the actuators' names, all of one length. One that is not named has no effort: a cable is slack, a
-    chamber is open. A cable that has a pretension stays at zero shortening.
+    chamber is open. A cable that has a pretension stays at zero shortening, a drive of such cables at the angle zero.
 
     Samples are quasi-static states; where the robot is elastic, their order and repetition do not matter. Where a term
     has a memory (see `softcal.mechanics.memory`) they are a load path from rest, solved in their order. Along
@@ -131,16 +132,14 @@ class Protocol(Checked):
         return float(self.times[max(i, 1)] - self.times[max(i, 1) - 1])
 
     def completed(self, robot: Robot, n: int | None = None) -> Protocol:
-        """With the cables that nothing drives and that have a pretension, at zero shortening; n: the number of samples,
-        where there are no commands to tell it.
+        """With what has a pretension and no command at its coordinate zero, as cables at zero shortening.
+
+        n: the number of samples, where there are no commands to tell it.
         """
-        held = [c.name for c in robot.cables if "pretension" in c.properties and c.name not in self.commands]
         none = np.zeros(n or self.n_samples)
-        return (
-            replace(self, commands={**self.commands, **{c: Command("shortening", none) for c in held}})
-            if held
-            else self
-        )
+        held = [part for part in robot.pretensioned if part.name not in self.commands]
+        still = {part.name: Command(part.channels[0].name, none) for part in held}
+        return replace(self, commands={**self.commands, **still}) if still else self
 
     def thinned(self, most: int) -> Protocol:
         """At most so many of its samples, evenly spaced, with the first and the last."""
@@ -186,6 +185,8 @@ def controls_at(
             is_held[k], coordinate[k] = False, values[actuator.name]
         else:
             effort[k] = values[actuator.name]
+        if (led := system.followers.get(actuator.name)) is not None:
+            is_held[led], coordinate[led] = False, 0.0
     return Controls(is_held, effort, coordinate)
 
 
@@ -249,6 +250,9 @@ def command_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
     for name, command in protocol.commands.items():
         if name not in parts:
             faults.append(unknown(what, name, name, parts, got=""))
+        elif name in robot.led:
+            what_to, by = f"command {robot.led[name]}", f"{robot.led[name]} drives it"
+            faults.append(Fault("this cable has no command of its own", name, by, attempt=what_to))
         elif fault := parts[name].command_fault(command.control, command.values):
             faults.append(fault)
     return faults

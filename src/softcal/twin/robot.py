@@ -57,7 +57,7 @@ def _drives(control: str, where: str) -> str:
 
 
 Control = Annotated[str, Check(_drives)]
-"""What a command prescribes: a cable's tension or shortening, a chamber's pressure or volume."""
+"""What a command prescribes: tension or shortening of a cable, pressure or volume of a chamber, torque or angle."""
 
 
 # What another part chooses where it is omitted: a plate for its disc, a force for its direction.
@@ -382,7 +382,7 @@ class Robot(Checked):
     Attributes
     ----------
     bodies, plates, cables, loads, rods, ties, markers, sensors : The parts; no two share a name
-    actuators : What drives it beside cables, such as chambers; its name is no other part's either
+    actuators : What drives it beside cables, such as chambers and drives; its name is no other part's either
     gravity : Acceleration (3,) [m/s^2]
     contact : Contact of the parts; None: they may overlap
     limits : Limits of the work on each of its load paths
@@ -418,6 +418,13 @@ class Robot(Checked):
             require_below(n_points.get(body, np.inf), numbers, where)
         for cable in self.cables:
             require_changing_length(cable, self.plates)
+        for part in self.actuators:
+            for cable in part.actuator.driven:
+                if cable not in (names := [one.name for one in self.cables]):
+                    raise InputError(unknown("there is no such cable", f"{part.name}.cables", cable, names))
+                if self.led[cable] != part.name:
+                    got = f"{self.led[cable]} and {part.name}"
+                    raise InputError(Fault("two actuators drive one cable", cable, got, "one of them"))
         if self.contact is not None:
             require_wires(self.rods)
 
@@ -453,6 +460,24 @@ class Robot(Checked):
     def actuated(self) -> tuple[ActuatedPart, ...]:
         """Everything that drives it: its cables, then its other actuators, in the order of their efforts."""
         return (*self.cables, *self.actuators)
+
+    @property
+    def led(self) -> dict[str, str]:
+        """Cable -> the actuator that drives it, for those that have no commands of their own."""
+        return {cable: part.name for part in self.actuators[::-1] for cable in part.actuator.driven}
+
+    @property
+    def commandable(self) -> tuple[ActuatedPart, ...]:
+        """What has commands of its own: all that drives it but the cables of drives."""
+        return tuple(part for part in self.actuated if part.name not in self.led)
+
+    @property
+    def pretensioned(self) -> tuple[ActuatedPart, ...]:
+        """What stays at its coordinate zero where it has no command: by its pretension, or that of cables it drives."""
+        tense = {cable.name for cable in self.cables if "pretension" in cable.properties}
+        tense |= {part.name for part in self.actuators if part.actuator.has_pretension}
+        tense |= {self.led[cable] for cable in tense if cable in self.led}
+        return tuple(part for part in self.commandable if part.name in tense)
 
     @property
     def actuator_word(self) -> str:

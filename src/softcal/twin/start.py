@@ -18,7 +18,7 @@ from softcal.mechanics.state import State, rest_state
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import Twin
 from softcal.twin.loads import Weights
-from softcal.twin.protocol import Protocol, controls_at
+from softcal.twin.protocol import Command, Protocol, controls_at
 from softcal.twin.response import Snapshot
 from softcal.units import format_quantity
 
@@ -109,9 +109,12 @@ def pretensioned(twin: Twin, statics: Statics, slack: Collection[str]) -> Start:
     """
     start, system = loaded(twin, statics), twin.system
     zero = {name: one for name, one in Protocol({}).completed(twin.robot, 1).commands.items() if name not in slack}
+    # The cables of a drive stay tense where a torque turns it.
+    turned = [part for part in twin.robot.pretensioned if part.name in system.followers and part.name in slack]
+    zero |= {part.name: Command(part.channels[1].name, np.zeros(1)) for part in turned}
     if not zero:
         return start
-    here = system.coordinates(start.state, statics.theta)
+    here = system.commanded(start.state, statics.theta)
     target = controls_at(system, zero, dict.fromkeys(zero, 0.0), here)
     begun = Reached(start.state, replace(slack_line(twin).at(0.0), coordinate=here), np.zeros((0, 0)))
     reached = reach(statics, begun, Target(target))

@@ -21,6 +21,7 @@ from softcal.sensing.channel import TIME
 from softcal.twin.channels import channels_of, sensors_of
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Control, Robot
+from softcal.units import readable_unit
 from softcal.workflows.simulation import protocol_of, pull, robot_in
 
 PULL, COMMANDS = "pull", "commands"
@@ -148,8 +149,10 @@ def _parsed(robot: Robot, text: str) -> tuple[str, Control, float]:
         except UnitError:
             continue
     allowed = f"a cable and a length or force: front=40mm, front=8N, front=2kgf; a mass hangs by front{HANGING}=2kg"
-    if robot.actuators:
-        allowed += "; a chamber and a pressure or volume: main=40kPa, main=5ml"
+    for part in {part.actuator.name: part for part in robot.actuators}.values():
+        coordinate, effort = part.channels
+        units = f"{part.name}=1{effort.unit}, {part.name}=1{readable_unit(0.0, coordinate.unit)}"
+        allowed += f"; a {part.actuator.name} and a {effort.name} or {coordinate.name}: {units}"
     raise InputError(Fault("this is not a pull", "--pull", f"'{text}'", allowed))
 
 

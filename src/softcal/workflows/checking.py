@@ -210,7 +210,8 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
             for key, value in part.values.items()
         ]
         size = [f"{format_quantity(volumes[part.name], 'm^3')} at rest"] if part.name in volumes else []
-        of = [f"of {' and '.join(part.actuator.surfaces)}"] if part.actuator.surfaces else []
+        parts = (*part.actuator.surfaces, *part.actuator.driven)
+        of = [f"of {' and '.join(parts)}"] if parts else []
         rows.append((f"{part.actuator.name} {part.name}", ", ".join([*of, *size, *values])))
     rows += [(f"tie {tie.name}", f"{len(tie.nodes)} nodes of {tie.body} on {tie.on}") for tie in robot.ties]
     rows += [(f"marker {marker.name}", f"on {marker.on}") for marker in robot.markers]

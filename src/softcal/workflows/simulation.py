@@ -51,8 +51,8 @@ def simulate(
     twin
         A project, the path of a project file, or a robot alone.
     protocol
-        Tension [N] or shortening [m] of each cable, pressure [Pa] or volume [m^3] of each chamber, sample by sample;
-        see `pull`.
+        Tension [N] or shortening [m] of each cable, pressure [Pa] or volume [m^3] of each chamber, torque [N m] or
+        angle [rad] of each drive, sample by sample; see `pull`.
     theta
         Values [SI] of robot parameters by dotted name, replacing the robot's own.
     experiment
@@ -248,7 +248,7 @@ def pull(
     cable
         Name of the cable or other actuator.
     control
-        "tension" or "shortening" of a cable, "pressure" or "volume" of a chamber.
+        "tension" or "shortening" of a cable, "pressure" or "volume" of a chamber, "torque" or "angle" of a drive.
     end
         Last value [SI].
     samples

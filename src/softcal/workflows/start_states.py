@@ -89,7 +89,10 @@ def start_states(
     rows: list[tuple[str, str]] = []
     warnings: list[str] = []
     shapes: dict[str, Snapshot] = {}
-    pretensioned = [cable.name for cable in project.robot.cables if cable.properties.get("pretension")]
+    tense = {cable.name for cable in project.robot.cables if cable.properties.get("pretension")}
+    for part in project.robot.actuators:
+        tense |= {*part.actuator.driven} if part.values.get("pretension") else set[str]()
+    pretensioned = [cable.name for cable in project.robot.cables if cable.name in tense]
     if twin.system.is_loaded(theta) or pretensioned:
         progress("Solving the robot under its loads")
         response = response_to(project.robot, Protocol({}), snapshots=True)

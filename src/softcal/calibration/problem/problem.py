@@ -337,7 +337,7 @@ class Problem:
             key = (*driven, tuple(sorted(of_robot.items())), experiment.name if self.robot.remembers else "")
             thetas[key] = of_robot
             groups.setdefault(key, []).append((experiment, told))
-        held = tuple(cable.name for cable in self.robot.cables if "pretension" in cable.properties)
+        held = (*(part.name for part in self.robot.pretensioned), *self.robot.led)
         robot = self.robot
         return [
             Trajectory(thetas[key], tuple(members), robot.remembers, held, robot.needs_time)

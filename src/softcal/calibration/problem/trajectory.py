@@ -22,9 +22,9 @@ _LONG = 100
 class Trajectory:
     """One forward solve that serves several experiments: the robot's values [SI] in it, by dotted name, and these.
 
-    remembers: whether the robot does, so that a state depends on the samples before it. held: its cables that have a
-    pretension, and stay at zero shortening where nothing drives them. needs_time: whether the time between samples
-    counts.
+    remembers: whether the robot does, so that a state depends on the samples before it. held: what may be
+    driven beside the commands: what has a pretension, and stays at zero where it has no command, and the cables of
+    drives. needs_time: whether the time between samples counts.
     """
 
     theta: Mapping[str, float]

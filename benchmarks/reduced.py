@@ -100,13 +100,11 @@ def measure(quick: bool) -> Section:
 def _rates(read: ReducedModel, channels: tuple[str, ...], n: int) -> tuple[list[float], list[float], list[float]]:
     """Seconds of each state, inverse from rest, and inverse along a path."""
     rng, size = np.random.default_rng(SEED), len(read.inputs)
-    numbers = read._read([read.channels.index(name) for name in channels])  # noqa: SLF001 # pyright: ignore[reportPrivateUsage]
-    none, one = np.zeros(len(channels)), np.ones(len(channels))
 
     def wanted(shares: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
         at = read.least + shares * (read.most - read.least)
-        values, _ = read._differences(at, numbers, none, one)  # noqa: SLF001 # pyright: ignore[reportPrivateUsage]
-        return dict(zip(read.inputs, at.tolist(), strict=True)), dict(zip(channels, values.tolist(), strict=True))
+        commands = dict(zip(read.inputs, at.tolist(), strict=True))
+        return commands, dict(zip(channels, read.read(commands, [*channels])[0].tolist(), strict=True))
 
     state: list[float] = []
     from_rest: list[float] = []

@@ -18,6 +18,7 @@ import pytest
 from mechanics_cases import blown_box, column_robot, elastic, side_cable
 from project_case import write_project
 from scipy.optimize import least_squares
+from scipy.stats import chi2
 from typer.testing import CliRunner
 
 from softcal import with_parameters
@@ -25,9 +26,10 @@ from softcal.cli import app
 from softcal.errors import ParameterError, SimulationError
 from softcal.export import reduced_model
 from softcal.export.reduced import ReducedModelFit, Span, _powers, evaluator_of, measured_error, reduced, write_reduced
-from softcal.export.reduced_model import ReducedModel
+from softcal.export.reduced_model import Estimate, ReducedModel
 from softcal.export.rotations import quaternions
 from softcal.twin.cables import CableLine
+from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
@@ -216,6 +218,71 @@ def test_a_load_is_an_input_and_the_inverse_leaves_it(tmp_path: Path) -> None:
     assert read.state({"front": 1.2}) == read.state({"front": 1.2, "plate.mass": 0.05})
     found = read.inverse({"plate.x": twin["plate.x"][0]}, inputs={"plate.mass": 0.17})
     assert found["commands"] == pytest.approx({"front": 1.2}, abs=1e-2)
+
+
+@pytest.fixture(scope="module")
+def loaded() -> ReducedModel:
+    """With a payload and a modulus as inputs."""
+    spans = {"front": Span(0.0, 3.0, "N"), "left": Span(0.0, 3.0, "N"), "plate.mass": Span(0.0, 0.3, "kg")}
+    modulus = next(name for name in robot_parameters(ROBOT) if name.endswith("youngs_modulus"))
+    return evaluator_of(reduced(ROBOT, {**spans, modulus: Span(0.7e6, 1.4e6, "Pa")}, 120).model)
+
+
+def test_a_filter_is_consistent_and_leads_to_the_payload(loaded: ReducedModel) -> None:
+    """Over 200 robots: normalised innovations are chi squared, and 95 % intervals have the truth in 92 to 98 %."""
+    rng, names = np.random.default_rng(8), [name for name in loaded.inputs if "." in name]
+    values, deviations = dict(zip(names, (0.1, 1.0e6), strict=True)), dict(zip(names, (0.03, 0.06e6), strict=True))
+    noise = {"plate.x": 3e-5, "plate.z": 3e-5, "plate.pitch": 5e-4}
+    squares, inside, freedom = 0.0, np.zeros(2), 0
+    for _ in range(200):
+        truth = {name: float(rng.normal(values[name], deviations[name])) for name in names}
+        estimate = Estimate(loaded, values, deviations)
+        for at in rng.uniform(0.5, 3.0, (12, 2)).tolist():
+            commands = dict(zip(("front", "left"), at, strict=True))
+            exact, _ = loaded.read({**commands, **truth}, list(noise))
+            measured = {name: float(v + rng.normal(0.0, noise[name])) for name, v in zip(noise, exact, strict=True)}
+            square, n = estimate.update(commands, measured, noise)
+            squares, freedom = squares + square, freedom + n
+        off = np.abs(estimate.mean - np.array([truth[name] for name in names]))
+        inside += off <= 1.96 * np.sqrt(np.diag(estimate.covariance))
+        assert np.sqrt(np.diag(estimate.covariance))[0] < 0.5 * deviations["plate.mass"]
+    assert chi2.cdf(squares, freedom) == pytest.approx(0.5, abs=0.495)
+    assert np.all(np.abs(inside / 200 - 0.95) <= 0.03), inside / 200
+
+
+def test_a_filter_is_not_misled_by_a_value_that_is_far_off(loaded: ReducedModel) -> None:
+    """Its first linearisation is: the estimate is that of the measurement all the same, within its interval."""
+    noise, truth, rng = {"plate.x": 2e-6, "plate.z": 2e-6}, 0.29, np.random.default_rng(3)
+    estimate, away = Estimate(loaded, {"plate.mass": 0.0}, {"plate.mass": 0.2}), list[float]()
+    for _ in range(6):
+        exact, _ = loaded.read({"front": 3.0, "plate.mass": truth}, list(noise))
+        estimate.update(
+            {"front": 3.0}, {name: v + rng.normal(0.0, noise[name]) for name, v in zip(noise, exact)}, noise
+        )
+        away.append(abs(estimate.mean[0] - truth) / float(np.sqrt(estimate.covariance[0, 0])))
+    assert max(away) < 3.0, away
+
+
+def test_a_filter_follows_what_drifts(loaded: ReducedModel) -> None:
+    noise = {"plate.x": 1e-5, "plate.z": 1e-5}
+    estimate = Estimate(loaded, {"plate.mass": 0.02}, {"plate.mass": 0.02}, {"plate.mass": 0.01})
+    for mass in np.linspace(0.02, 0.2, 40).tolist():
+        exact, _ = loaded.read({"front": 2.0, "plate.mass": mass}, list(noise))
+        estimate.update({"front": 2.0}, dict(zip(noise, exact.tolist(), strict=True)), noise)
+    assert estimate.mean[0] == pytest.approx(0.2, abs=0.02)
+    with pytest.raises(ValueError, match="The model has no input 'mass'"):
+        Estimate(loaded, {"mass": 0.1}, {"mass": 0.1})
+
+
+def test_channels_are_those_of_the_twin(loaded: ReducedModel, read: ReducedModel) -> None:
+    twin = simulate(ROBOT, Protocol({name: Command("tension", np.array([1.5])) for name in NAMES})).channels
+    values, rates = read.read(dict.fromkeys(NAMES, 1.5), read.channels)
+    for name, value in zip(read.channels, values.tolist(), strict=True):
+        assert value == pytest.approx(twin[name][0], abs=2e-5), name
+    h = 1e-5
+    for k, name in enumerate(read.inputs):
+        ends = [read.read({**dict.fromkeys(NAMES, 1.5), name: 1.5 + sign * h}, read.channels)[0] for sign in (1, -1)]
+        np.testing.assert_allclose(rates[:, k], (ends[0] - ends[1]) / (2 * h), rtol=1e-5, atol=1e-9)
 
 
 @pytest.mark.parametrize("reach", [Span(-2e3, 6e3, "Pa"), Span(0.0, 2e-7, "m^3")])

@@ -518,7 +518,7 @@ def _scattered(n_inputs: int, n: int) -> Floats:
 
     corners = np.concatenate([np.zeros((1, n_inputs)), np.eye(n_inputs)])[: n // 2]
     wanted = n - len(corners)
-    points = Sobol(n_inputs, seed=SEED).random_base2(int(np.ceil(np.log2(max(wanted, 2)))))[:wanted]
+    points = Sobol(n_inputs, scramble=False).random_base2(wanted.bit_length())[1 : wanted + 1]  # the first is a corner
     return np.concatenate([corners, 0.5 - 0.5 * np.cos(np.pi * points)])
 
 

@@ -57,6 +57,12 @@ class ReducedModel:
             "jacobian": rates.T.tolist(),
         }
 
+    def read(self, commands: "dict[str, float]", channels: "list[str]") -> "tuple[np.ndarray, np.ndarray]":
+        """Values [SI] of channels (n,), and their derivatives by the inputs (n, n_inputs); angles as in softcal."""
+        read = self._read([self.number(name, self.channels, "channel") for name in channels])
+        values, rates = self._differences(self._at(commands), read, np.zeros(len(channels)), np.ones(len(channels)))
+        return values, rates.T
+
     def inverse(
         self,
         targets: "dict[str, float]",
@@ -70,21 +76,21 @@ class ReducedModel:
 
         Returns commands, `misses` (channel less target), and `limits`, the commands at an end of their range.
         """
-        read = self._read([self._number(name, self.channels, "channel") for name in targets])
+        read = self._read([self.number(name, self.channels, "channel") for name in targets])
         wanted = np.array(list(targets.values()), dtype=float)
         weight = np.array([(weights or {}).get(name, 0.1 if turn else 1.0) for name, turn in zip(targets, read[-1])])
         at, free = self._at({**(inputs or {}), **(start or {})}), np.flatnonzero(self.is_command)
         scale, least, most = self._half[free], self.least[free], self.most[free]
-        r, J = self._differences(at, read, wanted, weight)
+        r, by = self._differences(at, read, wanted, weight)
         damping = 0.0
         for _ in range(60):
-            step = _step(J[free].T * scale, r, (least - at[free]) / scale, (most - at[free]) / scale, damping)
+            step = _step(by[free].T * scale, r, (least - at[free]) / scale, (most - at[free]) / scale, damping)
             ahead = at.copy()
             ahead[free] = np.minimum(np.maximum(at[free] + scale * step, least), most)
-            r_ahead, J_ahead = self._differences(ahead, read, wanted, weight)
+            r_ahead, by_ahead = self._differences(ahead, read, wanted, weight)
             is_end = np.abs(step).max(initial=0.0) <= 1e-6  # the error after it is of the order of its square
             if r_ahead @ r_ahead <= r @ r:
-                at, r, J, damping = ahead, r_ahead, J_ahead, 0.1 * damping if damping > 1e-9 else 0.0
+                at, r, by, damping = ahead, r_ahead, by_ahead, 0.1 * damping if damping > 1e-9 else 0.0
             elif damping < 1e6:
                 damping = max(10.0 * damping, 1e-4)
             if is_end:
@@ -99,7 +105,7 @@ class ReducedModel:
     def _at(self, commands: "dict[str, float]") -> np.ndarray:
         at = self.default.copy()
         for name, value in commands.items():
-            k = self._number(name, self.inputs, "input")
+            k = self.number(name, self.inputs, "input")
             if not self.least[k] <= value <= self.most[k]:
                 raise ValueError(
                     f"{name}: {value:g} {self.units[k]} is outside the model, which holds from "
@@ -108,7 +114,8 @@ class ReducedModel:
             at[k] = value
         return at
 
-    def _number(self, name: str, names: "list[str]", what: str) -> int:
+    def number(self, name: str, names: "list[str]", what: str) -> int:
+        """The number of a name among names of inputs or channels."""
         if name not in names:
             raise ValueError(f"The model has no {what} {name!r}; it has {', '.join(names)}.")
         return names.index(name)
@@ -185,6 +192,57 @@ class ReducedModel:
         r = channels[columns] - wanted
         r[turns] = (r[turns] + np.pi) % (2 * np.pi) - np.pi
         return weight * r, weight * rates[:, columns]
+
+
+class Estimate:
+    """Values of the model's parameters from measured channels, one measurement after the other: an iterated extended
+    Kalman filter. `mean` and `covariance`, of parameters in the order of `names`.
+
+    values, deviations: before the first measurement, by name of the parameter; drifts: standard deviations by which
+    they may change from one measurement to the next, by default 0.
+    """
+
+    def __init__(
+        self,
+        model: ReducedModel,
+        values: "dict[str, float]",
+        deviations: "dict[str, float]",
+        drifts: "dict[str, float] | None" = None,
+    ) -> None:
+        self.model, self.names = model, list(values)
+        self._columns = [model.number(name, model.inputs, "input") for name in self.names]
+        self.mean = np.array([values[name] for name in self.names], dtype=float)
+        self.covariance = np.diag([float(deviations[name]) ** 2 for name in self.names])
+        self._drift = np.diag([float((drifts or {}).get(name, 0.0)) ** 2 for name in self.names])
+
+    def update(
+        self, commands: "dict[str, float]", measured: "dict[str, float]", noise: "dict[str, float]"
+    ) -> "tuple[float, int]":
+        """Take channels [SI] measured at commands, with the standard deviations of their noise.
+
+        Returns the squared innovation over its covariance, of a consistent filter chi squared, and its degrees of
+        freedom. A value beyond the model's range is put at its end.
+        """
+        least, most = self.model.least[self._columns], self.model.most[self._columns]
+        R = np.diag([float(noise[name]) ** 2 for name in measured])
+        P, y = self.covariance + self._drift, np.array(list(measured.values()))
+        before = now = np.minimum(np.maximum(self.mean, least), most)
+        first = None
+        for _ in range(10):  # linearised anew at the estimate: the first one may be far off
+            values, rates = self.model.read({**commands, **dict(zip(self.names, now.tolist()))}, list(measured))
+            H = rates[:, self._columns]
+            r = y - values
+            S = H @ P @ H.T + R
+            first = float(r @ np.linalg.solve(S, r)) if first is None else first
+            gain = np.linalg.solve(S, H @ P).T
+            ahead = np.minimum(np.maximum(before + gain @ (r - H @ (before - now)), least), most)
+            is_end = np.all(np.abs(ahead - now) <= 1e-3 * np.sqrt(np.diag(P)))
+            now = ahead
+            if is_end:
+                break
+        kept = np.eye(len(P)) - gain @ H
+        self.mean, self.covariance = now, kept @ P @ kept.T + gain @ R @ gain.T
+        return first, len(y)
 
 
 def _step(A: np.ndarray, r: np.ndarray, least: np.ndarray, most: np.ndarray, damping: float) -> np.ndarray:

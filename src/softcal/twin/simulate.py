@@ -161,8 +161,8 @@ def respond(  # noqa: PLR0913 (one keyword for each option)
         raise ParameterError(Fault(why, "sensitivities", got, "parameters of the robot"))
     driven = protocol.driven
     # A command of zero throughout drives nothing, but a tension is slack to one side alone and has a derivative.
-    is_curve = len(driven) <= 1 and {*commanded.values()} <= {*driven} and twin.system.followers.keys().isdisjoint(driven)
-    if not is_curve or twin.system.remembers:
+    is_curve = len(driven) <= 1 and {*commanded.values()} <= {*driven}
+    if not is_curve or twin.system.remembers or not twin.system.followers.keys().isdisjoint(driven):
         with statics_of(twin, theta) as statics:
             return simulate_many(
                 twin, statics, protocol, names, snapshots=snapshots, crossings=crossings, commanded=commanded

@@ -16,17 +16,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import softcal
-from softcal import Manipulator, Springs, manipulator
-from softcal.export.reduced import Span, reduced, write_reduced
 
-robot = manipulator(Manipulator(springs=Springs(youngs_modulus=1.6e9, poissons_ratio=0.43)))
+project = softcal.load("../../examples/manipulator/project.yaml")
+robot = project.robot
 own = softcal.robot_parameters(robot)["S4.mass"].value
 cables = ["cable4", "cable5", "cable6"]  # those that end at the last disc
-spans = {name: Span(0.0, 8.0, "N") for name in cables} | {"S4.mass": Span(own, own + 0.15, "kg")}
-fit = reduced(robot, spans, samples=120)
-folder = Path(tempfile.mkdtemp())
-write_reduced(fit, folder)
-print(f"{fit.n_samples} equilibria; p95 at the tip {1e6 * fit.error['S4.position'].p95:.0f} um")
+reach = ",".join(f"{name}=8N" for name in cables) + f",S4.mass={own}kg..{own + 0.15}kg"
+folder = Path(tempfile.mkdtemp()) / "reduced"
+softcal.write_export("reduced", softcal.ExportRequest(project), folder, reach=reach, samples=120)
 
 # %%
 # From here on as on the robot's computer: NumPy and the file alone.
@@ -34,6 +31,8 @@ spec = importlib.util.spec_from_file_location("reduced_model", folder / "reduced
 module = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(module)
 model = module.ReducedModel(folder / "model.json")
+error = model.error["S4.position"]
+print(f"95 % of the model's errors at the tip are below {1e6 * error['p95']:.0f} um")
 payload = module.Estimate(model, {"S4.mass": own}, {"S4.mass": 0.05})
 
 # %%

@@ -22,6 +22,7 @@ from softcal.plugins.sofa.response import RecordPosture
 from softcal.sensing.channel import kinds
 from softcal.sensing.sensor import SENSORS
 from softcal.sensing.sensors.cable import TENSION
+from softcal.twin.build import build_twin
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate as respond
 from softcal.workflows.calibration import make_problem
@@ -114,9 +115,10 @@ def test_an_unlikely_length_is_warned_of(string: ModuleType, tmp_path: Path) -> 
     assert any("pot.stretch reaches" in str(one) and "mm read as m" in str(one) for one in project.warnings)
 
 
-def test_sofa_reads_it_from_its_own_states(string: ModuleType) -> None:
+def test_sofa_reads_it_from_its_own_states(string: ModuleType, tmp_path: Path) -> None:
+    twin = build_twin(load(string_project(tmp_path)).robot)
     record = {"plates": {"top": [0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0]}, "markers": {"m": [0.0, 0.15, 0.0]}, "cables": {}}
-    assert string.StringPotentiometer(("m", "top")).sense(RecordPosture(record)) == [pytest.approx(0.25)]
+    assert string.StringPotentiometer(("m", "top")).sense(RecordPosture(record, twin)) == [pytest.approx(0.25)]
 
 
 def test_an_engine_is_compared_in_what_it_reads(string: ModuleType, tmp_path: Path) -> None:

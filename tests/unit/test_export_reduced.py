@@ -427,9 +427,9 @@ def test_the_command_writes_it(tmp_path: Path) -> None:
     )
     assert ranges.exit_code == 0, ranges.output
     inputs = json.loads((tmp_path / "c" / "model.json").read_text())["inputs"]
-    assert [(one["name"], one["least"], one["most"], one["is_command"]) for one in inputs] == [
-        ("front", 1.0, 2.0, True),
-        ("bar.youngs_modulus", 1e6, 3e6, False),
+    assert [(one["name"], one["least"], one["most"], one["control"]) for one in inputs] == [
+        ("front", 1.0, 2.0, "tension"),
+        ("bar.youngs_modulus", 1e6, 3e6, ""),
     ]
 
 

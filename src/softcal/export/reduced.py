@@ -21,7 +21,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ from softcal.errors import Fault, ParameterError, SimulationError, unknown
 from softcal.export import reduced_model as evaluator
 from softcal.export.engine import history_faults
 from softcal.export.reduced_c import c_source
-from softcal.export.rotations import angle_between, quaternions, rotation_rates
+from softcal.export.rotations import align, angle_between, quaternions, rotation_rates
 from softcal.sensing.kind import ChannelKind
 from softcal.twin.actuated import ActuatedPart
 from softcal.twin.parameters import robot_parameters
@@ -162,21 +162,15 @@ def reduced(
     sampled = _Sampled.at(robot, inputs, _scattered(len(inputs), n), tell)
     outputs = _Outputs.of(robot)
     directions, powers = _best_terms(sampled, outputs.changes(sampled.values))
+    tight = [part.name for part in robot.pretensioned if part.name not in spans]
+    others = f"At zero shortening, with their pretension: {', '.join(tight)}. " if tight else ""
+    if not {part.name for part in robot.commandable} <= {*spans}:
+        others += f"All other {robot.actuator_word}s have no effort. "
     model: dict[str, Any] = {
         "format": "softcal-reduced",
         "version": 3,
         "units": "SI; quaternions (x, y, z, w) of the rotation from rest",
-        "inputs": [
-            {
-                "name": one.name,
-                "unit": one.unit,
-                "least": one.least,
-                "most": one.most,
-                "default": one.default,
-                "is_command": bool(one.control),
-            }
-            for one in inputs
-        ],
+        "inputs": [asdict(one) for one in inputs],
         "plates": outputs.plates,
         "coordinates": outputs.coordinates,
         "markers": outputs.markers,
@@ -185,7 +179,7 @@ def reduced(
         "powers": powers.tolist(),
         "coefficients": _fitted(sampled, directions, powers).tolist(),
         "parameters": {f"{name} [{info.unit}]": info.value for name, info in robot_parameters(robot).items()},
-        "others": _others(robot, inputs),
+        "others": others,
         "error": {},
     }
     error = measured_error(robot, model, np.random.default_rng(SEED).uniform(size=(TESTED, len(inputs))))
@@ -259,10 +253,7 @@ def measured_error(robot: Robot, model: Mapping[str, Any], places: Floats) -> di
     SimulationError
         If the twin has no equilibrium at one of them.
     """
-    inputs = [
-        Input(one["name"], one["unit"], one["least"], one["most"], one["default"], _control(robot, one["name"]))
-        for one in model["inputs"]
-    ]
+    inputs = [Input(**one) for one in model["inputs"]]
     exact = _Sampled.at(robot, inputs, places)
     read = evaluator_of(model)
     states = [read.state(dict(zip(read.inputs, at.tolist(), strict=True))) for at in exact.points]
@@ -312,23 +303,9 @@ def _coordinates(robot: Robot) -> dict[str, ChannelKind]:
     return {f"{part.name}.{part.channels[0].name}": part.channels[0] for part in robot.actuated}
 
 
-def _control(robot: Robot, name: str) -> str:
-    """What commands an input: the effort of an actuator, "" of a parameter."""
-    return next((part.channels[1].name for part in robot.actuated if part.name == name), "")
-
-
-def _others(robot: Robot, inputs: Sequence[Input]) -> str:
-    names = {one.name for one in inputs}
-    tight = [cable.name for cable in robot.cables if cable.name not in names and "pretension" in cable.properties]
-    if {part.name for part in robot.actuated} <= names:
-        return ""
-    told = f"At zero shortening, with their pretension: {', '.join(tight)}. " if tight else ""
-    return f"{told}All other {robot.actuator_word}s have no effort. "
-
-
 def _inputs(robot: Robot, spans: Mapping[str, Span]) -> list[Input]:
     """The inputs, checked."""
-    actuated, parameters = {part.name: part for part in robot.actuated}, robot_parameters(robot)
+    actuated, parameters = {part.name: part for part in robot.commandable}, robot_parameters(robot)
     faults = history_faults(robot, "a reduced model")
     if rough := ", ".join(cable.name for cable in robot.cables if cable.line.friction_memory):
         faults.append(Fault("a reduced model has no memory", "friction_memory", rough, "friction without a memory"))
@@ -494,7 +471,9 @@ class _Sampled:
             parts.append(_outputs(robot, response, by))
         table = np.concatenate(parts)
         places = 2.0 * shares - 1.0
-        _align_quaternions(table, places, sum(not plate.fixed for plate in robot.plates))
+        near = [int(((places[:k] - places[k]) ** 2).sum(axis=1).argmin()) for k in range(1, len(places))]
+        n_plates = sum(not plate.fixed for plate in robot.plates)
+        align(table, [0, *near], [slice(POSE * k + 3, POSE * k + 7) for k in range(n_plates)])
         return cls(points, places, table[:, 0], table[:, 1:], 0.5 * (most - least))
 
     def row_rates(self, n_plates: int) -> Floats:
@@ -552,26 +531,6 @@ def _outputs(robot: Robot, response: Response, by: Sequence[str]) -> Floats:
             "A plate rolls by a right angle within the ranges, where the twin's angles have no rates."
         )
     return table
-
-
-def _align_quaternions(table: Floats, places: Floats, n_plates: int) -> None:
-    """Choose the sign of each sample's quaternions nearest to its neighbour's: q and -q are one rotation.
-
-    Parameters
-    ----------
-    table
-        Outputs and derivatives (n, 1 + n_inputs, n_outputs), changed.
-    places
-        Inputs (n, n_inputs).
-    n_plates
-        Number of plates.
-    """
-    for k in range(1, len(table)):
-        near = int(((places[:k] - places[k]) ** 2).sum(axis=1).argmin())
-        for plate in range(n_plates):
-            own = slice(POSE * plate + 3, POSE * plate + 7)
-            if table[k, 0, own] @ table[near, 0, own] < 0.0:
-                table[k, :, own] *= -1.0
 
 
 def _directions(sampled: _Sampled, change: Floats) -> tuple[Floats, Floats]:

@@ -26,7 +26,7 @@ class ReducedModel:
         self.least, self.most, self.default = (
             np.array([entry[key] for entry in entries]) for key in ("least", "most", "default")
         )
-        self.is_command = np.array([entry["is_command"] for entry in entries])
+        self.is_command = np.array([bool(entry["control"]) for entry in entries])
         self.plates, self.markers, self.coordinates = (self.model[key] for key in ("plates", "markers", "coordinates"))
         self.rows, self.error = self.model["rows"], self.model["error"]
         angles = [f"{name}.{key}" for name in self.plates for key in ("x", "y", "z", "pitch", "roll", "yaw")]
@@ -70,11 +70,23 @@ class ReducedModel:
         weights: "dict[str, float] | None" = None,
         inputs: "dict[str, float] | None" = None,
     ) -> "dict[str, Any]":
-        """The commands within the model's ranges that bring channels nearest to values [SI]: least squares of the
-        differences, each times its weight (by default 1, of angles 0.1 m/rad). Of several, near to `start` (by default
-        no effort). `inputs`: values of those that are no commands.
+        """The commands within the model's ranges that bring channels nearest to values: least squares.
 
-        Returns commands, `misses` (channel less target), and `limits`, the commands at an end of their range.
+        Parameters
+        ----------
+        targets
+            Channel -> wanted value [SI].
+        start
+            Commands to which those of several for the same target are near; by default no effort.
+        weights
+            Channel -> weight of its difference; by default 1, of angles 0.1 m/rad.
+        inputs
+            Values of inputs that are no commands, where they are not the robot's.
+
+        Returns
+        -------
+        dict
+            `commands`; `misses`, channel less target; and `limits`, the commands at an end of their range.
         """
         read = self._read([self.number(name, self.channels, "channel") for name in targets])
         wanted = np.array(list(targets.values()), dtype=float)
@@ -115,7 +127,22 @@ class ReducedModel:
         return at
 
     def number(self, name: str, names: "list[str]", what: str) -> int:
-        """The number of a name among names of inputs or channels."""
+        """The number of a name.
+
+        Parameters
+        ----------
+        name
+            The name.
+        names
+            Those of inputs or channels.
+        what
+            What they are, for the message.
+
+        Raises
+        ------
+        ValueError
+            Where it is none of them.
+        """
         if name not in names:
             raise ValueError(f"The model has no {what} {name!r}; it has {', '.join(names)}.")
         return names.index(name)
@@ -218,10 +245,21 @@ class Estimate:
     def update(
         self, commands: "dict[str, float]", measured: "dict[str, float]", noise: "dict[str, float]"
     ) -> "tuple[float, int]":
-        """Take channels [SI] measured at commands, with the standard deviations of their noise.
+        """Take a measurement; a value beyond the model's range is put at its end.
 
-        Returns the squared innovation over its covariance, of a consistent filter chi squared, and its degrees of
-        freedom. A value beyond the model's range is put at its end.
+        Parameters
+        ----------
+        commands
+            Those at which it was measured.
+        measured
+            Channel -> value [SI].
+        noise
+            Channel -> standard deviation of its noise [SI].
+
+        Returns
+        -------
+        tuple
+            The squared innovation over its covariance, of a consistent filter chi squared, and its degrees of freedom.
         """
         least, most = self.model.least[self._columns], self.model.most[self._columns]
         R = np.diag([float(noise[name]) ** 2 for name in measured])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from softcal.checks import Floats
@@ -47,3 +49,21 @@ def angle_between(p: Floats, q: Floats) -> Floats:
     """The angle [rad] between unit quaternions (…, 4)."""
     between = product(p, q * [-1.0, -1.0, -1.0, 1.0])
     return 2.0 * np.arctan2(np.linalg.norm(between[..., :3], axis=-1), np.abs(between[..., 3]))
+
+
+def align(table: Floats, near: Sequence[int], places: Sequence[slice]) -> None:
+    """Choose the sign of each quaternion nearest to that of a neighbour before it: q and -q are one rotation.
+
+    Parameters
+    ----------
+    table
+        Values, and below them their rates (n, 1 + k, m), changed.
+    near
+        The neighbour of each row (n,).
+    places
+        Columns of the quaternions.
+    """
+    for row, neighbour in enumerate(near):
+        for own in places:
+            if table[row, 0, own] @ table[neighbour, 0, own] < 0.0:
+                table[row, :, own] *= -1.0

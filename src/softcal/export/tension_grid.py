@@ -21,7 +21,7 @@ from scipy.interpolate import CubicSpline
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, ParameterError, SimulationError, unknown
 from softcal.export.engine import actuator_faults, history_faults
-from softcal.export.rotations import angle_between, product, quaternions
+from softcal.export.rotations import align, angle_between, product, quaternions
 from softcal.export.tension_grid_model import GridModel
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
@@ -149,7 +149,13 @@ def tension_grid(
     in_order = np.lexsort(grid.T[::-1])
     n_channels = POSE * len(plates) + len(pulled)
     table = sampled[in_order, : 1 + len(cables), :n_channels].reshape(*shape, 1 + len(cables), n_channels)
-    _align_quaternions(table, len(plates))
+    # The neighbour before it along the last axis on which it is not the first.
+    steps = np.cumprod([1, *shape[:0:-1]])[::-1]
+    near = [
+        k - next((int(step) for step, i in zip(steps[::-1], index[::-1], strict=True) if i > 0), 0)
+        for k, index in enumerate(np.ndindex(shape))
+    ]
+    align(table.reshape(-1, *table.shape[-2:]), near, [slice(POSE * k + 3, POSE * k + 7) for k in range(len(plates))])
     rows = [f"{name}.{key}" for name in plates for key in ("x", "y", "z", "rx", "ry", "rz")]
     others = "All other cables are slack."
     tight = [c.name for c in robot.cables if c.name not in cables and "pretension" in c.properties]
@@ -333,19 +339,6 @@ def _rates_of_measures(robot: Robot, table: Floats) -> dict[str, Floats]:
     for k, cable in enumerate(robot.cables):
         rates[f"{cable.name}.shortening"] = table[:, 1:, POSE * len(plates) + k]
     return rates
-
-
-def _align_quaternions(table: Floats, n_plates: int) -> None:
-    """Choose the sign of each node's quaternion nearest to its neighbour's: q and -q are one rotation."""
-    for index in np.ndindex(table.shape[:-2]):
-        last = max((k for k, i in enumerate(index) if i > 0), default=None)
-        if last is None:
-            continue
-        neighbour = tuple(i - (k == last) for k, i in enumerate(index))
-        for plate in range(n_plates):
-            own = slice(POSE * plate + 3, POSE * plate + 7)
-            if table[index][0, own] @ table[neighbour][0, own] < 0.0:
-                table[index][:, own] *= -1.0
 
 
 def with_mixed(table: Floats, axes: Sequence[Floats]) -> Floats:

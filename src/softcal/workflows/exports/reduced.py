@@ -62,7 +62,7 @@ def _spans(robot: Robot, text: str) -> dict[str, Span]:
     parts = [part.strip() for part in text.split(",") if part.strip()]
     of_each = dict((name.strip(), value.strip()) for name, sign, value in (p.partition("=") for p in parts) if sign)
     if not of_each and len(parts) == 1:
-        of_each = dict.fromkeys([part.name for part in robot.actuated], parts[0])
+        of_each = dict.fromkeys([part.name for part in robot.commandable], parts[0])
     elif len(of_each) != len(parts):
         allowed = f"one range for all {robot.actuator_word}s (8N), or one for each input (front=8N,left=40mm)"
         raise ParameterError(Fault("the ranges are not those of inputs", "--reach", f"'{text}'", allowed))
@@ -85,10 +85,10 @@ def _span(robot: Robot, name: str, text: str) -> Span:
     low, dots, high = text.partition("..")
     ends = (low, high) if dots else ("0", text)
     where = f"--reach {name}"
-    part, parameters = {one.name: one for one in robot.actuated}.get(name), robot_parameters(robot)
+    part, parameters = {one.name: one for one in robot.commandable}.get(name), robot_parameters(robot)
     if part is None and name not in parameters:
         what = f"there is no such {robot.actuator_word} or parameter"
-        raise ParameterError(unknown(what, "--reach", name, [*(one.name for one in robot.actuated), *parameters]))
+        raise ParameterError(unknown(what, "--reach", name, [*(one.name for one in robot.commandable), *parameters]))
     if part is None and not dots:
         raise ParameterError(Fault("the range of a parameter has two ends", where, f"'{text}'", "such as 0g..200g"))
     units = [kind.unit for kind in part.channels] if part is not None else [parameters[name].unit]

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import json
 import re
 import shutil
 import sys
@@ -25,6 +26,7 @@ import softcal
 from softcal.calibration.problem.loss import LOSSES
 from softcal.calibration.search.optimiser import OPTIMISERS
 from softcal.experiments.step import STEPS
+from softcal.export.reduced import evaluator_of
 from softcal.geometry.centreline import straight
 from softcal.geometry.section import RoundBar
 from softcal.materials.catalogue import LAWS
@@ -125,10 +127,10 @@ def _a_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 def _a_reduced_model(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     write_project(folder / "project")
     request = softcal.ExportRequest(softcal.load(folder / "project" / "project.yaml"))
-    for file in softcal.write_export("reduced", request, folder / "reduced", reach="4N", samples=10):
+    for file in softcal.write_export("reduced", request, folder / "reduced", reach="front=4N,plate.mass=0g..200g", samples=20):
         shutil.copy(file, folder)
     monkeypatch.syspath_prepend(folder)
-    return {}
+    return {"model": evaluator_of(json.loads((folder / "model.json").read_text()))}
 
 
 @finds("docs/chambers.md")

@@ -127,7 +127,8 @@ def _a_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 def _a_reduced_model(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     write_project(folder / "project")
     request = softcal.ExportRequest(softcal.load(folder / "project" / "project.yaml"))
-    for file in softcal.write_export("reduced", request, folder / "reduced", reach="front=4N,plate.mass=0g..200g", samples=20):
+    reach = "front=4N,plate.mass=0g..200g"
+    for file in softcal.write_export("reduced", request, folder / "reduced", reach=reach, samples=20):
         shutil.copy(file, folder)
     monkeypatch.syspath_prepend(folder)
     return {"model": evaluator_of(json.loads((folder / "model.json").read_text()))}

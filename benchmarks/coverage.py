@@ -23,7 +23,16 @@ import numpy as np
 import softcal
 from benchmarks.neck_case import pull
 from benchmarks.section import table
-from benchmarks.table_twins import NU, ComplianceTable, E, NeckTable, compliance_table, neck_table
+from benchmarks.table_twins import (
+    NU,
+    ComplianceTable,
+    E,
+    NeckTable,
+    ParameterTable,
+    compliance_table,
+    neck_table,
+    parameter_table,
+)
 from benchmarks.written_page import written_page
 from softcal.calibration.problem.experiment import PULLEY_FRICTION, Experiment
 from softcal.calibration.problem.frame import FRAME
@@ -43,7 +52,8 @@ from softcal.executors.chosen import executor_of, executor_on
 from softcal.executors.each import results
 from softcal.executors.executor import Executor
 from softcal.experiments.dataset import Channel, Dataset
-from softcal.project.project import load
+from softcal.project.project import Project, load
+from softcal.sensing.channel import channel_name
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
@@ -54,6 +64,7 @@ from softcal.units import format_quantity
 HERE = Path(__file__).resolve().parent
 NECK = HERE.parent / "examples" / "neck-bench" / "project.yaml"
 EXAMPLE = HERE.parent / "examples" / "manipulator" / "project.yaml"
+PNEUNET = HERE.parent / "examples" / "pneunet" / "project.yaml"
 MANIPULATOR = Path(softcal.__file__).parent / "templates" / "manipulator" / "project.yaml"
 PAGE = HERE.parent / "docs" / "uncertainty.md"
 STORED = HERE / "coverage.json"  # the rows of all cases, so that some can be studied again
@@ -75,8 +86,9 @@ CAMERA = (0.01, -0.02, 0.40, 0.05, -0.1, 0.2)  # [m], [rad]
 class Case:
     """A kind of study: what it is in words, its loss, and how it is drawn.
 
-    n: samples of each channel of the neck, 0 for the manipulator. true: in the place of `TRUE`. ratios: bounds of nu.
-    stated: the noise in the data sheet over the true one. depth: noise of the camera's axis over that across it.
+    n: samples of each channel of the neck, 0 for the manipulator and the pneunet. true: in the place of `TRUE`;
+    that of the pneunet. ratios: bounds of nu. stated: the noise in the data sheet over the true one. depth: noise
+    of the camera's axis over that across it.
     correlation: of neighbouring samples' noise. misfit: a smooth error of the force, over its root mean square; a third
     of it in the pitch. reaches: the largest shortening [m] of each pull; spread: standard deviation of ln E among them.
     gain: standard deviation of the load cell's, which is known of it beforehand and drawn anew in every study. known:
@@ -126,7 +138,7 @@ class Case:
     def truth(self) -> dict[str, float]:
         """What is free and has to be found [SI by label], but for the camera's frame."""
         if not self.n:
-            return dict(SPRINGS)
+            return dict(self.true or SPRINGS)
         has_friction = self.loss.uses_priors and len(self.reaches) == 1 and not self.known
         free = {name: value for name, value in TRUE.items() if name != PULLEY_FRICTION or has_friction}
         free |= self.true or {}
@@ -140,6 +152,8 @@ class Case:
         return tuple(f"pull{k + 1}" for k in range(len(self.reaches)))
 
 
+PNEUNET_TRUE = {"finger.youngs_modulus": 262e3, "main.dead_volume": 7.4e-6}
+PNEUNET_RANGES = {"finger.youngs_modulus": (230e3, 300e3), "main.dead_volume": (5e-6, 10e-6)}
 LIKELIHOOD, PAPERS, DISTANCE = LikelihoodLoss(), PapersLoss(), DistanceLoss(LENGTH)
 NEAR_BOUND, PAPER_RATIOS = {NU: 0.41}, (0.40, 0.4999)
 FOUR = (0.020, 0.026, 0.030, 0.034)  # [m]
@@ -227,6 +241,7 @@ CASES = (
     ),
     Case("six-off", "the same, each marker glued on 0.5 mm off", DISTANCE, n=0, six=True, off=5e-4, studies=100),
     Case("six-pulled", "the same, the force of each cable 3 % off", DISTANCE, n=0, six=True, pulled=0.03, studies=100),
+    Case("pneunet", "pneunet, pressure and syringe, three markers", LIKELIHOOD, n=0, true=PNEUNET_TRUE),
 )
 
 
@@ -307,6 +322,8 @@ def calibrated_study(case: Case, seed: int) -> CalibrationResult:
 def study(case: Case, seed: int) -> Problem:
     """One study: the twin's own answers at the truth, with noise."""
     chance = np.random.default_rng([seed, 2026])
+    if case.true is PNEUNET_TRUE:
+        return _pneunet_study(case, chance)
     return _neck_study(case, chance) if case.n else _manipulator_study(case, chance)
 
 
@@ -418,6 +435,25 @@ def _manipulator_study(case: Case, chance: np.random.Generator) -> Problem:
     return make_problem(robot, experiments, free, case.loss, twin)
 
 
+def _pneunet_study(case: Case, chance: np.random.Generator) -> Problem:
+    project, twin = pneunet()
+    robot = with_parameters(project.robot, case.truth)
+    experiments: list[Experiment] = []
+    for name, experiment in project.experiments.items():
+        seen, channels = twin(robot, _as_commanded(experiment)), dict(experiment.dataset.channels)
+        for channel in experiment.compared:
+            values = seen.channels[channel] + experiment.sigma(channel) * chance.standard_normal(
+                len(seen.channels[channel])
+            )
+            channels[channel] = replace(channels[channel], values=values)
+        experiments.append(replace(experiment, dataset=Dataset(name, channels)))
+    free = [
+        FreeParameter(name, unit, *ends, start=case.truth[name])
+        for (name, ends), unit in zip(PNEUNET_RANGES.items(), ("Pa", "m^3"), strict=True)
+    ]
+    return make_problem(project.robot, experiments, free, case.loss, twin)
+
+
 def _at(twin: ComplianceTable, cable: str, channel: str, factor: float) -> np.ndarray:
     """A coordinate (n,) [m] under the forces times a factor near one, by the parabola through those of the table."""
     values = twin.places[cable][channel]
@@ -458,6 +494,21 @@ def manipulator(six: bool = False) -> tuple[Robot, ComplianceTable]:
     return robot, compliance_table(robot, SPRINGS, *((SIX, EIGHT) if six else (CABLES, MARKERS)), FORCES)
 
 
+def _as_commanded(experiment: Experiment) -> Protocol:
+    """The protocol of an experiment that drives one actuator."""
+    (drive,) = experiment.drives
+    name = channel_name(drive)
+    return Protocol({name.carrier: Command(name.kind.name, experiment.dataset.values(drive))})
+
+
+@cache
+def pneunet() -> tuple[Project, ParameterTable]:
+    """examples/pneunet, and its responses to both tests over modulus and dead volume."""
+    project = load(PNEUNET)
+    protocols = [_as_commanded(experiment) for experiment in project.experiments.values()]
+    return project, parameter_table(project.robot, protocols, PNEUNET_RANGES, (6, 4))
+
+
 def page(found: Sequence[Coverage]) -> str:
     """docs/uncertainty.md with the table of what was found."""
     head = ["Study", "Parameter", "True value", "Intervals given", "Coverage", "Length", "Misfit said", "Cause named"]
@@ -491,7 +542,7 @@ def page(found: Sequence[Coverage]) -> str:
 
 def _unit(parameter: str) -> str:
     kind = parameter.rpartition(".")[2]
-    return {"youngs_modulus": "Pa", "slack": "m"}.get(kind, "1")
+    return {"youngs_modulus": "Pa", "slack": "m", "dead_volume": "m^3"}.get(kind, "1")
 
 
 def main() -> None:

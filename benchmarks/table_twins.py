@@ -3,7 +3,8 @@
 The neck's tension is E t(d, nu) and its pitch p(d, nu), with d the cable's shortening: no weight acts on it. Both are
 Chebyshev series in d and nu through softcal's own equilibria, and so are their derivatives. The manipulator's markers
 move in a straight line in the springs' compliances 1/E, from the equilibria at the true moduli by softcal's derivatives
-there: in a study of noise the moduli stay within some per cent of them.
+there: in a study of noise the moduli stay within some per cent of them. Of any other robot the response to some
+protocols is a Chebyshev series in two parameters (`ParameterTable`).
 """
 
 from __future__ import annotations
@@ -161,6 +162,92 @@ def compliance_table(
         places[cable] = {name: seen.channels[name] for name in names}
         slopes[cable] = {name: dict(seen.sensitivities[name]) for name in names}
     return ComplianceTable(forces, dict(moduli), places, slopes)
+
+
+@dataclass(frozen=True)
+class ParameterTable:
+    """Channels (n_samples,) over two parameters: Chebyshev coefficients (n, m, n_samples) by protocol and channel.
+
+    ranges: parameter -> ends of its range [SI], the first one in its logarithm.
+    """
+
+    ranges: Mapping[str, tuple[float, float]]
+    coefficients: Mapping[tuple[float, ...], Mapping[str, Floats]]
+    units: Mapping[str, str]
+
+    def __call__(
+        self,
+        robot: Robot,
+        protocol: Protocol,
+        theta: Mapping[str, float] | None = None,
+        *,
+        sensitivities: Sequence[str] = (),
+        snapshots: bool = False,
+    ) -> Response:
+        """As `softcal.twin.simulate.simulate`, for the table's protocols."""
+        values = parameter_values(robot, theta)
+        (first, along), (second, across) = self.ranges.items()
+        at = _scaled(np.log(values[first]), _logs(along)), _scaled(values[second], across)
+        if max(map(abs, at)) > 1.0:
+            return Response({}, {}, "The table does not reach that far.", succeeded=False, n_factorisations=0)
+        channels, by = {}, {}
+        for channel, table in self.coefficients[_key(protocol)].items():
+            channels[channel] = chebyshev.chebval2d(*at, table)
+            slopes = (chebyshev.chebval2d(*at, chebyshev.chebder(table, axis=axis)) for axis in (0, 1))
+            steps = 2.0 / np.ptp(_logs(along)) / values[first], 2.0 / np.ptp(across)
+            rates = {name: slope * step for name, slope, step in zip((first, second), slopes, steps, strict=True)}
+            by[channel] = {name: rates[name] for name in sensitivities}
+        return Response(channels, self.units, SOLVED, succeeded=True, n_factorisations=0, sensitivities=by)
+
+
+def parameter_table(
+    robot: Robot,
+    protocols: Sequence[Protocol],
+    ranges: Mapping[str, tuple[float, float]],
+    nodes: tuple[int, int],
+) -> ParameterTable:
+    """The table of a robot's responses.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    protocols
+        Those that are tabulated.
+    ranges
+        Two parameters -> ends of their ranges [SI].
+    nodes
+        Number of Chebyshev's points over each.
+    """
+    (first, along), (second, across) = ranges.items()
+    places = [chebyshev.chebpts1(n) for n in nodes]
+    inverse = [np.linalg.inv(chebyshev.chebvander(at, len(at) - 1)) for at in places]
+    values = np.exp(_unscaled(places[0], _logs(along))), _unscaled(places[1], across)
+    coefficients, units = dict[tuple[float, ...], Mapping[str, Floats]](), dict[str, str]()
+    for protocol in protocols:
+        seen = [
+            [_solved(with_parameters(robot, {first: float(a), second: float(b)}), protocol) for b in values[1]]
+            for a in values[0]
+        ]
+        units = dict(seen[0][0].units)
+        coefficients[_key(protocol)] = {
+            name: np.einsum("ai,bj,ijn->abn", *inverse, [[one.channels[name] for one in row] for row in seen])
+            for name in units
+        }
+    return ParameterTable(dict(ranges), coefficients, units)
+
+
+def _key(protocol: Protocol) -> tuple[float, ...]:
+    """The commands of a protocol, one after the other."""
+    return tuple(value for command in protocol.commands.values() for value in command.values.tolist())
+
+
+def _logs(ends: tuple[float, float]) -> tuple[float, float]:
+    return float(np.log(ends[0])), float(np.log(ends[1]))
+
+
+def _unscaled(places: Floats, ends: tuple[float, float]) -> Floats:
+    return 0.5 * (ends[0] + ends[1]) + 0.5 * (ends[1] - ends[0]) * places
 
 
 def _solved(robot: Robot, protocol: Protocol, names: Sequence[str] = ()) -> Response:

@@ -223,8 +223,8 @@ STATED: list[tuple[str, Declared]] = [
     ),
     ("{diameter: 5 cm, thickness: 1 cm, tets: 900}", SolidDisc(0.05, 0.01, tets=900)),
     (
-        "{outer_diameter: 4 cm, root_diameter: 3 cm, pitch: 12 mm, wall: 1 mm, cap: 2 mm, folds: 2, layers: 6, rings: 2, "
-        "sectors: 8, order: 1}",
+        "{outer_diameter: 4 cm, root_diameter: 3 cm, pitch: 12 mm, wall: 1 mm, cap: 2 mm, folds: 2, layers: 6, "
+        "rings: 2, sectors: 8, order: 1}",
         Bellows(0.04, 0.03, 0.012, 0.001, 0.002, 2, 6, 2, 8, 1),
     ),
     ("{length: 5 cm, diameter: 1 cm, layers: 9, rings: 2, order: 1}", SolidRod(0.05, 0.01, 9, 2, 1)),

@@ -20,6 +20,7 @@ from softcal.declare import Declared
 from softcal.errors import InputError, ProjectFileError
 from softcal.experiments.synchronise import CommonMotion
 from softcal.experiments.table_format import ColumnSpec, TableFormat
+from softcal.geometry.bellows import Bellows
 from softcal.geometry.coil import Coil
 from softcal.geometry.disc import GuideHoles, SolidDisc
 from softcal.geometry.neck import Neck
@@ -223,6 +224,11 @@ STATED: list[tuple[str, Declared]] = [
         SolidDisc(0.05, 0.01, 0.002, GuideHoles(3, 0.002, 0.01), size=0.003, order=1),
     ),
     ("{diameter: 5 cm, thickness: 1 cm, tets: 900}", SolidDisc(0.05, 0.01, tets=900)),
+    (
+        "{outer_diameter: 4 cm, root_diameter: 3 cm, pitch: 12 mm, wall: 1 mm, cap: 2 mm, folds: 2, layers: 6, "
+        "rings: 2, sectors: 8, order: 1}",
+        Bellows(0.04, 0.03, 0.012, 0.001, 0.002, 2, 6, 2, 8, 1),
+    ),
     ("{length: 5 cm, diameter: 1 cm, layers: 9, rings: 2, order: 1}", SolidRod(0.05, 0.01, 9, 2, 1)),
     (
         "{wire_diameter: 2 mm, coil_diameter: 5 cm, turns: 3, pitch: 1 cm, left_handed: true, layers_per_turn: 9, "

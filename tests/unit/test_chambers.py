@@ -9,11 +9,12 @@ import pytest
 from mechanics_cases import blown_box
 
 from softcal.checks import Ints
-from softcal.errors import InputError, MeshError
+from softcal.errors import InputError, MeshError, ProjectFileError
 from softcal.geometry.cell import all_faces
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.write import write_mesh
 from softcal.mechanics.chamber import ATMOSPHERE, ChamberTerm
+from softcal.project.project import load
 from softcal.twin.actuated import NamedActuator
 from softcal.twin.build import build_twin
 from softcal.twin.in_time import simulate_in_time
@@ -184,6 +185,35 @@ parameters:
   main.pressure_offset: {bounds: [-3 kPa, 3 kPa]}
 calibration: {method: least-squares, starts: 1, loss: likelihood, mesh_error: false}
 """
+
+
+CAVITY = "inside: {cavity: {at: [0 mm, 0 mm, 0 mm]}}"
+MAIN = "    main: {actuator: chamber, walls: {box: inside}, dead_volume: 3 ml}"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (CAVITY, "inside: {plane: {point: [0 mm, 0 mm, 20 mm], normal: [0, 0, 1]}}", "main.walls: the walls of the"),
+        (
+            MAIN,
+            f"{MAIN}\n    b: {{actuator: chamber, walls: {{box: inside}}}}",
+            "b.walls: b.walls.box: this is no wall",
+        ),
+    ],
+)
+def test_a_wall_that_encloses_nothing_is_told_with_its_line(tmp_path, old, new, says):
+    write_mesh(box().bodies[0].mesh, tmp_path / "box.msh")
+    (tmp_path / "vacuum.csv").write_text("p,v,x\n0,0,20\n1,1,20\n", encoding="utf-8")
+    (tmp_path / "project.yaml").write_text(PROJECT.replace(old, new), encoding="utf-8")
+    line = 1 + PROJECT.replace(old, new).splitlines().index(new.splitlines()[-1] if old == MAIN else MAIN)
+    with pytest.raises(ProjectFileError) as error:
+        load(tmp_path / "project.yaml")
+    assert f"project.yaml:{line}: robot.actuators.{says}" in str(error.value)
+
+
+def test_a_robot_of_chambers_alone_is_told_of_no_cable():
+    assert simulate(box(), Protocol({})).status == "Solved: no actuator is driven."
 
 
 def test_a_vacuum_gauge_with_an_offset_is_calibrated(tmp_path):

@@ -67,7 +67,7 @@ def test_init_overwrites_nothing(capsys: pytest.CaptureFixture[str], tmp_path: P
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
-@pytest.mark.parametrize("template_name", ["neck", "finger", "pneunet"])
+@pytest.mark.parametrize("template_name", ["neck", "finger", "pneunet", "bellows"])
 def test_the_template_is_the_example(repository: Path, template_name: str):
     example, template = repository / "examples" / template_name, repository / "src/softcal/templates" / template_name
     names = sorted(path.relative_to(template) for path in template.rglob("*") if path.is_file())

@@ -19,13 +19,14 @@ from softcal.geometry.surface import boundary_faces
 from softcal.mechanics.chamber import ATMOSPHERE, ChamberTerm
 from softcal.twin.actuated import NamedActuator
 from softcal.twin.actuators.chamber import Chamber
+from softcal.twin.barrier import Contact
 from softcal.twin.build import build_twin
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.live import LiveTwin
 from softcal.twin.material import Material
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.robot import Body, Cable, Robot, Tie, ViaPoint
+from softcal.twin.robot import Body, Cable, Plate, PointLoad, Robot, Tie, ViaPoint
 from softcal.twin.schedule import ramp
 from softcal.twin.simulate import simulate
 from softcal.twin.time_settings import Settling, TimeSettings
@@ -270,3 +271,75 @@ def test_a_cable_beside_a_chamber_does_not_push():
     assert response.succeeded, response.status
     assert response.channels["front.tension"][0] > 0.1
     assert response.channels["front.tension"][1] == 0.0
+
+
+def pouch() -> Robot:
+    """A flat pouch of two sheets, welded and fixed around their edge, with a slit of 1 mm between them."""
+    size, n = np.array((0.04, 0.04, 0.007)), np.array((8, 8, 7))
+    mesh = box_mesh(size, n)
+    cell = mesh.points[mesh.tets].mean(axis=1) / (size / n)
+    inside = ((cell[:, :2] > 1) & (cell[:, :2] < 7)).all(axis=1) & (cell[:, 2] > 3) & (cell[:, 2] < 4)
+    mesh = drop_unreferenced(TetMesh(mesh.points, mesh.tets[~inside]))
+    faces = boundary_faces(mesh)
+    middle = mesh.points[faces].mean(axis=1)
+    wall = faces[((middle > 1e-9) & (middle < size - 1e-9)).all(axis=1)]
+    edge = np.flatnonzero((np.abs(mesh.points[:, :2] - 0.02) > 0.0199).any(axis=1))
+    body = Body("pouch", mesh, edge, elastic(1e5, 0.4), element="P1")
+    return Robot((body,), actuators=(NamedActuator("main", Chamber({"pouch": wall}, medium="liquid")),))
+
+
+def test_walls_that_a_vacuum_draws_together_touch():
+    """With contact they rest on each other, and the volume left hardly falls; without it they pass through."""
+    vacuum = Protocol({"main": Command("pressure", np.array([-1e3, -4e3, -8e3, -2e4]))})
+    robot = replace(pouch(), contact=Contact())
+    response = simulate(robot, vacuum, snapshots=True)
+    assert response.succeeded, response.status
+    X = robot.bodies[0].mesh.points
+    in_slit = (np.abs(X[:, :2] - 0.02) < 0.014).all(axis=1)
+    low, high = (np.flatnonzero(in_slit & (np.abs(X[:, 2] - z) < 1e-9)) for z in (0.003, 0.004))
+    gap = [(shape.points["pouch"][high, 2] - shape.points["pouch"][low, 2]).min() for shape in response.snapshots]
+    assert gap[0] == pytest.approx(1e-3)
+    assert abs(gap[-1]) < 3e-5
+    rest, volume = chamber_of(robot).rest_volume, response.channels["main.volume"]
+    assert (np.diff(volume) < 0.0).all()
+    assert volume[-1] > -0.8 * rest
+    assert volume[2] - volume[3] < 0.1 * (volume[0] - volume[2] + rest)
+    without = simulate(pouch(), vacuum, curve_tolerance=0.0)
+    assert not without.succeeded or without.channels["main.volume"][-1] < -rest
+
+
+def test_a_wall_that_softens_takes_more_at_the_same_pressure_ever_after():
+    """Mullins' effect in two cycles of pressure: the first one costs the pump work, the second none."""
+    robot = blown_box("P1", is_open=True, medium="liquid")
+    (box,) = robot.bodies
+    softening = {"softening_amount": 2.0, "softening_energy": 300.0, "softening_range": 0.1}
+    box = replace(box, law="neo-hooke-isochoric", history=("softening",), parameters={**box.parameters, **softening})
+    cycle = 6e4 * np.array([*np.linspace(0.0, 1.0, 9), *np.linspace(1.0, 0.0, 9)[1:]])
+    pressures = Protocol({"main": Command("pressure", np.append(cycle, cycle[1:]))})
+    response = simulate(replace(robot, bodies=(box,)), pressures)
+    assert response.succeeded, response.status
+    p, v = response.channels["main.pressure"], response.channels["main.volume"]
+    first, second = (float(np.trapezoid(p[part], v[part])) for part in (slice(0, 17), slice(16, 33)))
+    np.testing.assert_allclose(v[8:17], v[24:33], rtol=1e-6, atol=1e-12)  # back as in the first cycle
+    np.testing.assert_allclose(v[16:25], v[16:7:-1], rtol=1e-6, atol=1e-12)  # and up again on the way back
+    assert (v[17:24] > 1.01 * v[1:8]).all()
+    assert first > 1e-3 * float(p[8] * v[8])
+    assert abs(second) < 1e-6 * first
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_a_plate_on_an_opening_is_pushed_as_the_chamber_is_filled(element: str):
+    """Maxwell and Betti: it rises by a pressure as much as the chamber takes by a force on it."""
+    robot = blown_box(element, is_open=True, medium="liquid")
+    rim = np.flatnonzero(robot.bodies[0].mesh.points[:, 2] > 0.0199)
+    lid = Plate("lid", {"box": rim}, np.array([0.0, 0.0, 0.02]))
+    push = PointLoad("push", "lid", np.array([0.0, 0.0, 0.02]), np.array([0.0, 0.0, 0.5]))
+    robot = replace(robot, plates=(lid,), loads=(push,))
+    by = ["push.force", "main.pressure"]
+    response = simulate(
+        robot, Protocol({"main": Command("pressure", np.array([3e4]))}), sensitivities=by, curve_tolerance=0.0
+    )
+    assert response.succeeded, response.status
+    rises, takes = response.sensitivities["lid.z"]["main.pressure"], response.sensitivities["main.volume"]["push.force"]
+    assert rises[0] > 0.0
+    np.testing.assert_allclose(takes, rises, rtol=1e-6)

@@ -10,6 +10,7 @@ from pydantic import TypeAdapter
 
 from softcal.declare import Reading, shown
 from softcal.errors import Fault, InputError, unknown
+from softcal.geometry.bellows import Bellows
 from softcal.geometry.disc import SolidDisc
 from softcal.geometry.generate import require_target
 from softcal.geometry.neck import Neck
@@ -54,7 +55,13 @@ class MeshFile(Section):
             )
 
 
-PRIMITIVES: Mapping[str, type[Primitive]] = {"neck": Neck, "rod": SolidRod, "spring": SolidSpring, "disc": SolidDisc}
+PRIMITIVES: Mapping[str, type[Primitive]] = {
+    "neck": Neck,
+    "rod": SolidRod,
+    "spring": SolidSpring,
+    "disc": SolidDisc,
+    "bellows": Bellows,
+}
 KEY = "primitive"
 DRAWN = "drawn"
 

@@ -1,4 +1,6 @@
-"""Checks of the whole robot: parts without support, nodes fixed twice, parts that overlap at rest."""
+"""Checks of the whole robot: parts without support, nodes fixed twice, parts that overlap at rest, walls of
+chambers that enclose nothing.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +10,11 @@ from itertools import permutations
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.errors import MeshError
 from softcal.geometry.overlap import depths_inside
 from softcal.geometry.ring import across, ring_points
 from softcal.project.document import Findings
+from softcal.twin.build import twin_of
 from softcal.twin.robot import Disc, Robot
 from softcal.units import format_quantity
 
@@ -37,6 +41,7 @@ def check_whole(robot: Robot, findings: Findings, *, generated: Iterable[str] = 
     _check_fixed_once(robot, findings)
     if len(findings.faults) == n_faults:
         _check_overlaps(robot, where, findings)
+        _check_surfaces(robot, findings)
 
 
 class _Where:
@@ -99,6 +104,18 @@ def _check_attached(robot: Robot, where: _Where, findings: Findings) -> None:
             allowed="a connection to a fixed part: fixed, a plate, a tie",
             attempt="fixed: socket, with a region of that name" if kind == "body" else "",
         )
+
+
+def _check_surfaces(robot: Robot, findings: Findings) -> None:
+    """Record the faults of the surfaces that actuators act on, such as walls that enclose no volume."""
+    if not any(part.actuator.surfaces for part in robot.actuators):
+        return
+    try:
+        twin_of(robot)
+    except MeshError as error:
+        for part in robot.actuators:
+            own = [fault for fault in error.faults if fault.where.startswith(f"{part.name}.")]
+            findings.take(("robot", "actuators", part.name, *part.actuator.region_key), own)
 
 
 def _check_fixed_once(robot: Robot, findings: Findings) -> None:

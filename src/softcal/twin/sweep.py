@@ -43,7 +43,7 @@ class Sweep:
                     values=values,
                     slopes=slopes,
                     by_parameter=by_parameter,
-                    status="Solved: no cable is driven.",
+                    status=f"Solved: no {along.twin.robot.actuator_word} is driven.",
                     succeeded=True,
                 )
                 return self._response(samples, shapes)

@@ -232,7 +232,8 @@ def _bench_rows(project: Project) -> list[tuple[str, str]]:
     for name, experiment in project.experiments.items():
         data, units = experiment.dataset, {**robot_parameters(project.robot), **rig_parameters([experiment])}
         names = [experiment.twin_channel(channel) for channel in experiment.drives]
-        driven = " and ".join(f"{one.carrier} by {one.kind.name}" for one in names) or "no cable is driven"
+        none = f"no {project.robot.actuator_word} is driven"
+        driven = " and ".join(f"{one.carrier} by {one.kind.name}" for one in names) or none
         for key, value in experiment.settings.items():
             driven += f", {key} = {format_quantity(value, units[key].unit)}"
         # Positions are shown by the name of their marker or plate.

@@ -19,7 +19,9 @@ LEAST_WIDTH = len("under its loads")
 
 @register_command("start", 1)
 def init(
-    template: Annotated[str, typer.Argument(help="What to start from: finger, neck, manipulator.", show_default=False)],
+    template: Annotated[
+        str, typer.Argument(help="What to start from: finger, neck, pneunet, bellows, manipulator.", show_default=False)
+    ],
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is new or empty.", show_default=False)],
 ) -> None:
     """Write a project to start from, with data and comments."""

@@ -100,6 +100,7 @@ def validate(
 def _add_errors(table: Table, what: str, held: Sequence[Sequence[ExperimentFit]]) -> None:
     """A line for the RMS error of each channel, or of the distance; held: the predictions of each model."""
     from softcal.analysis.validation import pooled_errors
+    from softcal.units import format_quantity
 
     errors: list[dict[str, str]] = []  # with their units, "0.94 mm (0.22 %)"
     for fits in held:
@@ -111,7 +112,7 @@ def _add_errors(table: Table, what: str, held: Sequence[Sequence[ExperimentFit]]
                 share = "" if length is None else f" ({100 * error / length:.3g} %)"
                 texts[name] = f"{1e3 * error:.3g} mm{share}"
             else:
-                texts[name] = f"{error:.3g} {fits[0].units.get(name, '')}"
+                texts[name] = format_quantity(error, fits[0].units[name], digits=3)
         errors.append(texts)
     names = dict.fromkeys(name for one in errors for name in one)
     for name in names:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from project_case import write_project
@@ -13,9 +14,11 @@ from report_example import example_content
 from rich.table import Table
 from sweep_case import write_sweep
 
+from softcal.analysis import validation
 from softcal.calibration.results.result import CalibrationResult
 from softcal.cli import main, printing
 from softcal.cli.calibration_table import print_results
+from softcal.cli.commands.validate_command import _add_errors
 from softcal.cli.printing import echo, print_report_table, print_table, shown_path
 from softcal.report.tables import Column, ReportTable
 
@@ -195,3 +198,13 @@ def test_every_command_shows_its_paths_by_one_function():
     sources = Path(printing.__file__).parent.glob("*_command*.py")
     bare = r"echo\(\s*f?\"[^\"]*\{(?:out|path|folder|run|project|\w+\.(?:folder|page|path))\}"
     assert [source.name for source in sources if re.search(bare, source.read_text(encoding="utf-8"))] == []
+
+
+def test_errors_of_predictions_have_readable_units(printed: Printed, monkeypatch: pytest.MonkeyPatch) -> None:
+    errors = {"main.pressure": 1234.5, "main.volume": 2.5e-6, "tip.z": 3.4e-5}
+    monkeypatch.setattr(validation, "pooled_errors", lambda fits: errors)
+    units = {"main.pressure": "Pa", "main.volume": "m^3", "tip.z": "m"}
+    table = Table("", "model")
+    _add_errors(table, "predicted", [[SimpleNamespace(units=units)]])
+    print_table(table)
+    assert {"1.23 kPa", "2.5 ml", "0.034 mm"} <= cells(printed())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -40,10 +40,10 @@ class SofaSamples:
 
 @dataclass(frozen=True)
 class RecordPosture:
-    """A record as sensors see it."""
+    """A record as sensors see it. pumped: chamber -> what its pump has displaced [m^3]."""
 
     record: Record
-    twin: Twin
+    pumped: Mapping[str, float] = field(default_factory=dict)
 
     def point(self, name: str) -> Floats:
         """Position (3,) [m] of a marker or plate."""
@@ -59,10 +59,7 @@ class RecordPosture:
         """Shortening [m] of a cable, or what the pump of a chamber has displaced [m^3]."""
         if actuator in self.record["cables"]:
             return self.record["cables"][actuator]["shortening"]
-        (term,) = (one for one in self.twin.system.of(ChamberTerm) if one.name == actuator)
-        filling = term.filling(parameter_values(self.twin.robot))
-        grown = self.record["chambers"][actuator]["volume"] - term.rest_volume
-        return grown + filling.swallowed(self.effort(actuator))
+        return self.pumped[actuator]
 
     def effort(self, actuator: str) -> float:
         """Tension [N] of a cable, or pressure [Pa] of a chamber."""
@@ -73,7 +70,17 @@ class RecordPosture:
 
 def table(twin: Twin, records: Sequence[Record]) -> Floats:
     """Records as rows, with unwrapped angles."""
-    values = np.array([read_all(twin, RecordPosture(record, twin)) for record in records])
+    theta = parameter_values(twin.robot)
+
+    def pumped(record: Record) -> dict[str, float]:
+        found: dict[str, float] = {}
+        for term in twin.system.of(ChamberTerm):
+            chamber = record["chambers"][term.name]
+            swallowed = term.filling(theta).swallowed(chamber["pressure"])
+            found[term.name] = chamber["volume"] - term.rest_volume + swallowed
+        return found
+
+    values = np.array([read_all(twin, RecordPosture(record, pumped(record))) for record in records])
     values = values.reshape(len(records), len(twin.columns))
     turns = angle_columns(twin)
     values[:, turns] = np.unwrap(values[:, turns], axis=0)

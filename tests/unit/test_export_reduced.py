@@ -19,6 +19,7 @@ from mechanics_cases import blown_box, column_robot, elastic, side_cable
 from project_case import write_project
 from scipy.optimize import least_squares
 from scipy.stats import chi2
+from test_drives import project as drive_project
 from typer.testing import CliRunner
 
 from softcal import with_parameters
@@ -300,6 +301,22 @@ def test_a_chamber_is_an_input(reach: Span) -> None:
     if reach.unit == "m^3":
         most = evaluator_of(fit.model).state({name: one["most"]})["coordinates"][f"{name}.volume"]
         assert most == pytest.approx(2e-7, rel=1e-3)
+
+
+def test_a_drive_is_an_input_to_both_sides(tmp_path: Path) -> None:
+    """Its torque; its cables have no command of their own, but their shortenings are outputs."""
+    robot = drive_project(tmp_path).robot
+    fit = reduced(robot, {"servo": Span(-0.4, 0.4, "rad")}, 24)
+    read = evaluator_of(fit.model)
+    assert read.units == ["N*m"]
+    assert read.least[0] < -1e-3 < 1e-3 < read.most[0]
+    assert {"servo.angle", "left.shortening", "right.shortening"} <= set(read.coordinates)
+    at = 0.7 * float(read.most[0])
+    twin = simulate(robot, Protocol({"servo": Command("torque", np.array([at]))})).channels
+    off = 4.0 * fit.error["servo.angle"].largest
+    assert read.state({"servo": at})["coordinates"]["servo.angle"] == pytest.approx(twin["servo.angle"][0], abs=off)
+    with pytest.raises(ParameterError, match="there is no such actuator or parameter"):
+        reduced(robot, {"left": Span(0.0, 1.0, "N")})
 
 
 @pytest.mark.parametrize(("line", "told"), [(CableLine(1e3, pretension=0.5), True), (CableLine(1e3), False)])

@@ -360,11 +360,14 @@ def _of_actuator(robot: Robot, part: ActuatedPart, span: Span) -> Input:
 def _efforts(robot: Robot, part: ActuatedPart, span: Span) -> Span:
     """The efforts at the ends of a range of an actuator's coordinate, with no other actuator."""
     coordinate, effort = part.channels
-    free = float(simulate(robot, Protocol({})).channels[f"{part.name}.{coordinate.name}"][0])
-    if span.most <= free:
-        what, got = "the actuator has no effort there", format_quantity(span.most, span.unit)
-        raise ParameterError(Fault(what, part.name, got, f"> {format_quantity(free, span.unit)}"))
-    ways = np.linspace(max(span.least, free), span.most, 33)
+    least = span.least
+    if part.ranges[1].lower >= 0.0:  # it only pulls, and has no effort before it is taut
+        free = float(simulate(robot, Protocol({})).channels[f"{part.name}.{coordinate.name}"][0])
+        if span.most <= free:
+            what, got = "the actuator has no effort there", format_quantity(span.most, span.unit)
+            raise ParameterError(Fault(what, part.name, got, f"> {format_quantity(free, span.unit)}"))
+        least = max(least, free)
+    ways = np.linspace(least, span.most, 33)
     response = simulate(robot, Protocol({part.name: Command(coordinate.name, ways)}))
     if not response.succeeded:
         raise SimulationError(f"{part.name}: {response.status}")
@@ -379,7 +382,9 @@ def _efforts(robot: Robot, part: ActuatedPart, span: Span) -> Span:
                 f"up to {format_quantity(float(ways[falls[0]]), span.unit)}",
             )
         )
-    return Span(0.0 if span.least <= free else float(values[0]), float(values[-1]), effort.unit)
+    return Span(
+        0.0 if least > span.least else max(float(values[0]), part.ranges[1].lower), float(values[-1]), effort.unit
+    )
 
 
 @dataclass(frozen=True)

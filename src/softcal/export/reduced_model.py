@@ -265,22 +265,22 @@ class Estimate:
         R = np.diag([float(noise[name]) ** 2 for name in measured])
         P, y = self.covariance + self._drift, np.array(list(measured.values()))
         before = now = np.minimum(np.maximum(self.mean, least), most)
-        first = None
-        for _ in range(10):  # linearised anew at the estimate: the first one may be far off
+        squares: list[float] = []
+        while True:  # linearised anew at the estimate: the first one may be far off
             values, rates = self.model.read({**commands, **dict(zip(self.names, now.tolist()))}, list(measured))
             H = rates[:, self._columns]
             r = y - values
             S = H @ P @ H.T + R
-            first = float(r @ np.linalg.solve(S, r)) if first is None else first
+            squares.append(float(r @ np.linalg.solve(S, r)))
             gain = np.linalg.solve(S, H @ P).T
             ahead = np.minimum(np.maximum(before + gain @ (r - H @ (before - now)), least), most)
             is_end = np.all(np.abs(ahead - now) <= 1e-3 * np.sqrt(np.diag(P)))
             now = ahead
-            if is_end:
+            if is_end or len(squares) == 10:
                 break
         kept = np.eye(len(P)) - gain @ H
         self.mean, self.covariance = now, kept @ P @ kept.T + gain @ R @ gain.T
-        return first, len(y)
+        return squares[0], len(y)
 
 
 def _step(A: np.ndarray, r: np.ndarray, least: np.ndarray, most: np.ndarray, damping: float) -> np.ndarray:

@@ -204,6 +204,8 @@ CALLS: list[Call] = [
     (softcal.next_test, {"run": "run", "out": "OUT"}, {"candidates": "part", "workers": "workers"}),
     (softcal.reach, {"twin": "PROJECT", "out": "OUT"}, {"targets": "mapping"}),
     (softcal.reach, {"targets": {"plate.x": 0.001}, "out": "OUT"}, {"twin": "part"}),
+    (softcal.linearise, {"twin": "PROJECT", "out": "OUT"}, {"commands": "mapping", "modes": "count"}),
+    (softcal.linearise, {"out": "OUT"}, {"twin": "part"}),
     (softcal.validate, {"projects": "PROJECT"}, {"hold_out": "names", "split": "names", "workers": "workers"}),
     (softcal.compare_records, {"project": "PROJECT"}, {"result": "part"}),
     (softcal.watch_run, {}, {"folder": "path"}),

@@ -4,22 +4,31 @@ time.
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.linalg
+from command_line import run
 from manipulator_case import manipulator
 from mechanics_cases import blown_box, column_robot, elastic, full_matrix, mirrored_box, side_cable, twin_and_theta
+from project_case import write_project
 
 import softcal
 from softcal.errors import InputError, ParameterError, SimulationError
-from softcal.mechanics.small_motions import mass_tangent
+from softcal.mechanics.damping import Damping
+from softcal.mechanics.dynamics import Dynamics
+from softcal.mechanics.small_motions import mass_tangent, small_motions
 from softcal.mechanics.state import rest_state
+from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import System
-from softcal.twin.build import twin_of
+from softcal.mechanics.term import Controls
+from softcal.mechanics.time_step import at_rest
 from softcal.twin.masses import robot_inertia
 from softcal.twin.robot import Robot
+from softcal.twin.sensors import channel_units, sense
 
 HEAVY = (2.0, 0.0, -9.81)
 CABLES = (side_cable("front", (0.05, 0.0)), side_cable("left", (0.0, 0.05)))
@@ -27,7 +36,9 @@ CABLES = (side_cable("front", (0.05, 0.0)), side_cable("left", (0.0, 0.05)))
 
 def neck(element: str = "P1", **changes) -> Robot:
     """A heavy column with a plate of 50 g and two cables."""
-    return column_robot(element, density=1200.0, mass=0.05, gravity=HEAVY, cables=CABLES, divisions=(1, 1, 4), **changes)
+    return column_robot(
+        element, density=1200.0, mass=0.05, gravity=HEAVY, cables=CABLES, divisions=(1, 1, 4), **changes
+    )
 
 
 def cantilever(element: str, length: float, side: float, divisions: tuple[int, int, int], E: float) -> Robot:
@@ -39,7 +50,7 @@ def cantilever(element: str, length: float, side: float, divisions: tuple[int, i
 
 
 def dense_frequencies(robot: Robot, controls: dict[str, str], commands: dict[str, float], n: int) -> np.ndarray:
-    """The lowest frequencies [Hz] by the dense bordered tangent: K^-1 M on what has mass, in the scalar product of M."""
+    """The lowest frequencies [Hz] by the dense bordered tangent: K^-1 M on what has mass, in M's scalar product."""
     live = softcal.LiveTwin(robot, controls)
     state = live.at(commands)
     assert state.succeeded
@@ -58,6 +69,7 @@ def dense_frequencies(robot: Robot, controls: dict[str, str], commands: dict[str
     return 1.0 / np.sqrt(values) / (2.0 * np.pi)
 
 
+GUIDE = ((0.07, 0.0, 0.05), (0.05, 0.0, 0.0))  # via points on the ground, at which a cable bends
 CASES = {
     "P1": (neck("P1"), {"front": "tension", "left": "tension"}, {"front": 3.0}),
     "P2P1": (neck("P2P1"), {"front": "tension", "left": "tension"}, {"front": 3.0, "left": 1.0}),
@@ -100,22 +112,46 @@ def test_frequencies_of_a_slender_bar_are_those_of_euler_and_bernoulli() -> None
     np.testing.assert_allclose(found.frequencies[2:4], 4.6940911**2 * scale, rtol=0.03)
 
 
-def test_a_rod_swings_as_euler_and_bernoulli_say() -> None:
-    length, diameter, E = 0.3, 0.004, 1e9
+def rod_robot(length: float, *cables: softcal.Cable) -> Robot:
+    """A round rod of 4 mm along z, clamped at its foot, with a disc of no mass at its end."""
     rod = softcal.Rod(
         "rod",
         softcal.straight((0.0, 0.0, 0.0), (0.0, 0.0, length), 60),
-        softcal.RoundBar(diameter),
-        {"youngs_modulus": E, "poissons_ratio": 0.3},
-        clamped={"base": np.array([0])},
+        softcal.RoundBar(0.004),
+        {"youngs_modulus": 1e9, "poissons_ratio": 0.3},
+        clamped={"base": np.array([0]), "plate": np.array([60])},
         density=1200.0,
     )
     base = softcal.Plate("base", {}, np.zeros(3), fixed=True)
-    found = softcal.linearise(Robot(plates=(base,), rods=(rod,)), modes=6)
-    section = np.pi * diameter**2 / 4
-    scale = np.sqrt(E * section * diameter**2 / 16 / (1200.0 * section * length**4)) / (2.0 * np.pi)
+    plate = softcal.Plate("plate", {}, np.array([0.0, 0.0, length]))
+    return Robot(plates=(base, plate), rods=(rod,), cables=cables)
+
+
+def test_a_rod_swings_as_euler_and_bernoulli_say() -> None:
+    found = softcal.linearise(rod_robot(0.3), modes=6)
+    section = np.pi * 0.004**2 / 4
+    scale = np.sqrt(1e9 * section * 0.004**2 / 16 / (1200.0 * section * 0.3**4)) / (2.0 * np.pi)
     expected = np.repeat(np.array([1.8751041, 4.6940911, 7.8547574]) ** 2 * scale, 2)
     np.testing.assert_allclose(found.frequencies, expected, rtol=5e-3)
+
+
+def test_an_unstable_equilibrium_is_refused() -> None:
+    """A straight rod under twice the tension on its axis at which it buckles, pi^2 E I / L^2."""
+    ends = (softcal.ViaPoint(np.array([0.0, 0.0, 0.3]), "plate"), softcal.ViaPoint(np.zeros(3)))
+    robot = rod_robot(0.3, softcal.Cable("middle", ends))
+    twin, theta = twin_and_theta(robot)
+    statics, inertia = Statics(twin.system, theta), robot_inertia(twin, robot)
+    euler = np.pi**2 * 1e9 * np.pi * 0.004**4 / 64 / 0.3**2
+
+    def lowest(tension: float) -> float:
+        pushed = Controls(np.ones(1, dtype=bool), np.array([tension]), np.zeros(1))
+        solved = statics.equilibrium(rest_state(twin.system.layout), pushed)
+        assert solved.converged, solved.status
+        return float(small_motions(statics, inertia, Damping(), solved.state, pushed, np.array([0]), 2).frequencies[0])
+
+    assert lowest(0.98 * euler) < 0.25 * lowest(0.0)
+    with pytest.raises(SimulationError, match="not stable"):
+        lowest(2.0 * euler)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -155,11 +191,6 @@ def test_a_small_step_of_tension_moves_it_as_in_time(element: str, damping: str)
 
 def _in_time(robot: Robot, settings: softcal.TimeSettings, times: np.ndarray, before: float, after: float):
     """plate.x (n,) after a step of tension, from rest at the tension before it."""
-    from softcal.mechanics.dynamics import Dynamics
-    from softcal.mechanics.term import Controls
-    from softcal.mechanics.time_step import at_rest
-    from softcal.twin.sensors import channel_units, sense
-
     live = softcal.LiveTwin(robot, "tension")
     place = live.at({"front": before})._place
     twin, theta = place.twin, place._steps.statics.theta
@@ -176,7 +207,7 @@ def _in_time(robot: Robot, settings: softcal.TimeSettings, times: np.ndarray, be
 
 def test_mass_is_symmetric_and_moves_as_a_whole() -> None:
     robot = neck("P2P1")
-    twin, theta = twin_and_theta(robot)
+    twin, _ = twin_and_theta(robot)
     system: System = twin.system
     state = rest_state(system.layout)
     M = mass_tangent(system, robot_inertia(twin, robot), state)
@@ -213,12 +244,38 @@ def test_the_system_is_a_state_space_and_a_file(tmp_path) -> None:
 def test_what_has_no_linear_form_is_refused() -> None:
     with pytest.raises(ParameterError, match="nothing that moves has mass"):
         softcal.linearise(column_robot())
-    bent = replace(CABLES[0], friction=0.2, via=(CABLES[0].via[0], softcal.ViaPoint(np.array([0.06, 0.0, 0.05])), CABLES[0].via[1]))
-    with pytest.raises(SimulationError, match="Friction along cables has no linear form"):
-        softcal.linearise(replace(neck(), cables=(bent,)), {"front": 1.0})
+    via = (softcal.ViaPoint(np.array([0.05, 0.0, 0.1]), "plate"), *(softcal.ViaPoint(np.array(at)) for at in GUIDE))
+    bent = softcal.Cable("front", via, friction_coefficient=0.2)
+    for tension in (0.0, 1.0):
+        with pytest.raises(SimulationError, match="Friction along cables has no linear form"):
+            softcal.linearise(replace(neck(), cables=(bent,)), {"front": tension})
+        remembers = replace(bent, line=softcal.CableLine(friction_memory=True))
+        with pytest.raises(SimulationError, match="It has a memory"):
+            softcal.linearise(replace(neck(), cables=(remembers,)), {"front": tension})
     with pytest.raises(ParameterError, match="too many modes"):
         softcal.linearise(neck(), modes=150)
     with pytest.raises(InputError, match="modes"):
         softcal.linearise(neck(), modes=0)
     with pytest.raises(ParameterError, match="middle"):
         softcal.linearise(neck(), {"middle": 1.0})
+
+
+def test_the_command_prints_frequencies_and_writes_the_system(tmp_path: Path, capsys) -> None:
+    path = write_project(tmp_path, ("      fixed: foot\n", "      fixed: foot\n      density: 1100 kg/m^3\n"))
+    code, told, _ = run(capsys, "linearise", path, "--at", "front=3N", "--modes", "3", "--out", tmp_path / "linear")
+    assert code == 0
+    found = softcal.linearise(path, {"front": 3.0}, modes=3)
+    assert f"{found.frequencies[0]:.4g} Hz" in told
+    assert "Inputs: front.tension." in told
+    assert "The static gain is within" in told
+    with np.load(tmp_path / "linear" / "linear.npz") as file:
+        np.testing.assert_allclose(file["frequencies"], found.frequencies, rtol=1e-9)
+    stored = json.loads((tmp_path / "linear" / "linear.json").read_text())
+    np.testing.assert_allclose(stored["system"]["stiffness"], found.stiffness, rtol=1e-9, atol=1e-9)
+    assert len((tmp_path / "linear" / "modes.csv").read_text().split()) > 3
+    code, told, _ = run(capsys, "linearise", path, "--at", "front=3mm")
+    assert code == 0
+    assert "There is no input" in told
+    code, _, told = run(capsys, "linearise", path, "--at", "front=3")
+    assert code == 2
+    assert "--at: this is not a pull" in told

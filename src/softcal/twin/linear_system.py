@@ -117,7 +117,9 @@ class LinearSystem(ReadOnly):
         try:
             write_whole(target, buffer.getvalue())
         except OSError as error:
-            raise StorageError(Fault("the file cannot be written", str(target), error.strerror or str(error))) from error
+            raise StorageError(
+                Fault("the file cannot be written", str(target), error.strerror or str(error))
+            ) from error
         return target
 
 

@@ -14,9 +14,9 @@ from softcal.checks import Floats, ReadOnly
 from softcal.declare import FixedMapping, OrInfinite, as_annotated, checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
+from softcal.limits import LIMITS
 from softcal.mechanics.actuator import ActuatorLimits
 from softcal.mechanics.cable import cables_of
-from softcal.limits import LIMITS
 from softcal.mechanics.march import Reached, Target, by_command
 from softcal.mechanics.node import by_parameters
 from softcal.mechanics.small_motions import small_motions

@@ -123,9 +123,7 @@ def parse_pulls(robot: Robot, texts: Sequence[str], option: str = "--pull") -> P
             cable, control, end = _parsed(robot, text, option)
             if cable in commands:
                 noun = _noun(robot, cable)
-                raise InputError(
-                    Fault(f"the {noun} is pulled twice", option, f"'{text}'", f"one pull for each {noun}")
-                )
+                raise InputError(Fault(f"the {noun} is pulled twice", option, f"'{text}'", f"one pull for each {noun}"))
             commands |= pull(robot, cable, control, end).commands
         except InputError as error:
             faults.extend(fault if fault.where else replace(fault, where=option) for fault in error.faults)

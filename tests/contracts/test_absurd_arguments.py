@@ -279,8 +279,8 @@ def test_every_public_part_with_arrays_checks_them_or_locks_them(name: str) -> N
 
 # What softcal makes itself, and what the catalogue looks at as it is registered.
 MADE = (
-    "CalibrationResult Calibrations Drawing DrawnShape Fault Fleet Jacobian LawComparison LiveState PrimitiveShape "
-    "Project Proposal RecordFit ReportContent Response SweepResult Swept"
+    "CalibrationResult Calibrations Drawing DrawnShape Fault Fleet Jacobian LawComparison LinearSystem LiveState "
+    "PrimitiveShape Project Proposal RecordFit ReportContent Response SweepResult Swept"
 )
 LOOKED_AT = "ChannelKind ExportRequest Limit NamedSensor Quantity ReportTable"
 

@@ -220,14 +220,14 @@ def _modes(statics: Statics, mass: Product, stiff: Product, n_modes: int) -> tup
             full[:n, 0] = x.ravel()
             return product(full)[:n, 0]
 
-        return LinearOperator((n, n), matvec=of, dtype=np.float64)
+        return LinearOperator((n, n), matvec=of, dtype=np.float64)  # pyright: ignore[reportCallIssue] (its __new__)
 
     M, inverse = operator(mass), operator(statics.solve)
     # Without a part on what has no mass, as every later vector.
     begin = inverse @ (M @ np.random.default_rng(5).standard_normal(n))
     many = min(max(2 * n_modes + 10, 24), n - 1)
     try:
-        squares, found = eigsh(operator(stiff), n_modes, M, sigma=0.0, OPinv=inverse, v0=begin, ncv=many, tol=0.0)
+        squares, found = eigsh(operator(stiff), n_modes, M, sigma=0.0, OPinv=inverse, v0=begin, ncv=many)
     except ArpackError as error:
         raise SimulationError(f"The modes were not found: {error}.") from error
     order = np.argsort(squares)

@@ -20,7 +20,9 @@ from softcal.regular_file import write_whole
 @displayed
 @dataclass(frozen=True, eq=False)
 class LinearSystem(ReadOnly):
-    """Small motions about an equilibrium in k coordinates a, with changes u of inputs and y of outputs:
+    """Small motions about an equilibrium.
+
+    In k coordinates a, with changes u of inputs and y of outputs:
 
         M a'' + C a' + K a = B u,    y = C_y a + D u
 
@@ -78,9 +80,9 @@ class LinearSystem(ReadOnly):
     def state_matrices(self) -> tuple[Floats, Floats, Floats, Floats]:
         """A, B, C and D of the states (a, a'), as python-control's `control.ss` takes them."""
         k, m = self.input_matrix.shape
-        rates = np.linalg.solve(self.mass, np.hstack([-self.stiffness, -self.damping, self.input_matrix]))
-        A = np.block([[np.zeros((k, k)), np.eye(k)], [rates[:, : 2 * k]]])
-        B = np.vstack([np.zeros((k, m)), rates[:, 2 * k :]])
+        rates: Floats = np.linalg.solve(self.mass, np.hstack([-self.stiffness, -self.damping, self.input_matrix]))
+        A: Floats = np.block([[np.zeros((k, k)), np.eye(k)], [rates[:, : 2 * k]]])
+        B: Floats = np.vstack([np.zeros((k, m)), rates[:, 2 * k :]])
         return A, B, np.hstack([self.output_matrix, np.zeros_like(self.output_matrix)]), self.feedthrough
 
     @property

@@ -5,6 +5,7 @@ time.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,8 +22,9 @@ from softcal.errors import InputError, ParameterError, SimulationError
 from softcal.mechanics.damping import Damping
 from softcal.mechanics.dynamics import Dynamics
 from softcal.mechanics.small_motions import mass_tangent, small_motions
-from softcal.mechanics.state import rest_state
-from softcal.mechanics.statics import Statics
+from softcal.mechanics.stability import overdamped_equilibrium
+from softcal.mechanics.state import State, rest_state
+from softcal.mechanics.statics import Equilibrium, Statics
 from softcal.mechanics.system import System
 from softcal.mechanics.term import Controls
 from softcal.mechanics.time_step import at_rest
@@ -127,6 +129,10 @@ def rod_robot(length: float, *cables: softcal.Cable) -> Robot:
     return Robot(plates=(base, plate), rods=(rod,), cables=cables)
 
 
+EULER = np.pi**2 * 1e9 * np.pi * 0.004**4 / 64 / 0.3**2  # [N]
+ALONG = softcal.Cable("middle", (softcal.ViaPoint(np.array([0.0, 0.0, 0.3]), "plate"), softcal.ViaPoint(np.zeros(3))))
+
+
 def test_a_rod_swings_as_euler_and_bernoulli_say() -> None:
     found = softcal.linearise(rod_robot(0.3), modes=6)
     section = np.pi * 0.004**2 / 4
@@ -135,23 +141,23 @@ def test_a_rod_swings_as_euler_and_bernoulli_say() -> None:
     np.testing.assert_allclose(found.frequencies, expected, rtol=5e-3)
 
 
-def test_an_unstable_equilibrium_is_refused() -> None:
-    """A straight rod under twice the tension on its axis at which it buckles, pi^2 E I / L^2."""
-    ends = (softcal.ViaPoint(np.array([0.0, 0.0, 0.3]), "plate"), softcal.ViaPoint(np.zeros(3)))
-    robot = rod_robot(0.3, softcal.Cable("middle", ends))
+def test_an_unstable_equilibrium_is_refused_and_one_that_turns_freely() -> None:
+    """A straight rod beyond the tension on its axis at which it buckles; buckled, its plane of bending may be any."""
+    robot = rod_robot(0.3, ALONG)
     twin, theta = twin_and_theta(robot)
     statics, inertia = Statics(twin.system, theta), robot_inertia(twin, robot)
-    euler = np.pi**2 * 1e9 * np.pi * 0.004**4 / 64 / 0.3**2
 
-    def lowest(tension: float) -> float:
+    def lowest(tension: float, solver: Callable[[State, Controls], Equilibrium]) -> float:
         pushed = Controls(np.ones(1, dtype=bool), np.array([tension]), np.zeros(1))
-        solved = statics.equilibrium(rest_state(twin.system.layout), pushed)
+        solved = solver(rest_state(twin.system.layout), pushed)
         assert solved.converged, solved.status
         return float(small_motions(statics, inertia, Damping(), solved.state, pushed, np.array([0]), 2).frequencies[0])
 
-    assert lowest(0.98 * euler) < 0.25 * lowest(0.0)
+    assert lowest(0.98 * EULER, statics.equilibrium) < 0.25 * lowest(0.0, statics.equilibrium)
     with pytest.raises(SimulationError, match="not stable"):
-        lowest(2.0 * euler)
+        lowest(1.3 * EULER, statics.equilibrium)
+    with pytest.raises(SimulationError, match="moves freely"):
+        lowest(1.3 * EULER, lambda state, pushed: overdamped_equilibrium(statics, state, pushed))
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -25,6 +25,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, ParameterError, SimulationError
 from softcal.mechanics.damping import Damping
+from softcal.mechanics.free_modes import exclude_free_modes
 from softcal.mechanics.inertia import Inertia, Rates
 from softcal.mechanics.linearisation import Linearisation
 from softcal.mechanics.march import by_command
@@ -102,7 +103,8 @@ def small_motions(
     ParameterError
         For too many modes.
     SimulationError
-        Where there is no linear form: friction, dead moments, an unstable equilibrium; where an input moves no mass.
+        Where there is no linear form: friction, dead moments, an equilibrium that is free or unstable; where an input
+        moves no mass.
     """
     system = statics.system
     n, moving = system.layout.first_effort_unknown, system.layout.first_pressure_unknown
@@ -111,6 +113,8 @@ def small_motions(
     at = system.linearise(state, controls, statics.theta)
     _require_linear(statics, at, state)
     statics.factorise(at)
+    if exclude_free_modes(statics, at).size:
+        raise SimulationError("The robot moves freely, without a force to bring it back: a frequency is zero.")
     if statics.n_unstable() != 0:
         raise SimulationError("The equilibrium is not stable: small motions about it grow.")
     mass = mass_tangent(system, inertia, state)
@@ -150,7 +154,17 @@ def small_motions(
 
 
 def mass_tangent(system: System, inertia: Inertia, state: State) -> Linearisation:
-    """M at a state, in place of the tangent: on points [kg], and on frames by their increments [kg, kg m, kg m^2]."""
+    """M at a state, in place of the tangent: on points [kg], and on frames by their increments [kg, kg m, kg m^2].
+
+    Parameters
+    ----------
+    system
+        The discretised robot.
+    inertia
+        Its mass.
+    state
+        The state.
+    """
     still = Rates(np.zeros_like(state.x), np.zeros_like(state.position), np.zeros_like(state.rotation))
     data = inertia.data.copy()
     inertia.blocks.add_tangent(data, inertia.tangent(state.rotation, still, 1.0))

@@ -80,7 +80,8 @@ class LinearSystem(ReadOnly):
     def state_matrices(self) -> tuple[Floats, Floats, Floats, Floats]:
         """A, B, C and D of the states (a, a'), as python-control's `control.ss` takes them."""
         k, m = self.input_matrix.shape
-        rates: Floats = np.linalg.solve(self.mass, np.hstack([-self.stiffness, -self.damping, self.input_matrix]))
+        right = np.hstack([-self.stiffness, -self.damping, self.input_matrix])
+        rates = np.asarray(np.linalg.solve(self.mass, right), dtype=np.float64)
         A: Floats = np.block([[np.zeros((k, k)), np.eye(k)], [rates[:, : 2 * k]]])
         B: Floats = np.vstack([np.zeros((k, m)), rates[:, 2 * k :]])
         return A, B, np.hstack([self.output_matrix, np.zeros_like(self.output_matrix)]), self.feedthrough

@@ -99,6 +99,7 @@ if TYPE_CHECKING:
     from softcal.twin.cables import RoutingAxis as RoutingAxis
     from softcal.twin.clamp import Clamp as Clamp
     from softcal.twin.in_time import simulate_in_time as simulate_in_time
+    from softcal.twin.linear_system import LinearSystem as LinearSystem
     from softcal.twin.live import Jacobian as Jacobian
     from softcal.twin.live import LiveState as LiveState
     from softcal.twin.live import LiveTwin as LiveTwin
@@ -136,6 +137,7 @@ if TYPE_CHECKING:
     from softcal.workflows.export import write_export as write_export
     from softcal.workflows.importance import importance as importance
     from softcal.workflows.intervals import intervals as intervals
+    from softcal.workflows.linearise import linearise as linearise
     from softcal.workflows.mesh_study import mesh_study as mesh_study
     from softcal.workflows.next_test import next_test as next_test
     from softcal.workflows.reach import reach as reach
@@ -186,6 +188,7 @@ _HOMES = {
     "Jacobian": "softcal.twin.live",
     "Law": "softcal.materials.law",
     "Limit": "softcal.limits",
+    "LinearSystem": "softcal.twin.linear_system",
     "LiveState": "softcal.twin.live",
     "LiveTwin": "softcal.twin.live",
     "Loss": "softcal.calibration.problem.loss",
@@ -248,6 +251,7 @@ _HOMES = {
     "helix": "softcal.geometry.centreline",
     "importance": "softcal.workflows.importance",
     "intervals": "softcal.workflows.intervals",
+    "linearise": "softcal.workflows.linearise",
     "load": "softcal.project.project",
     "load_run": "softcal.workflows.run_folder",
     "make_problem": "softcal.calibration.problem.problem",
@@ -320,6 +324,7 @@ __all__ = [
     "Jacobian",
     "Law",
     "Limit",
+    "LinearSystem",
     "LiveState",
     "LiveTwin",
     "Loss",
@@ -382,6 +387,7 @@ __all__ = [
     "helix",
     "importance",
     "intervals",
+    "linearise",
     "load",
     "load_run",
     "make_problem",

@@ -138,6 +138,7 @@ LIMITS: Mapping[str, Limit] = {
         # Motion in time, and other engines
         Limit("time steps", 10_000_000, 1, "a longer time step, or a shorter time"),
         Limit("time steps to try", 20),
+        Limit("modes", 200),
         Limit("states", 10_000, 2),
         Limit("nodes along each cable", 200, 2),
     )

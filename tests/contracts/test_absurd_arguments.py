@@ -204,6 +204,8 @@ CALLS: list[Call] = [
     (softcal.next_test, {"run": "run", "out": "OUT"}, {"candidates": "part", "workers": "workers"}),
     (softcal.reach, {"twin": "PROJECT", "out": "OUT"}, {"targets": "mapping"}),
     (softcal.reach, {"targets": {"plate.x": 0.001}, "out": "OUT"}, {"twin": "part"}),
+    (softcal.linearise, {"twin": "PROJECT", "out": "OUT"}, {"commands": "mapping", "modes": "count"}),
+    (softcal.linearise, {"out": "OUT"}, {"twin": "part"}),
     (softcal.validate, {"projects": "PROJECT"}, {"hold_out": "names", "split": "names", "workers": "workers"}),
     (softcal.compare_records, {"project": "PROJECT"}, {"result": "part"}),
     (softcal.watch_run, {}, {"folder": "path"}),
@@ -277,8 +279,8 @@ def test_every_public_part_with_arrays_checks_them_or_locks_them(name: str) -> N
 
 # What softcal makes itself, and what the catalogue looks at as it is registered.
 MADE = (
-    "CalibrationResult Calibrations Drawing DrawnShape Fault Fleet Jacobian LawComparison LiveState PrimitiveShape "
-    "Project Proposal RecordFit ReportContent Response SweepResult Swept"
+    "CalibrationResult Calibrations Drawing DrawnShape Fault Fleet Jacobian LawComparison LinearSystem LiveState "
+    "PrimitiveShape Project Proposal RecordFit ReportContent Response SweepResult Swept"
 )
 LOOKED_AT = "ChannelKind ExportRequest Limit NamedSensor Quantity ReportTable"
 

@@ -180,6 +180,12 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = [path for place in (".", "docs", "examples/*") for path in sorted(ROOT.glob(f"{place}/*.md"))]
 
 
+@finds("docs/linearise.md")
+def _a_heavy_bar(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    write_project(folder, ("      fixed: foot\n", "      fixed: foot\n      density: 1100 kg/m^3\n"))
+    return {}
+
+
 @finds("docs/reach.md")
 def _a_bar(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     write_project(folder)

@@ -23,7 +23,7 @@ from softcal.sensing.channel import kinds
 from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.crossings import crossed_at
-from softcal.twin.masses import robot_inertia
+from softcal.twin.masses import no_mass, robot_inertia
 from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Protocol, command_faults, controls_at, let_go_faults
 from softcal.twin.response import Response, Snapshot
@@ -103,8 +103,7 @@ def simulate_in_time(
     theta = parameter_values(robot)
     inertia = robot_inertia(twin, robot, settings.masses)
     if inertia.is_none:
-        parts = ", ".join(part.name for part in (*robot.bodies, *robot.rods, *robot.plates))
-        raise ParameterError(Fault("nothing that moves has mass", parts, attempt="a density, or a plate's mass"))
+        raise ParameterError(no_mass(robot))
     dynamics = Dynamics(twin.system, inertia, theta, settings.rayleigh, settings.scheme)
     run = _Motion(twin, theta, schedule, settings, snapshots, progress)
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, wraps
-from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar, runtime_checkable
+from typing import Annotated, Any, Concatenate, NoReturn, ParamSpec, TypeVar, runtime_checkable
 from typing import Protocol as Shape
 
 import numpy as np
@@ -14,10 +14,12 @@ from softcal.checks import Floats, ReadOnly
 from softcal.declare import FixedMapping, OrInfinite, as_annotated, checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
+from softcal.limits import LIMITS
 from softcal.mechanics.actuator import ActuatorLimits
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.march import Reached, Target, by_command
 from softcal.mechanics.node import by_parameters
+from softcal.mechanics.small_motions import small_motions
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.warm_steps import WarmSteps
@@ -25,6 +27,8 @@ from softcal.sensing.channel import ChannelName, kinds
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.crossings import crossed_at
 from softcal.twin.drawn_out import drawn_out, drawn_out_at
+from softcal.twin.linear_system import LinearSystem
+from softcal.twin.masses import no_mass, robot_inertia
 from softcal.twin.parameters import parameter_values, robot_parameters, unknown_name, with_shape
 from softcal.twin.protocol import Command, Protocol, command_faults, controls_at
 from softcal.twin.response import Snapshot
@@ -32,7 +36,10 @@ from softcal.twin.robot import Control, Robot
 from softcal.twin.sensors import angle_columns, channel_units, sense, sense_rates
 from softcal.twin.simulate import statics_faults
 from softcal.twin.start import UNDER_LOADS, instability, loaded, slack_line, snapshot
+from softcal.twin.time_settings import TimeSettings
 from softcal.units import format_quantity
+
+DEFAULT = TimeSettings()
 
 
 @runtime_checkable
@@ -148,6 +155,28 @@ class LiveState:
             Where the tangent is singular.
         """
         return self._place.by_parameters(as_annotated(names, tuple[str, ...], "names"))
+
+    @checked_arguments
+    def linearised(self, modes: Annotated[int, LIMITS["modes"]] = 6, settings: TimeSettings = DEFAULT) -> LinearSystem:
+        """The linear system of small motions about this equilibrium; see `softcal.linearise`.
+
+        Parameters
+        ----------
+        modes
+            Number of modes, beside which the static response to each input is exact.
+        settings
+            Settings of the time integration, of which the damping and the choice of the mass matrix count.
+
+        Raises
+        ------
+        ParameterError
+            For too many modes, or a robot without mass.
+        SimulationError
+            Where the commands were not reached, or there is no linear form: friction, memory, an unstable equilibrium.
+        """
+        if not self.succeeded:
+            raise SimulationError(self.status)
+        return self._place.linearised(self, modes, settings)
 
     @cached_property
     def shape(self) -> Snapshot:
@@ -457,6 +486,48 @@ class _Place(_InOneProcess):
         dz = by_parameters(statics, self.state, now, names)
         own = {name: np.zeros(len(names)) for name in self.coordinates}
         return self._jacobian(names, sense_rates(self.twin, self.state, statics.theta, dz, names, own))
+
+    @_in_turn
+    def linearised(self, at: LiveState, n_modes: int, settings: TimeSettings) -> LinearSystem:
+        twin, statics, now, target = self.twin, self._steps.statics, self.reached.controls, self.aim.controls
+        system, n = twin.system, twin.system.layout.first_effort_unknown
+        inertia = robot_inertia(twin, twin.robot, settings.masses)
+        if inertia.is_none:
+            raise ParameterError(no_mass(twin.robot))
+        driven = [part for part in twin.robot.commandable if target.is_held[system.number(part.name)]]
+        inputs = tuple(str(ChannelName(part.channels[1], part.name)) for part in driven)
+        numbers = np.array([system.number(part.name) for part in driven], dtype=np.int64)
+        motions = small_motions(statics, inertia, settings.rayleigh, self.state, now, numbers, n_modes)
+        alone = np.zeros((system.layout.n_unknowns, len(numbers)))
+        alone[n + numbers, np.arange(len(numbers))] = 1.0
+        outputs, direct = (
+            sense_rates(twin, self.state, statics.theta, dz, (), dict.fromkeys(self.coordinates, np.zeros(dz.shape[1])))
+            for dz in (motions.basis, alone)
+        )
+        exact = self.by_commands()
+        columns = [exact.names.index(name) for name in inputs]
+        gain = outputs @ np.linalg.solve(motions.stiffness, motions.inputs) + direct
+        largest = np.abs(exact.values[:, columns]).max(axis=1, initial=0.0)
+        off = np.abs(gain - exact.values[:, columns]).max(axis=1, initial=0.0)
+        k = np.arange(n_modes)
+        return LinearSystem(
+            commands=at.commands,
+            values=at.channels,
+            units=channel_units(twin),
+            inputs=inputs,
+            channels=exact.channels,
+            frequencies=motions.frequencies / (2.0 * np.pi),
+            damping_ratios=motions.damping[k, k] / (2.0 * motions.frequencies),
+            frequency_errors=motions.errors,
+            next_frequency=motions.next_frequency / (2.0 * np.pi),
+            mass=np.eye(len(motions.stiffness)),
+            damping=motions.damping,
+            stiffness=motions.stiffness,
+            input_matrix=motions.inputs,
+            output_matrix=outputs,
+            feedthrough=direct,
+            static_error=float(np.max(off / np.where(largest > 0.0, largest, 1.0), initial=0.0)),
+        )
 
     def shape(self, commands: Mapping[str, float]) -> Snapshot:
         return snapshot(self.twin, self.state, dict(commands), 0.0, "")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.errors import Fault
 from softcal.mechanics.inertia import (
     Inertia,
     build_inertia,
@@ -70,6 +71,12 @@ def robot_inertia(twin: Twin, robot: Robot, masses: MassMatrix = "consistent") -
         arm = plate.centre_of_mass - layout.references[frame]
         carried.add(np.array([frame]), np.array([plate.mass]), arm[None], _plate_moments(plate)[None])
     return build_inertia(layout, twin.system.pattern, elements, carried)
+
+
+def no_mass(robot: Robot) -> Fault:
+    """The fault of a robot whose inertia is none."""
+    parts = ", ".join(part.name for part in (*robot.bodies, *robot.rods, *robot.plates))
+    return Fault("nothing that moves has mass", parts, attempt="a density, or a plate's mass")
 
 
 def plate_inertia(plate: Plate) -> Floats:

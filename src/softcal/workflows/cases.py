@@ -99,8 +99,17 @@ def protocols_of(chosen: Mapping[str, Case]) -> dict[str, Protocol]:
     return {name: case.protocol for name, case in chosen.items()}
 
 
-def parse_pulls(robot: Robot, texts: Sequence[str]) -> Protocol:
+def parse_pulls(robot: Robot, texts: Sequence[str], option: str = "--pull") -> Protocol:
     """Cables pulled together, each evenly from zero to its value: a shortening, a tension, or a hanging mass.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    texts
+        One for each cable, such as `front=40mm`.
+    option
+        The option that they are of.
 
     Raises
     ------
@@ -111,15 +120,13 @@ def parse_pulls(robot: Robot, texts: Sequence[str]) -> Protocol:
     faults: list[Fault] = []
     for text in texts:
         try:
-            cable, control, end = _parsed(robot, text)
+            cable, control, end = _parsed(robot, text, option)
             if cable in commands:
                 noun = _noun(robot, cable)
-                raise InputError(
-                    Fault(f"the {noun} is pulled twice", "--pull", f"'{text}'", f"one pull for each {noun}")
-                )
+                raise InputError(Fault(f"the {noun} is pulled twice", option, f"'{text}'", f"one pull for each {noun}"))
             commands |= pull(robot, cable, control, end).commands
         except InputError as error:
-            faults.extend(fault if fault.where else replace(fault, where="--pull") for fault in error.faults)
+            faults.extend(fault if fault.where else replace(fault, where=option) for fault in error.faults)
     if faults:
         raise InputError(faults)
     return Protocol(commands)
@@ -130,15 +137,15 @@ def _noun(robot: Robot, name: str) -> str:
     return next((part.actuator.name for part in robot.actuators if part.name == name), "cable")
 
 
-def _parsed(robot: Robot, text: str) -> tuple[str, Control, float]:
+def _parsed(robot: Robot, text: str, option: str) -> tuple[str, Control, float]:
     name, _, value = (part.strip() for part in text.partition("="))
     if name.endswith(HANGING):
-        mass = QUANTITIES["mass"].read(value, where=f"--pull {text}")
+        mass = QUANTITIES["mass"].read(value, where=f"{option} {text}")
         gravity = float(np.linalg.norm(robot.gravity))
         if gravity == 0.0:
             what, allowed = "a hanging mass needs gravity", "gravity in the robot, or a force"
             instead = f"{text.partition(HANGING)[0]}={value.replace('kg', 'kgf')}" if "kg" in value else "a force in N"
-            raise InputError(Fault(what, "--pull", f"'{text}'", allowed, instead))
+            raise InputError(Fault(what, option, f"'{text}'", allowed, instead))
         return name.removesuffix(HANGING), "tension", mass * gravity
     every = {control: quantity for part in robot.actuated for control, quantity in part.controls.items()}
     every = {control: QUANTITIES[control] for control in ("shortening", "tension")} | every
@@ -153,7 +160,7 @@ def _parsed(robot: Robot, text: str) -> tuple[str, Control, float]:
         coordinate, effort = part.channels
         units = f"{part.name}=1{effort.unit}, {part.name}=1{readable_unit(0.0, coordinate.unit)}"
         allowed += f"; a {part.actuator.name} and a {effort.name} or {coordinate.name}: {units}"
-    raise InputError(Fault("this is not a pull", "--pull", f"'{text}'", allowed))
+    raise InputError(Fault("this is not a pull", option, f"'{text}'", allowed))
 
 
 def films(protocols: Mapping[str, Protocol], n: int) -> dict[str, Protocol]:

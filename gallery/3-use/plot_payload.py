@@ -33,7 +33,7 @@ spec.loader.exec_module(module)
 model = module.ReducedModel(folder / "model.json")
 error = model.error["S4.position"]
 print(f"95 % of the model's errors at the tip are below {1e6 * error['p95']:.0f} um")
-payload = module.Estimate(model, {"S4.mass": own}, {"S4.mass": 0.05})
+payload = module.KalmanFilter(model, {"S4.mass": own}, {"S4.mass": 0.05})
 
 # %%
 # The loop: command at the present estimate, measure, update.

@@ -27,7 +27,7 @@ from softcal.cli import app
 from softcal.errors import ParameterError, SimulationError
 from softcal.export import reduced_model
 from softcal.export.reduced import ReducedModelFit, Span, _powers, evaluator_of, measured_error, reduced, write_reduced
-from softcal.export.reduced_model import Estimate, ReducedModel
+from softcal.export.reduced_model import KalmanFilter, ReducedModel
 from softcal.export.rotations import quaternions
 from softcal.twin.cables import CableLine
 from softcal.twin.parameters import robot_parameters
@@ -237,7 +237,7 @@ def test_a_filter_is_consistent_and_leads_to_the_payload(loaded: ReducedModel) -
     squares, inside, freedom = 0.0, np.zeros(2), 0
     for _ in range(200):
         truth = {name: float(rng.normal(values[name], deviations[name])) for name in names}
-        estimate = Estimate(loaded, values, deviations)
+        estimate = KalmanFilter(loaded, values, deviations)
         for at in rng.uniform(0.5, 3.0, (12, 2)).tolist():
             commands = dict(zip(("front", "left"), at, strict=True))
             exact, _ = loaded.read({**commands, **truth}, list(noise))
@@ -254,7 +254,7 @@ def test_a_filter_is_consistent_and_leads_to_the_payload(loaded: ReducedModel) -
 def test_a_filter_is_not_misled_by_a_value_that_is_far_off(loaded: ReducedModel) -> None:
     """Its first linearisation is: the estimate is that of the measurement all the same, within its interval."""
     noise, truth, rng = {"plate.x": 2e-6, "plate.z": 2e-6}, 0.29, np.random.default_rng(3)
-    estimate, away = Estimate(loaded, {"plate.mass": 0.0}, {"plate.mass": 0.2}), list[float]()
+    estimate, away = KalmanFilter(loaded, {"plate.mass": 0.0}, {"plate.mass": 0.2}), list[float]()
     for _ in range(6):
         exact, _ = loaded.read({"front": 3.0, "plate.mass": truth}, list(noise))
         estimate.update(
@@ -266,13 +266,13 @@ def test_a_filter_is_not_misled_by_a_value_that_is_far_off(loaded: ReducedModel)
 
 def test_a_filter_follows_what_drifts(loaded: ReducedModel) -> None:
     noise = {"plate.x": 1e-5, "plate.z": 1e-5}
-    estimate = Estimate(loaded, {"plate.mass": 0.02}, {"plate.mass": 0.02}, {"plate.mass": 0.01})
+    estimate = KalmanFilter(loaded, {"plate.mass": 0.02}, {"plate.mass": 0.02}, {"plate.mass": 0.01})
     for mass in np.linspace(0.02, 0.2, 40).tolist():
         exact, _ = loaded.read({"front": 2.0, "plate.mass": mass}, list(noise))
         estimate.update({"front": 2.0}, dict(zip(noise, exact.tolist(), strict=True)), noise)
     assert estimate.mean[0] == pytest.approx(0.2, abs=0.02)
     with pytest.raises(ValueError, match="The model has no input 'mass'"):
-        Estimate(loaded, {"mass": 0.1}, {"mass": 0.1})
+        KalmanFilter(loaded, {"mass": 0.1}, {"mass": 0.1})
 
 
 def test_channels_are_those_of_the_twin(loaded: ReducedModel, read: ReducedModel) -> None:

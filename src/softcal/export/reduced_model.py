@@ -221,7 +221,7 @@ class ReducedModel:
         return weight * r, weight * rates[:, columns]
 
 
-class Estimate:
+class KalmanFilter:
     """Values of the model's parameters from measured channels, one measurement after the other: an iterated extended
     Kalman filter. `mean` and `covariance`, of parameters in the order of `names`.
 

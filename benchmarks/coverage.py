@@ -242,6 +242,14 @@ CASES = (
     Case("six-off", "the same, each marker glued on 0.5 mm off", DISTANCE, n=0, six=True, off=5e-4, studies=100),
     Case("six-pulled", "the same, the force of each cable 3 % off", DISTANCE, n=0, six=True, pulled=0.03, studies=100),
     Case("pneunet", "pneunet, pressure and syringe, three markers", LIKELIHOOD, n=0, true=PNEUNET_TRUE),
+    Case(
+        "pneunet-known",
+        "the same, the gauge stated to be without drift",
+        LIKELIHOOD,
+        n=0,
+        true=PNEUNET_TRUE,
+        states_drift=True,
+    ),
 )
 
 
@@ -446,7 +454,8 @@ def _pneunet_study(case: Case, chance: np.random.Generator) -> Problem:
                 len(seen.channels[channel])
             )
             channels[channel] = replace(channels[channel], values=values)
-        experiments.append(replace(experiment, dataset=Dataset(name, channels)))
+        steady = {"main.pressure_drift": 0.0} if case.states_drift else {}
+        experiments.append(replace(experiment, dataset=Dataset(name, channels), settings=steady))
     free = [
         FreeParameter(name, unit, *ends, start=case.truth[name])
         for (name, ends), unit in zip(PNEUNET_RANGES.items(), ("Pa", "m^3"), strict=True)

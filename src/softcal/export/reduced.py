@@ -462,7 +462,7 @@ class _Sampled:
         # Samples of one robot are one simulation.
         fixed = [k for k in range(len(inputs)) if k not in commands]
         each = [np.arange(len(points))] if not fixed else np.arange(len(points))[:, None]
-        parts: list[Floats] = []
+        parts, warned = list[Floats](), dict[str, None]()
         for rows in each:
             protocol = Protocol({inputs[k].name: Command(inputs[k].control, points[rows, k]) for k in commands})
             theta = {inputs[k].name: float(points[rows[0], k]) for k in fixed}
@@ -471,9 +471,10 @@ class _Sampled:
                 raise SimulationError(
                     f"The robot has no equilibrium within the ranges: {response.status} Try smaller ones."
                 )
-            for sentence in response.warnings:
-                tell(sentence)
+            warned |= dict.fromkeys(response.warnings)
             parts.append(_outputs(robot, response, by))
+        for sentence in warned:
+            tell(sentence)
         table = np.concatenate(parts)
         places = 2.0 * shares - 1.0
         near = [int(((places[:k] - places[k]) ** 2).sum(axis=1).argmin()) for k in range(1, len(places))]

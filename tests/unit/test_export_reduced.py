@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 import pytest
 from mechanics_cases import blown_box, column_robot, elastic, side_cable
-from project_case import write_project
+from project_case import bench_csv, write_project
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 from test_drives import project as drive_project
 from typer.testing import CliRunner
 
-from softcal import with_parameters
+from softcal import load_run, with_parameters
 from softcal.cli import app
 from softcal.errors import ParameterError, SimulationError
 from softcal.export import reduced_model
@@ -34,6 +34,7 @@ from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
+from softcal.workflows.study_source import load_calibrated
 
 ROBOT = column_robot(
     "P1",
@@ -284,6 +285,45 @@ def test_channels_are_those_of_the_twin(loaded: ReducedModel, read: ReducedModel
     for k, name in enumerate(read.inputs):
         ends = [read.read({**dict.fromkeys(NAMES, 1.5), name: 1.5 + sign * h}, read.channels)[0] for sign in (1, -1)]
         np.testing.assert_allclose(rates[:, k], (ends[0] - ends[1]) / (2 * h), rtol=1e-5, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_bands_are_the_intervals_carried_into_each_state(tmp_path: Path) -> None:
+    """A band is 1.96 standard errors of E times the derivative by E, here by differences; none of a project file."""
+    head, *lines = bench_csv().splitlines()
+    chance = np.random.default_rng(0)
+    rows = [[float(cell) for cell in line.split(",")] for line in lines]
+    noisy = [
+        f"{t},{d},{f + 0.1 * chance.standard_normal()},{p + 0.3 * chance.standard_normal()}" for t, d, f, p in rows
+    ]
+    project = write_project(tmp_path, data="\n".join([head, *noisy]) + "\n")
+    run, out = tmp_path / "run", tmp_path / "out"
+    options = ["--out", str(run), "--no-report", "--no-mesh-error"]
+    assert CliRunner().invoke(app, ["calibrate", str(project), *options]).exit_code == 0
+    written = CliRunner().invoke(app, ["export", "reduced", str(run), "--out", str(out), "--reach", "4N"])
+    assert written.exit_code == 0, written.output
+    assert "The bands are the 95 % intervals of the calibration carried into" in " ".join(written.output.split())
+    read, robot = ReducedModel(out / "model.json"), load_calibrated(run).robot
+    estimate = load_run(run).headline.parameters["bar.youngs_modulus"]
+    step = 1e-4 * estimate.value
+    for tension in (0.3, 1.7, 4.0):
+        pulled = Protocol({"front": Command("tension", np.array([tension]))})
+        ends = [
+            simulate(
+                with_parameters(robot, {"bar.youngs_modulus": estimate.value + sign * step}),
+                pulled,
+                curve_tolerance=0.0,
+            ).channels
+            for sign in (-1, 1)
+        ]
+        bands = dict(zip(read.rows, read.state({"front": tension})["bands"], strict=True))
+        for row in ("plate.x", "plate.z", "front.shortening"):
+            half = 1.959964 * estimate.standard_error * abs(ends[1][row][0] - ends[0][row][0]) / (2 * step)
+            assert bands[row] == pytest.approx(half, rel=1e-3), (tension, row)
+    assert read.state({"front": 0.0})["bands"] == pytest.approx([0.0] * len(read.rows), abs=1e-5)
+    plain = CliRunner().invoke(app, ["export", "reduced", str(project), "--out", str(tmp_path / "p"), "--reach", "4N"])
+    assert "There are no bands: the values are those of a project file" in " ".join(plain.output.split())
+    assert "bands" not in ReducedModel(tmp_path / "p" / "model.json").state({"front": 1.0})
 
 
 @pytest.mark.parametrize("reach", [Span(-2e3, 6e3, "Pa"), Span(0.0, 2e-7, "m^3")])

@@ -105,6 +105,22 @@ class OutputError:
 
 
 @dataclass(frozen=True)
+class Bands:
+    """The 95 % bands of a calibration.
+
+    Attributes
+    ----------
+    parameters
+        Those of the robot by which predictions have derivatives.
+    width
+        Half the width (n,) of predictions with derivatives (n, n_parameters).
+    """
+
+    parameters: Sequence[str]
+    width: Callable[[Floats], Floats]
+
+
+@dataclass(frozen=True)
 class ReducedModelFit:
     """A reduced model.
 
@@ -132,6 +148,7 @@ def reduced(
     samples: int | None = None,
     *,
     tell: Callable[[str], None] = lambda sentence: None,
+    bands: Bands | None = None,
 ) -> ReducedModelFit:
     """The reduced model of a robot.
 
@@ -147,6 +164,8 @@ def reduced(
         Equilibria at which the twin is solved; None: 64 for each input.
     tell
         Called with each warning of the twin within the ranges, such as of a robot that snaps.
+    bands
+        Of the calibration; None: the model has none.
 
     Raises
     ------
@@ -159,7 +178,7 @@ def reduced(
     n = samples or SAMPLES * len(inputs)
     if n < 2 * LEFT_OUT:
         raise ParameterError(Fault("there are too few samples", "samples", str(samples), f"{2 * LEFT_OUT} or more"))
-    sampled = _Sampled.at(robot, inputs, _scattered(len(inputs), n), tell)
+    sampled = _Sampled.at(robot, inputs, _scattered(len(inputs), n), tell, bands)
     outputs = _Outputs.of(robot)
     directions, powers = _best_terms(sampled, outputs.changes(sampled.values))
     tight = [part.name for part in robot.pretensioned if part.name not in spans]
@@ -180,9 +199,10 @@ def reduced(
         "coefficients": _fitted(sampled, directions, powers).tolist(),
         "parameters": {f"{name} [{info.unit}]": info.value for name, info in robot_parameters(robot).items()},
         "others": others,
+        "bands": sampled.widths_fitted(directions),
         "error": {},
     }
-    error = measured_error(robot, model, np.random.default_rng(SEED).uniform(size=(TESTED, len(inputs))))
+    error = measured_error(robot, model, np.random.default_rng(SEED).uniform(size=(TESTED, len(inputs))), bands)
     model["error"] = {
         "measured at": f"{TESTED} random states",
         **{
@@ -193,8 +213,18 @@ def reduced(
     return ReducedModelFit(model, error, int(powers.max()), n)
 
 
-def write_reduced(fit: ReducedModelFit, folder: Path) -> list[Path]:
-    """Write the model, its evaluators in Python and C, and a README into an existing folder."""
+def write_reduced(fit: ReducedModelFit, folder: Path, of_bands: str = "") -> list[Path]:
+    """Write the model, its evaluators in Python and C, and a README into an existing folder.
+
+    Parameters
+    ----------
+    fit
+        The model.
+    folder
+        The folder.
+    of_bands
+        The sentence on its bands, or on why there are none.
+    """
     model, source, readme = folder / MODEL, folder / SOURCE, folder / README
     model.write_text(json.dumps(fit.model, separators=(",", ":")), encoding="utf-8")
     code = Path(shutil.copyfile(evaluator.__file__, folder / EVALUATOR))
@@ -219,7 +249,9 @@ def write_reduced(fit: ReducedModelFit, folder: Path) -> list[Path]:
         "The Jacobian has the rows that it names: positions and coordinates in their units by those of the inputs,\n"
         ".rx .ry .rz in rad, small rotations about the world's axes. It refuses inputs outside the model.\n\n"
         f"{SOURCE} is the same in C99, without dependencies: see its first lines.\n\n"
-        f"Error against the twin at {fit.model['error']['measured at']}: median, 95th percentile and largest.\n"
+        + (f"{of_bands}\n\n" if of_bands else "")
+        + ('state["bands"] has half the width of each row of the Jacobian.\n\n' if fit.model["bands"] else "")
+        + f"Error against the twin at {fit.model['error']['measured at']}: median, 95th percentile and largest.\n"
         f"{lines}\n",
         encoding="utf-8",
     )
@@ -236,8 +268,11 @@ def evaluator_of(model: Mapping[str, Any]) -> evaluator.ReducedModel:
         return evaluator.ReducedModel(path)
 
 
-def measured_error(robot: Robot, model: Mapping[str, Any], places: Floats) -> dict[str, OutputError]:
-    """Errors of a model against the twin: distances of plates and markers, angles, coordinates, and of its Jacobian.
+def measured_error(
+    robot: Robot, model: Mapping[str, Any], places: Floats, bands: Bands | None = None
+) -> dict[str, OutputError]:
+    """Errors of a model against the twin: distances of plates and markers, angles, coordinates, and of its Jacobian and
+    bands.
 
     Parameters
     ----------
@@ -247,6 +282,8 @@ def measured_error(robot: Robot, model: Mapping[str, Any], places: Floats) -> di
         Content of `model.json`.
     places
         Inputs as shares of their ranges (n, n_inputs).
+    bands
+        Those that the model has.
 
     Raises
     ------
@@ -254,11 +291,12 @@ def measured_error(robot: Robot, model: Mapping[str, Any], places: Floats) -> di
         If the twin has no equilibrium at one of them.
     """
     inputs = [Input(**one) for one in model["inputs"]]
-    exact = _Sampled.at(robot, inputs, places)
+    exact = _Sampled.at(robot, inputs, places, bands=bands)
     read = evaluator_of(model)
     states = [read.state(dict(zip(read.inputs, at.tolist(), strict=True))) for at in exact.points]
     rates = np.array([np.reshape(state["jacobian"], (-1, len(inputs))) for state in states])
-    exact_rates, n_plates = exact.row_rates(len(model["plates"])), len(model["plates"])
+    n_plates = len(model["plates"])
+    exact_rates = row_rates(exact.values[:, None], exact.rates, n_plates)
     errors: dict[str, OutputError] = {}
 
     def add(name: str, unit: str, difference: Floats, change: float, rows: slice) -> None:
@@ -267,6 +305,10 @@ def measured_error(robot: Robot, model: Mapping[str, Any], places: Floats) -> di
             apart = np.linalg.norm((rates - exact_rates)[:, rows, k], axis=1)
             largest = float(np.linalg.norm(exact_rates[:, rows, k], axis=1).max())
             errors[f"d {name} / d {one.name}"] = _distribution(f"{unit}/{one.unit}", apart, largest)
+        if bands is not None:
+            ours = np.array([state["bands"][rows] for state in states])
+            apart = np.abs(ours - exact.widths[:, rows]).max(axis=1)
+            errors[f"band of {name}"] = _distribution(unit, apart, float(exact.widths[:, rows].max()))
 
     for k, name in enumerate(model["plates"]):
         pose = exact.values[:, POSE * k : POSE * (k + 1)]
@@ -430,6 +472,8 @@ class _Sampled:
         Their derivatives by the inputs (n, n_inputs, n_outputs).
     half
         Half of each range (n_inputs,).
+    widths
+        Half the width of the band of each row of the Jacobian (n, n_rows); (n, 0) without bands.
     """
 
     points: Floats
@@ -437,6 +481,7 @@ class _Sampled:
     values: Floats
     rates: Floats
     half: Floats
+    widths: Floats
 
     @classmethod
     def at(
@@ -445,6 +490,7 @@ class _Sampled:
         inputs: Sequence[Input],
         shares: Floats,
         tell: Callable[[str], None] = lambda sentence: None,
+        bands: Bands | None = None,
     ) -> _Sampled:
         """Solve the twin at shares (n, n_inputs) of the ranges, each sample after one that is near.
 
@@ -458,7 +504,7 @@ class _Sampled:
         shares = shares[order]
         points = least + shares * (most - least)
         commands = [k for k, one in enumerate(inputs) if one.control]
-        by = [one.derivative for one in inputs]
+        by = [*(one.derivative for one in inputs), *(() if bands is None else bands.parameters)]
         # Samples of one robot are one simulation.
         fixed = [k for k in range(len(inputs)) if k not in commands]
         each = [np.arange(len(points))] if not fixed else np.arange(len(points))[:, None]
@@ -478,21 +524,51 @@ class _Sampled:
         table = np.concatenate(parts)
         places = 2.0 * shares - 1.0
         near = [int(((places[:k] - places[k]) ** 2).sum(axis=1).argmin()) for k in range(1, len(places))]
-        n_plates = sum(not plate.fixed for plate in robot.plates)
+        n_plates, n_inputs = sum(not plate.fixed for plate in robot.plates), len(inputs)
         align(table, [0, *near], [slice(POSE * k + 3, POSE * k + 7) for k in range(n_plates)])
-        return cls(points, places, table[:, 0], table[:, 1:], 0.5 * (most - least))
+        widths = np.zeros((len(table), 0))
+        if bands is not None:
+            by_parameter = row_rates(table[:, :1], table[:, 1 + n_inputs :], n_plates)
+            widths = np.stack([bands.width(each) for each in np.moveaxis(by_parameter, 1, 0)], axis=1)
+        half = 0.5 * (most - least)
+        return cls(points, places, table[:, 0], table[:, 1 : 1 + n_inputs], half, widths)
 
-    def row_rates(self, n_plates: int) -> Floats:
-        """Derivatives of the Jacobian's rows (n, n_rows, n_inputs)."""
-        parts: list[Floats] = []
-        for k in range(n_plates):
-            own = slice(POSE * k + 3, POSE * k + 7)
-            parts += [self.rates[..., POSE * k : POSE * k + 3]]
-            parts += [rotation_rates(self.values[:, None, own], self.rates[..., own])]
-        return np.concatenate([*parts, self.rates[..., POSE * n_plates :]], axis=2).transpose(0, 2, 1)
+    def widths_fitted(self, directions: Floats) -> Mapping[str, Any] | None:
+        """Polynomials of the squares of the bands, which are smooth also where a band is zero, and have no derivatives:
+        of the highest degree that the samples determine.
+        """
+        if not self.widths.shape[1]:
+            return None
+        alike, most = np.ones(len(directions)), min(MOST_TERMS, len(self.places) / (2.0 * DETERMINED))
+        degree, powers = 1, _powers(alike, 1)
+        while degree < MOST_DEGREE and len(further := _powers(alike, degree + 1)) <= most:
+            degree, powers = degree + 1, further
+        terms, _ = _design(self, directions, powers)
+        coefficients = np.linalg.lstsq(terms, self.widths**2, rcond=None)[0]
+        return {"powers": powers.tolist(), "coefficients": coefficients.tolist()}
 
     def take(self, rows: Ints) -> _Sampled:
-        return _Sampled(self.points[rows], self.places[rows], self.values[rows], self.rates[rows], self.half)
+        own = (self.points[rows], self.places[rows], self.values[rows], self.rates[rows])
+        return _Sampled(*own, self.half, self.widths[rows])
+
+
+def row_rates(values: Floats, rates: Floats, n_plates: int) -> Floats:
+    """Derivatives (n, n_rows, k) of the Jacobian's rows.
+
+    Parameters
+    ----------
+    values
+        Outputs (n, 1, n_outputs).
+    rates
+        Their derivatives (n, k, n_outputs).
+    n_plates
+        Number of plates, whose poses are first.
+    """
+    parts: list[Floats] = []
+    for k in range(n_plates):
+        own = slice(POSE * k + 3, POSE * k + 7)
+        parts += [rates[..., POSE * k : POSE * k + 3], rotation_rates(values[..., own], rates[..., own])]
+    return np.concatenate([*parts, rates[..., POSE * n_plates :]], axis=2).transpose(0, 2, 1)
 
 
 def _scattered(n_inputs: int, n: int) -> Floats:

@@ -33,21 +33,20 @@ class ReducedModel:
         points = [f"{name}.{axis}" for name in self.markers for axis in "xyz"]
         self.channels: list[str] = angles + self.coordinates + points
         self._turns = np.array([name.rpartition(".")[2] in ("pitch", "roll", "yaw") for name in self.channels])
-        self._half, self._middle = 0.5 * (self.most - self.least), 0.5 * (self.most + self.least)
-        powers = np.array(self.model["powers"], dtype=np.int64).T
-        self._degree, self._places = max(int(powers.max()), 1), (powers, np.arange(len(powers))[:, None])
-        self._directions = np.array(self.model["directions"])
-        self._coefficients = np.array(self.model["coefficients"])
+        self._half = 0.5 * (self.most - self.least)
+        self._means = _Polynomials(self.model, self.model)
+        self._squares = None if self.model["bands"] is None else _Polynomials(self.model, self.model["bands"])
 
     def state(self, commands: "dict[str, float]") -> "dict[str, Any]":
         """Poses of plates (position [m], quaternion x, y, z, w), places of markers [m], coordinates of actuators, and
-        the Jacobian (`rows` by `inputs`). An input that is not named has its default, an actuator no effort.
+        the Jacobian (`rows` by `inputs`); of a calibrated run, `bands`: half the width of the 95 % band of each row. An
+        input that is not named has its default, an actuator no effort.
         """
-        n = len(self.plates)
-        values, rates = self._outputs(self._at(commands), self._coefficients, n)
+        n, at = len(self.plates), self._at(commands)
+        values, rates = self._outputs(at, None, n)
         points = values[7 * n + len(self.coordinates) :].reshape(-1, 3)
         poses = values[: 7 * n].reshape(n, 7)
-        return {
+        state = {
             "plates": {
                 name: {"position": pose[:3].tolist(), "quaternion": pose[3:].tolist()}
                 for name, pose in zip(self.plates, poses)
@@ -56,6 +55,9 @@ class ReducedModel:
             "coordinates": dict(zip(self.coordinates, values[7 * n : 7 * n + len(self.coordinates)].tolist())),
             "jacobian": rates.T.tolist(),
         }
+        if self._squares is not None:
+            state["bands"] = np.sqrt(np.maximum(self._squares(at)[0], 0.0)).tolist()
+        return state
 
     def read(self, commands: "dict[str, float]", channels: "list[str]") -> "tuple[np.ndarray, np.ndarray]":
         """Values [SI] of channels (n,), and their derivatives by the inputs (n, n_inputs); angles as in softcal."""
@@ -147,32 +149,11 @@ class ReducedModel:
             raise ValueError(f"The model has no {what} {name!r}; it has {', '.join(names)}.")
         return names.index(name)
 
-    def _polynomials(self, at: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-        """The polynomials (1 + n_inputs, n): their values and, below, their derivatives by each input."""
-        s = self._directions @ ((at - self._middle) / self._half)
-        T, U = np.empty((2, 1 + self._degree, len(s)))  # T_k and U_(k-1), since T_k' = k U_(k-1)
-        T[0], T[1], U[0], U[1] = 1.0, s, 0.0, 1.0
-        for k in range(2, self._degree + 1):
-            T[k], U[k] = 2.0 * s * T[k - 1] - T[k - 2], 2.0 * s * U[k - 1] - U[k - 2]
-        factors, slopes = T[self._places], (U * np.arange(1.0 + self._degree)[:, None])[self._places]
-        basis = np.empty((1 + len(s), factors.shape[1]))
-        basis[0] = before = np.ones(factors.shape[1])
-        for k in range(len(s)):
-            basis[1 + k] = before * slopes[k]
-            before = before * factors[k]
-        basis[0], after = before, np.ones(factors.shape[1])
-        for k in range(len(s) - 1, -1, -1):
-            basis[1 + k] *= after
-            after = after * factors[k]
-        found = basis @ coefficients
-        found[1:] = self._directions.T @ found[1:] / self._half[:, None]
-        return found
-
-    def _outputs(self, at: np.ndarray, coefficients: np.ndarray, n: int) -> "tuple[np.ndarray, np.ndarray]":
-        """Outputs (n_outputs,), the first n of them poses with unit quaternions, and their rates (n_inputs, n_rows), of
-        quaternions as small rotations about the world's axes.
+    def _outputs(self, at: np.ndarray, columns: "list[int] | None", n: int) -> "tuple[np.ndarray, np.ndarray]":
+        """Outputs (n_outputs,), by default all, the first n of them poses with unit quaternions, and their rates
+        (n_inputs, n_rows), of quaternions as small rotations about the world's axes.
         """
-        found = self._polynomials(at, coefficients)
+        found = self._means(at, columns)
         values, rates = found[0], found[1:]
         pose, by = values[: 7 * n].reshape(n, 7), rates[:, : 7 * n].reshape(len(at), n, 7)
         size = np.sqrt((pose[:, 3:] ** 2).sum(axis=1, keepdims=True))
@@ -183,23 +164,23 @@ class ReducedModel:
         moved = np.concatenate([by[..., :3], 2.0 / size * np.stack(turns, axis=-1)], axis=-1)
         return values, np.concatenate([moved.reshape(len(rates), 6 * n), rates[:, 7 * n :]], axis=1)
 
-    def _read(self, numbers: "list[int]") -> "tuple[np.ndarray, int, list[int], np.ndarray]":
-        """What channels need: coefficients of their plates and other outputs, the number of plates, their columns
-        among the channels of these, and whether they are angles.
+    def _read(self, numbers: "list[int]") -> "tuple[list[int], int, list[int], np.ndarray]":
+        """What channels need: their plates' and other outputs, the number of plates, their columns among the
+        channels of these, and whether they are angles.
         """
         n = 6 * len(self.plates)
         plates = sorted({k // 6 for k in numbers if k < n})
         outputs = [7 * k + i for k in plates for i in range(7)] + [k + len(self.plates) for k in numbers if k >= n]
         others = iter(range(6 * len(plates), 6 * len(plates) + len(numbers)))
         columns = [6 * plates.index(k // 6) + k % 6 if k < n else next(others) for k in numbers]
-        return self._coefficients[:, outputs], len(plates), columns, self._turns[numbers]
+        return outputs, len(plates), columns, self._turns[numbers]
 
     def _differences(
         self, at: np.ndarray, read: "tuple[Any, ...]", wanted: np.ndarray, weight: np.ndarray
     ) -> "tuple[np.ndarray, np.ndarray]":
         """Weighted differences (n,) of channels from wanted values, and their rates (n_inputs, n)."""
-        coefficients, n, columns, turns = read
-        values, rates = self._outputs(at, coefficients, n)
+        outputs, n, columns, turns = read
+        values, rates = self._outputs(at, outputs, n)
         poses = values[: 7 * n].reshape(n, 7)
         channels = np.empty(6 * n + len(values) - 7 * n)
         channels[6 * n :] = values[7 * n :]
@@ -219,6 +200,38 @@ class ReducedModel:
         r = channels[columns] - wanted
         r[turns] = (r[turns] + np.pi) % (2 * np.pi) - np.pi
         return weight * r, weight * rates[:, columns]
+
+
+class _Polynomials:
+    """Chebyshev polynomials in the directions of a model's inputs."""
+
+    def __init__(self, model: "dict[str, Any]", own: "dict[str, Any]") -> None:
+        least, most = (np.array([entry[key] for entry in model["inputs"]]) for key in ("least", "most"))
+        self._half, self._middle = 0.5 * (most - least), 0.5 * (most + least)
+        powers = np.array(own["powers"], dtype=np.int64).T
+        self._degree, self._places = max(int(powers.max()), 1), (powers, np.arange(len(powers))[:, None])
+        self._directions, self._coefficients = np.array(model["directions"]), np.array(own["coefficients"])
+
+    def __call__(self, at: np.ndarray, columns: "list[int] | None" = None) -> np.ndarray:
+        """Values at inputs (n_inputs,), and below them their derivatives by each: (1 + n_inputs, n)."""
+        s = self._directions @ ((at - self._middle) / self._half)
+        T, U = np.empty((2, 1 + self._degree, len(s)))  # T_k and U_(k-1), since T_k' = k U_(k-1)
+        T[0], T[1], U[0], U[1] = 1.0, s, 0.0, 1.0
+        for k in range(2, self._degree + 1):
+            T[k], U[k] = 2.0 * s * T[k - 1] - T[k - 2], 2.0 * s * U[k - 1] - U[k - 2]
+        factors, slopes = T[self._places], (U * np.arange(1.0 + self._degree)[:, None])[self._places]
+        basis = np.empty((1 + len(s), factors.shape[1]))
+        basis[0] = before = np.ones(factors.shape[1])
+        for k in range(len(s)):
+            basis[1 + k] = before * slopes[k]
+            before = before * factors[k]
+        basis[0], after = before, np.ones(factors.shape[1])
+        for k in range(len(s) - 1, -1, -1):
+            basis[1 + k] *= after
+            after = after * factors[k]
+        found = basis @ (self._coefficients if columns is None else self._coefficients[:, columns])
+        found[1:] = self._directions.T @ found[1:] / self._half[:, None]
+        return found
 
 
 class KalmanFilter:

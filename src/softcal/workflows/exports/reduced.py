@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from softcal.errors import Fault, ParameterError, UnitError, unknown
 from softcal.workflows.export import ExportOption, ExportRequest, register_export
+from softcal.workflows.run_band import RunBand
 
 if TYPE_CHECKING:
     from softcal.export.reduced import Span
@@ -41,12 +42,15 @@ def reduced(request: ExportRequest, folder: Path, reach: str, samples: int | Non
     samples
         Equilibria that are solved; by default 64 for each input.
     """
+    from softcal.export.reduced import Bands, write_reduced
     from softcal.export.reduced import reduced as reduced_model
-    from softcal.export.reduced import write_reduced
 
-    spans = _spans(request.project.robot, reach)
+    robot = request.project.robot
+    spans, band = _spans(robot, reach), RunBand.of(request)
+    bands = Bands([*band.steps], band.width) if band.steps else None
     request.stage("Simulating the samples of the model, and random states for its error")
-    written = write_reduced(reduced_model(request.project.robot, spans, samples, tell=request.warn), folder)
+    fit = reduced_model(robot, spans, samples, tell=request.warn, bands=bands)
+    written = write_reduced(fit, folder, band.told)
     request.note(written[-1].read_text(encoding="utf-8"))
     return written
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from mechanics_cases import blown_box
 from project_case import write_project
@@ -125,13 +126,73 @@ def _a_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
 @finds("docs/exports.md")
 def _a_reduced_model(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    write_project(folder / "project")
-    request = softcal.ExportRequest(softcal.load(folder / "project" / "project.yaml"))
+    weight = "robot:\n", "robot:\n  gravity: [0 m/s^2, 0 m/s^2, -9.81 m/s^2]\n"
+    request = softcal.ExportRequest(softcal.load(write_project(folder / "project", weight)))
     reach = "front=4N,plate.mass=0g..200g"
     for file in softcal.write_export("reduced", request, folder / "reduced", reach=reach, samples=20):
         shutil.copy(file, folder)
     monkeypatch.syspath_prepend(folder)
     return {"model": evaluator_of(json.loads((folder / "model.json").read_text()))}
+
+
+@finds("docs/control.md")
+def _a_reduced_model_in_a_loop(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """The model, and in the place of ROS 2 and MuJoCo what the blocks call of them."""
+    _a_reduced_model(folder, monkeypatch)
+    published: list[list[float]] = []
+
+    def spin(node: Any) -> None:
+        node.step()
+        assert published == []
+        for place in ((0.004, 0.0985), (0.006, 0.098)):
+            at = SimpleNamespace(point=SimpleNamespace(x=place[0], y=0.0, z=place[1]))
+            node.take_goal(at)
+            node.step()
+            node.take_measured(at)
+        assert [len(one) for one in published] == [1, 1]
+        assert 0.0 < published[0][0] < published[1][0] <= 4.0
+        assert node.payload.covariance[0, 0] < 0.05**2
+
+    class Node:
+        def __init__(self, name: str) -> None:
+            assert name == "tip"
+
+        def create_publisher(self, kind: Any, topic: str, depth: int) -> Any:
+            return SimpleNamespace(publish=lambda message: published.append(message.data))
+
+        def create_subscription(self, kind: Any, topic: str, callback: Callable[..., None], depth: int) -> None:
+            assert topic in ("goal", "measured")
+
+        def create_timer(self, period: float, callback: Callable[[], None]) -> None:
+            assert period > 0.0
+
+    class MjData:
+        def __init__(self, scene: Any) -> None:
+            self.time, self.mocap_pos, self.mocap_quat = 0.0, np.zeros((1, 3)), np.zeros((1, 4))
+
+    def step(scene: Any, data: Any) -> None:
+        assert np.linalg.norm(data.mocap_quat[0]) == pytest.approx(1.0)
+        data.time += 0.1
+
+    scene = SimpleNamespace(body=lambda name: SimpleNamespace(mocapid=[0]))
+    stand_ins: dict[str, dict[str, Any]] = {
+        "rclpy": {"init": lambda: None, "spin": spin},
+        "rclpy.node": {"Node": Node},
+        "geometry_msgs": {},
+        "geometry_msgs.msg": {"PointStamped": object},
+        "std_msgs": {},
+        "std_msgs.msg": {"Float64MultiArray": SimpleNamespace},
+        "mujoco": {
+            "MjModel": SimpleNamespace(from_xml_path=lambda path: scene),
+            "MjData": MjData,
+            "mj_step": step,
+        },
+    }
+    for name, parts in stand_ins.items():
+        module = ModuleType(name)
+        vars(module).update(parts)
+        monkeypatch.setitem(sys.modules, name, module)
+    return {}
 
 
 @finds("docs/chambers.md")

@@ -32,7 +32,8 @@ class ReducedModel:
         angles = [f"{name}.{key}" for name in self.plates for key in ("x", "y", "z", "pitch", "roll", "yaw")]
         points = [f"{name}.{axis}" for name in self.markers for axis in "xyz"]
         self.channels: list[str] = angles + self.coordinates + points
-        self._turns = np.array([name.rpartition(".")[2] in ("pitch", "roll", "yaw") for name in self.channels])
+        number = np.arange(len(self.channels))
+        self._turns = (number < len(angles)) & (number % 6 >= 3)
         self._half = 0.5 * (self.most - self.least)
         self._means = _Polynomials(self.model, self.model)
         self._squares = None if self.model["bands"] is None else _Polynomials(self.model, self.model["bands"])

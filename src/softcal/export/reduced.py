@@ -35,6 +35,7 @@ from softcal.export.reduced_c import c_source
 from softcal.export.rotations import align, angle_between, quaternions, rotation_rates
 from softcal.sensing.kind import ChannelKind
 from softcal.twin.actuated import ActuatedPart
+from softcal.twin.equilibrium_path import CURVE_TOLERANCE
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
@@ -47,6 +48,7 @@ POSE = 7  # numbers of a plate: position, quaternion
 SAMPLES = 64  # equilibria for each input, by default
 TESTED, SEED = 100, 0  # random states at which the error is measured
 LEFT_OUT = 5  # of the samples every fifth chooses the degree
+PATH = 33  # steps of a coordinate along which the effort must be monotonic
 MOST_TERMS, MOST_DEGREE = 1500, 30
 DETERMINED = 2.0  # numbers of the twin for each coefficient, at least
 WEAK = 0.3  # by which a direction e times as weak has lower powers
@@ -391,7 +393,8 @@ def _of_actuator(robot: Robot, part: ActuatedPart, span: Span) -> Input:
         if span.unit != coordinate.unit:
             wanted = f"a range in {effort.unit} or {coordinate.unit}"
             raise ParameterError(Fault("this is no range of the actuator", part.name, f"in {span.unit}", wanted))
-        span = _efforts(robot, part, span)
+        efforts = efforts_along(robot, part, (span.least, span.most), PATH)
+        span = Span(max(float(efforts[0]), part.ranges[1].lower), float(efforts[-1]), effort.unit)
     for end in (span.least, span.most):
         if (fault := part.command_fault(effort.name, np.array([end]))) is not None:
             raise ParameterError(fault)
@@ -399,34 +402,57 @@ def _of_actuator(robot: Robot, part: ActuatedPart, span: Span) -> Input:
     return Input(part.name, effort.unit, span.least, span.most, default, effort.name)
 
 
-def _efforts(robot: Robot, part: ActuatedPart, span: Span) -> Span:
-    """The efforts at the ends of a range of an actuator's coordinate, with no other actuator."""
-    coordinate, effort = part.channels
-    least = span.least
-    if part.ranges[1].lower >= 0.0:  # it only pulls, and has no effort before it is taut
-        free = float(simulate(robot, Protocol({})).channels[f"{part.name}.{coordinate.name}"][0])
-        if span.most <= free:
-            what, got = "the actuator has no effort there", format_quantity(span.most, span.unit)
-            raise ParameterError(Fault(what, part.name, got, f"> {format_quantity(free, span.unit)}"))
-        least = max(least, free)
-    ways = np.linspace(least, span.most, 33)
-    response = simulate(robot, Protocol({part.name: Command(coordinate.name, ways)}))
+def efforts_along(
+    robot: Robot, part: ActuatedPart, ends: tuple[float, float], n: int, curve_tolerance: float = CURVE_TOLERANCE
+) -> Floats:
+    """Efforts (n,) [SI] of an actuator at even steps of its coordinate, with no other actuator.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    part
+        The actuator.
+    ends
+        Of the coordinate [SI]; what only pulls begins where it is taut.
+    n
+        Number of steps.
+    curve_tolerance
+        As of `simulate`.
+
+    Raises
+    ------
+    ParameterError
+        Where it has no effort up to the end, or one that is not monotonic.
+    SimulationError
+        Where a coordinate is not reached.
+    """
+    (coordinate, effort), (least, most) = part.channels, ends
+    if part.ranges[1].lower >= 0.0:
+        taut = float(simulate(robot, Protocol({})).channels[f"{part.name}.{coordinate.name}"][0])
+        if most <= taut:
+            what, got = "the actuator has no effort there", format_quantity(most, coordinate.unit)
+            raise ParameterError(Fault(what, part.name, got, f"> {format_quantity(taut, coordinate.unit)}"))
+        least = max(least, taut)
+    steps = np.linspace(least, most, n)
+    protocol = Protocol({part.name: Command(coordinate.name, steps)})
+    response = simulate(robot, protocol, curve_tolerance=curve_tolerance)
     if not response.succeeded:
         raise SimulationError(f"{part.name}: {response.status}")
-    values = response.channels[f"{part.name}.{effort.name}"]
-    falls = np.flatnonzero(np.diff(values) <= 0.0)
+    efforts = response.channels[f"{part.name}.{effort.name}"].copy()
+    if least > ends[0]:
+        efforts[0] = 0.0
+    falls = np.flatnonzero(np.diff(efforts) <= 0.0)
     if len(falls):
         raise ParameterError(
             Fault(
                 f"its {effort.name} is not monotonic, so that it does not determine the robot's state",
                 part.name,
-                format_quantity(span.most, span.unit),
-                f"up to {format_quantity(float(ways[falls[0]]), span.unit)}",
+                format_quantity(most, coordinate.unit),
+                f"up to {format_quantity(float(steps[falls[0]]), coordinate.unit)}",
             )
         )
-    return Span(
-        0.0 if least > span.least else max(float(values[0]), part.ranges[1].lower), float(values[-1]), effort.unit
-    )
+    return efforts
 
 
 @dataclass(frozen=True)

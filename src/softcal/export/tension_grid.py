@@ -21,6 +21,7 @@ from scipy.interpolate import CubicSpline
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, ParameterError, SimulationError, unknown
 from softcal.export.engine import actuator_faults, history_faults
+from softcal.export.reduced import efforts_along
 from softcal.export.rotations import align, angle_between, product, quaternions
 from softcal.export.tension_grid_model import GridModel
 from softcal.twin.parameters import robot_parameters
@@ -28,7 +29,6 @@ from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
-from softcal.units import format_quantity
 
 MOST_CABLES = 3
 HELD_OUT, SEED = 40, 0  # random points between the nodes, at which the error is measured
@@ -238,28 +238,8 @@ def _axis(robot: Robot, cable: str, reach: Reach, samples: int) -> Floats:
     """Grid of tensions [N] from zero to a cable's reach."""
     if reach.unit == "N":
         return np.linspace(0.0, reach.value, samples)
-    taut = float(simulate(robot, Protocol({})).channels[f"{cable}.shortening"][0])
-    if reach.value <= taut:
-        raise ParameterError(
-            Fault("the cable is still slack there", f"{cable}, reach", f"{reach.value:g} m", f"> {taut:.4g} m")
-        )
-    pulls = np.linspace(taut, reach.value, samples)
-    response = simulate(robot, Protocol({cable: Command("shortening", pulls)}), curve_tolerance=0.0)
-    if not response.succeeded:
-        raise SimulationError(f"{cable}: {response.status}")
-    tension = response.channels[f"{cable}.tension"].copy()
-    tension[0] = 0.0
-    falls = np.flatnonzero(np.diff(tension) <= 0.0)
-    if len(falls):
-        raise ParameterError(
-            Fault(
-                "its tension is not monotonic, so that it does not determine the robot's state",
-                f"{cable}, reach",
-                format_quantity(reach.value, "m"),
-                f"up to {format_quantity(float(pulls[falls[0]]), 'm')}",
-            )
-        )
-    return tension
+    (part,) = (one for one in robot.cables if one.name == cable)
+    return efforts_along(robot, part, (-np.inf, reach.value), samples, curve_tolerance=0.0)
 
 
 def _snake(shape: Sequence[int]) -> list[tuple[int, ...]]:

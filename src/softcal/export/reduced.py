@@ -8,7 +8,7 @@ derivatives by all of them. With s_k from -1 to 1 over the range of each input, 
 with Chebyshev polynomials T, by least squares over values and derivatives. The rows of D are the eigenvectors of the
 mean of J^T J, each scaled so that |t_k| <= 1: directions in which the outputs change much, such as bending, and little,
 as where antagonists pull against each other. The latter get lower powers: w_k = 1 + 0.3 log(strength of the first / its
-own). Since every equilibrium tells 1 + n numbers of an output, their number grows with n, the number of inputs, and not
+own). Since every equilibrium gives 1 + n numbers of an output, their number grows with n, the number of inputs, and not
 as a grid does. Samples are low-discrepancy points, denser towards the ends of each range as Chebyshev polynomials need
 them; the degree d is the lowest whose error at samples that are left out is small, else that of the smallest error.
 

@@ -162,7 +162,9 @@ class CableTerm(ActuatorTerm):
     def drives(self, given: Given, which: Ints, size: int, transmission: Tensions | None) -> Drives:
         """The borders of some cables: d gradient / d tension, less d shortening / d the unknowns and / d tension."""
         if transmission is None:
-            return super().drives(given, which, size, None)
+            shape, pulled = self._at(given).shape, (self.cable == which[:, None]).astype(np.float64)
+            columns = np.stack([self.segments.gradient(shape, weights, size) for weights in pulled], axis=1)
+            return Drives(columns, columns, np.zeros(len(which)))
         along, slopes = transmission, transmission.course.slopes
         by_tension = along.factor + along.by_rho * along.by_pull
         rows = slopes

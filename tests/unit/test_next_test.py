@@ -12,9 +12,18 @@ from command_line import run
 from project_case import bench_csv, write_project
 
 import softcal
+from softcal.analysis.candidate import as_experiment
+from softcal.analysis.default_candidates import default_candidates
+from softcal.analysis.next_test import next_tests
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
+from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.problem import make_problem
 from softcal.calibration.problem.uncertain import MESH_ERROR
 from softcal.calibration.statistics.intervals import box_intervals
 from softcal.cli import main
+from softcal.errors import InputError
+from softcal.experiments.dataset import Channel, Dataset
 from softcal.workflows.run_folder import load_run
 from softcal.workflows.study_source import study_source
 
@@ -110,9 +119,10 @@ def test_bad_input_is_refused(calibrated: Path, tmp_path: Path, capsys: pytest.C
     ("text", "message"),
     [
         ("{like: push}", "there is no such experiment; got 'push'"),
-        ("{cable: back}", "there is no such cable; got 'back'"),
+        ("{actuator: back}", "there is no such cable; got 'back'"),
+        ("{pressure: 20 kPa}", "candidates.next.pressure: there is no such control; got 'pressure'"),
         ("{shortening: 20 N}", "candidates.next.shortening"),
-        ("{shortening: 20 mm, tension: 2 N}", "a cable is pulled by one of the two"),
+        ("{shortening: 20 mm, tension: 2 N}", "a candidate is driven in two ways"),
         ("{measure: [tip]}", "there is no such channel, marker or plate"),
         ("{noise: {pitch: 1 N}}", "candidates.next.noise.pitch"),
         ("{settings: {bar.density: 3 mm}}", "candidates.next.settings.bar.density"),
@@ -136,6 +146,51 @@ def test_a_candidate_must_not_have_the_name_of_an_experiment(tmp_path: Path, cap
     code, _, told = run(capsys, "check", path)
     assert code == 2
     assert "an experiment has the name of the candidate" in told
+
+
+def test_drives_are_candidates_as_cables_are() -> None:
+    centre, names = softcal.straight((0.0, 0.0, 0.0), (0.0, 0.0, 0.1), 6), ("left", "right", "front", "back")
+    moduli = {"youngs_modulus": 1e9, "poissons_ratio": 0.35}
+    spine = softcal.Rod(
+        "spine", centre, softcal.RoundBar(0.003), moduli, clamped={"tip": np.array([6])}, fixed=np.array([0])
+    )
+    sides = [(0.01, 0.0), (-0.01, 0.0), (0.0, 0.01), (0.0, -0.01)]
+    ways = [
+        tuple(softcal.ViaPoint(np.array([x, y, z]), on) for z, on in ((0.0, ""), (0.05, "spine"), (0.1, "tip")))
+        for x, y in sides
+    ]
+    cables = [softcal.Cable(name, way, pulled_end="first") for name, way in zip(names, ways, strict=True)]
+    drives = [
+        softcal.NamedActuator(name, softcal.Drive({a: 1.0, b: -1.0}, 8e-3, spring_rate=2e3, pretension=1.5))
+        for name, a, b in (("servo", "left", "right"), ("other", "front", "back"))
+    ]
+    tip = softcal.Plate("tip", {}, np.array([0.0, 0.0, 0.1]))
+    robot = softcal.Robot(rods=(spine,), plates=(tip,), cables=tuple(cables), actuators=tuple(drives))
+    angles = np.linspace(0.1, 0.8, 6)
+    seen = softcal.simulate(robot, softcal.Protocol({"servo": softcal.Command("angle", angles)})).channels
+    channels = {
+        "servo.angle": Channel(angles, "rad"),
+        "servo.torque": Channel(seen["servo.torque"], "N*m", 1e-4),
+        "tip.pitch": Channel(seen["tip.pitch"], "rad", 1e-3),
+    }
+    turn = Experiment("turn", Dataset("turn", channels), drive=("servo.angle",))
+    E = "spine.youngs_modulus"
+    problem = make_problem(robot, [turn], [FreeParameter(E, "Pa", 1e8, 1e10, "log")], LikelihoodLoss())
+    candidates = {one.name: one for one in default_candidates(problem)}
+    assert {"turn again", "turn 1.5 times as far", "turn by torque", "other as turn"} <= candidates.keys()
+    assert candidates["other as turn"].actuator == "other"
+    harder = softcal.Candidate(name="harder", like="turn", control="torque", reach=2.0 * seen["servo.torque"][-1])
+    outlooks = {
+        one.candidate.name: one for one in next_tests(problem, {E: 1e9}, [*candidates.values(), harder]).outlooks
+    }
+    assert not [one.failure for one in outlooks.values() if one.failure]
+    shares = {name: one.share or np.inf for name, one in outlooks.items()}
+    assert shares["turn again"] == pytest.approx(np.sqrt(0.5), rel=1e-3)
+    assert shares["harder"] < shares["turn again"]
+    assert shares["turn again"] < shares["other as turn"] < 1.0  # which leaves the pitch as it is
+    wrong = softcal.Candidate(name="wrong", like="turn", control="pressure")
+    with pytest.raises(InputError, match="servo of turn has no such control; got 'pressure'; allowed: angle, torque"):
+        as_experiment(wrong, turn)
 
 
 @pytest.mark.slow

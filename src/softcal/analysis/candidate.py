@@ -13,10 +13,10 @@ from softcal.calibration.problem.scope import P
 from softcal.checks import Floats
 from softcal.declare import Checked
 from softcal.display import displayed
-from softcal.errors import Fault, InputError
+from softcal.errors import Fault, InputError, unknown
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.limits import LIMITS
-from softcal.sensing.channel import ChannelName, channel_name, kinds, other_of
+from softcal.sensing.channel import ChannelName, channel_name, kinds, of_actuator, other_of
 from softcal.twin.parameter_name import parameter_name
 
 MOST_SAMPLES = replace(LIMITS["samples"], least=0)
@@ -33,12 +33,12 @@ class Candidate(Checked):
         Of the test.
     like
         The calibration's experiment that it is like in all that follows, and in its rig.
-    cable
-        The cable that is pulled; "" for the same.
+    actuator
+        The actuator that is driven, of the kind of the one in `like`; "" for the same.
     control
-        "shortening" or "tension" of the cable, by which it is pulled; "" for the same.
+        Its coordinate or its effort, by which it is driven, such as "tension"; "" for the same.
     reach
-        Largest shortening [m] or tension [N]; with several driven cables the others are in proportion. None: as far.
+        Its largest value [SI], such as a tension's [N]; of several actuators the others in proportion. None: as far.
     samples
         Number of samples; 0 for as many.
     measured
@@ -55,7 +55,7 @@ class Candidate(Checked):
 
     name: str
     like: str
-    cable: str = ""
+    actuator: str = ""
     control: str = ""
     reach: float | None = None
     samples: Annotated[int, MOST_SAMPLES] = 0
@@ -75,12 +75,20 @@ def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:
         Where the test cannot be stated as a change of `like`.
     """
     driven = like.drives
-    if not driven and (candidate.cable or candidate.control or candidate.reach is not None):
-        raise InputError(Fault("no cable is pulled in the experiment that this one is like", candidate.name, like.name))
+    if not driven and (candidate.actuator or candidate.control or candidate.reach is not None):
+        raise InputError(
+            Fault("no actuator is driven in the experiment that this one is like", candidate.name, like.name)
+        )
     others = [c for c in driven if candidate.control not in ("", like.twin_channel(c).kind.name)]
-    if len(driven) > 1 and (candidate.cable or others):
+    if len(driven) > 1 and (candidate.actuator or others):
         got = f"{', '.join(driven)} in {like.name}"
-        raise InputError(Fault("several cables are pulled", candidate.name, got, "reach, samples, noise or settings"))
+        raise InputError(
+            Fault("several actuators are driven", candidate.name, got, "reach, samples, noise or settings")
+        )
+    controls = {kind.name for c in driven for kind in of_actuator(like.twin_channel(c).kind)}
+    if candidate.control and candidate.control not in controls:
+        what = f"{_driven(like)} of {like.name} has no such control"
+        raise InputError(unknown(what, candidate.name, candidate.control, sorted(controls)))
     drives = {_renamed(channel, candidate, like, is_drive=True): channel for channel in driven}
     values = {name: _commands(candidate, like, old, name) for name, old in drives.items()}
     largest = max((float(np.abs(one).max()) for one in values.values()), default=0.0)
@@ -91,20 +99,20 @@ def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:
     values = {name: np.interp(share, np.linspace(0.0, 1.0, len(old)), old) for name, old in values.items()}
     kept = [_renamed(channel, candidate, like) for channel in like.compared]
     if others:
-        # The cable's other channel is compared, in the place of the one that now drives it.
+        # The actuator's other channel is compared, in the place of the one that now drives it.
         other = _renamed(others[0], replace(candidate, control=""), like, is_drive=True)
         kept = [other if name in drives else name for name in kept]
     compared = tuple(dict.fromkeys(one for one in (*kept, *candidate.measured) if one not in drives))
     channels = {name: Channel(one, channel_name(name).kind.unit) for name, one in values.items()}
     channels |= {name: Channel(np.zeros(n), channel_name(name).kind.unit, 1.0) for name in compared}
     labels = tuple(f"{i + 1}" for i in range(n)) if like.dataset.labels else ()
-    own = candidate.cable and like.cable != candidate.cable
-    gone = f"{_cable(like)}." if own else "\0"
+    own = candidate.actuator and _driven(like) != candidate.actuator
+    gone = f"{_driven(like)}." if own else "\0"
     return replace(
         like,
         name=candidate.name,
         dataset=Dataset(candidate.name, channels, like.dataset.provenance, labels=labels),
-        cable=candidate.cable if like.cable and candidate.cable else like.cable,
+        cable=candidate.actuator if like.cable and candidate.actuator else like.cable,
         drive=tuple(values) if isinstance(like.drive, tuple) else candidate.control or like.drive,
         compared=compared,
         settings={k: v for k, v in like.settings.items() if not k.startswith(gone)} | dict(candidate.settings),
@@ -114,8 +122,8 @@ def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:
 def own_parameters(candidate: Candidate, like: Experiment, known: tuple[P, ...]) -> dict[str, P]:
     """Label in the calibration -> the test's own parameter of the same kind, such as its slack or its offsets.
 
-    The test shares all other parameters with the calibration, those of a set-up too. If it pulls a cable that the
-    calibration does not have, the parameters of that cable's rig are its own.
+    The test shares all other parameters with the calibration, those of a set-up too. If it drives an actuator
+    that the calibration does not, the parameters of that actuator's rig are its own.
 
     Parameters
     ----------
@@ -126,18 +134,18 @@ def own_parameters(candidate: Candidate, like: Experiment, known: tuple[P, ...])
     known
         Free or uncertain parameters of the calibration.
     """
-    old = _cable(like)
+    old = _driven(like)
     shared = {target for p in known if p.serves(candidate.name) for target in p.targets}
     found: dict[str, P] = {}
     for p in known:
         is_own = p.experiment == like.name and not p.members
-        of_cable = bool(candidate.cable) and all(
+        is_rig = bool(candidate.actuator) and all(
             parameter_name(target).owner == old and rig_kind(target) is not None for target in p.targets
         )
-        if not p.serves(like.name) or not (is_own or of_cable):
+        if not p.serves(like.name) or not (is_own or is_rig):
             continue
-        names = {t: t.replace(f"{old}.", f"{candidate.cable}.", 1) if of_cable else t for t in p.targets}
-        if of_cable and shared & set(names.values()):
+        names = {t: t.replace(f"{old}.", f"{candidate.actuator}.", 1) if is_rig else t for t in p.targets}
+        if is_rig and shared & set(names.values()):
             continue
         found[p.label] = replace(
             p, name=names.get(p.name, p.name), of=tuple(names.values()) if p.of else (), experiment=candidate.name
@@ -160,17 +168,17 @@ def noise_like(candidate: Candidate, like: Experiment, channel: str) -> str:
     return next((old for old in like.compared if _renamed(old, candidate, like) == channel), "")
 
 
-def _cable(like: Experiment) -> str:
-    """The cable that is pulled; "" if none or several are."""
+def _driven(like: Experiment) -> str:
+    """The actuator that is driven; "" if none or several are."""
     carriers = {like.twin_channel(channel).carrier for channel in like.drives}
     return carriers.pop() if len(carriers) == 1 else ""
 
 
 def _renamed(channel: str, candidate: Candidate, like: Experiment, *, is_drive: bool = False) -> str:
-    """A channel of `like` under the name of the candidate's cable; is_drive: and of its control."""
+    """A channel of `like` under the name of the candidate's actuator; is_drive: and of its control."""
     name = channel_name(channel)
-    if candidate.cable and name.carrier == _cable(like) != "":
-        name = replace(name, carrier=candidate.cable)
+    if candidate.actuator and name.carrier == _driven(like) != "":
+        name = replace(name, carrier=candidate.actuator)
     if is_drive and candidate.control:
         name = replace(name, kind=kinds()[candidate.control])
     return str(name)
@@ -182,7 +190,7 @@ def _commands(candidate: Candidate, like: Experiment, old: str, new: str) -> Flo
     if channel_name(old).kind == channel_name(new).kind:
         return values
     kind = other_of(channel_name(old).kind)
-    other = next((c for c in like.dataset.channels if like.twin_channel(c) == ChannelName(kind, _cable(like))), None)
+    other = next((c for c in like.dataset.channels if like.twin_channel(c) == ChannelName(kind, _driven(like))), None)
     if other is not None:
         most = float(np.nanmax(like.dataset.values(other)))
     elif candidate.reach is not None:

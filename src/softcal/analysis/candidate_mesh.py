@@ -1,10 +1,10 @@
 """The error of the mesh in candidates, at the cost of the calibration's own finer trajectories.
 
 A finer trajectory costs more than all the rest of a ranking. Candidates whose states lie on a load path of the
-calibration are read from its finer trajectory, which goes as far as they pull. The load path of a cable's shortening is
-that of its tension too: where the tension is prescribed instead of the shortening, the finer trajectory is read at
-equal tension. In any other candidate the error of the mesh is that of the parameters: of the smallest step of the
-parameters, in the unit box, that has the effect of the finer mesh on the experiments.
+calibration are read from its finer trajectory, which goes as far as they pull. The load path of an actuator's
+coordinate is that of its effort too: where the effort is prescribed instead, the finer trajectory is read at equal
+effort. In any other candidate the error of the mesh is that of the parameters: of the smallest step of the parameters,
+in the unit box, that has the effect of the finer mesh on the experiments.
 """
 
 from __future__ import annotations
@@ -128,12 +128,12 @@ def _on_paths_of(own: Sequence[str], problem: Problem, theta: Mapping[str, float
 
 
 def _by_other_control(test: Experiment, predicted: Mapping[str, Floats]) -> Experiment | None:
-    """Pull by the shortening that a prescribed tension causes, or the reverse; None if that is not unique."""
+    """The test by the coordinate that a prescribed effort causes, or the reverse; None if that is not unique."""
     if len(test.drives) != 1:
         return None
     driver = test.drives[0]
-    cable, values = test.twin_channel(driver).carrier, test.dataset.values(driver)
-    other = next((c for c in test.compared if (n := test.twin_channel(c)).kind.drives and n.carrier == cable), None)
+    carrier, values = test.twin_channel(driver).carrier, test.dataset.values(driver)
+    other = next((c for c in test.compared if (n := test.twin_channel(c)).kind.drives and n.carrier == carrier), None)
     if other is None or len(values) < 2 or np.any(np.diff(values) <= 0.0) or np.any(np.diff(predicted[other]) <= 0.0):
         return None
     path = predicted[other]

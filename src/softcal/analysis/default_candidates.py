@@ -1,4 +1,4 @@
-"""The candidates that a calibration suggests by itself: changes of the furthest pull of each cable."""
+"""The candidates that a calibration suggests by itself: changes of the furthest test of each actuator."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ HANGING = 0.1  # of the largest tension
 def default_candidates(problem: Problem) -> list[Candidate]:
     """Tests that the problem's bench could make next.
 
-    For the furthest pull of each cable: again, further, less far. For the furthest pull of all: by the cable's other
+    For the furthest test of each actuator: again, further, less far. For the furthest of all: by the actuator's other
     control; with an additional sensor of the kinds that the robot's parts have; with a sensor five times better; with
-    heavier loads. And cables that were not pulled, as far as that pull.
+    heavier loads. And actuators of its kind that were not driven, as far.
     """
     references = _references(problem.experiments)
     found: list[Candidate] = []
@@ -54,20 +54,22 @@ def default_candidates(problem: Problem) -> list[Candidate]:
         found.append(Candidate(name=name, like=like.name, better=dict.fromkeys(channels, BETTER)))
     found += _heavier(problem, like)
     if len(like.drives) == 1:
-        pulled = {experiment.twin_channel(c).carrier for experiment in references for c in experiment.drives}
-        led = problem.robot.led
-        others = [cable.name for cable in problem.robot.cables if cable.name not in pulled | led.keys()]
-        found += [Candidate(name=f"{cable} as {like.name}", like=like.name, cable=cable) for cable in others]
+        before = {experiment.twin_channel(c).carrier for experiment in references for c in experiment.drives}
+        alike = [
+            part.name for part in problem.robot.commandable if like.twin_channel(like.drives[0]).kind in part.channels
+        ]
+        others = [name for name in alike if name not in before]
+        found += [Candidate(name=f"{name} as {like.name}", like=like.name, actuator=name) for name in others]
     return found
 
 
 def furthest(problem: Problem) -> Experiment:
-    """The experiment in which a cable is pulled hardest."""
-    return max(_references(problem.experiments), key=_force)
+    """The experiment with the largest effort, over what a common instrument of it errs by."""
+    return max(_references(problem.experiments), key=_effort)
 
 
 def _references(experiments: Sequence[Experiment]) -> list[Experiment]:
-    """The furthest pull of each cable or set of cables."""
+    """The furthest test of each actuator or set of actuators."""
     furthest: dict[tuple[str, ...], Experiment] = {}
     for experiment in experiments:
         key = tuple(sorted(str(experiment.twin_channel(channel)) for channel in experiment.drives))
@@ -77,18 +79,19 @@ def _references(experiments: Sequence[Experiment]) -> list[Experiment]:
 
 
 def _reach(experiment: Experiment) -> float:
-    """The largest command [m or N]."""
+    """The largest command [SI]."""
     return max((float(np.abs(experiment.dataset.values(c)).max()) for c in experiment.drives), default=0.0)
 
 
-def _force(experiment: Experiment) -> float:
-    """The largest measured tension [N]."""
-    tensions = [c for c in experiment.dataset.channels if experiment.twin_channel(c).kind == TENSION]
-    return max((float(np.nanmax(experiment.dataset.values(c))) for c in tensions), default=0.0)
+def _effort(experiment: Experiment) -> float:
+    """The largest measured effort of an actuator, over the noise of a common instrument of its kind."""
+    kinds = {c: experiment.twin_channel(c).kind for c in experiment.dataset.channels}
+    sizes = {c: float(np.nanmax(np.abs(experiment.dataset.values(c)))) for c in kinds if kinds[c].drives == "effort"}
+    return max((size / (kinds[c].noise or 1.0) for c, size in sizes.items()), default=0.0)
 
 
 def _more_sensors(robot: Robot, like: Experiment) -> Iterable[Candidate]:
-    """Pulls with a channel of each driven cable, the angles of each plate and the positions of all markers, unless
+    """Tests with a channel of each driven actuator, the angles of each plate and the positions of all markers, unless
     compared.
     """
     seen = {like.twin_channel(channel) for channel in (*like.compared, *like.drives)}
@@ -113,7 +116,7 @@ def _measured(name: str, like: Experiment, channels: Sequence[ChannelName]) -> C
 
 
 def _heavier(problem: Problem, like: Experiment) -> Iterable[Candidate]:
-    """A pull with twice the largest load of the experiments, or with a mass on the last plate, of a tenth of the
+    """A test with twice the largest load of the experiments, or with a mass on the last plate, of a tenth of the
     largest tension.
     """
     free = set(problem.space.targets)
@@ -130,8 +133,10 @@ def _heavier(problem: Problem, like: Experiment) -> Iterable[Candidate]:
         yield Candidate(name=f"{loaded.name} with {HEAVIER:g} times the load", like=loaded.name, settings=settings)
         return
     g, plates = float(np.linalg.norm(problem.robot.gravity)), problem.robot.plates
-    if not (g > 0.0 and plates and _force(like) > 0.0) or f"{plates[-1].name}.mass" in free:
+    tensions = [like.dataset.values(c) for c in like.dataset.channels if like.twin_channel(c).kind == TENSION]
+    tension = max((float(np.nanmax(values)) for values in tensions), default=0.0)
+    if not (g > 0.0 and plates and tension > 0.0) or f"{plates[-1].name}.mass" in free:
         return
-    more = float(f"{HANGING * _force(like) / g:.1g}")
+    more = float(f"{HANGING * tension / g:.1g}")
     settings = {f"{plates[-1].name}.mass": plates[-1].mass + more}
     yield Candidate(name=f"{like.name} with {1e3 * more:g} g on {plates[-1].name}", like=like.name, settings=settings)

@@ -1,7 +1,7 @@
 """The next test: candidates ranked by how much each would shrink the interval of one parameter.
 
 Every candidate is simulated at the calibrated values, with exact derivatives, beside the calibration's experiments:
-candidates that pull the same cable in the same way share one trajectory. What is then expected of the estimates is
+candidates that drive the same actuator in the same way share one trajectory. What is then expected of the estimates is
 linear algebra (`softcal.calibration.statistics.added_test`).
 """
 

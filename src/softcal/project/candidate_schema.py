@@ -16,33 +16,41 @@ from softcal.project.bench_names import settings_of
 from softcal.project.document import Findings, KeyPath
 from softcal.project.section import Given, Section
 from softcal.quantities import QUANTITIES, noise_in
-from softcal.sensing.channel import channel_unit, positions
+from softcal.sensing.channel import channel_unit, of_actuator, positions
 from softcal.twin.robot import Robot
 
 
 class CandidateSection(Section):
     """A candidate test: like an experiment (by default the one with the largest pull), except for the keys present.
 
-    shortening, tension: how far the cable is pulled, by one of the two. measure: channels, markers or plates, besides
-    those of the experiment. noise: of those channels and of others.
+    shortening, tension, volume, pressure, angle, torque: how far the actuator is driven, by one of its two. measure:
+    channels, markers or plates, besides those of the experiment. noise: of those channels and of others.
     """
 
     like: str = ""
-    cable: str = ""
+    actuator: str = ""
     shortening: Annotated[float, QUANTITIES["shortening"]] | None = None
     tension: Annotated[float, QUANTITIES["tension"]] | None = None
+    volume: Annotated[float, QUANTITIES["pumped volume"]] | None = None
+    pressure: Annotated[float, QUANTITIES["gauge pressure"]] | None = None
+    angle: Annotated[float, QUANTITIES["angle"]] | None = None
+    torque: Annotated[float, QUANTITIES["moment"]] | None = None
     samples: Annotated[int, LIMITS["samples"]] | None = None
     measure: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
     noise: Mapping[str, Given] = Field(default_factory=dict)
     settings: Mapping[str, Given] = Field(default_factory=dict)
     repeats: Annotated[int, LIMITS["repeats"]] = 1
 
+    @property
+    def reach(self) -> dict[str, float]:
+        """How far it is driven [SI], by the control that is stated."""
+        controls = ("shortening", "tension", "volume", "pressure", "angle", "torque")
+        return {control: value for control in controls if (value := getattr(self, control)) is not None}
+
     def _check(self) -> None:
-        if self.shortening is not None and self.tension is not None:
-            got = "shortening and tension"
-            raise InputError(
-                Fault("a cable is pulled by one of the two", "", got, "shortening: 40 mm, or tension: 8 N")
-            )
+        if len(self.reach) > 1:
+            allowed = "one of them, such as shortening: 40 mm, or tension: 8 N"
+            raise InputError(Fault("a candidate is driven in two ways", "", " and ".join(self.reach), allowed))
 
 
 def build_candidates(
@@ -69,10 +77,14 @@ def build_candidates(
             continue
         if section.like and section.like not in experiments:
             findings.unknown((*path, "like"), "experiment", section.like, experiments)
-        if section.cable and section.cable not in (cables := [cable.name for cable in robot.cables]):
-            findings.unknown((*path, "cable"), "cable", section.cable, cables)
+        known = {part.name: part for part in robot.commandable}
+        if section.actuator and section.actuator not in known:
+            findings.unknown((*path, "actuator"), robot.actuator_word, section.actuator, known)
         like = experiments.get(section.like, next(iter(experiments.values())))
-        control = "shortening" if section.shortening is not None else "tension" if section.tension is not None else ""
+        control, reach = next(iter(section.reach.items()), ("", None))
+        controls = {kind.name for c in like.drives for kind in of_actuator(like.twin_channel(c).kind)}
+        if control and control not in controls:
+            findings.unknown((*path, control), "control", control, controls)
         noise = {
             channel: (key, value)
             for key, value in section.noise.items()
@@ -86,9 +98,9 @@ def build_candidates(
             Candidate(
                 name=name,
                 like=section.like,
-                cable=section.cable,
+                actuator=section.actuator,
                 control=control,
-                reach=section.tension if section.shortening is None else section.shortening,
+                reach=reach,
                 samples=section.samples or 0,
                 measured=tuple(_channels(section.measure, robot, (*path, "measure"), findings)),
                 noise=sigmas,

@@ -145,6 +145,7 @@ if TYPE_CHECKING:
     from softcal.workflows.run_folder import load_run as load_run
     from softcal.workflows.simulation import pull as pull
     from softcal.workflows.simulation import simulate as simulate
+    from softcal.workflows.study_source import load_calibrated as load_calibrated
     from softcal.workflows.sweep import Swept as Swept
     from softcal.workflows.sweep import sweep as sweep
     from softcal.workflows.validation import validate as validate
@@ -253,6 +254,7 @@ _HOMES = {
     "intervals": "softcal.workflows.intervals",
     "linearise": "softcal.workflows.linearise",
     "load": "softcal.project.project",
+    "load_calibrated": "softcal.workflows.study_source",
     "load_run": "softcal.workflows.run_folder",
     "make_problem": "softcal.calibration.problem.problem",
     "manipulator": "softcal.twin.manipulator",
@@ -389,6 +391,7 @@ __all__ = [
     "intervals",
     "linearise",
     "load",
+    "load_calibrated",
     "load_run",
     "make_problem",
     "manipulator",

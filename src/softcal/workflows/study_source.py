@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
 from softcal.names import JOINT
 from softcal.project.project import Project, ProjectSource, load
@@ -168,8 +169,16 @@ def _present(problem: Problem) -> dict[str, float]:
     return theta
 
 
-def load_calibrated(path: Path, values: Mapping[str, str] | None = None) -> Project:
-    """The project of a file, or that of a run folder at the calibrated values; then `values` are set.
+@checked_arguments
+def load_calibrated(path: str | Path, values: Mapping[str, str] | None = None) -> Project:
+    """The project of a run folder at the calibrated values, or that of a project file.
+
+    Parameters
+    ----------
+    path
+        The run folder, or the project file.
+    values
+        Parameter -> value with its unit, such as "2 MPa", in the place of the calibrated ones.
 
     Raises
     ------
@@ -178,6 +187,7 @@ def load_calibrated(path: Path, values: Mapping[str, str] | None = None) -> Proj
     StorageError
         For a folder that holds no run.
     """
+    path = Path(path)
     if not path.is_dir():
         return load(path, values=values or {})
     from softcal.project.search import held_values

@@ -1,0 +1,122 @@
+"""Obstacles of space, by the distance of points from them, negative inside, and by the deepest point of a triangle.
+
+They are convex, and so is the distance d of a convex body, with |d(p) - d(q)| <= |p - q|. Its least value over a triangle
+is that at a single place, and is found by a lattice that shrinks around the best point so far. There
+d d / d corner_i = w_i n, with the place's shares w of the corners and n = grad d: that the place moves along the triangle
+counts in second order only.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.arrays import Position, UnitVector
+from softcal.checks import Floats, Ints
+from softcal.declare import Declared
+from softcal.display import displayed
+from softcal.quantities import Size
+
+SHRINKS, ROUNDS, DIVISIONS = 0.6, 30, 4  # of the lattice; after these rounds it is 2e-7 of the triangle
+_CORNER_SIGNS = np.array([(x, y, z) for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
+_FACES = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
+
+
+class Obstacle(Declared, ABC):
+    """A convex body of space that a robot does not enter."""
+
+    @abstractmethod
+    def distances(self, points: Floats) -> tuple[Floats, Floats]:
+        """Distances (n,) [m] of points (n, 3) from it, negative inside, and their gradients (n, 3)."""
+
+    @abstractmethod
+    def drawn(self, extent: float) -> tuple[Floats, Ints]:
+        """Points (n, 3) [m] and triangles (k, 3) of its surface, for a picture of a robot of that extent [m]."""
+
+    def deepest(self, corners: Floats) -> Floats:
+        """Shares (k, 3) of the corners (k, 3, 3) [m] of triangles at the place of each that is deepest in it."""
+        steps = np.array([(i, j, DIVISIONS - i - j) for i in range(DIVISIONS + 1) for j in range(DIVISIONS + 1 - i)])
+        ways = steps / DIVISIONS - 1.0 / 3.0
+        best, size = np.full((len(corners), 3), 1.0 / 3.0), 1.0
+        for _ in range(ROUNDS):
+            shares = np.maximum(np.concatenate([best[:, None], best[:, None] + size * ways], axis=1), 0.0)
+            shares /= shares.sum(axis=2, keepdims=True)
+            distance, _ = self.distances((shares @ corners).reshape(-1, 3))
+            best = shares[np.arange(len(corners)), distance.reshape(len(corners), -1).argmin(axis=1)]
+            size *= SHRINKS
+        return best
+
+
+@displayed
+@dataclass(frozen=True)
+class HalfSpace(Obstacle):
+    """All that is behind a plane.
+
+    Attributes
+    ----------
+    point
+        A point (3,) of the plane [m].
+    normal
+        Its direction (3,) to the free side.
+    """
+
+    point: Position
+    normal: UnitVector
+
+    def distances(self, points: Floats) -> tuple[Floats, Floats]:
+        return (points - self.point) @ self.normal, np.broadcast_to(self.normal, points.shape)
+
+    def deepest(self, corners: Floats) -> Floats:
+        return np.eye(3)[((corners - self.point) @ self.normal).argmin(axis=1)]
+
+    def drawn(self, extent: float) -> tuple[Floats, Ints]:
+        a = np.cross(self.normal, np.eye(3)[int(np.argmin(np.abs(self.normal)))])
+        a *= 0.5 * extent / float(np.linalg.norm(a))
+        b = np.cross(self.normal, a)
+        return self.point + np.array([a + b, b - a, -a - b, a - b]), np.array([(0, 1, 2), (0, 2, 3)])
+
+
+@displayed
+@dataclass(frozen=True)
+class Sphere(Obstacle):
+    """A ball: centre (3,) and radius [m]."""
+
+    centre: Position
+    radius: Size
+
+    def distances(self, points: Floats) -> tuple[Floats, Floats]:
+        away = points - self.centre
+        length = np.linalg.norm(away, axis=1)
+        return length - self.radius, away / np.maximum(length, 1e-300)[:, None]
+
+    def drawn(self, extent: float) -> tuple[Floats, Ints]:
+        n, m = 24, 12
+        around, up = np.meshgrid(2.0 * np.pi * np.arange(n) / n, np.pi * np.arange(m + 1) / m)
+        rings = np.stack([np.sin(up) * np.cos(around), np.sin(up) * np.sin(around), np.cos(up)], axis=2)
+        i, j = (k.ravel() for k in np.meshgrid(np.arange(m), np.arange(n), indexing="ij"))
+        a, b, c, d = n * i + j, n * i + (j + 1) % n, n * (i + 1) + j, n * (i + 1) + (j + 1) % n
+        return self.centre + self.radius * rings.reshape(-1, 3), np.concatenate([np.c_[a, c, d], np.c_[a, d, b]])
+
+
+@displayed
+@dataclass(frozen=True)
+class Box(Obstacle):
+    """A box along the axes: centre (3,) and lengths of its edges (3,) [m]."""
+
+    centre: Position
+    size: tuple[Size, Size, Size]
+
+    def distances(self, points: Floats) -> tuple[Floats, Floats]:
+        away = points - self.centre
+        over = np.abs(away) - 0.5 * np.array(self.size)
+        side, out = np.where(away < 0.0, -1.0, 1.0), np.maximum(over, 0.0)
+        length = np.linalg.norm(out, axis=1)
+        inside = np.eye(3)[np.argmax(over, axis=1)]  # the nearest face
+        normals = np.where(length[:, None] > 0.0, out / np.maximum(length, 1e-300)[:, None], inside)
+        return length + np.minimum(over.max(axis=1), 0.0), side * normals
+
+    def drawn(self, extent: float) -> tuple[Floats, Ints]:
+        faces = [(a, b, c) for a, b, c, _ in _FACES] + [(a, c, d) for a, _, c, d in _FACES]
+        return self.centre + _CORNER_SIGNS * np.array(self.size), np.array(faces)

@@ -58,8 +58,9 @@ from softcal.errors import SimulationError
 from softcal.geometry.obstacle import Obstacle
 from softcal.html_text import summary
 from softcal.sensing.channel import channel_name
+from softcal.twin.channels import STIFFNESS
 from softcal.twin.clearance import Clearances
-from softcal.twin.live import STIFFNESS, LiveState, LiveTwin
+from softcal.twin.live import LiveState, LiveTwin
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.units import format_quantity
@@ -78,6 +79,7 @@ KEPT = 1e-3  # of a tolerance, by which a limit may be passed between steps
 NO_GAIN = 1e-10  # of the merit: a smaller predicted decrease ends the search
 STATIONARY = 1e-3  # of the gradient of the residual: a smaller remainder counts as zero
 NO_EFFECT = 1e-7  # of the largest singular value: a smaller one is a direction without effect on the targets
+UNSTABLE = "the robot buckles or snaps to another equilibrium."
 KINK = "the derivatives jump there, as where friction reverses or a cable becomes slack, and no step comes closer."
 ELSEWHERE = "The last commands do not lead there: the robot has another equilibrium, and an instability is between."
 TOUCH = TOLERANCES["m"]  # tolerance of the distance from an obstacle
@@ -761,7 +763,11 @@ class _Search:
 
 def _ended(state: LiveState) -> str:
     """Why a way ends at a state: no equilibrium, an instability, bodies that intersect; or ""."""
-    return state.status if not state.succeeded or state.snaps else state.crossed
+    try:
+        is_stable = state.succeeded and not state.snaps and state.is_stable
+    except SimulationError as error:
+        return str(error)
+    return state.crossed if is_stable else UNSTABLE if state.succeeded else state.status
 
 
 def _least(A: Floats, b: Floats, rows: Floats, gaps: Floats) -> tuple[Floats, Floats]:

@@ -17,11 +17,10 @@ from softcal.arrays import Position, UnitVector
 from softcal.checks import Floats, Ints
 from softcal.declare import Declared
 from softcal.display import displayed
+from softcal.errors import Fault, InputError
 from softcal.quantities import Size
 
 SHRINKS, ROUNDS, DIVISIONS = 0.6, 30, 4  # of the lattice; after these rounds it is 2e-7 of the triangle
-_CORNER_SIGNS = np.array([(x, y, z) for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
-_FACES = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
 
 
 class Obstacle(Declared, ABC):
@@ -80,7 +79,7 @@ class HalfSpace(Obstacle):
 
 @displayed
 @dataclass(frozen=True)
-class Sphere(Obstacle):
+class SphereObstacle(Obstacle):
     """A ball: centre (3,) and radius [m]."""
 
     centre: Position
@@ -102,15 +101,21 @@ class Sphere(Obstacle):
 
 @displayed
 @dataclass(frozen=True)
-class Box(Obstacle):
-    """A box along the axes: centre (3,) and lengths of its edges (3,) [m]."""
+class BoxObstacle(Obstacle):
+    """A box along the axes, between two corners (3,) [m]."""
 
-    centre: Position
-    size: tuple[Size, Size, Size]
+    lower: Position
+    upper: Position
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not np.all(self.lower < self.upper):
+            got = f"{self.lower.tolist()} to {self.upper.tolist()} m"
+            raise InputError(Fault("a box is turned inside out, or flat", got=got, allowed="lower < upper"))
 
     def distances(self, points: Floats) -> tuple[Floats, Floats]:
-        away = points - self.centre
-        over = np.abs(away) - 0.5 * np.array(self.size)
+        away = points - 0.5 * (self.lower + self.upper)
+        over = np.abs(away) - 0.5 * (self.upper - self.lower)
         side, out = np.where(away < 0.0, -1.0, 1.0), np.maximum(over, 0.0)
         length = np.linalg.norm(out, axis=1)
         inside = np.eye(3)[np.argmax(over, axis=1)]  # the nearest face
@@ -118,5 +123,7 @@ class Box(Obstacle):
         return length + np.minimum(over.max(axis=1), 0.0), side * normals
 
     def drawn(self, extent: float) -> tuple[Floats, Ints]:
-        faces = [(a, b, c) for a, b, c, _ in _FACES] + [(a, c, d) for a, _, c, d in _FACES]
-        return self.centre + _CORNER_SIGNS * np.array(self.size), np.array(faces)
+        shares = np.array([(i & 1, i >> 1 & 1, i >> 2) for i in range(8)])
+        faces = [(0, 3, 1), (0, 2, 3), (4, 5, 7), (4, 7, 6), (0, 1, 5), (0, 5, 4), (2, 7, 3), (2, 6, 7), (0, 6, 2),
+                 (0, 4, 6), (1, 3, 7), (1, 7, 5)]  # fmt: skip
+        return self.lower + shares * (self.upper - self.lower), np.array(faces)

@@ -22,11 +22,13 @@ from softcal.mechanics.compliance import compliances
 from softcal.mechanics.march import Reached, Target, by_command
 from softcal.mechanics.node import by_parameters
 from softcal.mechanics.small_motions import small_motions
+from softcal.mechanics.stability import is_stable
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.warm_steps import WarmSteps
-from softcal.sensing.channel import ChannelName, channel_name, kinds, other_of
+from softcal.sensing.channel import ChannelName, channel_name, kinds
 from softcal.twin.build import Twin, twin_of
+from softcal.twin.channels import STIFFNESS, stiffness_units
 from softcal.twin.clearance import Clearances
 from softcal.twin.crossings import crossed_at
 from softcal.twin.drawn_out import drawn_out, drawn_out_at
@@ -43,7 +45,6 @@ from softcal.twin.time_settings import TimeSettings
 from softcal.units import format_quantity
 
 DEFAULT = TimeSettings()
-STIFFNESS = "_stiffness"  # suffix of the stiffness of a channel: `tip.x_stiffness`
 
 
 @runtime_checkable
@@ -210,6 +211,17 @@ class LiveState:
         return self._place.clearance_rates(near)
 
     @property
+    def is_stable(self) -> bool:
+        """Whether it is a stable equilibrium, at the cost of one factorisation, which derivatives share.
+
+        Raises
+        ------
+        SimulationError
+            Where the tangent is singular.
+        """
+        return self._place.is_stable()
+
+    @property
     def crossed(self) -> str:
         """The sentence on bodies that pass through themselves or each other here, as of `warnings`; or ""."""
         return self._place.crossed().strip()
@@ -371,7 +383,7 @@ class LiveTwin(_InOneProcess):
     @property
     def stiffness_units(self) -> Mapping[str, str]:
         """Every stiffness of the robot, see `LiveState.stiffnesses`, and its SI unit."""
-        return FixedMapping(_stiffness_units(self._twin))
+        return FixedMapping(stiffness_units(self.robot))
 
     @property
     def actuators(self) -> tuple[ActuatorLimits, ...]:
@@ -497,19 +509,6 @@ class LiveTwin(_InOneProcess):
         return f" ({each})" if each else ""
 
 
-def _stiffness_units(twin: Twin) -> dict[str, str]:
-    """The stiffnesses of moving plates' channels and of actuators' coordinates, and their units."""
-    of_plate, moving = {"m": "N/m", "rad": "N*m/rad"}, twin.system.layout.n_moving_frames
-    units: dict[str, str] = {}
-    for channel in twin.columns:
-        kind = channel.kind
-        if kind.unit in of_plate and twin.frame.get(channel.carrier, moving) < moving:
-            units[f"{channel}{STIFFNESS}"] = of_plate[kind.unit]
-        elif kind.drives == "coordinate":
-            units[f"{channel}{STIFFNESS}"] = f"{other_of(kind).unit}/{kind.unit}"
-    return units
-
-
 @dataclass(frozen=True)
 class _Place(_InOneProcess):
     """The place of a live twin: the equilibrium with the memory before its step, and the sample that the step reached.
@@ -533,6 +532,14 @@ class _Place(_InOneProcess):
         own = {name: (np.array(labels) == label).astype(float) for name, label in names.items()}
         return self._jacobian(labels, sense_rates(self.twin, self.state, self._steps.statics.theta, dz, (), own))
 
+    @_in_turn
+    def is_stable(self) -> bool:
+        statics, now = self._steps.statics, self.reached.controls
+        self._steps.factorise(self.state, now)
+        if statics.n_unstable() == 0:
+            return True
+        return is_stable(statics, statics.system.linearise(self.state, now, statics.theta))
+
     def _ways(self) -> tuple[tuple[str, ...], Floats]:
         """The commands of all actuators, and dz / d command (n_unknowns, k)."""
         statics, now, target = self._steps.statics, self.reached.controls, self.aim.controls
@@ -549,7 +556,7 @@ class _Place(_InOneProcess):
     def stiffnesses(self, names: tuple[str, ...], *, rates: bool = False) -> tuple[Floats, tuple[str, ...], Floats]:
         """Stiffnesses (n,), the commands, and the derivatives (n, k) by these; by none without `rates`."""
         twin, statics, now = self.twin, self._steps.statics, self.reached.controls
-        layout, known = twin.system.layout, _stiffness_units(twin)
+        layout, known = twin.system.layout, stiffness_units(twin.robot)
         if others := [name for name in names if name not in known]:
             raise ParameterError([unknown("this has no stiffness", "", name, known) for name in others])
         labels, ways = self._ways() if rates else ((), np.zeros((layout.n_unknowns, 0)))

@@ -35,7 +35,8 @@ brought back by up to `RESTORED` steps with the same derivatives, and it counts 
 *What is checked at the end* (`_Search.checked`). The commands are given to the twin once more, from the state before.
 Reached: every |r_k| <= 1. Nearest: the gradient of (1) is a non-negative combination of those of the active limits, up
 to `STATIONARY` of its size. Else: refused, with the reason. On the straight line from the commands before, the
-clearance from obstacles is that of `ON_THE_WAY` more states.
+clearance from obstacles is that of `ON_THE_WAY` more states; where the robot is in one, the search goes on with the
+deepest state of the line as a limit, d_i(u_s) >= 0 with d u_s = s du.
 
 A robot that remembers (reversing friction, histories of materials) is taken to each trial from the state before, over
 the straight line of commands, so that its memory is that of the commands that are returned, one after the other.
@@ -83,7 +84,8 @@ UNSTABLE = "the robot buckles or snaps to another equilibrium."
 KINK = "the derivatives jump there, as where friction reverses or a cable becomes slack, and no step comes closer."
 ELSEWHERE = "The last commands do not lead there: the robot has another equilibrium, and an instability is between."
 TOUCH = TOLERANCES["m"]  # tolerance of the distance from an obstacle
-ON_THE_WAY, BISECTIONS = 7, 10  # states on the way to the commands; of the commands between which it ends
+ON_THE_WAY, BISECTIONS = 15, 10  # states on the way to the commands; of the commands between which it ends
+DETOURS = 3  # searches at most for commands on whose way no obstacle is
 PULL = 0.4  # size of the pulls from which further starts begin
 
 
@@ -276,13 +278,15 @@ def reach_targets(
 class _Point:
     """An equilibrium of the search.
 
-    unknowns: per actuator, its effort where it is commanded by it or released, else its coordinate (m,).
+    way: states on the straight line of commands to it that must be clear of obstacles too, each behind its share of the
+    line. unknowns: per actuator, its effort where it is commanded by it or released, else its coordinate (m,).
     """
 
     task: ReachTask
     state: LiveState
     unknowns: Floats
     released: np.ndarray
+    way: tuple[tuple[float, LiveState], ...] = ()
 
     @cached_property
     def channels(self) -> dict[str, float]:
@@ -295,9 +299,10 @@ class _Point:
         return np.array(list(self.channels.values()))
 
     @cached_property
-    def near(self) -> Clearances:
-        """The distances from obstacles."""
-        return self.state.clearances(self.task.obstacles)
+    def near(self) -> tuple[tuple[float, LiveState, Clearances], ...]:
+        """The distances from obstacles, at the state and on the way to it."""
+        each = ((1.0, self.state), *self.way) if self.task.obstacles else ()
+        return tuple((share, state, state.clearances(self.task.obstacles)) for share, state in each)
 
 
 @dataclass(frozen=True)
@@ -379,6 +384,7 @@ class _Search:
         self.fond_scale = np.zeros(0)  # of the first point
         self.barrier: _Barrier | None = None
         self.n_states, self.n_derivatives = 0, 0
+        self.shares: tuple[float, ...] = ()
         size = {"m": live.extent, "rad": 1.0}
         self.motion = np.array([1.0 / size[unit] if unit in size else 0.0 for unit in task.units.values()])
 
@@ -402,13 +408,20 @@ class _Search:
                 break
         if best is None or best[0][0]:
             why = "the limits contradict each other along every way that was tried"
-            near = None if best is None or not self.task.obstacles else best[1].near
-            if near is not None and near.values.min() < -TOUCH:
-                why = f"no way that was tried keeps out of {near.obstacles[int(np.argmin(near.values))]}"
+            for _, _, near in () if best is None else best[1].near:
+                if near.values.min() < -TOUCH:
+                    why = f"no way that was tried keeps out of {near.obstacles[int(np.argmin(near.values))]}"
             why = self.barrier.why if self.barrier else why
             raise SimulationError(f"No commands within the limits were found: {why.rstrip('.')}.")
         self.barrier = best[2] or self.barrier
-        return self.checked(self.preferred(best[1]))
+        end = self.preferred(best[1])
+        for _ in range(DETOURS):
+            share, _ = self.passed(end.values[self.command])
+            self.shares = (*self.shares, share)
+            if not share or (again := self.evaluated(end.unknowns, end.released, end.state)) is None:
+                break
+            end = self.preferred(self.descended(again))
+        return self.checked(end)
 
     def starts(self) -> Iterator[_Point]:
         """The points where the search begins, in turn."""
@@ -449,7 +462,10 @@ class _Search:
             return None
         point = _Point(self.task, state, np.where(released, self.least, unknowns), released)
         more = ~released & self.by_coordinate & (point.values[self.effort] <= self.least)
-        return self.evaluated(unknowns, released | more, state) if more.any() else point
+        if more.any():
+            return self.evaluated(unknowns, released | more, state)
+        each = ((share, self.on_the_way(point.values[self.command], share)) for share in self.shares)
+        return replace(point, way=tuple((share, state) for share, state in each if state.succeeded))
 
     def moved(self, here: _Point, at: _Linear, step: Floats) -> _Point | None:
         """The equilibrium after a step of the unknowns, in their scales; None as `evaluated`."""
@@ -497,11 +513,13 @@ class _Search:
             rows.append(-np.eye(m)[k])
             gaps.append(0.0)
             names.append(f"{self.channels[self.coordinate[k]]} beyond its upper limit: slack")
-        if self.task.obstacles:
-            by_distance = here.state.clearances_by_commands(here.near).values[:, columns]
-            rows += [*(by_distance * scale / TOUCH)]
-            gaps += (-here.near.values / TOUCH).tolist()
-            names += [f"{part} touches {one}" for part, one in zip(here.near.parts, here.near.obstacles, strict=True)]
+        for share, state, near in here.near:
+            slopes = state.clearances_by_commands(near)
+            own = [slopes.names.index(label) if label in slopes.names else -1 for label in labels]
+            rows += [*(share * np.where(np.array(own) < 0, 0.0, slopes.values[:, own]) * scale / TOUCH)]
+            gaps += (-near.values / TOUCH).tolist()
+            there = "" if share == 1.0 else " on the way"
+            names += [f"{part} touches {one}{there}" for part, one in zip(near.parts, near.obstacles, strict=True)]
         if not len(self.fond_scale):
             kinds = [channel_name(self.channels[k]).kind.name for k in self.fond]
             own = np.abs(rates[self.fond, np.arange(m)] * scale).tolist()
@@ -533,7 +551,7 @@ class _Search:
         over = y - self.upper
         behind = point.released & self.by_coordinate
         over[self.coordinate[behind]] = -np.inf
-        inside = np.maximum(-point.near.values / TOUCH - KEPT, 0.0).sum() if self.task.obstacles else 0.0
+        inside = sum(float(np.maximum(-near.values / TOUCH - KEPT, 0.0).sum()) for _, _, near in point.near)
         return float(np.maximum(np.maximum(self.lower - y, over) / t - KEPT, 0.0).sum() + inside)
 
     def cost(self, point: _Point) -> tuple[bool, float]:
@@ -647,7 +665,7 @@ class _Search:
         live, at = self.live, self.linear(end)
         values = np.clip(end.values[self.command], self.lower[self.command], self.upper[self.command])
         commands = {one.name: float(value) for one, value in zip(self.actuators, values, strict=True)}
-        passed = self.passed(commands)
+        _, passed = self.passed(values)
         live.return_to(self.before)
         state = live.at(commands, self.elapsed)
         self.n_states += 1
@@ -693,24 +711,30 @@ class _Search:
             n_states=self.n_states,
             n_derivatives=self.n_derivatives,
             wall_s=time.perf_counter() - self.began,
-            clearances={name: float(reached.near.values[reached.near.nearest(name)]) for name in self.task.obstacles},
+            clearances={name: float(near.values[near.nearest(name)]) for _, _, near in reached.near for name in self.task.obstacles},
         )
 
-    def passed(self, commands: Mapping[str, float]) -> str:
-        """Which obstacle is in the straight line of commands from the last ones, as part of a sentence; or ""."""
-        if not self.task.obstacles:
-            return ""
+    def on_the_way(self, values: Floats, share: float) -> LiveState:
+        """The state at a share of the straight line of commands from the last ones (m,)."""
         self.live.return_to(self.before)
-        for k in range(1, ON_THE_WAY + 1):
-            share = k / (ON_THE_WAY + 1)
-            state = self.live.at(self.between(self.before, commands, share), self.elapsed / (ON_THE_WAY + 1))
-            self.n_states += 1
+        self.n_states += 1
+        commands = dict(zip((one.name for one in self.actuators), values.tolist(), strict=True))
+        return self.live.at(self.between(self.before, commands, share), self.elapsed * share)
+
+    def passed(self, values: Floats) -> tuple[float, str]:
+        """Where on the straight line of commands from the last ones the robot is deepest in an obstacle: the share of
+        the line, 0 for nowhere, and part of a sentence.
+        """
+        deepest, share, told = -TOUCH, 0.0, ""
+        for k in range(1, ON_THE_WAY + 1) if self.task.obstacles else ():
+            state = self.on_the_way(values, k / (ON_THE_WAY + 1))
             near = state.clearances(self.task.obstacles)
             worst = int(np.argmin(near.values))
-            if state.succeeded and near.values[worst] < -TOUCH:
-                depth, what = format_quantity(-near.values[worst], "m", digits=2), near.obstacles[worst]
-                return f"passes through {what}: {near.parts[worst]} by {depth}, {self.commanded(state)}."
-        return ""
+            if state.succeeded and near.values[worst] < deepest:
+                deepest, share = float(near.values[worst]), k / (ON_THE_WAY + 1)
+                told = f"passes through {near.obstacles[worst]}: {near.parts[worst]} by"
+                told += f" {format_quantity(-deepest, 'm', digits=2)}, {self.commanded(state)}."
+        return share, told
 
     def between(self, begin: LiveState, commands: Mapping[str, float], share: float) -> dict[str, float]:
         """Commands on the straight line from those of a state."""

@@ -1,9 +1,9 @@
 """Obstacles of space, by the distance of points from them, negative inside, and by the deepest point of a triangle.
 
-They are convex, and so is the distance d of a convex body, with |d(p) - d(q)| <= |p - q|. Its least value over a triangle
-is that at a single place, and is found by a lattice that shrinks around the best point so far. There
-d d / d corner_i = w_i n, with the place's shares w of the corners and n = grad d: that the place moves along the triangle
-counts in second order only.
+They are convex, and so is the distance d of a convex body, with |d(p) - d(q)| <= |p - q|. Its least value on a line
+across a triangle is where its slope changes its sign, and is convex from line to line: nested sections end at the
+deepest point. There d d / d corner_i = w_i n, with the point's shares w of the corners and n = grad d: that the point
+moves along the triangle counts in second order only.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.quantities import Size
 
-SHRINKS, ROUNDS, DIVISIONS = 0.6, 30, 4  # of the lattice; after these rounds it is 2e-7 of the triangle
+CUTS = np.arange(1, 9) / 9.0  # of what is left of a triangle in each round; the best one and its neighbours stay
+ROUNDS, HALVINGS = 9, 20  # across it and along: 1e-6 of it
 
 
 class Obstacle(Declared, ABC):
@@ -31,21 +32,37 @@ class Obstacle(Declared, ABC):
         """Distances (n,) [m] of points (n, 3) from it, negative inside, and their gradients (n, 3)."""
 
     @abstractmethod
-    def drawn(self, extent: float) -> tuple[Floats, Ints]:
-        """Points (n, 3) [m] and triangles (k, 3) of its surface, for a picture of a robot of that extent [m]."""
+    def drawn(self, around: Floats, extent: float) -> tuple[Floats, Ints]:
+        """Points (n, 3) [m] and triangles (k, 3) of its surface, for a picture around a point (3,) [m].
+
+        Parameters
+        ----------
+        around
+            The point (3,) [m].
+        extent
+            Of what is in the picture [m]: that of what has no end itself.
+        """
 
     def deepest(self, corners: Floats) -> Floats:
         """Shares (k, 3) of the corners (k, 3, 3) [m] of triangles at the place of each that is deepest in it."""
-        steps = np.array([(i, j, DIVISIONS - i - j) for i in range(DIVISIONS + 1) for j in range(DIVISIONS + 1 - i)])
-        ways = steps / DIVISIONS - 1.0 / 3.0
-        best, size = np.full((len(corners), 3), 1.0 / 3.0), 1.0
+        k = len(corners)
+        origin, across, along = corners[:, :1], corners[:, 1:2] - corners[:, :1], corners[:, 2:] - corners[:, :1]
+        begin, width = np.zeros(k), np.ones(k)
+        u = v = np.zeros((k, 1))
+        best: Ints = np.zeros(k, dtype=np.int64)
         for _ in range(ROUNDS):
-            shares = np.maximum(np.concatenate([best[:, None], best[:, None] + size * ways], axis=1), 0.0)
-            shares /= shares.sum(axis=2, keepdims=True)
-            distance, _ = self.distances((shares @ corners).reshape(-1, 3))
-            best = shares[np.arange(len(corners)), distance.reshape(len(corners), -1).argmin(axis=1)]
-            size *= SHRINKS
-        return best
+            u = begin[:, None] + width[:, None] * CUTS
+            low, high = np.zeros_like(u), 1.0 - u
+            for _ in range(HALVINGS):
+                v = 0.5 * (low + high)
+                points = origin + u[:, :, None] * across + v[:, :, None] * along
+                slope = np.sum(self.distances(points.reshape(-1, 3))[1].reshape(points.shape) * along, axis=2)
+                low, high = np.where(slope < 0.0, v, low), np.where(slope < 0.0, high, v)
+            points = origin + u[:, :, None] * across + v[:, :, None] * along
+            best = self.distances(points.reshape(-1, 3))[0].reshape(u.shape).argmin(axis=1)
+            begin, width = begin + width * best / 9.0, width * 2.0 / 9.0
+        u, v = (each[np.arange(k), best] for each in (u, v))
+        return np.stack([1.0 - u - v, u, v], axis=1)
 
 
 @displayed
@@ -70,11 +87,12 @@ class HalfSpace(Obstacle):
     def deepest(self, corners: Floats) -> Floats:
         return np.eye(3)[((corners - self.point) @ self.normal).argmin(axis=1)]
 
-    def drawn(self, extent: float) -> tuple[Floats, Ints]:
+    def drawn(self, around: Floats, extent: float) -> tuple[Floats, Ints]:
         a = np.cross(self.normal, np.eye(3)[int(np.argmin(np.abs(self.normal)))])
         a *= 0.5 * extent / float(np.linalg.norm(a))
         b = np.cross(self.normal, a)
-        return self.point + np.array([a + b, b - a, -a - b, a - b]), np.array([(0, 1, 2), (0, 2, 3)])
+        middle = around - ((around - self.point) @ self.normal) * self.normal
+        return middle + np.array([a + b, b - a, -a - b, a - b]), np.array([(0, 1, 2), (0, 2, 3)])
 
 
 @displayed
@@ -90,7 +108,7 @@ class SphereObstacle(Obstacle):
         length = np.linalg.norm(away, axis=1)
         return length - self.radius, away / np.maximum(length, 1e-300)[:, None]
 
-    def drawn(self, extent: float) -> tuple[Floats, Ints]:
+    def drawn(self, around: Floats, extent: float) -> tuple[Floats, Ints]:
         n, m = 24, 12
         around, up = np.meshgrid(2.0 * np.pi * np.arange(n) / n, np.pi * np.arange(m + 1) / m)
         rings = np.stack([np.sin(up) * np.cos(around), np.sin(up) * np.sin(around), np.cos(up)], axis=2)
@@ -122,7 +140,7 @@ class BoxObstacle(Obstacle):
         normals = np.where(length[:, None] > 0.0, out / np.maximum(length, 1e-300)[:, None], inside)
         return length + np.minimum(over.max(axis=1), 0.0), side * normals
 
-    def drawn(self, extent: float) -> tuple[Floats, Ints]:
+    def drawn(self, around: Floats, extent: float) -> tuple[Floats, Ints]:
         shares = np.array([(i & 1, i >> 1 & 1, i >> 2) for i in range(8)])
         faces = [(0, 3, 1), (0, 2, 3), (4, 5, 7), (4, 7, 6), (0, 1, 5), (0, 5, 4), (2, 7, 3), (2, 6, 7), (0, 6, 2),
                  (0, 4, 6), (1, 3, 7), (1, 7, 5)]  # fmt: skip

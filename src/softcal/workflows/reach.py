@@ -19,20 +19,26 @@ from softcal.analysis.reach import (
     reach_targets,
 )
 from softcal.checks import Floats
+from softcal.calibration.results.store import write_bytes
 from softcal.csv_text import csv_text
 from softcal.declare import OrInfinite, checked_arguments
 from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
 from softcal.geometry.obstacle import Obstacle
+from softcal.extras import require_extra
 from softcal.limits import LIMITS
 from softcal.project.project import Project, ProjectSource
 from softcal.quantities import QUANTITIES
-from softcal.sensing.channel import channel_name
+from softcal.report.reach_view import ReachView, draw_reach
+from softcal.report.style import encode
+from softcal.report.twin_view import TwinView
+from softcal.sensing.channel import channel_name, positions
+from softcal.twin.build import twin_of
 from softcal.twin.live import LiveTwin
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import times_fault
 from softcal.twin.robot import Control, Robot
 from softcal.units import format_quantity
-from softcal.workflows.output import require_free_folder
+from softcal.workflows.output import require_free_file, require_free_folder
 from softcal.workflows.study_files import StudyKind
 from softcal.workflows.study_source import load_calibrated
 
@@ -55,6 +61,7 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
     pretension: float = 0.0,
     obstacles: Mapping[str, Obstacle] | None = None,
     theta: Mapping[str, float] | None = None,
+    picture: str | Path | None = None,
     out: str | Path | None = None,
     progress: Callable[[int, ReachStep], None] | None = None,
 ) -> ReachResult:
@@ -88,6 +95,8 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
         Name -> a half-space, sphere or box that the robot's surface must not enter.
     theta
         Values of robot parameters by dotted name [SI], replacing the robot's own.
+    picture
+        A new file, .png or .svg: the state of the last target over rest, with what was wanted and the obstacles.
     out
         A new folder for the result as JSON, and the commands as CSV.
     progress
@@ -108,6 +117,11 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
     SimulationError
         Where the robot has no equilibrium, or no commands keep the limits.
     """
+    if picture is not None:
+        require_extra("pictures", "pyvista", where="picture")
+        if Path(picture).suffix not in (".png", ".svg"):
+            raise InputError(Fault("this is no file of a picture", "picture", str(picture), "a name with .png or .svg"))
+        require_free_file(Path(picture))
     if out is not None:
         require_free_folder(Path(out))
         if isinstance(twin, Robot):
@@ -130,6 +144,17 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
         tolerances={name: float(task.tolerances[number[name]]) for name in targets},
         preference=told,
     )
+    if picture is not None:
+        bent, places = live.state.shape, dict[str, tuple[Floats, Floats]]()
+        last = steps[-1]
+        for point in dict.fromkeys(one.point for one in map(channel_name, last.wanted) if one.point):
+            reached = {str(axis): last.channels[str(axis)] for axis in positions(point)}
+            wanted_there = [last.wanted.get(axis, value) for axis, value in reached.items()]
+            places[point] = np.array(wanted_there), np.array([*reached.values()])
+        tets = {name: mesh.tets for name, mesh in twin_of(live.robot).meshes.items()}
+        view = ReachView(TwinView(live.robot, live.reset().shape, bent, tets), places, obstacles or {})
+        png, svg = encode(draw_reach(view), "Commands for a pose")
+        write_bytes(Path(picture), png if Path(picture).suffix == ".png" else svg)
     if out is not None and isinstance(project, Project):
         REACH.write(result, project, "", Path(out))
     return result

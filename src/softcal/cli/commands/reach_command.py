@@ -60,6 +60,9 @@ def reach(  # noqa: PLR0913 (one argument for each option)
         Path | None, _option("FILE", "Half-spaces, spheres and boxes that the robot must not enter, as YAML with units.")
     ] = None,
     values: Values = None,
+    picture: Annotated[
+        Path | None, _option("FILE", "A new picture, .png or .svg: the state of the last target, with the obstacles.")
+    ] = None,
     out: Annotated[Path | None, _option("DIR", "A folder, new or empty, for the commands as CSV and JSON.")] = None,
 ) -> None:
     """Tensions or shortenings that bring the robot to a wanted pose, within limits, on the exact twin.
@@ -171,6 +174,7 @@ def reach(  # noqa: PLR0913 (one argument for each option)
             prefer=chosen,
             pretension=floor,
             obstacles=around,
+            picture=picture,
             out=out,
             progress=lambda k, step: show(f"Target {min(k + 1, n)} of {n}"),
         )
@@ -186,6 +190,8 @@ def reach(  # noqa: PLR0913 (one argument for each option)
         echo(f"The first {MOST} of {len(result.steps)} targets; --out writes them all.")
     for sentence in reach_sentences(result):
         echo(sentence)
+    if picture is not None:
+        echo(f"Wrote {shown_path(picture)}")
     if out is not None:
         echo(f"Wrote {shown_path(out)}")
         echo(f"Replay with: softcal simulate PROJECT --commands {shown_path(out / 'commands.csv')} --out DIR")

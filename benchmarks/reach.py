@@ -5,17 +5,21 @@ python -m benchmarks.reach --targets 10000 --compared 200 --unreachable 1000
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
 from benchmarks.neck_case import P1_TETS
-from benchmarks.section import Goal, Section, run_alone
+from benchmarks.machine import load, machine
+from benchmarks.section import Goal, Section, table
 from benchmarks.timing import mkl_threads
+from benchmarks.written_page import written_page
 from softcal.analysis.reach import TOLERANCES, ReachStep, reach_targets
 from softcal.checks import Floats
 from softcal.geometry.neck import Neck
@@ -26,6 +30,7 @@ from softcal.twin.manipulator import Manipulator, Springs, manipulator
 from softcal.twin.robot import Body, Cable, Control, Plate, Robot, ViaPoint
 from softcal.workflows.reach import asked
 
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "reach.md"
 SEED = 1
 AROUND, CLOSER = (1e-2, 1e-3), 1e-3  # sizes of steps around an end, of its largest command; of the error
 SAME = 1e-4  # of the distance, by which the nearest state may be further than that of a brute search
@@ -302,5 +307,24 @@ def _share(these: Sequence[bool]) -> str:
     return f"{100.0 * np.mean(these):.4g} %"
 
 
+def page(section: Section) -> str:
+    """docs/reach.md with the figures of a section."""
+    lines = [*table(section.header, section.rows), "", *section.notes]
+    return written_page(PAGE, {"figures": "\n".join(lines), "load": load(), "processor": dict(machine())["processor"]})
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="ten targets each, printed and not written")
+    for name, default in (("targets", 200), ("compared", 20), ("unreachable", 20)):
+        parser.add_argument(f"--{name}", type=int, default=default, help=f"of each robot; {default} by default")
+    parser.add_argument("--out", type=Path, default=PAGE, help="where the page goes; docs/reach.md by default")
+    given = parser.parse_args()
+    section = measure(given.quick, given.targets, given.compared, given.unreachable)
+    print(section.markdown())
+    if not given.quick:
+        given.out.write_text(page(section), encoding="utf-8")
+
+
 if __name__ == "__main__":
-    run_alone(measure, targets=200, compared=20, unreachable=20)
+    main()

@@ -198,7 +198,7 @@ def reach_sentences(result: ReachResult) -> list[str]:
     names = dict.fromkeys(name for step in result.steps for name in step.clearances)
     if names:
         least = {name: min(step.clearances[name] for step in result.steps) for name in names}
-        apart = (f"{format_quantity(least[name] + 0.0, 'm', digits=3)} from {name}" for name in names)
+        apart = (f"{format_quantity(round(least[name], 8) + 0.0, 'm', digits=3)} from {name}" for name in names)
         told.append(f"Least clearance: {', '.join(apart)}.")
     for k, step in enumerate(result.steps, start=1):
         if step.outcome != "reached":

@@ -23,6 +23,7 @@ from softcal.calibration.results.store import write_bytes
 from softcal.csv_text import csv_text
 from softcal.declare import OrInfinite, checked_arguments
 from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
+from softcal.geometry.locate import nearest_places
 from softcal.geometry.obstacle import Obstacle
 from softcal.extras import require_extra
 from softcal.limits import LIMITS
@@ -268,10 +269,14 @@ def asked(  # noqa: PLR0913 (one argument for each option)
     except SimulationError as error:
         faults.append(Fault("the robot has no such stiffness", ", ".join(stiffnesses), str(error)))
     rest = live.state.clearances(obstacles) if obstacles else None
-    for name in obstacles or {}:
+    for name, obstacle in (obstacles or {}).items():
+        points, where = obstacle.drawn(np.zeros(3), live.extent)[0], f"obstacles.{name}"
+        around = [b.name for b in live.robot.bodies if not nearest_places(b.mesh, points, tolerance=0.0).distances.all()]
         if rest is not None and (depth := -float(rest.values[k := rest.nearest(name)])) > TOUCH:
             got = f"{rest.parts[k]} by {_shown(depth, 'm')}"
-            faults.append(Fault("the robot at rest is inside the obstacle", f"obstacles.{name}", got, "outside"))
+            faults.append(Fault("the robot at rest is inside the obstacle", where, got, "outside"))
+        elif around:
+            faults.append(Fault("the obstacle is inside the robot at rest", where, ", ".join(around), "outside"))
     lengths = {len(column) for column in columns.values()}
     if len(lengths) > 1:
         faults.append(Fault("the targets have different numbers of values", "targets", str(sorted(lengths))))

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.neck_case import P1_TETS
 from benchmarks.machine import load, machine
+from benchmarks.neck_case import P1_TETS
 from benchmarks.section import Goal, Section, table
 from benchmarks.timing import mkl_threads
 from benchmarks.written_page import written_page
@@ -290,13 +290,13 @@ def measure(quick: bool, targets: int = 200, compared: int = 20, unreachable: in
             row += [str(few), *by_scipy(case, wanted[:few], Posed.least), *by_scipy(case, wanted[:few], Posed.improved)]
             is_brute = not LiveTwin(case.robot).remembers
             rows.append([*row, *(against_brute(case, wanted[:far], 64 if quick else 256) if is_brute else ["", ""])])
-            goals.append(Goal(f"Reach, {case.name}: neither reached nor answered with a reason that holds", unanswered, 0))
+            goals.append(Goal(f"Reach, {case.name}: not reached for no reason that holds", unanswered, 0))
             print(f"# {rows[-1]}", file=sys.stderr, flush=True)
     notes = [
         "Targets are the channels at random tensions, within the limits of the search; each is sought from rest, those "
-        "of the tentacle one after the other. Reached: within 10 µm and 0.01 deg. Of the others, random commands around "
-        "the answer are tried: none that are safe and within the limits come closer. Times are those of one core on its "
-        "processor. SciPy's functions have the same twin and exact derivatives, and start at a tenth of the largest "
+        "of the tentacle one after the other. Reached: within 10 µm and 0.01 deg. Of the others, random commands "
+        "around the answer are tried: none that are safe and within the limits come closer. Times are those on the "
+        "processor, of one core. SciPy's functions have the same twin and exact derivatives, and start at a tenth of the largest "
         "tension. Unreachable targets are 1.5 to 3 times as far; nearest: as near, up to "
         f"{SAME:g}, as the best of many states improved by least_squares."
     ]

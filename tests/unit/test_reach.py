@@ -167,7 +167,8 @@ def test_obstacles_are_kept_and_the_state_is_drawn(
     assert state.clearances({"wall": plane}).values.min() == pytest.approx(-2e-4, abs=1e-8)
     path = tmp_path / "around.yaml"
     path.write_text(
-        f"obstacles:\n  wall: {{half_space: {{point: [{1e3 * top[k, 0] - 0.2:.9f} mm, 0 mm, 0 mm], normal: [-1, 0, 0]}}}}\n"
+        "obstacles:\n"
+        f"  wall: {{half_space: {{point: [{1e3 * top[k, 0] - 0.2:.9f} mm, 0 mm, 0 mm], normal: [-1, 0, 0]}}}}\n"
         "  far: {box: {lower: [-1 m, -1 m, -2 m], upper: [1 m, 1 m, -1 m]}}\n"
     )
     options = ("--to", "plate.pitch=3deg", "--obstacles", path, "--out", tmp_path / "out")

@@ -185,6 +185,7 @@ OBSTACLES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OBSTACLES)
 def test_the_robot_does_not_enter_an_obstacle_and_is_as_near_to_its_target_as_it_can_be(name: str) -> None:
     obstacle, wanted = OBSTACLES[name], {"tip.x": 0.03, "tip.y": 0.006}
@@ -216,6 +217,7 @@ def test_an_obstacle_that_is_far_changes_nothing() -> None:
     assert not any("far" in name for name in far.active)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*OBSTACLES, "wall"])
 def test_the_straight_line_of_commands_is_free_of_obstacles(name: str) -> None:
     """Or the target is refused, with the place, and the last commands stay."""
@@ -240,7 +242,10 @@ def test_the_straight_line_of_commands_is_free_of_obstacles(name: str) -> None:
 
 
 def test_the_distances_have_the_derivatives_of_their_differences() -> None:
-    for robot, plate in ((TENTACLE, False), (manipulator(Manipulator(springs=Springs(youngs_modulus=1.6e9, poissons_ratio=0.43))), True)):
+    for robot, plate in (
+        (TENTACLE, False),
+        (manipulator(Manipulator(springs=Springs(youngs_modulus=1.6e9, poissons_ratio=0.43))), True),
+    ):
         live = LiveTwin(robot, "tension")
         names = [one.name for one in live.actuators]
         begin = dict.fromkeys(names, 0.3) | {names[0]: 2.0 if plate else 0.8}
@@ -338,6 +343,7 @@ def notched() -> Robot:
     return Robot((body,), (top,), (Cable("front", (ViaPoint((0.014, 0, 0.03), "top"), ViaPoint((0.014, 0, 0)))),))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("control", ["tension", "shortening"])
 def test_the_way_ends_before_a_column_buckles_at_eulers_load(control: str) -> None:
     for weight in (0.0, 0.05):

@@ -711,7 +711,11 @@ class _Search:
             n_states=self.n_states,
             n_derivatives=self.n_derivatives,
             wall_s=time.perf_counter() - self.began,
-            clearances={name: float(near.values[near.nearest(name)]) for _, _, near in reached.near for name in self.task.obstacles},
+            clearances={
+                name: float(near.values[near.nearest(name)])
+                for _, _, near in reached.near
+                for name in self.task.obstacles
+            },
         )
 
     def on_the_way(self, values: Floats, share: float) -> LiveState:
@@ -742,7 +746,7 @@ class _Search:
         return {name: (1.0 - share) * begin.channels[names[name]] + share * end for name, end in commands.items()}
 
     def located(self, barrier: _Barrier | None) -> str:
-        """The sentence, with a blank before it, on the last safe commands on the way to a barrier, and the loads there."""
+        """The sentence, with a blank before it, on the last safe commands on the way to a barrier, and the loads."""
         if barrier is None:
             return ""
         low, high, safe = 0.0, 1.0, barrier.begin
@@ -753,7 +757,9 @@ class _Search:
             state = self.live.at(commands, self.elapsed, released=barrier.released)
             self.n_states += 1
             low, high, safe = (low, share, safe) if _ended(state) else (share, high, state)
-        parts = {load.name for load in self.live.robot.loads} | {f"{plate.name}.mass" for plate in self.live.robot.plates}
+        parts = {load.name for load in self.live.robot.loads} | {
+            f"{plate.name}.mass" for plate in self.live.robot.plates
+        }
         loads = [
             f"{name} {format_quantity(one.value, one.quantity.unit)}"
             for name, one in robot_parameters(self.live.robot).items()
@@ -765,7 +771,9 @@ class _Search:
     def commanded(self, state: LiveState) -> str:
         """The commands and the efforts of a state."""
         names = (self.channels[k] for k in dict.fromkeys([*self.command, *self.effort]))
-        return ", ".join(f"{name} {format_quantity(state.channels[name] + 0.0, self.task.units[name])}" for name in names)
+        return ", ".join(
+            f"{name} {format_quantity(state.channels[name] + 0.0, self.task.units[name])}" for name in names
+        )
 
     def wanted_inside(self) -> str:
         """The sentences, with a blank before each, on wanted places that are inside obstacles."""

@@ -18,6 +18,7 @@ from softcal.checks import Floats, Ints
 from softcal.declare import Declared
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
+from softcal.geometry.ring import across
 from softcal.quantities import Size
 
 CUTS = np.arange(1, 9) / 9.0  # of what is left of a triangle in each round; the best one and its neighbours stay
@@ -46,7 +47,7 @@ class Obstacle(Declared, ABC):
     def deepest(self, corners: Floats) -> Floats:
         """Shares (k, 3) of the corners (k, 3, 3) [m] of triangles at the place of each that is deepest in it."""
         k = len(corners)
-        origin, across, along = corners[:, :1], corners[:, 1:2] - corners[:, :1], corners[:, 2:] - corners[:, :1]
+        origin, aside, along = corners[:, :1], corners[:, 1:2] - corners[:, :1], corners[:, 2:] - corners[:, :1]
         begin, width = np.zeros(k), np.ones(k)
         u = v = np.zeros((k, 1))
         best: Ints = np.zeros(k, dtype=np.int64)
@@ -55,10 +56,10 @@ class Obstacle(Declared, ABC):
             low, high = np.zeros_like(u), 1.0 - u
             for _ in range(HALVINGS):
                 v = 0.5 * (low + high)
-                points = origin + u[:, :, None] * across + v[:, :, None] * along
+                points = origin + u[:, :, None] * aside + v[:, :, None] * along
                 slope = np.sum(self.distances(points.reshape(-1, 3))[1].reshape(points.shape) * along, axis=2)
                 low, high = np.where(slope < 0.0, v, low), np.where(slope < 0.0, high, v)
-            points = origin + u[:, :, None] * across + v[:, :, None] * along
+            points = origin + u[:, :, None] * aside + v[:, :, None] * along
             best = self.distances(points.reshape(-1, 3))[0].reshape(u.shape).argmin(axis=1)
             begin, width = begin + width * best / 9.0, width * 2.0 / 9.0
         u, v = (each[np.arange(k), best] for each in (u, v))
@@ -88,9 +89,8 @@ class HalfSpace(Obstacle):
         return np.eye(3)[((corners - self.point) @ self.normal).argmin(axis=1)]
 
     def drawn(self, around: Floats, extent: float) -> tuple[Floats, Ints]:
-        a = np.cross(self.normal, np.eye(3)[int(np.argmin(np.abs(self.normal)))])
-        a *= 0.5 * extent / float(np.linalg.norm(a))
-        b = np.cross(self.normal, a)
+        a: Floats = 0.7 * extent * across(self.normal)
+        b: Floats = np.asarray(np.cross(self.normal, a), dtype=np.float64)
         middle = around - ((around - self.point) @ self.normal) * self.normal
         return middle + np.array([a + b, b - a, -a - b, a - b]), np.array([(0, 1, 2), (0, 2, 3)])
 

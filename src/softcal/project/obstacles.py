@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from softcal.declare import require_one
-from softcal.errors import Fault, ProjectFileError
+from softcal.errors import ProjectFileError
 from softcal.geometry.obstacle import BoxObstacle, HalfSpace, Obstacle, SphereObstacle
 from softcal.names import part_name_fault
 from softcal.project.document import Findings

@@ -100,7 +100,7 @@ class RobotSurface:
         frames[: layout.n_moving_frames] = moving.reshape(-1, 6, k)
         turned = np.einsum("nij,nj->ni", state.rotation[self.frames], self.arms)
         own = frames[self.frames]
-        carried = own[:, :3] + np.cross(own[:, 3:], turned[:, :, None], axis=1)
+        carried: Floats = own[:, :3] + np.asarray(np.cross(own[:, 3:], turned[:, :, None], axis=1), dtype=np.float64)
         return np.concatenate([(self.weights @ moves).reshape(-1, 3, k), carried])
 
     def clearances(self, state: State, obstacles: Mapping[str, Obstacle], extent: float) -> Clearances:
@@ -181,7 +181,7 @@ def build_surface(
         blocks.append(sp.csr_matrix((np.ones(len(i)), (i, first[rod.name] + i)), (len(i), n_points)))
         radii = [0.5 * rod.section.at(share).outer_diameter for share in (stations / stations[-1]).tolist()]
         add(rod.name, np.stack([i[:-1], i[1:], i[1:]], axis=1), np.array(radii))
-    weights = sp.vstack(blocks, format="csr")
+    weights: Any = sp.vstack(blocks, format="csr")
     frames, arms = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))]
     for plate in robot.plates:
         if plate.disc is not None:

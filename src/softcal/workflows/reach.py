@@ -18,14 +18,14 @@ from softcal.analysis.reach import (
     reach_sentences,
     reach_targets,
 )
-from softcal.checks import Floats
 from softcal.calibration.results.store import write_bytes
+from softcal.checks import Floats
 from softcal.csv_text import csv_text
 from softcal.declare import OrInfinite, checked_arguments
 from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
+from softcal.extras import require_extra
 from softcal.geometry.locate import nearest_places
 from softcal.geometry.obstacle import Obstacle
-from softcal.extras import require_extra
 from softcal.limits import LIMITS
 from softcal.project.project import Project, ProjectSource
 from softcal.quantities import QUANTITIES
@@ -250,7 +250,9 @@ def asked(  # noqa: PLR0913 (one argument for each option)
             faults.append(fault)
         elif abs(worst) > kind.most:
             got = _shown(worst, unit)
-            faults.append(Fault("this is not plausible", where, got, f"at most {_shown(kind.most, unit)}", kind.mistake))
+            faults.append(
+                Fault("this is not plausible", where, got, f"at most {_shown(kind.most, unit)}", kind.mistake)
+            )
         elif len(beyond):
             allowed = f"{_shown(lower[k], unit)} to {_shown(upper[k], unit)}"
             faults.append(Fault("the target is beyond a limit", where, _shown(float(beyond[0]), unit), allowed))
@@ -271,7 +273,9 @@ def asked(  # noqa: PLR0913 (one argument for each option)
     rest = live.state.clearances(obstacles) if obstacles else None
     for name, obstacle in (obstacles or {}).items():
         points, where = obstacle.drawn(np.zeros(3), live.extent)[0], f"obstacles.{name}"
-        around = [b.name for b in live.robot.bodies if not nearest_places(b.mesh, points, tolerance=0.0).distances.all()]
+        around = [
+            b.name for b in live.robot.bodies if not nearest_places(b.mesh, points, tolerance=0.0).distances.all()
+        ]
         if rest is not None and (depth := -float(rest.values[k := rest.nearest(name)])) > TOUCH:
             got = f"{rest.parts[k]} by {_shown(depth, 'm')}"
             faults.append(Fault("the robot at rest is inside the obstacle", where, got, "outside"))

@@ -57,7 +57,8 @@ def reach(  # noqa: PLR0913 (one argument for each option)
     ] = "effort",
     pretension: Annotated[str, _option("VALUE", "Least tension of every driven cable, such as 1N.")] = "0",
     obstacles: Annotated[
-        Path | None, _option("FILE", "Half-spaces, spheres and boxes that the robot must not enter, as YAML with units.")
+        Path | None,
+        _option("FILE", "Half-spaces, spheres and boxes that the robot must not enter, as YAML with units."),
     ] = None,
     values: Values = None,
     picture: Annotated[

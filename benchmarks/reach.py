@@ -23,12 +23,13 @@ from benchmarks.written_page import written_page
 from softcal.analysis.reach import TOLERANCES, ReachStep, reach_targets
 from softcal.checks import Floats
 from softcal.geometry.neck import Neck
+from softcal.geometry.obstacle import HalfSpace, SphereObstacle
 from softcal.geometry.primitives import box_mesh
 from softcal.twin.cables import CableLine
 from softcal.twin.live import LiveState, LiveTwin
 from softcal.twin.manipulator import Manipulator, Springs, manipulator
 from softcal.twin.robot import Body, Cable, Control, Plate, Robot, ViaPoint
-from softcal.workflows.reach import asked
+from softcal.workflows.reach import asked, reach
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "reach.md"
 SEED = 1
@@ -80,6 +81,17 @@ def tentacle() -> Robot:
         line = CableLine(friction_memory=True)
         cables.append(Cable(name, via, pulled_end="first", friction_coefficient=0.1, line=line))
     return Robot((body,), (tip,), tuple(cables), gravity=np.array([0.0, 0.0, -9.81]))
+
+
+def draw(path: Path) -> None:
+    """The tentacle beside a ball that is in the way of its target, over a table, as the page shows it."""
+    around = {
+        "ball": SphereObstacle(np.array([0.04, 0.0, -0.112]), 0.012),
+        "table": HalfSpace(np.array([0.0, 0.0, -0.13]), np.array([0.0, 0.0, 1.0])),
+    }
+    path.unlink(missing_ok=True)
+    limits = {"tension": (0.0, 1.0)}
+    reach(tentacle(), {"tip.x": 0.035, "tip.z": -0.11}, limits=limits, obstacles=around, picture=path)
 
 
 def cases() -> list[Case]:
@@ -296,7 +308,8 @@ def measure(quick: bool, targets: int = 200, compared: int = 20, unreachable: in
         "Targets are the channels at random tensions, within the limits of the search; each is sought from rest, those "
         "of the tentacle one after the other. Reached: within 10 µm and 0.01 deg. Of the others, random commands "
         "around the answer are tried: none that are safe and within the limits come closer. Times are those on the "
-        "processor, of one core. SciPy's functions have the same twin and exact derivatives, and start at a tenth of the largest "
+        "processor, of one core. SciPy's functions have the same twin and exact derivatives, and start at a tenth of "
+        "the largest "
         "tension. Unreachable targets are 1.5 to 3 times as far; nearest: as near, up to "
         f"{SAME:g}, as the best of many states improved by least_squares."
     ]
@@ -324,6 +337,7 @@ def main() -> None:
     print(section.markdown())
     if not given.quick:
         given.out.write_text(page(section), encoding="utf-8")
+        draw(given.out.with_suffix(".png"))
 
 
 if __name__ == "__main__":

@@ -415,13 +415,14 @@ class _Search:
             raise SimulationError(f"No commands within the limits were found: {why.rstrip('.')}.")
         self.barrier = best[2] or self.barrier
         end = self.preferred(best[1])
+        share, passed = self.passed(end)
         for _ in range(DETOURS):
-            share, _ = self.passed(end.values[self.command])
             self.shares = (*self.shares, share)
             if not share or (again := self.evaluated(end.unknowns, end.released, end.state)) is None:
                 break
             end = self.preferred(self.descended(again))
-        return self.checked(end)
+            share, passed = self.passed(end)
+        return self.checked(end, passed)
 
     def starts(self) -> Iterator[_Point]:
         """The points where the search begins, in turn."""
@@ -464,7 +465,7 @@ class _Search:
         more = ~released & self.by_coordinate & (point.values[self.effort] <= self.least)
         if more.any():
             return self.evaluated(unknowns, released | more, state)
-        each = ((share, self.on_the_way(point.values[self.command], share)) for share in self.shares)
+        each = ((share, self.on_the_way(point, share, self.before)) for share in self.shares)
         return replace(point, way=tuple((share, state) for share, state in each if state.succeeded))
 
     def moved(self, here: _Point, at: _Linear, step: Floats) -> _Point | None:
@@ -660,12 +661,13 @@ class _Search:
         correction = np.linalg.pinv(at.moving, rcond=1e-9) @ -error
         return self.moved(there, at, np.clip(correction, -size, size))
 
-    def checked(self, end: _Point) -> ReachStep:
-        """The commands of the end, given to the twin once more from the state before, and what they reach."""
+    def checked(self, end: _Point, passed: str) -> ReachStep:
+        """The commands of the end, given to the twin once more from the state before, and what they reach; passed: the
+        obstacle on their way, see there.
+        """
         live, at = self.live, self.linear(end)
         values = np.clip(end.values[self.command], self.lower[self.command], self.upper[self.command])
         commands = {one.name: float(value) for one, value in zip(self.actuators, values, strict=True)}
-        _, passed = self.passed(values)
         live.return_to(self.before)
         state = live.at(commands, self.elapsed)
         self.n_states += 1
@@ -718,20 +720,21 @@ class _Search:
             },
         )
 
-    def on_the_way(self, values: Floats, share: float) -> LiveState:
-        """The state at a share of the straight line of commands from the last ones (m,)."""
-        self.live.return_to(self.before)
+    def on_the_way(self, end: _Point, share: float, begin: LiveState) -> LiveState:
+        """The state at a share of the straight line of commands from the last ones, from a state on it."""
+        self.live.return_to(self.before if self.live.remembers else begin)
         self.n_states += 1
+        values = end.values[self.command]
         commands = dict(zip((one.name for one in self.actuators), values.tolist(), strict=True))
         return self.live.at(self.between(self.before, commands, share), self.elapsed * share)
 
-    def passed(self, values: Floats) -> tuple[float, str]:
+    def passed(self, end: _Point) -> tuple[float, str]:
         """Where on the straight line of commands from the last ones the robot is deepest in an obstacle: the share of
         the line, 0 for nowhere, and part of a sentence.
         """
-        deepest, share, told = -TOUCH, 0.0, ""
+        deepest, share, told, state = -TOUCH, 0.0, "", self.before
         for k in range(1, ON_THE_WAY + 1) if self.task.obstacles else ():
-            state = self.on_the_way(values, k / (ON_THE_WAY + 1))
+            state = self.on_the_way(end, k / (ON_THE_WAY + 1), state)
             near = state.clearances(self.task.obstacles)
             worst = int(np.argmin(near.values))
             if state.succeeded and near.values[worst] < deepest:

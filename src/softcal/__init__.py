@@ -58,6 +58,9 @@ if TYPE_CHECKING:
     from softcal.geometry.centreline import helix as helix
     from softcal.geometry.centreline import straight as straight
     from softcal.geometry.mesh import TetMesh as TetMesh
+    from softcal.geometry.obstacle import BoxObstacle as BoxObstacle
+    from softcal.geometry.obstacle import HalfSpace as HalfSpace
+    from softcal.geometry.obstacle import SphereObstacle as SphereObstacle
     from softcal.geometry.primitives import box_mesh as box_mesh
     from softcal.geometry.read import read_mesh as read_mesh
     from softcal.geometry.section import GivenSection as GivenSection
@@ -157,6 +160,7 @@ _HOMES = {
     "Actuator": "softcal.twin.actuated",
     "ActuatorSensor": "softcal.sensing.sensor",
     "Body": "softcal.twin.robot",
+    "BoxObstacle": "softcal.geometry.obstacle",
     "Cable": "softcal.twin.robot",
     "CableLine": "softcal.twin.cables",
     "CalibrationError": "softcal.errors",
@@ -185,6 +189,7 @@ _HOMES = {
     "FreeParameter": "softcal.calibration.problem.parameters",
     "Gallery": "softcal.report.section",
     "GivenSection": "softcal.geometry.section",
+    "HalfSpace": "softcal.geometry.obstacle",
     "InputError": "softcal.errors",
     "Jacobian": "softcal.twin.live",
     "Law": "softcal.materials.law",
@@ -231,6 +236,7 @@ _HOMES = {
     "SimulationError": "softcal.errors",
     "Small": "softcal.report.section",
     "SoftcalError": "softcal.errors",
+    "SphereObstacle": "softcal.geometry.obstacle",
     "Springs": "softcal.twin.manipulator",
     "StorageError": "softcal.errors",
     "SurfaceLoad": "softcal.twin.robot",
@@ -294,6 +300,7 @@ __all__ = [
     "Actuator",
     "ActuatorSensor",
     "Body",
+    "BoxObstacle",
     "Cable",
     "CableLine",
     "CalibrationError",
@@ -322,6 +329,7 @@ __all__ = [
     "FreeParameter",
     "Gallery",
     "GivenSection",
+    "HalfSpace",
     "InputError",
     "Jacobian",
     "Law",
@@ -368,6 +376,7 @@ __all__ = [
     "SimulationError",
     "Small",
     "SoftcalError",
+    "SphereObstacle",
     "Springs",
     "StorageError",
     "SurfaceLoad",

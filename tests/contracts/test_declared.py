@@ -24,6 +24,7 @@ from softcal.geometry.bellows import Bellows
 from softcal.geometry.coil import Coil
 from softcal.geometry.disc import GuideHoles, SolidDisc
 from softcal.geometry.neck import Neck
+from softcal.geometry.obstacle import BoxObstacle, HalfSpace, SphereObstacle
 from softcal.geometry.placement import Placement, Turn
 from softcal.geometry.regions import Box, Cavity, Cylinder, Plane, Sphere
 from softcal.geometry.ring import Ring
@@ -130,6 +131,9 @@ STATED: list[tuple[str, Declared]] = [
     ),
     ("{spring_rate: 20 N/mm, rest_length: 99 mm}", CableLine(spring_rate=2e4, rest_length=0.099)),
     ("{point: [1 mm, 0 m, 0 m], direction: [0, 2, 0]}", RoutingAxis((0.001, 0.0, 0.0), (0.0, 2.0, 0.0))),
+    ("{point: [0 mm, 0 mm, -1 cm], normal: [0, 0, 2]}", HalfSpace((0.0, 0.0, -0.01), (0.0, 0.0, 1.0))),
+    ("{centre: [1 mm, 2 cm, 0 m], radius: 8 mm}", SphereObstacle((0.001, 0.02, 0.0), 0.008)),
+    ("{lower: [0 mm, 0 mm, 0 mm], upper: [1 mm, 1 cm, 1 m]}", BoxObstacle((0.0, 0.0, 0.0), (0.001, 0.01, 1.0))),
     ("{direction: [0, 0, 2], depth: 0.5 mm}", Clamp((0.0, 0.0, 1.0), 5e-4)),
     ("{x: 1 mm, y: 2 mm, z: 3 mm, rx: 0.1 rad, ry: 0.2 rad, rz: 0.3 rad}", Frame(1e-3, 2e-3, 3e-3, 0.1, 0.2, 0.3)),
     ("{pulleys: {wrap: 2 rad}, length: 425 mm}", CommonRig(pulleys=Pulleys(wrap=2.0), length=0.425)),

@@ -108,6 +108,13 @@ FAULTS = {
     "another preference": (["--to", "plate.x=3mm", "--prefer", "beauty"], "this is of the wrong kind; got 'beauty'"),
     "another control": (["--to", "plate.x=3mm", "--by", "force"], "no actuator is commanded by this; got 'force'"),
     "an unknown cable": (["--to", "plate.x=3mm", "--by", "back=tension"], "back"),
+    "an unknown stiffness": (["--to", "plate.q_stiffness=3N/m"], "the robot has no such channel.*plate.x_stiffness"),
+    "a stiffness in another unit": (["--to", "plate.x_stiffness=3N"], "the unit does not fit; got 'N'"),
+    "a stiffness below zero": (["--to", "plate.x_stiffness=-3N/m"], "a stiffness is positive"),
+    "a stiffness beyond its limit": (
+        ["--to", "plate.x_stiffness=3N/m", "--limit", "plate.x_stiffness=5N/m.."], "the target is beyond a limit"),
+    "no file of obstacles": (["--to", "plate.x=3mm", "--obstacles", "none.yaml"], "none.yaml"),
+    "another file of a picture": (["--to", "plate.x=3mm", "--picture", "reached.pdf"], "a name with .png or .svg"),
     "all at once": (["--to", "plate.pich=3deg,plate.x=3N", "--limit", "tension=1"], "3 faults"),
 }  # fmt: skip
 
@@ -123,6 +130,76 @@ def test_what_cannot_be_is_refused(
 
     assert re.search(told, error, re.DOTALL), error
     assert not (tmp_path / "out").exists()
+
+
+AROUND = """\
+obstacles:
+  beam: {sphere: {centre: [0 mm, 0 mm, 50 mm], radius: 8 mm}}
+  table: {half_space: {point: [0 mm, 0 mm, -10 mm], normal: [0, 0, 1]}}
+"""
+
+
+def test_a_robot_inside_an_obstacle_and_faults_of_its_file_are_refused(
+    project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "around.yaml"
+    for text, told in (
+        (AROUND, r"obstacles\.beam: the obstacle is inside the robot at rest; got bar"),
+        (AROUND.replace("8 mm", "12 mm"), r"obstacles\.beam: the robot at rest is inside the obstacle; got bar by"),
+        (AROUND.replace("8 mm", "8 N"), r"around\.yaml:2: obstacles\.beam\.sphere\.radius: the unit does not fit"),
+        (AROUND.replace("8 mm", ".nan mm"), "this is not a quantity"),
+        (AROUND.replace("sphere", "cone"), "unknown key"),
+    ):
+        path.write_text(text)
+        code, _, error = run(capsys, "reach", project, "--to", "plate.pitch=3deg", "--obstacles", path)
+        assert (code, bool(re.search(told, error))) == (2, True), error
+        assert "obstacles.table" not in error
+
+
+def test_obstacles_are_kept_and_the_state_is_drawn(
+    project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    free = softcal.reach(project, {"plate.pitch": np.radians(3.0)}).steps[0]
+    state = softcal.LiveTwin(softcal.load(project), "tension").at({"front": free.commands["front.tension"]})
+    top = state.shape.points["bar"]
+    k = int(np.argmax(top[:, 0]))
+    plane = softcal.HalfSpace((top[k, 0] - 2e-4, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    assert state.clearances({"wall": plane}).values.min() == pytest.approx(-2e-4, abs=1e-8)
+    path = tmp_path / "around.yaml"
+    path.write_text(
+        "obstacles:\n"
+        f"  wall: {{half_space: {{point: [{1e3 * top[k, 0] - 0.2:.9f} mm, 0 mm, 0 mm], normal: [-1, 0, 0]}}}}\n"
+        "  far: {box: {lower: [-1 m, -1 m, -2 m], upper: [1 m, 1 m, -1 m]}}\n"
+    )
+    options = ("--to", "plate.pitch=3deg", "--obstacles", path, "--out", tmp_path / "out")
+    code, told, error = run(capsys, "reach", project, *options, "--picture", tmp_path / "reached.svg")
+    assert code == 0, error
+    assert re.search(r"Least clearance: -?\S+ mm from wall, 1000 mm from far\.", told), told
+    assert "bar touches wall" in told
+    assert "reached.svg" in told
+    assert (tmp_path / "reached.svg").read_text().startswith("<?xml")
+    stored = REACH.read(tmp_path / "out")
+    assert stored is not None
+    (step,) = stored.study.steps
+    assert step.outcome == "nearest"
+    assert abs(step.clearances["wall"]) < 1e-6
+    assert step.clearances["far"] == pytest.approx(1.0, abs=0.01)
+    code, _, error = run(capsys, "reach", project, "--to", "plate.pitch=3deg", "--picture", tmp_path / "reached.svg")
+    assert (code, "nothing is overwritten" in error) == (2, True), error
+    code, told, _ = run(capsys, "reach", project, "--to", "plate.pitch=3deg")
+    assert code == 0
+    assert "clearance" not in told
+    assert "Wrote" not in told
+
+
+def test_a_stiffness_is_wanted_in_the_line_and_printed(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    live = softcal.LiveTwin(softcal.load(project), "tension")
+    (name,) = (one for one in live.stiffness_units if one == "front.shortening_stiffness")
+    wanted = live.at({"front": 2.0}).stiffnesses(name)[name]
+    code, told, error = run(capsys, "reach", project, "--to", f"{name}={wanted:.6f}N/m", "--limit", "tension=..10N")
+    assert code == 0, error
+    assert "1 of 1 target(s) reached" in told
+    assert name in told
 
 
 TABLES = {

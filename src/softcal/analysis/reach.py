@@ -1,8 +1,10 @@
 """Commands that bring channels of a robot to wanted values, on the exact twin with its exact derivatives.
 
-With channels y(u) of the equilibrium at commands u of m actuators, wanted values w and tolerances t:
+With channels y(u) of the equilibrium at commands u of m actuators, among them stiffnesses, wanted values w and
+tolerances t:
 
-    first     min |r(u)|^2,  r = (y - w) / t,  within limits  lower <= y_j(u) <= upper  of any channels    (1)
+    first     min |r(u)|^2,  r = (y - w) / t,  within limits  lower <= y_j(u) <= upper  of any channels,   (1)
+              and distances d_i(u) >= 0  of points of the robot's surface from obstacles
     then      min |p(u)|^2  among the minimisers of (1): least effort, or nearest to the last commands      (2)
 
 *Unknowns.* An actuator is commanded by its effort (a cable's tension) or by its coordinate (its shortening). A slack
@@ -21,8 +23,9 @@ where A^T A + S is positive definite.
 
 *Control of the step* (`_Search.descended`). Merit |r|^2 / 2 + nu V, with the sum V of the violations and nu above the
 multipliers. Where a step lowers it by less than a small share of what is predicted, or the twin finds no equilibrium
-there or snaps on the way, the box shrinks to a quarter; where the prediction holds, it doubles. So the search never
-crosses an instability: it ends before it, and says where it is.
+there, snaps on the way or passes through itself, the box shrinks to a quarter; where the prediction holds, it doubles.
+So the search never crosses an instability: it ends before it, and says where it is, by bisection of the commands
+(`_Search.located`).
 
 *Preference* (`_Search.preferred`). Steps along the curved set of minimisers: after each one the residual of (1) is
 brought back by up to `RESTORED` steps with the same derivatives, and it counts only if (2) has decreased.
@@ -31,7 +34,9 @@ brought back by up to `RESTORED` steps with the same derivatives, and it counts 
 
 *What is checked at the end* (`_Search.checked`). The commands are given to the twin once more, from the state before.
 Reached: every |r_k| <= 1. Nearest: the gradient of (1) is a non-negative combination of those of the active limits, up
-to `STATIONARY` of its size. Else: refused, with the reason.
+to `STATIONARY` of its size. Else: refused, with the reason. On the straight line from the commands before, the
+clearance from obstacles is that of `ON_THE_WAY` more states; where the robot is in one, the search goes on with the
+deepest state of the line as a limit, d_i(u_s) >= 0 with d u_s = s du.
 
 A robot that remembers (reversing friction, histories of materials) is taken to each trial from the state before, over
 the straight line of commands, so that its memory is that of the commands that are returned, one after the other.
@@ -41,7 +46,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -51,9 +56,13 @@ from softcal.checks import Floats
 from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.errors import SimulationError
+from softcal.geometry.obstacle import Obstacle
 from softcal.html_text import summary
 from softcal.sensing.channel import channel_name
+from softcal.twin.channels import STIFFNESS
+from softcal.twin.clearance import Clearances
 from softcal.twin.live import LiveState, LiveTwin
+from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.units import format_quantity
 
@@ -71,8 +80,12 @@ KEPT = 1e-3  # of a tolerance, by which a limit may be passed between steps
 NO_GAIN = 1e-10  # of the merit: a smaller predicted decrease ends the search
 STATIONARY = 1e-3  # of the gradient of the residual: a smaller remainder counts as zero
 NO_EFFECT = 1e-7  # of the largest singular value: a smaller one is a direction without effect on the targets
+UNSTABLE = "the robot buckles or snaps to another equilibrium."
 KINK = "the derivatives jump there, as where friction reverses or a cable becomes slack, and no step comes closer."
 ELSEWHERE = "The last commands do not lead there: the robot has another equilibrium, and an instability is between."
+TOUCH = TOLERANCES["m"]  # tolerance of the distance from an obstacle
+ON_THE_WAY, BISECTIONS = 15, 10  # states on the way to the commands; of the commands between which it ends
+DETOURS = 3  # searches at most for commands on whose way no obstacle is
 PULL = 0.4  # size of the pulls from which further starts begin
 
 
@@ -94,7 +107,7 @@ class ReachStep(Checked):
     channels
         Every channel there [SI].
     active
-        Limits at which the robot is.
+        Limits at which the robot is, and obstacles that it touches.
     status
         How it ended, in sentences.
     gradient
@@ -106,6 +119,8 @@ class ReachStep(Checked):
         Wall time [s].
     time
         Of the target [s].
+    clearances
+        Obstacle -> its least distance from the robot's surface [m].
     """
 
     outcome: Outcome
@@ -119,6 +134,7 @@ class ReachStep(Checked):
     n_derivatives: int
     wall_s: float
     time: float | None = None
+    clearances: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def misses(self) -> dict[str, float]:
@@ -179,6 +195,11 @@ def reach_sentences(result: ReachResult) -> list[str]:
                 largest[name] = max(abs(miss), largest.get(name, 0.0))
         shown = (f"{name} {format_quantity(off, result.units[name], digits=2)}" for name, off in largest.items())
         told.append(f"{len(reached)} of {n} target(s) reached; largest errors: {', '.join(shown)}.")
+    names = dict.fromkeys(name for step in result.steps for name in step.clearances)
+    if names:
+        least = {name: min(step.clearances[name] for step in result.steps) for name in names}
+        apart = (f"{format_quantity(round(least[name], 8) + 0.0, 'm', digits=3)} from {name}" for name in names)
+        told.append(f"Least clearance: {', '.join(apart)}.")
     for k, step in enumerate(result.steps, start=1):
         if step.outcome != "reached":
             told.append(step.status if n == 1 else f"Target {k}: {step.status}")
@@ -187,10 +208,12 @@ def reach_sentences(result: ReachResult) -> list[str]:
 
 @dataclass(frozen=True)
 class ReachTask:
-    """The task beside its targets; arrays by channel of the twin, in its order and SI.
+    """The task beside its targets; arrays by channel, in their order and SI.
 
     Attributes
     ----------
+    units
+        Channel -> its unit: those of the twin, then the stiffnesses that are wanted or limited.
     tolerances
         Below which an error counts as none (n_channels,).
     weights
@@ -201,14 +224,23 @@ class ReachTask:
         Largest changes of the channels per second (n_channels,), infinite where there is none.
     prefer
         What is least where actuators are left.
+    obstacles
+        The obstacles by name.
     """
 
+    units: Mapping[str, str]
     tolerances: Floats
     weights: Floats
     lower: Floats
     upper: Floats
     rates: Floats
     prefer: Prefer = "effort"
+    obstacles: Mapping[str, Obstacle] = field(default_factory=dict)
+
+    @property
+    def stiffnesses(self) -> tuple[str, ...]:
+        """The stiffnesses among the channels."""
+        return tuple(name for name in self.units if name.endswith(STIFFNESS))
 
 
 def reach_targets(
@@ -246,17 +278,41 @@ def reach_targets(
 class _Point:
     """An equilibrium of the search.
 
-    unknowns: per actuator, its effort where it is commanded by it or released, else its coordinate (m,).
+    way: states on the straight line of commands to it that must be clear of obstacles too, each behind its share of the
+    line. unknowns: per actuator, its effort where it is commanded by it or released, else its coordinate (m,).
     """
 
+    task: ReachTask
     state: LiveState
     unknowns: Floats
     released: np.ndarray
+    way: tuple[tuple[float, LiveState], ...] = ()
+
+    @cached_property
+    def channels(self) -> dict[str, float]:
+        """The channels, with the stiffnesses."""
+        return {**self.state.channels, **self.state.stiffnesses(*self.task.stiffnesses)}
 
     @cached_property
     def values(self) -> Floats:
         """The channels (n_channels,)."""
-        return np.array(list(self.state.channels.values()))
+        return np.array(list(self.channels.values()))
+
+    @cached_property
+    def near(self) -> tuple[tuple[float, LiveState, Clearances], ...]:
+        """The distances from obstacles, at the state and on the way to it."""
+        each = ((1.0, self.state), *self.way) if self.task.obstacles else ()
+        return tuple((share, state, state.clearances(self.task.obstacles)) for share, state in each)
+
+
+@dataclass(frozen=True)
+class _Barrier:
+    """Commands that the search could not follow from a state, and why."""
+
+    why: str
+    begin: LiveState
+    commands: Mapping[str, float]
+    released: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -309,7 +365,7 @@ class _Search:
     def __init__(self, live: LiveTwin, task: ReachTask, wanted: Mapping[str, float], elapsed: float) -> None:
         self.began = time.perf_counter()
         self.live, self.task, self.wanted, self.elapsed = live, task, wanted, elapsed
-        self.before, self.channels, self.actuators = live.state, list(live.units), live.actuators
+        self.before, self.channels, self.actuators = live.state, list(task.units), live.actuators
         self.number = {name: k for k, name in enumerate(self.channels)}
         self.targets = np.array([self.number[name] for name in wanted])
         self.goal, self.tolerance = np.array(list(wanted.values())), task.tolerances[self.targets]
@@ -317,7 +373,7 @@ class _Search:
         self.effort = np.array([self.number[f"{one.name}.{one.effort}"] for one in self.actuators])
         self.coordinate = np.array([self.number[f"{one.name}.{one.coordinate}"] for one in self.actuators])
         self.command = np.where(self.by_coordinate, self.coordinate, self.effort)
-        last = np.array(list(self.before.channels.values()))
+        last = self.last = _Point(task, self.before, np.zeros(0), np.zeros(0)).values
         change = task.rates * elapsed if np.isfinite(elapsed) else np.full(len(last), np.inf)
         self.lower, self.upper = np.maximum(task.lower, last - change), np.minimum(task.upper, last + change)
         least = np.array([one.least_effort for one in self.actuators])
@@ -326,9 +382,11 @@ class _Search:
         self.fond = self.effort if task.prefer == "effort" else self.command
         self.reference = np.zeros(len(last)) if task.prefer == "effort" else last
         self.fond_scale = np.zeros(0)  # of the first point
-        self.barrier, self.n_states, self.n_derivatives = "", 0, 0
+        self.barrier: _Barrier | None = None
+        self.n_states, self.n_derivatives = 0, 0
+        self.shares: tuple[float, ...] = ()
         size = {"m": live.extent, "rad": 1.0}
-        self.motion = np.array([1.0 / size[unit] if unit in size else 0.0 for unit in live.units.values()])
+        self.motion = np.array([1.0 / size[unit] if unit in size else 0.0 for unit in task.units.values()])
 
     def found(self) -> ReachStep:
         """The commands, checked.
@@ -338,9 +396,9 @@ class _Search:
         SimulationError
             Where no commands keep the limits.
         """
-        best: tuple[tuple[bool, float], _Point, str] | None = None
+        best: tuple[tuple[bool, float], _Point, _Barrier | None] | None = None
         for start in self.starts():
-            barrier, self.barrier = self.barrier, ""
+            barrier, self.barrier = self.barrier, None
             end = self.descended(start)
             cost, told = self.cost(end), self.barrier
             self.barrier = barrier or told
@@ -349,18 +407,29 @@ class _Search:
             if self.is_reached(end):
                 break
         if best is None or best[0][0]:
-            why = self.barrier or "the limits contradict each other along every way that was tried"
+            why = "the limits contradict each other along every way that was tried"
+            for _, _, near in () if best is None else best[1].near:
+                if near.values.min() < -TOUCH:
+                    why = f"no way that was tried keeps out of {near.obstacles[int(np.argmin(near.values))]}"
+            why = self.barrier.why if self.barrier else why
             raise SimulationError(f"No commands within the limits were found: {why.rstrip('.')}.")
         self.barrier = best[2] or self.barrier
-        return self.checked(self.preferred(best[1]))
+        end = self.preferred(best[1])
+        share, passed = self.passed(end)
+        for _ in range(DETOURS):
+            self.shares = (*self.shares, share)
+            if not share or (again := self.evaluated(end.unknowns, end.released, end.state)) is None:
+                break
+            end = self.preferred(self.descended(again))
+            share, passed = self.passed(end)
+        return self.checked(end, passed)
 
     def starts(self) -> Iterator[_Point]:
         """The points where the search begins, in turn."""
         still = np.zeros(len(self.actuators))
         at_rest = np.array(self.by_coordinate & np.isfinite(self.least))
         if self.before.commands:
-            last = np.array(list(self.before.channels.values()))
-            released, values = at_rest & (last[self.effort] <= self.least), last[self.command]
+            released, values = at_rest & (self.last[self.effort] <= self.least), self.last[self.command]
             if (point := self.evaluated(np.where(released, 0.0, values), released, self.before)) is not None:
                 yield point
         if not self.live.remembers:
@@ -385,15 +454,19 @@ class _Search:
             live.return_to(begin)
         names = np.array([one.name for one in self.actuators])
         commands = dict(zip(names[~released].tolist(), unknowns[~released].tolist(), strict=True))
-        state = live.at(commands, self.elapsed, released=names[released].tolist())
+        slack = names[released].tolist()
+        state = live.at(commands, self.elapsed, released=slack)
         self.n_states += 1
-        if not state.succeeded or state.snaps:
-            self.barrier = state.status
+        if why := _ended(state):
+            self.barrier = _Barrier(why, begin, commands, slack)
             live.return_to(begin)
             return None
-        point = _Point(state, np.where(released, self.least, unknowns), released)
-        slack = ~released & self.by_coordinate & (point.values[self.effort] <= self.least)
-        return self.evaluated(unknowns, released | slack, state) if slack.any() else point
+        point = _Point(self.task, state, np.where(released, self.least, unknowns), released)
+        more = ~released & self.by_coordinate & (point.values[self.effort] <= self.least)
+        if more.any():
+            return self.evaluated(unknowns, released | more, state)
+        each = ((share, self.on_the_way(point, share, self.before)) for share in self.shares)
+        return replace(point, way=tuple((share, state) for share, state in each if state.succeeded))
 
     def moved(self, here: _Point, at: _Linear, step: Floats) -> _Point | None:
         """The equilibrium after a step of the unknowns, in their scales; None as `evaluated`."""
@@ -416,7 +489,10 @@ class _Search:
             f"{one.name}.{one.coordinate if driven else one.effort}"
             for one, driven in zip(self.actuators, self.by_coordinate & ~here.released, strict=True)
         ]
-        rates = found.values[:, [found.names.index(label) for label in labels]]
+        stiff = self.task.stiffnesses
+        by_stiffness = [here.state.stiffnesses_by_commands(*stiff).values] if stiff else []
+        columns = [found.names.index(label) for label in labels]
+        rates = np.concatenate([found.values, *by_stiffness])[:, columns]
         scale = 1.0 / np.maximum(np.abs(rates * self.motion[:, None]).max(axis=0), 1e-12)
         y, m = here.values, len(labels)
         rows: list[Floats] = []
@@ -426,7 +502,7 @@ class _Search:
         behind = here.released & (y[self.coordinate] > self.upper[self.coordinate])
         free = set(self.coordinate[behind].tolist())
         for k in np.flatnonzero(np.isfinite(self.lower) | np.isfinite(self.upper)).tolist():
-            tolerance, unit = self.task.tolerances[k], self.live.units[self.channels[k]]
+            tolerance, unit = self.task.tolerances[k], self.task.units[self.channels[k]]
             fixed = (self.task.lower[k], self.task.upper[k], *self.least)
             for sign, bound, side in ((1.0, self.lower[k], "lower"), (-1.0, self.upper[k], "upper")):
                 if np.isfinite(bound) and not (sign < 0.0 and k in free):
@@ -438,6 +514,13 @@ class _Search:
             rows.append(-np.eye(m)[k])
             gaps.append(0.0)
             names.append(f"{self.channels[self.coordinate[k]]} beyond its upper limit: slack")
+        for share, state, near in here.near:
+            slopes = state.clearances_by_commands(near)
+            own = [slopes.names.index(label) if label in slopes.names else -1 for label in labels]
+            rows += [*(share * np.where(np.array(own) < 0, 0.0, slopes.values[:, own]) * scale / TOUCH)]
+            gaps += (-near.values / TOUCH).tolist()
+            there = "" if share == 1.0 else " on the way"
+            names += [f"{part} touches {one}{there}" for part, one in zip(near.parts, near.obstacles, strict=True)]
         if not len(self.fond_scale):
             kinds = [channel_name(self.channels[k]).kind.name for k in self.fond]
             own = np.abs(rates[self.fond, np.arange(m)] * scale).tolist()
@@ -469,7 +552,8 @@ class _Search:
         over = y - self.upper
         behind = point.released & self.by_coordinate
         over[self.coordinate[behind]] = -np.inf
-        return float(np.maximum(np.maximum(self.lower - y, over) / t - KEPT, 0.0).sum())
+        inside = sum(float(np.maximum(-near.values / TOUCH - KEPT, 0.0).sum()) for _, _, near in point.near)
+        return float(np.maximum(np.maximum(self.lower - y, over) / t - KEPT, 0.0).sum() + inside)
 
     def cost(self, point: _Point) -> tuple[bool, float]:
         """Whether limits are violated by more than a tolerance, and half the squared error."""
@@ -577,35 +661,43 @@ class _Search:
         correction = np.linalg.pinv(at.moving, rcond=1e-9) @ -error
         return self.moved(there, at, np.clip(correction, -size, size))
 
-    def checked(self, end: _Point) -> ReachStep:
-        """The commands of the end, given to the twin once more from the state before, and what they reach."""
+    def checked(self, end: _Point, passed: str) -> ReachStep:
+        """The commands of the end, given to the twin once more from the state before, and what they reach; passed: the
+        obstacle on their way, see there.
+        """
         live, at = self.live, self.linear(end)
-        live.return_to(self.before)
         values = np.clip(end.values[self.command], self.lower[self.command], self.upper[self.command])
         commands = {one.name: float(value) for one, value in zip(self.actuators, values, strict=True)}
+        live.return_to(self.before)
         state = live.at(commands, self.elapsed)
         self.n_states += 1
-        reached = _Point(state, end.unknowns, end.released)
+        reached = _Point(self.task, state, end.unknowns, end.released)
         residual, limits = at.remainder(at.moving, at.error, np.zeros((0, len(at.scale))))
-        is_whole = state.succeeded and not state.snaps
-        why = "" if is_whole else f"The way from the last commands to the best ones is not stable. {state.status}"
-        if is_whole and np.abs(self.errors(reached) - self.errors(end)).max() > 1.0:
-            is_whole, why = False, ELSEWHERE
-        if not is_whole:  # the last commands stay
+        why, barrier = "", self.barrier
+        if ended := _ended(state):
+            why = f"The way from the last commands to the best ones ends before them: {ended}"
+            barrier = _Barrier(ended, self.before, commands, ())
+        elif np.abs(self.errors(reached) - self.errors(end)).max() > 1.0:
+            why, barrier = ELSEWHERE, None
+        elif passed:
+            why, barrier = f"The way from the last commands to the best ones {passed}", None
+        if why:  # the last commands stay
             state = live.return_to(self.before)
-            reached, values = _Point(state, end.unknowns, end.released), np.array(list(state.channels.values()))
-            values = values[self.command]
-        elif residual > STATIONARY:
-            why = f"The way ends there: {self.barrier or KINK}"
+            reached, values = _Point(self.task, state, end.unknowns, end.released), self.last[self.command]
+        elif residual > STATIONARY and not self.is_reached(reached):
+            why = f"The way ends there: {barrier.why if barrier else KINK}"
         off = self.told(reached)
-        if is_whole and self.is_reached(reached):
+        if not why and self.is_reached(reached):
             outcome, told = "reached", f"Reached: {off}."
         elif why:
-            outcome, told = "refused", f"Refused: {off}. {why}"
+            outcome, told = "refused", f"Refused: {off}. {why}{self.located(barrier)}"
+            live.return_to(state)
         else:
             outcome = "nearest"
             told = f"Not reached: {off}. No commands near these come closer within the limits"
-            told += f": {', '.join(limits)}." if limits else "."
+            told += f": {', '.join(dict.fromkeys(limits))}." if limits else "."
+        if outcome != "reached":
+            told += self.wanted_inside()
         left = residual
         if outcome == "reached":
             left, limits = at.remainder(at.fond, at.off, at.moving)
@@ -614,21 +706,103 @@ class _Search:
             outcome=outcome,
             wanted=dict(self.wanted),
             commands={self.channels[k]: float(value) for k, value in zip(self.command, values, strict=True)},
-            channels=dict(state.channels),
-            active=tuple(limits),
+            channels=reached.channels,
+            active=tuple(dict.fromkeys(limits)),
             status=told,
             gradient=left,
             n_states=self.n_states,
             n_derivatives=self.n_derivatives,
             wall_s=time.perf_counter() - self.began,
+            clearances={
+                name: float(near.values[near.nearest(name)])
+                for _, _, near in reached.near
+                for name in self.task.obstacles
+            },
         )
+
+    def on_the_way(self, end: _Point, share: float, begin: LiveState) -> LiveState:
+        """The state at a share of the straight line of commands from the last ones, from a state on it."""
+        self.live.return_to(self.before if self.live.remembers else begin)
+        self.n_states += 1
+        values = end.values[self.command]
+        commands = dict(zip((one.name for one in self.actuators), values.tolist(), strict=True))
+        return self.live.at(self.between(self.before, commands, share), self.elapsed * share)
+
+    def passed(self, end: _Point) -> tuple[float, str]:
+        """Where on the straight line of commands from the last ones the robot is deepest in an obstacle: the share of
+        the line, 0 for nowhere, and part of a sentence.
+        """
+        deepest, share, told, state = -TOUCH, 0.0, "", self.before
+        for k in range(1, ON_THE_WAY + 1) if self.task.obstacles else ():
+            state = self.on_the_way(end, k / (ON_THE_WAY + 1), state)
+            near = state.clearances(self.task.obstacles)
+            worst = int(np.argmin(near.values))
+            if state.succeeded and near.values[worst] < deepest:
+                deepest, share = float(near.values[worst]), k / (ON_THE_WAY + 1)
+                told = f"passes through {near.obstacles[worst]}: {near.parts[worst]} by"
+                told += f" {format_quantity(-deepest, 'm', digits=2)}, {self.commanded(state)}."
+        return share, told
+
+    def between(self, begin: LiveState, commands: Mapping[str, float], share: float) -> dict[str, float]:
+        """Commands on the straight line from those of a state."""
+        names = {name: f"{name}.{self.live.controls[name]}" for name in commands}
+        return {name: (1.0 - share) * begin.channels[names[name]] + share * end for name, end in commands.items()}
+
+    def located(self, barrier: _Barrier | None) -> str:
+        """The sentence, with a blank before it, on the last safe commands on the way to a barrier, and the loads."""
+        if barrier is None:
+            return ""
+        low, high, safe = 0.0, 1.0, barrier.begin
+        for _ in range(BISECTIONS):
+            share = 0.5 * (low + high)
+            self.live.return_to(barrier.begin)
+            commands = self.between(barrier.begin, barrier.commands, share)
+            state = self.live.at(commands, self.elapsed, released=barrier.released)
+            self.n_states += 1
+            low, high, safe = (low, share, safe) if _ended(state) else (share, high, state)
+        parts = {load.name for load in self.live.robot.loads} | {
+            f"{plate.name}.mass" for plate in self.live.robot.plates
+        }
+        loads = [
+            f"{name} {format_quantity(one.value, one.quantity.unit)}"
+            for name, one in robot_parameters(self.live.robot).items()
+            if one.value and parts & {name, name.partition(".")[0]}
+        ]
+        under = f", under {', '.join(loads)}" if loads else ""
+        return f" The last safe commands on that way are {self.commanded(safe)}{under}."
+
+    def commanded(self, state: LiveState) -> str:
+        """The commands and the efforts of a state."""
+        names = (self.channels[k] for k in dict.fromkeys([*self.command, *self.effort]))
+        return ", ".join(
+            f"{name} {format_quantity(state.channels[name] + 0.0, self.task.units[name])}" for name in names
+        )
+
+    def wanted_inside(self) -> str:
+        """The sentences, with a blank before each, on wanted places that are inside obstacles."""
+        found = ""
+        for carrier in dict.fromkeys(channel_name(name).point for name in self.wanted):
+            place = [self.wanted.get(f"{carrier}.{axis}", np.nan) for axis in "xyz"]
+            for name, obstacle in self.task.obstacles.items():
+                if (distance := obstacle.distances(np.array([place]))[0][0]) < 0.0:
+                    found += f" The place wanted of {carrier} is inside {name}, by {format_quantity(-distance, 'm')}."
+        return found
 
     def told(self, point: _Point) -> str:
         """By how much each target is missed."""
         off = np.abs(point.values[self.targets] - self.goal)
-        units = [self.live.units[name] for name in self.wanted]
+        units = [self.task.units[name] for name in self.wanted]
         each = zip(self.wanted, off.tolist(), units, strict=True)
         return ", ".join(f"{name} {format_quantity(value, unit, digits=3)} off" for name, value, unit in each)
+
+
+def _ended(state: LiveState) -> str:
+    """Why a way ends at a state: no equilibrium, an instability, bodies that intersect; or ""."""
+    try:
+        is_stable = state.succeeded and not state.snaps and state.is_stable
+    except SimulationError as error:
+        return str(error)
+    return state.crossed if is_stable else UNSTABLE if state.succeeded else state.status
 
 
 def _least(A: Floats, b: Floats, rows: Floats, gaps: Floats) -> tuple[Floats, Floats]:

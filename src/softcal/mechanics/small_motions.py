@@ -111,7 +111,7 @@ def small_motions(
     if MOST_SHARE * n_modes > moving:
         raise ParameterError(Fault("too many modes", "modes", str(n_modes), f"at most {moving // MOST_SHARE}"))
     at = system.linearise(state, controls, statics.theta)
-    _require_linear(statics, at, state)
+    require_linear(statics, at, state)
     statics.factorise(at)
     if exclude_free_modes(statics, at).size:
         raise SimulationError("The robot moves freely, without a force to bring it back: a frequency is zero.")
@@ -205,8 +205,23 @@ def damping_tangent(
     return Linearisation(at.controls, (), data=SHORT * (after.data - at.data))
 
 
-def _require_linear(statics: Statics, at: Linearisation, state: State) -> None:
-    """Raise where small motions are not linear, or have no symmetric form."""
+def require_linear(statics: Statics, at: Linearisation, state: State) -> None:
+    """Raise where small motions are not linear, or have no symmetric form.
+
+    Parameters
+    ----------
+    statics
+        The system at its parameters.
+    at
+        The tangent at the state.
+    state
+        The equilibrium.
+
+    Raises
+    ------
+    SimulationError
+        There, with the reason.
+    """
     system, border = statics.system, at.border
     every = range(len(system.actuators))
     drives = [system.drive(state, i, statics.theta) for i in every]

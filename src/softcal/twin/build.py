@@ -30,6 +30,7 @@ from softcal.sensing.channel import ChannelName
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensor import NamedSensor
 from softcal.twin.channels import channels_of, require_sensors, sensors_of
+from softcal.twin.clearance import RobotSurface, build_surface
 from softcal.twin.contacts import build_contacts, disc_skin
 from softcal.twin.crossings import build_skins
 from softcal.twin.joints import join_ties, nodes_in_use, number_frames
@@ -98,6 +99,11 @@ class Twin:
     def skins(self) -> Skins | None:
         """The skins of the bodies, where no contact keeps them from passing through each other."""
         return build_skins(self.robot, self.system.layout, self.meshes, self.first_point)
+
+    @cached_property
+    def surface(self) -> RobotSurface:
+        """The surface that obstacles limit."""
+        return build_surface(self.robot, self.system, self.meshes, self.first_point, self.frame)
 
 
 def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:

@@ -10,9 +10,11 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError, unknown
-from softcal.sensing.channel import ChannelName
+from softcal.sensing.channel import ChannelName, other_of
 from softcal.sensing.sensor import PARTS, SENSORS, NamedSensor, Sensor
 from softcal.twin.robot import Robot
+
+STIFFNESS = "_stiffness"  # suffix of the stiffness of a channel: `tip.x_stiffness`
 
 
 def sensors_of(robot: Robot) -> tuple[NamedSensor, ...]:
@@ -148,3 +150,15 @@ def _named(name: str, what: str, known: Mapping[str, V]) -> V:
     if name not in known:
         raise _NoPart(unknown(f"the robot has no such {what}", "", name, known))
     return known[name]
+
+
+def stiffness_units(robot: Robot) -> dict[str, str]:
+    """The stiffnesses of moving plates' channels and of actuators' coordinates, and their units."""
+    of_plate, moving = {"m": "N/m", "rad": "N*m/rad"}, {plate.name for plate in robot.plates if not plate.fixed}
+    units: dict[str, str] = {}
+    for channel in channels_of(sensors_of(robot)):
+        if channel.carrier in moving and channel.kind.unit in of_plate:
+            units[f"{channel}{STIFFNESS}"] = of_plate[channel.kind.unit]
+        elif channel.kind.drives == "coordinate":
+            units[f"{channel}{STIFFNESS}"] = f"{other_of(channel.kind).unit}/{channel.kind.unit}"
+    return units

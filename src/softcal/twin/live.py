@@ -14,17 +14,22 @@ from softcal.checks import Floats, ReadOnly
 from softcal.declare import FixedMapping, OrInfinite, as_annotated, checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
+from softcal.geometry.obstacle import Obstacle
 from softcal.limits import LIMITS
 from softcal.mechanics.actuator import ActuatorLimits
 from softcal.mechanics.cable import cables_of
+from softcal.mechanics.compliance import compliances
 from softcal.mechanics.march import Reached, Target, by_command
 from softcal.mechanics.node import by_parameters
 from softcal.mechanics.small_motions import small_motions
+from softcal.mechanics.stability import is_stable
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.warm_steps import WarmSteps
-from softcal.sensing.channel import ChannelName, kinds
+from softcal.sensing.channel import ChannelName, channel_name, kinds
 from softcal.twin.build import Twin, twin_of
+from softcal.twin.channels import STIFFNESS, stiffness_units
+from softcal.twin.clearance import Clearances
 from softcal.twin.crossings import crossed_at
 from softcal.twin.drawn_out import drawn_out, drawn_out_at
 from softcal.twin.linear_system import LinearSystem
@@ -155,6 +160,71 @@ class LiveState:
             Where the tangent is singular.
         """
         return self._place.by_parameters(as_annotated(names, tuple[str, ...], "names"))
+
+    def stiffnesses(self, *names: str) -> Mapping[str, float]:
+        """Stiffnesses such as `tip.x_stiffness` [SI]: of a plate's channel the force or moment on it by which the
+        channel changes, of an actuator's coordinate such as `front.shortening_stiffness` the effort, per unit, all
+        other commands staying; 0 of a slack cable.
+
+        Raises
+        ------
+        ParameterError
+            For what has no stiffness, see `LiveTwin.stiffness_units`.
+        SimulationError
+            Where it is not defined, as with friction or a memory, or the tangent is singular.
+        """
+        named = as_annotated(names, tuple[str, ...], "names")
+        return FixedMapping(zip(named, self._place.stiffnesses(named)[0].tolist(), strict=True))
+
+    def stiffnesses_by_commands(self, *names: str) -> Jacobian:
+        """Derivatives of stiffnesses by the commands, by differences of the tangent along the exact ways of the
+        unknowns: right to about 1e-7.
+
+        Raises
+        ------
+        ParameterError, SimulationError
+            As `stiffnesses`.
+        """
+        named = as_annotated(names, tuple[str, ...], "names")
+        return Jacobian(named, *self._place.stiffnesses(named, rates=True)[1:])
+
+    @checked_arguments
+    def clearances(self, obstacles: Mapping[str, Obstacle]) -> Clearances:
+        """Distances of the robot's surface from obstacles: of its bodies, rods and discs, not of its cables.
+
+        Parameters
+        ----------
+        obstacles
+            The obstacles by name.
+        """
+        return self._place.clearances(obstacles)
+
+    def clearances_by_commands(self, near: Clearances) -> Jacobian:
+        """Exact derivatives of the distances `near` of this state by the commands, in their order; the channels are
+        the obstacles.
+
+        Raises
+        ------
+        SimulationError
+            Where the tangent is singular.
+        """
+        return self._place.clearance_rates(near)
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether it is a stable equilibrium, at the cost of one factorisation, which derivatives share.
+
+        Raises
+        ------
+        SimulationError
+            Where the tangent is singular.
+        """
+        return self._place.is_stable()
+
+    @property
+    def crossed(self) -> str:
+        """The sentence on bodies that pass through themselves or each other here, as of `warnings`; or ""."""
+        return self._place.crossed().strip()
 
     @checked_arguments
     def linearised(self, modes: Annotated[int, LIMITS["modes"]] = 6, settings: TimeSettings = DEFAULT) -> LinearSystem:
@@ -311,6 +381,11 @@ class LiveTwin(_InOneProcess):
         return self._steps.statics.length
 
     @property
+    def stiffness_units(self) -> Mapping[str, str]:
+        """Every stiffness of the robot, see `LiveState.stiffnesses`, and its SI unit."""
+        return FixedMapping(stiffness_units(self.robot))
+
+    @property
     def actuators(self) -> tuple[ActuatorLimits, ...]:
         """The driven actuators, in the order of the controls."""
         every = {one.name: one for one in self._twin.system.actuators}
@@ -451,6 +526,22 @@ class _Place(_InOneProcess):
 
     @_in_turn
     def by_commands(self) -> Jacobian:
+        labels, dz = self._ways()
+        parts = {part.name: part.channels for part in self.twin.robot.commandable}
+        names = {name: str(ChannelName(parts[name][0], name)) for name in self.coordinates}
+        own = {name: (np.array(labels) == label).astype(float) for name, label in names.items()}
+        return self._jacobian(labels, sense_rates(self.twin, self.state, self._steps.statics.theta, dz, (), own))
+
+    @_in_turn
+    def is_stable(self) -> bool:
+        statics, now = self._steps.statics, self.reached.controls
+        self._steps.factorise(self.state, now)
+        if statics.n_unstable() == 0:
+            return True
+        return is_stable(statics, statics.system.linearise(self.state, now, statics.theta))
+
+    def _ways(self) -> tuple[tuple[str, ...], Floats]:
+        """The commands of all actuators, and dz / d command (n_unknowns, k)."""
         statics, now, target = self._steps.statics, self.reached.controls, self.aim.controls
         parts = {part.name: part.channels for part in self.twin.robot.commandable}
         numbers = np.array([self.twin.system.number(name) for name in parts], dtype=np.int64)
@@ -459,10 +550,49 @@ class _Place(_InOneProcess):
             for (name, channels), is_held in zip(parts.items(), target.is_held[numbers].tolist(), strict=True)
         )
         self._steps.factorise(self.state, now)
-        dz = by_command(statics, self.state, now, target, numbers)
-        names = {name: str(ChannelName(parts[name][0], name)) for name in self.coordinates}
-        own = {name: (np.array(labels) == label).astype(float) for name, label in names.items()}
-        return self._jacobian(labels, sense_rates(self.twin, self.state, statics.theta, dz, (), own))
+        return labels, by_command(statics, self.state, now, target, numbers)
+
+    @_in_turn
+    def stiffnesses(self, names: tuple[str, ...], *, rates: bool = False) -> tuple[Floats, tuple[str, ...], Floats]:
+        """Stiffnesses (n,), the commands, and the derivatives (n, k) by these; by none without `rates`."""
+        twin, statics, now = self.twin, self._steps.statics, self.reached.controls
+        layout, known = twin.system.layout, stiffness_units(twin.robot)
+        if others := [name for name in names if name not in known]:
+            raise ParameterError([unknown("this has no stiffness", "", name, known) for name in others])
+        labels, ways = self._ways() if rates else ((), np.zeros((layout.n_unknowns, 0)))
+        values, slopes = np.zeros(len(names)), np.zeros((len(names), len(labels)))
+        for k, name in enumerate(names):
+            channel = channel_name(name.removesuffix(STIFFNESS))
+            row, loads = twin.columns[channel], np.zeros((layout.n_unknowns, 6))
+            if channel.carrier in twin.frame:
+                first = layout.first_frame_unknown + 6 * twin.frame[channel.carrier]
+                loads[first + np.arange(6), np.arange(6)] = 1.0
+
+                def load(state: State, own: Floats = loads, row: int = row) -> Floats:
+                    """The force or moment on the plate that does work on the channel."""
+                    return own @ sense_rates(twin, state, statics.theta, own)[row][:, None]
+
+                (value,), slope = compliances(statics, self.state, now, load, ways)
+                values[k], slopes[k] = 1.0 / value, -slope[0] / value**2
+                continue
+            i = twin.system.number(channel.carrier)
+            if now.is_held[i] and not self.aim.controls.is_held[i]:
+                continue  # slack
+            loads[layout.first_effort_unknown + i, 0] = 1.0
+            driven = replace(now, is_held=now.is_held & (np.arange(len(now.is_held)) != i))
+            own = loads[:, :1]
+            (value,), slope = compliances(statics, self.state, driven, lambda _, own=own: own, ways)
+            values[k], slopes[k] = -value, -slope[0]
+        return values, labels, slopes
+
+    def clearances(self, obstacles: Mapping[str, Obstacle]) -> Clearances:
+        return self.twin.surface.clearances(self.state, obstacles, self._steps.statics.length)
+
+    @_in_turn
+    def clearance_rates(self, near: Clearances) -> Jacobian:
+        labels, dz = self._ways()
+        moves = self.twin.surface.rates(self.state, dz)[near.corners]
+        return Jacobian(near.obstacles, labels, np.einsum("ni,nc,ncik->nk", near.normals, near.shares, moves))
 
     @_in_turn
     def by_parameters(self, names: tuple[str, ...]) -> Jacobian:
@@ -532,11 +662,16 @@ class _Place(_InOneProcess):
     def shape(self, commands: Mapping[str, float]) -> Snapshot:
         return snapshot(self.twin, self.state, dict(commands), 0.0, "")
 
+    def crossed(self) -> str:
+        skins, x = self.twin.skins, self.state.x
+        if skins is None or not skins.pairs(x):
+            return ""
+        return crossed_at([("these commands", skins.crossings(x))])
+
     def warnings(self) -> tuple[str, ...]:
-        system, theta, x = self.twin.system, self._steps.statics.theta, self.state.x
+        system, theta = self.twin.system, self._steps.statics.theta
         begin = cables_of(system).lengths(self._steps.begin.state.x)
-        skins = self.twin.skins
-        crossed = "" if skins is None else crossed_at([("these commands", skins.crossings(x))])
+        crossed = self.crossed()
         out = drawn_out_at([("these commands", drawn_out(system, theta, begin, self.state))])
         return tuple(told.strip() for told in (crossed, out, system.remarks(self.state, theta)) if told)
 

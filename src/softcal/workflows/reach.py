@@ -10,6 +10,7 @@ import numpy as np
 from softcal.analysis.reach import (
     PREFERENCES,
     TOLERANCES,
+    TOUCH,
     Prefer,
     ReachResult,
     ReachStep,
@@ -17,23 +18,32 @@ from softcal.analysis.reach import (
     reach_sentences,
     reach_targets,
 )
+from softcal.calibration.results.store import write_bytes
 from softcal.checks import Floats
 from softcal.csv_text import csv_text
 from softcal.declare import OrInfinite, checked_arguments
-from softcal.errors import Fault, InputError, ParameterError, unknown
+from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
+from softcal.extras import require_extra
+from softcal.geometry.locate import nearest_places
+from softcal.geometry.obstacle import Obstacle
 from softcal.limits import LIMITS
 from softcal.project.project import Project, ProjectSource
 from softcal.quantities import QUANTITIES
-from softcal.sensing.channel import channel_name
+from softcal.report.reach_view import ReachView, draw_reach
+from softcal.report.style import encode
+from softcal.report.twin_view import TwinView
+from softcal.sensing.channel import channel_name, positions
+from softcal.twin.build import twin_of
 from softcal.twin.live import LiveTwin
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import times_fault
 from softcal.twin.robot import Control, Robot
 from softcal.units import format_quantity
-from softcal.workflows.output import require_free_folder
+from softcal.workflows.output import require_free_file, require_free_folder
 from softcal.workflows.study_files import StudyKind
 from softcal.workflows.study_source import load_calibrated
 
+STIFFNESS_TOLERANCE = 1e-3  # of the least stiffness that is wanted
 _BY_UNIT = {"m": "length", "rad": "angle", "N": "force"}  # the range of a channel whose kind has none of its own
 
 
@@ -50,7 +60,9 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
     weights: Mapping[str, float] | None = None,
     prefer: Prefer = "effort",
     pretension: float = 0.0,
+    obstacles: Mapping[str, Obstacle] | None = None,
     theta: Mapping[str, float] | None = None,
+    picture: str | Path | None = None,
     out: str | Path | None = None,
     progress: Callable[[int, ReachStep], None] | None = None,
 ) -> ReachResult:
@@ -61,7 +73,8 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
     twin
         A robot, a project, or the path of a project file or of a run folder, which has its calibrated values.
     targets
-        Channel -> wanted value [SI], or values of one target after the other: `{"tip.x": 0.02, "tip.pitch": 0.3}`.
+        Channel -> wanted value [SI], or values of one target after the other: `{"tip.x": 0.02, "tip.pitch": 0.3}`. A
+        stiffness stands beside the channels, such as `tip.x_stiffness` [N/m], see `LiveState.stiffnesses`.
     times
         Of the targets [s], for rates and for materials that relax or flow; by default each is held for long.
     controls
@@ -71,15 +84,20 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
     rates
         As limits: largest change per second [SI/s] from one target to the next.
     tolerances
-        As limits: error [SI] below which a target counts as reached, by default 10 um, 0.01 deg and 10 mN.
+        As limits: error [SI] below which a target counts as reached, by default 10 um, 0.01 deg and 10 mN, of a
+        stiffness 0.1 % of what is wanted.
     weights
         As limits: of an error, in units of its tolerance, where targets cannot be reached together.
     prefer
         Which commands are taken where several reach the target: of least "effort", or "nearest" to the last ones.
     pretension
         Least tension of every driven cable [N].
+    obstacles
+        Name -> a half-space, sphere or box that the robot's surface must not enter.
     theta
         Values of robot parameters by dotted name [SI], replacing the robot's own.
+    picture
+        A new file, .png or .svg: the state of the last target over rest, with what was wanted and the obstacles.
     out
         A new folder for the result as JSON, and the commands as CSV.
     progress
@@ -94,12 +112,17 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
     ------
     ParameterError
         With all faults of the targets and the options: unknown channels, values out of range, limits that contradict
-        each other or a target; for a parameter or cable that there is not.
+        each other or a target, obstacles in which the robot is at rest; for a parameter or cable that there is not.
     InputError
         For a twin that is none, arguments of the wrong kind, or an `out` that holds files.
     SimulationError
         Where the robot has no equilibrium, or no commands keep the limits.
     """
+    if picture is not None:
+        require_extra("pictures", "pyvista", where="picture")
+        if Path(picture).suffix not in (".png", ".svg"):
+            raise InputError(Fault("this is no file of a picture", "picture", str(picture), "a name with .png or .svg"))
+        require_free_file(Path(picture))
     if out is not None:
         require_free_folder(Path(out))
         if isinstance(twin, Robot):
@@ -107,7 +130,7 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
     project = twin if isinstance(twin, Robot | Project) else load_calibrated(Path(twin))
     robot = project if isinstance(project, Robot) else project.robot
     live = LiveTwin(with_parameters(robot, theta or {}), controls)
-    task, wanted = asked(live, targets, times, limits, rates, tolerances, weights, prefer, pretension)
+    task, wanted = asked(live, targets, times, limits, rates, tolerances, weights, prefer, pretension, obstacles)
     steps: list[ReachStep] = []
     for step in reach_targets(live, task, wanted, times):
         steps.append(step)
@@ -115,13 +138,24 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
             progress(len(steps), step)
     told = f"Of the commands for the same target those {PREFERENCES[prefer]} are taken"
     told += f", with at least {format_quantity(pretension, 'N')} in every cable." if pretension else "."
-    number = {name: k for k, name in enumerate(live.units)}
+    number = {name: k for k, name in enumerate(task.units)}
     result = ReachResult(
         steps=tuple(steps),
-        units=dict(live.units),
+        units=dict(task.units),
         tolerances={name: float(task.tolerances[number[name]]) for name in targets},
         preference=told,
     )
+    if picture is not None:
+        bent, places = live.state.shape, dict[str, tuple[Floats, Floats]]()
+        last = steps[-1]
+        for point in dict.fromkeys(one.point for one in map(channel_name, last.wanted) if one.point):
+            reached = {str(axis): last.channels[str(axis)] for axis in positions(point)}
+            wanted_there = [last.wanted.get(axis, value) for axis, value in reached.items()]
+            places[point] = np.array(wanted_there), np.array([*reached.values()])
+        tets = {name: mesh.tets for name, mesh in twin_of(live.robot).meshes.items()}
+        view = ReachView(TwinView(live.robot, live.reset().shape, bent, tets), places, obstacles or {})
+        png, svg = encode(draw_reach(view), "Commands for a pose")
+        write_bytes(Path(picture), png if Path(picture).suffix == ".png" else svg)
     if out is not None and isinstance(project, Project):
         REACH.write(result, project, "", Path(out))
     return result
@@ -137,6 +171,7 @@ def asked(  # noqa: PLR0913 (one argument for each option)
     weights: Mapping[str, float] | None = None,
     prefer: Prefer = "effort",
     pretension: float = 0.0,
+    obstacles: Mapping[str, Obstacle] | None = None,
 ) -> tuple[ReachTask, list[dict[str, float]]]:
     """The task, and each target by channel; arguments as of `reach`.
 
@@ -144,7 +179,7 @@ def asked(  # noqa: PLR0913 (one argument for each option)
     ----------
     live
         The twin.
-    targets, times, limits, rates, tolerances, weights, prefer, pretension
+    targets, times, limits, rates, tolerances, weights, prefer, pretension, obstacles
         As of `reach`.
 
     Raises
@@ -153,15 +188,19 @@ def asked(  # noqa: PLR0913 (one argument for each option)
         With all faults.
     """
     faults: list[Fault] = []
-    names, units = list(live.units), live.units
+    stated = {*targets, *(limits or {}), *(tolerances or {}), *(weights or {})}
+    stiffnesses = {name: unit for name, unit in live.stiffness_units.items() if name in stated}
+    units = {**live.units, **stiffnesses}
+    names = list(units)
     number = {name: k for k, name in enumerate(names)}
-    kinds = dict.fromkeys(channel_name(name).kind.name for name in names)
+    kinds = dict.fromkeys(channel_name(name).kind.name for name in live.units)
 
     def numbers(key: str, where: str) -> list[int]:
         """The channels of a name or of a kind."""
         found = [k for k, name in enumerate(names) if key in (name, channel_name(name).kind.name)]
         if not found:
-            faults.append(unknown("the robot has no such channel", where, key, [*names, *kinds]))
+            known = [*live.units, *live.stiffness_units, *kinds]
+            faults.append(unknown("the robot has no such channel", where, key, known))
         return found
 
     def each(given: Mapping[str, float] | None, where: str, default: Iterable[float]) -> Floats:
@@ -197,9 +236,11 @@ def asked(  # noqa: PLR0913 (one argument for each option)
         where = f"targets.{name}"
         column = columns[name] = np.atleast_1d(np.array(value, dtype=np.float64))
         if name not in number:
-            faults.append(unknown("the robot has no such channel", "targets", name, names))
+            known = [*live.units, *live.stiffness_units]
+            faults.append(unknown("the robot has no such channel", "targets", name, known))
             continue
         kind, k = channel_name(name).kind, number[name]
+        unit = units[name]
         quantity = QUANTITIES.get(kind.name) or QUANTITIES.get(_BY_UNIT.get(kind.unit, ""))
         worst = float(column[int(np.argmax(np.abs(column)))]) if len(column) else 0.0
         beyond = column[(column < lower[k]) | (column > upper[k])]
@@ -208,17 +249,38 @@ def asked(  # noqa: PLR0913 (one argument for each option)
         ):
             faults.append(fault)
         elif abs(worst) > kind.most:
-            got = _shown(worst, kind.unit)
+            got = _shown(worst, unit)
             faults.append(
-                Fault("this is not plausible", where, got, f"at most {_shown(kind.most, kind.unit)}", kind.mistake)
+                Fault("this is not plausible", where, got, f"at most {_shown(kind.most, unit)}", kind.mistake)
             )
         elif len(beyond):
-            allowed = f"{_shown(lower[k], kind.unit)} to {_shown(upper[k], kind.unit)}"
-            faults.append(Fault("the target is beyond a limit", where, _shown(float(beyond[0]), kind.unit), allowed))
+            allowed = f"{_shown(lower[k], unit)} to {_shown(upper[k], unit)}"
+            faults.append(Fault("the target is beyond a limit", where, _shown(float(beyond[0]), unit), allowed))
+        elif name in stiffnesses and not column.min(initial=np.inf) > 0.0:
+            faults.append(Fault("a stiffness is positive", where, _shown(float(column.min()), unit)))
+        elif name in stiffnesses and np.isnan(tolerance[k]):
+            tolerance[k] = STIFFNESS_TOLERANCE * float(column.min(initial=np.inf))
         if np.isnan(tolerance[k]):
-            faults.append(
-                Fault("the target needs a tolerance", where, f"no tolerance in {kind.unit}", attempt="tolerances")
-            )
+            faults.append(Fault("the target needs a tolerance", where, f"no tolerance in {unit}", attempt="tolerances"))
+    for k, name in enumerate(names):
+        if name in stiffnesses and np.isnan(tolerance[k]):
+            ends = np.abs([lower[k], upper[k]])
+            tolerance[k] = STIFFNESS_TOLERANCE * float(ends[np.isfinite(ends)].max(initial=1.0))
+    try:
+        live.state.stiffnesses(*stiffnesses)
+    except SimulationError as error:
+        faults.append(Fault("the robot has no such stiffness", ", ".join(stiffnesses), str(error)))
+    rest = live.state.clearances(obstacles) if obstacles else None
+    for name, obstacle in (obstacles or {}).items():
+        points, where = obstacle.drawn(np.zeros(3), live.extent)[0], f"obstacles.{name}"
+        around = [
+            b.name for b in live.robot.bodies if not nearest_places(b.mesh, points, tolerance=0.0).distances.all()
+        ]
+        if rest is not None and (depth := -float(rest.values[k := rest.nearest(name)])) > TOUCH:
+            got = f"{rest.parts[k]} by {_shown(depth, 'm')}"
+            faults.append(Fault("the robot at rest is inside the obstacle", where, got, "outside"))
+        elif around:
+            faults.append(Fault("the obstacle is inside the robot at rest", where, ", ".join(around), "outside"))
     lengths = {len(column) for column in columns.values()}
     if len(lengths) > 1:
         faults.append(Fault("the targets have different numbers of values", "targets", str(sorted(lengths))))
@@ -233,7 +295,8 @@ def asked(  # noqa: PLR0913 (one argument for each option)
         faults.append(Fault("a rate needs times", "rates", ", ".join(rates), "times of the targets"))
     if faults:
         raise ParameterError(faults)
-    task = ReachTask(np.nan_to_num(tolerance, nan=1.0), weight, lower, upper, rate, prefer)
+    tolerance = np.nan_to_num(tolerance, nan=1.0)
+    task = ReachTask(units, tolerance, weight, lower, upper, rate, prefer, dict(obstacles or {}))
     return task, [{name: float(column[k]) for name, column in columns.items()} for k in range(n)]
 
 

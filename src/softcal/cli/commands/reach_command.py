@@ -56,7 +56,14 @@ def reach(  # noqa: PLR0913 (one argument for each option)
         str, typer.Option(metavar="WHICH", help="Of several commands for one target: effort (the least), or nearest.")
     ] = "effort",
     pretension: Annotated[str, _option("VALUE", "Least tension of every driven cable, such as 1N.")] = "0",
+    obstacles: Annotated[
+        Path | None,
+        _option("FILE", "Half-spaces, spheres and boxes that the robot must not enter, as YAML with units."),
+    ] = None,
     values: Values = None,
+    picture: Annotated[
+        Path | None, _option("FILE", "A new picture, .png or .svg: the state of the last target, with the obstacles.")
+    ] = None,
     out: Annotated[Path | None, _option("DIR", "A folder, new or empty, for the commands as CSV and JSON.")] = None,
 ) -> None:
     """Tensions or shortenings that bring the robot to a wanted pose, within limits, on the exact twin.
@@ -68,11 +75,12 @@ def reach(  # noqa: PLR0913 (one argument for each option)
     project = load_calibrated(source, parsed_values(values))
     print_warnings(project.warnings if not source.is_dir() else ())
     from softcal.sensing.channel import TIME
-    from softcal.twin.channels import channels_of, sensors_of
+    from softcal.twin.channels import channels_of, sensors_of, stiffness_units
     from softcal.units import parse_quantity
 
     of_robot = channels_of(sensors_of(project.robot))
     units = {name: one.kind.unit for one in of_robot for name in (str(one), one.kind.name)}
+    units |= stiffness_units(project.robot)
     faults: list[Fault] = []
 
     def read(given: list[str] | None, option: str, each: Callable[[str, str, str], V]) -> dict[str, V]:
@@ -135,6 +143,14 @@ def reach(  # noqa: PLR0913 (one argument for each option)
             times = table.values(TIME.name).tolist() if TIME.name in table.channels else None
         except InputError as error:
             faults.extend(error.faults)
+    around = None
+    if obstacles is not None:
+        from softcal.project.obstacles import read_obstacles
+
+        try:
+            around = read_obstacles(obstacles)
+        except InputError as error:
+            faults.extend(error.faults)
     if faults:
         raise InputError(faults)
     from rich.table import Table
@@ -158,6 +174,8 @@ def reach(  # noqa: PLR0913 (one argument for each option)
             weights=weights,
             prefer=chosen,
             pretension=floor,
+            obstacles=around,
+            picture=picture,
             out=out,
             progress=lambda k, step: show(f"Target {min(k + 1, n)} of {n}"),
         )
@@ -173,6 +191,8 @@ def reach(  # noqa: PLR0913 (one argument for each option)
         echo(f"The first {MOST} of {len(result.steps)} targets; --out writes them all.")
     for sentence in reach_sentences(result):
         echo(sentence)
+    if picture is not None:
+        echo(f"Wrote {shown_path(picture)}")
     if out is not None:
         echo(f"Wrote {shown_path(out)}")
         echo(f"Replay with: softcal simulate PROJECT --commands {shown_path(out / 'commands.csv')} --out DIR")

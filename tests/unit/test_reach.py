@@ -260,3 +260,56 @@ def test_python_refuses_what_the_command_line_does(project: Path) -> None:
         with pytest.raises(softcal.InputError, match=told):
             softcal.reach(robot, targets, **options)
     assert not Path("somewhere").exists()
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("calibrated")
+    options = ("starts: 1}", "starts: 1, loss: likelihood, mesh_error: false}")
+    softcal.calibrate(write_project(folder, options), out=folder / "run")
+    return folder / "run"
+
+
+def test_the_bands_are_what_the_ends_of_the_interval_of_the_modulus_give(
+    calibrated: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = "bar.youngs_modulus"
+    found = softcal.load_run(calibrated).headline.parameters[name]
+    assert found.interval is not None
+    target = np.radians(4.0)
+    (step,) = softcal.reach(calibrated, {"plate.pitch": target}).steps
+    pitches, tensions = [], []
+    for E in found.interval:
+        at_commands = {"front": softcal.Command("tension", np.array([step.commands["front.tension"]]))}
+        seen = softcal.simulate(softcal.load_calibrated(calibrated), softcal.Protocol(at_commands), {name: E})
+        pitches.append(float(seen.channels["plate.pitch"][-1]))
+        (again,) = softcal.reach(calibrated, {"plate.pitch": target}, theta={name: E}).steps
+        assert not again.bands
+        tensions.append(again.commands["front.tension"])
+    assert 2.0 * step.bands["plate.pitch"] == pytest.approx(abs(pitches[1] - pitches[0]), rel=0.05)
+    assert 2.0 * step.command_bands["front.tension"] == pytest.approx(tensions[1] - tensions[0], rel=0.05)
+    code, told, _ = run(capsys, "reach", calibrated, "--to", "plate.pitch=4deg")
+    assert code == 0
+    band, command = (
+        format_quantity(value, unit, digits=2)
+        for value, unit in ((step.bands["plate.pitch"], "rad"), (step.command_bands["front.tension"], "N"))
+    )
+    assert f"at these commands plate.pitch ± {band}; of commands that reach it front.tension ± {command}." in told
+
+
+def test_a_pose_by_shortening_has_nearly_no_band_and_a_project_none(
+    calibrated: Path, project: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (by_tension,) = softcal.reach(calibrated, {"plate.pitch": 0.07}).steps
+    (by_shortening,) = softcal.reach(calibrated, {"plate.pitch": 0.07}, controls="shortening").steps
+    assert by_shortening.bands["plate.pitch"] < 1e-3 * by_tension.bands["plate.pitch"]
+    _, told, _ = run(capsys, "reach", project, "--to", "plate.pitch=4deg")
+    assert "What the calibration leaves open" not in told
+    assert "There are no bands" not in told
+
+
+def test_one_cable_cannot_keep_two_angles_so_that_its_command_has_no_band(calibrated: Path) -> None:
+    (step,) = softcal.reach(calibrated, {"plate.pitch": 0.07, "plate.x": 0.0}).steps
+    assert step.outcome == "nearest"
+    assert step.bands.keys() == {"plate.pitch", "plate.x"}
+    assert not step.command_bands

@@ -121,6 +121,10 @@ class ReachStep(Checked):
         Of the target [s].
     clearances
         Obstacle -> its least distance from the robot's surface [m].
+    bands
+        Channel of the target -> half the width of the 95 % band that the calibration leaves at these commands [SI].
+    command_bands
+        Command -> half the width of the 95 % band of the command that brings the channels to where they are [SI].
     """
 
     outcome: Outcome
@@ -135,6 +139,8 @@ class ReachStep(Checked):
     wall_s: float
     time: float | None = None
     clearances: Mapping[str, float] = field(default_factory=dict)
+    bands: Mapping[str, float] = field(default_factory=dict)
+    command_bands: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def misses(self) -> dict[str, float]:
@@ -157,12 +163,15 @@ class ReachResult(Checked):
         Channel of a target -> error below which it counts as reached [SI].
     preference
         Which of several commands for the same target were taken, a sentence.
+    without_bands
+        Why a calibrated run has no bands, a sentence; "" where it has, and of a project.
     """
 
     steps: tuple[ReachStep, ...]
     units: Mapping[str, str]
     tolerances: Mapping[str, float]
     preference: str
+    without_bands: str = ""
 
     @property
     def protocol(self) -> Protocol:
@@ -200,6 +209,18 @@ def reach_sentences(result: ReachResult) -> list[str]:
         least = {name: min(step.clearances[name] for step in result.steps) for name in names}
         apart = (f"{format_quantity(round(least[name], 8) + 0.0, 'm', digits=3)} from {name}" for name in names)
         told.append(f"Least clearance: {', '.join(apart)}.")
+    if banded := [step for step in result.steps if step.bands]:
+
+        def widest(each: Sequence[Mapping[str, float]]) -> str:
+            most = {name: max(bands.get(name, 0.0) for bands in each) for bands in each for name in bands}
+            shown = (f"{name} ± {format_quantity(width, result.units[name], digits=2)}" for name, width in most.items())
+            return ", ".join(shown)
+
+        of_commands = widest([step.command_bands for step in banded])
+        more = f"; of commands that reach it {of_commands}" if of_commands else ""
+        at_commands = widest([step.bands for step in banded])
+        told.append(f"What the calibration leaves open, with 95 %, at most: at these commands {at_commands}{more}.")
+    told += [result.without_bands] if result.without_bands else []
     for k, step in enumerate(result.steps, start=1):
         if step.outcome != "reached":
             told.append(step.status if n == 1 else f"Target {k}: {step.status}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,9 @@ from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import times_fault
 from softcal.twin.robot import Control, Robot
 from softcal.units import format_quantity
+from softcal.workflows.export import ExportRequest
 from softcal.workflows.output import require_free_file, require_free_folder
+from softcal.workflows.run_band import RunBand
 from softcal.workflows.study_files import StudyKind
 from softcal.workflows.study_source import load_calibrated
 
@@ -129,10 +132,17 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
             raise InputError(Fault("the record of a robot alone would name no project", "out", attempt="a project"))
     project = twin if isinstance(twin, Robot | Project) else load_calibrated(Path(twin))
     robot = project if isinstance(project, Robot) else project.robot
-    live = LiveTwin(with_parameters(robot, theta or {}), controls)
+    robot = with_parameters(robot, theta or {})
+    band = None
+    if not isinstance(twin, Robot | Project) and Path(twin).is_dir() and isinstance(project, Project):
+        band = RunBand.of(ExportRequest(replace(project, robot=robot), run=twin))
+    live = LiveTwin(robot, controls, sensitivities=[*band.steps] if band else ())
     task, wanted = asked(live, targets, times, limits, rates, tolerances, weights, prefer, pretension, obstacles)
     steps: list[ReachStep] = []
     for step in reach_targets(live, task, wanted, times):
+        if band is not None:
+            bands, of_commands = band.at(live.state, task, tuple(targets))
+            step = replace(step, bands=bands, command_bands=of_commands if step.outcome == "reached" else {})
         steps.append(step)
         if progress is not None:
             progress(len(steps), step)
@@ -144,6 +154,7 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
         units=dict(task.units),
         tolerances={name: float(task.tolerances[number[name]]) for name in targets},
         preference=told,
+        without_bands=band.told if band is not None and not band.steps else "",
     )
     if picture is not None:
         bent, places = live.state.shape, dict[str, tuple[Floats, Floats]]()
@@ -310,20 +321,25 @@ def commands_csv(found: ReachResult) -> str:
 
 
 def reached_csv(found: ReachResult) -> str:
-    """What was wanted and what is reached, a row per target, in SI."""
-    columns: list[tuple[str, list[float]]] = []
+    """What was wanted and what is reached, with the bands of a calibration, a row per target, in SI."""
+    columns: list[tuple[str, Sequence[object]]] = []
     for name in found.steps[0].wanted:
         columns.append((name, [step.channels[name] for step in found.steps]))
         columns.append((f"wanted {name}", [step.wanted[name] for step in found.steps]))
+    for what, each in (
+        ("band", [step.bands for step in found.steps]),
+        ("command band", [step.command_bands for step in found.steps]),
+    ):
+        for name in dict.fromkeys(name for bands in each for name in bands):
+            columns.append((f"{what} {name}", [bands.get(name, "") for bands in each]))
     return _table(found, columns, [step.outcome for step in found.steps])
 
 
-def _table(found: ReachResult, columns: list[tuple[str, list[float]]], outcomes: Sequence[str] = ()) -> str:
+def _table(found: ReachResult, columns: Sequence[tuple[str, Sequence[object]]], outcomes: Sequence[str] = ()) -> str:
     """Columns in SI with their units, behind that of the times."""
     times = [step.time for step in found.steps]
-    header = ["time [s]"] * (None not in times) + [
-        f"{n} [{found.units[n.removeprefix('wanted ')]}]" for n, _ in columns
-    ]
+    header = ["time [s]"] * (None not in times)
+    header += [f"{name} [{found.units[name.rpartition(' ')[2]]}]" for name, _ in columns]
     cells: list[Sequence[object]] = [*[times] * (None not in times), *(values for _, values in columns)]
     if outcomes:
         header, cells = [*header, "outcome"], [*cells, outcomes]

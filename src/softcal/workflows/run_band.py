@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING
 from softcal.workflows.export import ExportRequest
 
 if TYPE_CHECKING:
+    from softcal.analysis.reach import ReachTask
     from softcal.calibration.statistics.estimator import Estimator
     from softcal.checks import Floats
+    from softcal.twin.live import LiveState
 
 
 @dataclass(frozen=True)
@@ -74,3 +76,35 @@ class RunBand:
         if self.found is None:
             return np.zeros(len(rates))
         return width_of(rates @ np.array([*self.steps.values()]), self.found.within_bounds, self.found)
+
+    def at(self, state: LiveState, task: ReachTask, wanted: Sequence[str]) -> tuple[dict[str, float], dict[str, float]]:
+        """Half the widths [SI] of channels at a state's commands, and of the commands that keep the channels there.
+
+        Of several commands that do, those of the least change count, each in proportion to its effect. The latter is
+        empty where the commands cannot keep all of the channels.
+
+        Parameters
+        ----------
+        state
+            The state.
+        task
+            The tolerances, by which several channels are weighed.
+        wanted
+            The channels; of a stiffness there is no band.
+        """
+        import numpy as np
+
+        channels = [name for name in wanted if name not in task.stiffnesses]
+        if not self.steps or not channels:
+            return {}, {}
+        rates, by = state.by_parameters(*self.steps).of(channels), state.by_commands()
+        bands = dict(zip(channels, self.width(rates).tolist(), strict=True))
+        names = list(task.units)
+        tolerance = np.array([task.tolerances[names.index(name)] for name in channels])[:, None]
+        J = by.of(channels) / tolerance
+        effect = np.abs(J).max(axis=0)
+        scale = np.divide(1.0, effect, out=np.zeros_like(effect), where=effect > 0.0)
+        if len(channels) < len(wanted) or np.linalg.matrix_rank(J * scale) < len(channels):
+            return bands, {}
+        steps = scale[:, None] * (np.linalg.pinv(J * scale) @ (rates / tolerance))
+        return bands, dict(zip(by.names, self.width(steps).tolist(), strict=True))

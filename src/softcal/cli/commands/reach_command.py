@@ -164,7 +164,7 @@ def reach(  # noqa: PLR0913 (one argument for each option)
         chosen: Any = prefer
         show(f"Target 1 of {n}")
         result = find(
-            project,
+            source if source.is_dir() and not values else project,
             wanted,
             times=times,
             controls=controls,

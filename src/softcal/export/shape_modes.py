@@ -60,7 +60,7 @@ def shape_modes(rest: Floats, shapes: Floats, fitted: Callable[[Floats], Mapping
         From values (n, k) in these shapes to the `powers` and `coefficients` of polynomials.
     """
     start = rest.astype("<f4")
-    moved = (shapes - start).reshape(len(shapes), -1)
+    moved: Floats = np.asarray(shapes - start, dtype=np.float64).reshape(len(shapes), -1)
     _, _, basis = np.linalg.svd(moved, full_matrices=False)
     allowed = CLOSE * _furthest(moved)
     n = 1

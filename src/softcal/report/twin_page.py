@@ -16,9 +16,11 @@ from softcal.report.scene import Ball, FlatDisc, Part, Surface, Tube, Wire, bend
 from softcal.report.scene_twin import bending_axes, displacements, twin_parts
 from softcal.report.style import DISPLACEMENT, INK
 from softcal.report.twin_view import TwinView
+from softcal.sensing.channel import channel_name
 from softcal.twin.response import Snapshot
 from softcal.units import readable_unit, unit_factor
 
+STILL = 1e-2  # of the largest change of its unit: a channel that changes less is not shown
 SHADES = 9  # colours of the scale of displacements
 RINGS = 9  # points along the axis of a ball
 SLENDER, ROUND = 12, 48  # sides of a tube, and of a disc
@@ -85,6 +87,20 @@ def drawn(view: TwinView, shapes: Sequence[Snapshot], most: int | None = None) -
         "largest": float(np.linalg.norm((points - rest)[:, is_shaded], axis=2).max(initial=0.0)),
     }
     return Drawn([{**facts, "n": len(at)} for facts, at in parts[0]], rest, np.array(points), sight)
+
+
+def shown_channels(values: Mapping[str, Floats]) -> dict[str, Any]:
+    """For the page, of channels with values (n,) [SI]: the `measures`, channels that change, the `first` one of the
+    chart, and their `units`.
+    """
+    kinds = {name: channel_name(name).kind for name in values}
+    change, most = {name: float(np.ptp(of)) for name, of in values.items()}, dict[str, float]()
+    for name, kind in kinds.items():
+        most[kind.unit] = max(most.get(kind.unit, 0.0), change[name])
+    measures = [name for name, kind in kinds.items() if change[name] > STILL * most[kind.unit]]
+    first = max(measures, key=lambda name: (kinds[name].is_angle, kinds[name].is_position, change[name]))
+    units = {name: shown_unit(of, kinds[name].unit) for name, of in values.items()}
+    return {"measures": measures, "first": first, "units": units}
 
 
 def shown_unit(values: Floats, unit: str) -> tuple[str, float]:

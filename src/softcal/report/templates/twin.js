@@ -381,7 +381,8 @@ class Twin {
       root.querySelector("figcaption").textContent = error.message;
     }
     new ResizeObserver(() => this.plot()).observe(this.chart.svg);
-    this.set(this.inputs.map(({ default: value, most }, k) => (k ? value : 0.4 * value + 0.6 * most)));
+    const further = ({ default: value, least, most }) => (most - value < value - least ? least : most);
+    this.set(this.inputs.map((input, k) => (k ? input.default : 0.4 * input.default + 0.6 * further(input))));
   }
 
   fill(name, channels) {
@@ -390,13 +391,13 @@ class Twin {
   }
 
   slider(k) {
-    const box = document.createElement("label"), input = document.createElement("input"), [effort] = this.data.inputs[k];
+    const box = document.createElement("label"), input = document.createElement("input"), [effort, coordinate] = this.data.inputs[k];
     const [title, value] = [document.createElement("span"), document.createElement("output")], { name } = this.inputs[k];
     Object.assign(box, { className: "slider" });
-    title.textContent = this.inputs[k].control ? name : wordsOf(name);
+    title.textContent = coordinate ? name : wordsOf(effort);
     Object.assign(input, { type: "range", step: "any", ariaLabel: title.textContent });
     input.addEventListener("input", () => {
-      if (this.inputs[k].control && this.data.efforts.includes(effort)) this.find("effort").value = effort;
+      if (this.data.efforts.includes(effort)) this.find("effort").value = effort;
       const channel = this.channel(k), wanted = Number(input.value) / this.units[channel][1];
       this.set(this.at.with(k, channel === effort ? wanted : this.effortOf(k, wanted)), k);
     });

@@ -10,7 +10,6 @@ from softcal.workflows.exports.reduced import REACH, SAMPLES, reduced_fit
 
 PAGE = "twin.html"
 TESTED = 40  # random states at which its error is measured
-STILL = 1e-3  # of the largest change of its unit: a channel that changes less is not shown
 
 
 @register_export(PAGE, pulled=False, hint="open {out}/" + PAGE + " in a browser", reach=REACH, samples=SAMPLES)
@@ -30,9 +29,8 @@ def web(request: ExportRequest, folder: Path, reach: str | None = None, samples:
 
     from softcal.export.reduced import Input, Sampled, evaluator_of
     from softcal.export.shape_modes import shape_modes
-    from softcal.report.twin_page import drawn, shown_unit, twin_page
+    from softcal.report.twin_page import drawn, shown_channels, shown_unit, twin_page
     from softcal.report.twin_view import TwinView
-    from softcal.sensing.channel import channel_name
 
     robot = request.project.robot
     fit, band = reduced_fit(request, reach, samples, shapes=True, tested=TESTED)
@@ -40,8 +38,9 @@ def web(request: ExportRequest, folder: Path, reach: str | None = None, samples:
     default = np.array([(one.default - one.least) / (one.most - one.least) for one in inputs])
     rest = Sampled.at(robot, inputs, default[None], shapes=True).snapshots[0]
     # Seen from where the first input bends it to the right.
-    first = np.abs(sampled.places - np.array([1.0, *(2.0 * default[1:] - 1.0)])).sum(axis=1).argmin()
-    seen = drawn(TwinView(robot, rest, sampled.snapshots[first], sampled.tets), [*sampled.snapshots, *tested.snapshots])
+    first = np.array([1.0 if default[0] <= 0.5 else 0.0, *default[1:]])
+    bent = sampled.snapshots[np.abs(sampled.places - (2.0 * first - 1.0)).sum(axis=1).argmin()]
+    seen = drawn(TwinView(robot, rest, bent, sampled.tets), [*sampled.snapshots, *tested.snapshots])
     n = len(sampled.points)
     directions, powers = np.array(fit.model["directions"]), np.array(fit.model["powers"])
     modes = shape_modes(seen.rest, seen.points[:n], lambda values: sampled.fitted(directions, powers, values))
@@ -49,19 +48,12 @@ def web(request: ExportRequest, folder: Path, reach: str | None = None, samples:
         modes.distance(directions, one.places, points)
         for one, points in ((sampled, seen.points[:n]), (tested, seen.points[n:]))
     )
-    # What the page shows: the channels that change.
     read = evaluator_of(fit.model)
-    values = np.array([read.read(dict(zip(read.inputs, at.tolist())), read.channels)[0] for at in sampled.points])
-    kinds = {name: channel_name(name).kind for name in read.channels}
-    change = dict(zip(kinds, np.ptp(values, axis=0).tolist()))
-    most = {
-        kind.unit: max(change[name] for name, one in kinds.items() if one.unit == kind.unit) for kind in kinds.values()
-    }
-    measures = [name for name, kind in kinds.items() if change[name] > STILL * most[kind.unit]]
+    values = [read.read(dict(zip(read.inputs, at.tolist())), read.channels)[0] for at in sampled.points]
+    shown = shown_channels(dict(zip(read.channels, np.transpose(values))))
     parts, commands = {part.name: part for part in robot.commandable}, [one for one in inputs if one.control]
     channels = {one.name: [f"{one.name}.{kind.name}" for kind in parts[one.name].channels[::-1]] for one in commands}
-    units = {name: shown_unit(of, kinds[name].unit) for name, of in zip(kinds, values.T)}
-    units |= {one.derivative: shown_unit(np.array([one.least, one.most]), one.unit) for one in inputs}
+    units = {one.derivative: shown_unit(np.array([one.least, one.most]), one.unit) for one in inputs}
     data = {
         "model": {key: value for key, value in fit.model.items() if key not in ("parameters", "error", "rows")},
         "shapes": modes.data,
@@ -69,9 +61,8 @@ def web(request: ExportRequest, folder: Path, reach: str | None = None, samples:
         "view": seen.view,
         "inputs": [channels.get(one.name, [one.name]) for one in inputs],
         "efforts": [one.derivative for one in commands or inputs],
-        "measures": measures,
-        "first": max(measures, key=lambda name: (kinds[name].is_angle, kinds[name].is_position, change[name])),
-        "units": units,
+        **shown,
+        "units": {**shown["units"], **units},
     }
     largest: dict[str, float] = {}
     for name, error in fit.error.items():

@@ -255,7 +255,7 @@ def test_any_actuator_has_its_slider_in_its_own_units(
         same_in_page(seen, read, {name: float(read.least[0] + share * (read.most[0] - read.least[0]))})
     slider = seen.page.locator("input[type=range]")
     assert re.fullmatch(one.says, slider.get_attribute("aria-valuetext") or "")
-    assert seen.page.locator(".kinds label").all_inner_texts() == [*one.names]
+    assert seen.page.locator(".kinds label").all_inner_texts() == [f" {kind}" for kind in one.names]
     pixels = seen.page.locator("canvas").screenshot()
     seen.page.get_by_label(one.names[1], exact=True).check()
     slider.press("PageDown")

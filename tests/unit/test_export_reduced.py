@@ -22,7 +22,7 @@ from scipy.stats import chi2
 from test_drives import project as drive_project
 from typer.testing import CliRunner
 
-from softcal import load_run, with_parameters
+from softcal import load, load_run, with_parameters
 from softcal.cli import app
 from softcal.errors import ParameterError, SimulationError
 from softcal.export import reduced_model
@@ -39,11 +39,13 @@ from softcal.export.reduced import (
 )
 from softcal.export.reduced_model import KalmanFilter, ReducedModel
 from softcal.export.rotations import quaternions
+from softcal.export.shape_modes import shape_modes
 from softcal.twin.cables import CableLine
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
+from softcal.workflows.simulation import protocol_of
 from softcal.workflows.study_source import load_calibrated
 
 ROBOT = column_robot(
@@ -468,6 +470,41 @@ def test_every_fault_is_told_at_once() -> None:
     robot: Robot = replace(ROBOT, cables=(rough, *ROBOT.cables[1:]))
     with pytest.raises(ParameterError, match=r"(?s)no memory.*no such cable.*must not be empty"):
         reduced(robot, {"rear": Span(0.0, 1.0, "N"), "left": Span(2.0, 1.0, "N")})
+
+
+def test_shapes_are_few_modes_over_the_same_inputs() -> None:
+    """Known shapes: a column that bends and twists with the inputs; the modes have them at other places, too."""
+    rng = np.random.default_rng(1)
+    places, others, along = rng.uniform(-1.0, 1.0, (60, 2)), rng.uniform(-1.0, 1.0, (40, 2)), np.linspace(0.0, 1.0, 30)
+
+    def at(inputs: np.ndarray) -> np.ndarray:
+        a, b = inputs.T[..., None]
+        return np.stack([0.1 * a * along**2, 0.05 * a * b * along, along + 0.02 * np.sin(b) * along], axis=-1)
+
+    none = np.zeros((60, 0))
+    sampled = Sampled(places, places, none, none, np.ones(2), none)
+    directions = np.array([[0.8, 0.2], [-0.1, 0.9]])
+    few, many = (_powers(np.ones(2), degree) for degree in (1, 9))
+    assert len(many) > len(places) / 2
+    rest = at(np.zeros((1, 2)))[0]
+    distances = []
+    for powers in (few, many):
+        modes = shape_modes(rest, at(places), lambda values: sampled.fitted(directions, powers, values))  # noqa: B023
+        assert modes.data["n_modes"] <= 3
+        assert len(modes.data["powers"]) == min(len(powers), 30)
+        distances.append(modes.distance(directions, others, at(others)))
+    assert distances[1] < 5e-5 < 1e-2 < distances[0]
+
+
+def test_without_ranges_they_are_those_of_the_experiments(tmp_path: Path) -> None:
+    project, out = write_project(tmp_path), tmp_path / "out"
+    done = CliRunner().invoke(app, ["export", "reduced", str(project), "--out", str(out), "--samples", "10"])
+    assert done.exit_code == 0, done.output
+    read = ReducedModel(out / "model.json")
+    assert read.inputs == ["front"]
+    furthest = max(command.values.max() for command in protocol_of(load(project), "pull").commands.values())
+    shortening = read.state({"front": float(read.most[0])})["coordinates"]["front.shortening"]
+    assert shortening == pytest.approx(furthest, rel=1e-3)
 
 
 def test_the_command_writes_it(tmp_path: Path) -> None:

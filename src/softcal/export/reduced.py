@@ -519,7 +519,22 @@ class Sampled:
         *,
         shapes: bool = False,
     ) -> Sampled:
-        """Solve the twin at shares (n, n_inputs) of the ranges, each sample after one that is near.
+        """Solve the twin, each sample after one that is near.
+
+        Parameters
+        ----------
+        robot
+            The robot.
+        inputs
+            The inputs.
+        shares
+            Of their ranges (n, n_inputs).
+        tell
+            Called with each warning of the twin.
+        bands
+            Of the calibration; None: there are none.
+        shapes
+            Whether the shapes are kept.
 
         Raises
         ------

@@ -97,7 +97,7 @@ FREQUENT = {
     "[mass] * [length] ** 2": {"kg*m^2": 1000.0},
     "[mass] * [length] / [time] ** 2": {"N": 1000.0, "mN": 1.0, "kgf": 9806.65},
     "[mass] / [length] / [time] ** 2": {"Pa": 1e3, "kPa": 1e6, "MPa": 1e9, "GPa": 1e12},
-    "[mass] * [length] ** 2 / [time] ** 2": {"N*m": 1000.0},
+    "[mass] * [length] ** 2 / [time] ** 2": {"N*m": 1000.0, "N*mm": 1.0},
     "[mass] / [time] ** 2": {"N/m": 1000.0},
     "[time] ** 2 / [mass]": {"m/N": 0.001},
     "[length] ** 4 * [time] ** 2 / [mass]": {"m^3/Pa": 0.001},
@@ -405,6 +405,8 @@ def readable_unit(value: float, si_unit: str) -> str:
         return "Pa" if abs(value) < 100 else "kPa"
     if si_unit == "kg" and abs(value) < 0.9995:
         return "g"
+    if si_unit == "N*m" and abs(value) < 0.09995:
+        return "N*mm"
     return {"m": "mm", "rad": "deg", "m^3": "ml"}.get(si_unit, si_unit)
 
 

@@ -15,13 +15,19 @@ import numpy as np
 import pytest
 from browser.conftest import Seen
 from browser.test_watch_page import SCRIPT, complaints
+from numpy.polynomial import chebyshev
 from project_case import bench_csv, write_project
 from sweep_case import write_sweep
+from test_chambers import PROJECT as CHAMBER
+from test_chambers import box
+from test_drives import project as write_drive
 
 import softcal
 from softcal import ExportRequest, InputError, load, write_export
 from softcal.cli import main
-from softcal.export.tension_grid_model import GridModel
+from softcal.export.reduced import evaluator_of
+from softcal.export.reduced_model import ReducedModel
+from softcal.geometry.write import write_mesh
 from softcal.report.twin_page import drawn
 from softcal.report.twin_view import TwinView
 from softcal.twin.protocol import Command, Protocol
@@ -58,16 +64,33 @@ class Page:
         number, unit = re.search(r"drawn point from the twin: ([\d.e-]+) (\w+),", self.text).groups()  # type: ignore[union-attr]
         return 1.06 * float(number) * {"mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}[unit]
 
+    @property
+    def model(self) -> ReducedModel:
+        return read_of(self.data)
+
+    @property
+    def ends(self) -> list[float]:
+        return self.model.most.tolist()
+
     def exact(self, tensions: np.ndarray) -> Any:
         """The twin's response, with shapes, to tensions (n, 2) [N]."""
-        commands = {name: Command("tension", tensions[:, k]) for k, name in enumerate(self.data["model"]["cables"])}
+        commands = {name: Command("tension", tensions[:, k]) for k, name in enumerate(self.model.inputs)}
         return simulate(self.robot, Protocol(commands), snapshots="samples", curve_tolerance=0.0)
 
     def points(self, tensions: np.ndarray) -> np.ndarray:
         """Where the twin's drawn points are (n, n_points, 3) [m]."""
-        corners = self.exact(np.array([[0.0, 0.0], [axis[-1] for axis in self.data["model"]["axes"]]]))
+        corners = self.exact(np.array([[0.0, 0.0], self.ends]))
         response = self.exact(tensions)
         return drawn(TwinView(self.robot, *corners.snapshots, response.tets), response.snapshots).points
+
+
+def read_of(data: dict[str, Any]) -> ReducedModel:
+    """The evaluator of a page's model in Python."""
+    return evaluator_of({**data["model"], "rows": [], "error": {}})
+
+
+def data_of(path: Path) -> Any:
+    return json.loads(re.search(r'id="twin-data">(.*?)</script>', path.read_text(encoding="utf-8"), re.DOTALL)[1])  # type: ignore[index]
 
 
 def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
@@ -91,19 +114,18 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Page:
     run, out = folder / "run", folder / "web"
     for command in (
         ["calibrate", project, "--out", run, "--no-report", "--no-mesh-error"],
-        ["export", "web", run, "--out", out, "--pull", "front=12mm", "--pull", "left=0.6N", "--samples", 4],
+        ["export", "web", run, "--out", out, "--reach", "front=12mm,left=0.6N", "--samples", 60],
     ):
         with pytest.raises(SystemExit) as ended:
             main([str(word) for word in command])
         assert not ended.value.code
     text = (out / "twin.html").read_text(encoding="utf-8")
-    data = json.loads(re.search(r'id="twin-data">(.*?)</script>', text, re.DOTALL).group(1))  # type: ignore[union-attr]
-    return Page(out / "twin.html", run, load_calibrated(run).robot, html.unescape(text), data)
+    return Page(out / "twin.html", run, load_calibrated(run).robot, html.unescape(text), data_of(out / "twin.html"))
 
 
 @pytest.fixture
 def random(page: Page) -> np.ndarray:
-    return np.random.default_rng(4).uniform(size=(12, 2)) * [axis[-1] for axis in page.data["model"]["axes"]]
+    return np.random.default_rng(4).uniform(size=(12, 2)) * page.ends
 
 
 def in_page(seen: Seen, expression: str, argument: object = None) -> Any:
@@ -112,24 +134,35 @@ def in_page(seen: Seen, expression: str, argument: object = None) -> Any:
     )
 
 
+def same_in_page(seen: Seen, read: ReducedModel, given: dict[str, float]) -> None:
+    """JavaScript's state is Python's."""
+    ours, theirs = read.state(given), in_page(seen, "twin.model.state(given)", given)
+    close = {"rtol": 1e-9, "atol": 1e-12}
+    assert ours["plates"].keys() == theirs["plates"].keys()
+    for name, pose in ours["plates"].items():
+        for key in ("position", "quaternion"):
+            np.testing.assert_allclose(theirs["plates"][name][key], pose[key], **close)
+    for name, place in ours["markers"].items():
+        np.testing.assert_allclose(theirs["markers"][name], place, **close)
+    assert theirs["coordinates"] == pytest.approx(ours["coordinates"], rel=1e-9, abs=1e-12)
+    channels = read.read(given, read.channels)[0]
+    np.testing.assert_allclose([theirs["channels"][name] for name in read.channels], channels, **close)
+    bands = ours.get("bands", {})
+    assert bands.keys() == theirs["bands"].keys()
+    for name, half in bands.items():  # of a band of zero the square is
+        assert theirs["bands"][name] ** 2 == pytest.approx(half**2, rel=1e-9, abs=1e-15), name
+
+
 @pytest.mark.slow
 def test_javascript_is_python(page: Page, random: np.ndarray, look: Callable[..., Seen]) -> None:
-    seen, read = look(page.path.as_uri()), GridModel(page.data["model"])
-    ends = [axis[-1] for axis in read.axes]
-    for front, left in [*random.tolist(), [0.0, 0.0], ends, [read.axes[0][1], 0.0]]:
-        given = {"front": front, "left": left}
-        ours, theirs = read.state(given), in_page(seen, "twin.model.state(given)", given)
-        assert ours["plates"].keys() == theirs["plates"].keys() == {"plate"}
-        for key in ("position", "quaternion"):
-            np.testing.assert_allclose(
-                theirs["plates"]["plate"][key], ours["plates"]["plate"][key], rtol=1e-9, atol=1e-12
-            )
-        assert theirs["shortenings"] == pytest.approx(ours["shortenings"], rel=1e-9, abs=1e-12)
-        np.testing.assert_allclose(theirs["compliance"], ours["compliance"], rtol=1e-9, atol=1e-12)
+    seen, read = look(page.path.as_uri()), page.model
+    ends = page.ends
+    for at in [*random.tolist(), [0.0, 0.0], ends, [ends[0], 0.0]]:
+        same_in_page(seen, read, dict(zip(("front", "left"), at, strict=True)))
     assert in_page(seen, "twin.model.state({front: 0.1})") == in_page(seen, "twin.model.state({front: 0.1, left: 0})")
     outside = {"front": ends[0] * 1.001}, {"left": -1e-7}, {"left": 1234567.0}, {"right": 1.0}, {"front": float("nan")}
     for given in outside:
-        with pytest.raises(ValueError, match=r"outside the model|no cable") as refused:
+        with pytest.raises(ValueError, match=r"outside the model|no input") as refused:
             read.state(given)
         refusal = "(() => { try { twin.model.state(given); } catch (error) { return error.message; } })()"
         assert in_page(seen, refusal, given) == str(refused.value)
@@ -139,61 +172,117 @@ def test_javascript_is_python(page: Page, random: np.ndarray, look: Callable[...
 def test_the_chart_ends_at_the_largest_tension(page: Page, look: Callable[..., Seen]) -> None:
     """Whatever it is: rounding must not lead beyond the model."""
     seen, ends = look(page.path.as_uri()), np.random.default_rng(5).uniform(5.6, 10.0, 60).tolist()
-    drawn_to = (
-        "given.map((end) => { twin.model.axes[0][twin.model.axes[0].length - 1] = end; twin.plot(); return end; })"
-    )
-    assert in_page(seen, drawn_to, ends) == ends
+    assert in_page(seen, "given.map((end) => { twin.inputs[0].most = end; twin.plot(); return end; })", ends) == ends
 
 
 @pytest.mark.slow
 def test_the_shapes_are_the_twins_within_the_stated_error(
     page: Page, random: np.ndarray, look: Callable[..., Seen]
 ) -> None:
-    seen, axes = look(page.path.as_uri()), page.data["model"]["axes"]
-    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    for tensions, most in ((nodes, page.stated), (random, 2 * page.stated)):
-        exact = page.points(tensions)
-        shown = [in_page(seen, "Array.from(twin.shapes.at(given))", at) for at in tensions.tolist()]
-        away = np.linalg.norm(np.reshape(shown, exact.shape) - exact, axis=2).max()
-        assert away <= most < 1e-3 * np.ptp(exact, axis=0).max()
+    seen, exact = look(page.path.as_uri()), page.points(random)
+    shown = [in_page(seen, "Array.from(twin.shapes.at(given))", at) for at in random.tolist()]
+    away = np.linalg.norm(np.reshape(shown, exact.shape) - exact, axis=2).max()
+    assert away <= 2 * page.stated < 2e-3 * np.ptp(exact, axis=0).max()
+    assert in_page(seen, "twin.data.view.largest") == pytest.approx(np.ptp(exact, axis=0).max(), rel=0.3)
 
 
 @pytest.mark.slow
 def test_the_measures_and_their_bands_are_the_twins(page: Page, look: Callable[..., Seen]) -> None:
     """A band is 1.96 standard errors of E times the derivative by E, here by differences; slack has no effect."""
-    seen, axes = look(page.path.as_uri()), page.data["model"]["axes"]
-    at = [axes[0][2], axes[1][1]]
-    shown = in_page(
-        seen,
-        "twin.measures.of(twin.model.state(given[0]), twin.shapes.at(given[1]))",
-        [dict(zip(("front", "left"), at, strict=True)), at],
-    )
-    bands = in_page(seen, "twin.measures.bands(given)", at)
+    seen, at = look(page.path.as_uri()), (0.6 * np.array(page.ends)).tolist()
+    state = in_page(seen, "twin.model.state(given)", dict(zip(("front", "left"), at, strict=True)))
     estimate = softcal.load_run(page.run).headline.parameters["bar.youngs_modulus"]
 
-    def measures(modulus: float) -> dict[str, float]:
+    def channels(modulus: float) -> dict[str, float]:
         robot = softcal.with_parameters(page.robot, {"bar.youngs_modulus": modulus})
-        tensions = {name: Command("tension", np.array([0.0, at[k]])) for k, name in enumerate(("front", "left"))}
-        response = simulate(robot, Protocol(tensions), snapshots="samples", curve_tolerance=0.0)
-        before, after = response.snapshots
-        turn = before.plates["plate"][1].T @ after.plates["plate"][1]
-        return {
-            "plate.rotation": float(np.arccos(0.5 * (np.trace(turn) - 1.0))),
-            "plate.displacement": float(np.linalg.norm(after.plates["plate"][0] - before.plates["plate"][0])),
-            "dot.displacement": float(np.linalg.norm(after.markers["dot"] - before.markers["dot"])),
-            "front.shortening": response.channels["front.shortening"][1],
-            "left.shortening": response.channels["left.shortening"][1],
-        }
+        tensions = {name: Command("tension", np.array([at[k]])) for k, name in enumerate(("front", "left"))}
+        response = simulate(robot, Protocol(tensions), curve_tolerance=0.0)
+        return {name: float(response.channels[name][0]) for name in page.data["measures"]}
 
     step = 1e-4 * estimate.value
-    low, exact, high = (measures(estimate.value + sign * step) for sign in (-1, 0, 1))
-    assert shown.keys() == bands.keys() == exact.keys() == set(page.data["measures"])
+    low, exact, high = (channels(estimate.value + sign * step) for sign in (-1, 0, 1))
+    assert {"plate.x", "plate.pitch", "dot.x", "front.shortening", "left.shortening"} <= exact.keys()
+    assert page.data["first"] == "plate.pitch"
     assert estimate.standard_error is not None
     for name, value in exact.items():
-        assert shown[name] == pytest.approx(value, rel=1e-5, abs=page.stated), name
+        assert state["channels"][name] == pytest.approx(value, rel=1e-3, abs=page.stated), name
         half = 1.959964 * estimate.standard_error * abs(high[name] - low[name]) / (2 * step)
-        assert bands[name] == pytest.approx(half, rel=1e-3), name
-    assert in_page(seen, "twin.measures.bands([0, 0])") == pytest.approx(dict.fromkeys(exact, 0.0), abs=1e-15)
+        assert state["bands"][name] == pytest.approx(half, rel=1e-2, abs=1e-6), name
+
+
+@dataclass(frozen=True)
+class Driven:
+    """A project of an actuator of another kind, its range, and what a slider of it says."""
+
+    write: Callable[[Path], Path]
+    reach: str
+    names: tuple[str, str]
+    says: str
+
+
+def chamber_project(folder: Path) -> Path:
+    write_mesh(box().bodies[0].mesh, folder / "box.msh")
+    text = CHAMBER.partition("experiments:")[0]
+    (folder / "project.yaml").write_text(text, encoding="utf-8")
+    return folder / "project.yaml"
+
+
+def drive_project(folder: Path) -> Path:
+    write_drive(folder)
+    return folder / "project.yaml"
+
+
+DRIVEN = {
+    "chamber": Driven(chamber_project, "main=-5kPa..20kPa", ("pressure", "volume"), r"[\d.−]+ kPa · [\d.−]+ ml"),
+    "drive": Driven(drive_project, "servo=-0.4rad..0.4rad", ("torque", "angle"), r"[\d.−]+ N mm · [\d.−]+°"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", DRIVEN)
+def test_any_actuator_has_its_slider_in_its_own_units(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], look: Callable[..., Seen]
+) -> None:
+    one = DRIVEN[kind]
+    out = tmp_path / "out"
+    arguments = ("export", "web", one.write(tmp_path), "--out", out, "--reach", one.reach, "--samples", 24)
+    code, said, _ = told(capsys, *arguments)
+    assert code == 0, said
+    seen, data = look((out / "twin.html").as_uri()), data_of(out / "twin.html")
+    (name,) = (entry["name"] for entry in data["model"]["inputs"])
+    read = read_of(data)
+    for share in (0.0, 0.3, 1.0):
+        same_in_page(seen, read, {name: float(read.least[0] + share * (read.most[0] - read.least[0]))})
+    slider = seen.page.locator("input[type=range]")
+    assert re.fullmatch(one.says, slider.get_attribute("aria-valuetext") or "")
+    assert seen.page.locator(".kinds label").all_inner_texts() == [f" {kind}" for kind in one.names]
+    pixels = seen.page.locator("canvas").screenshot()
+    seen.page.get_by_label(one.names[1], exact=True).check()
+    slider.press("PageDown")
+    assert seen.page.locator("canvas").screenshot() != pixels
+    (at,) = in_page(seen, "twin.at")
+    channel = f"{name}.{one.names[1]}"
+    there = read.state({name: at})["coordinates"][channel]
+    assert there * data["units"][channel][1] == pytest.approx(float(slider.input_value()), rel=1e-6)
+    assert "tension" not in seen.page.inner_text(".controls")
+    has_wall = any(part["opacity"] < 1.0 for part in data["parts"] if "triangles" in part)
+    assert has_wall == (kind == "chamber")
+    assert complaints(seen) == []
+
+
+@pytest.mark.slow
+def test_a_parameter_is_an_input(tmp_path: Path, capsys: pytest.CaptureFixture[str], look: Callable[..., Seen]) -> None:
+    reach = "front=4N,bar.youngs_modulus=1MPa..3MPa"
+    arguments = ("export", "web", write_project(tmp_path), "--out", tmp_path / "out", "--reach", reach, "--samples", 24)
+    assert told(capsys, *arguments)[0] == 0
+    seen = look((tmp_path / "out" / "twin.html").as_uri())
+    title, slider = seen.page.locator(".slider span").nth(1), seen.page.locator("input[type=range]").nth(1)
+    assert title.inner_text() == "youngs modulus of bar"
+    before = in_page(seen, "twin.state(twin.at).channels")["plate.pitch"]
+    slider.press("PageDown")
+    assert re.fullmatch(r"[\d.]+ MPa", slider.get_attribute("aria-valuetext") or "")
+    assert in_page(seen, "twin.state(twin.at).channels")["plate.pitch"] > before
+    assert complaints(seen) == []
 
 
 @pytest.mark.slow
@@ -213,15 +302,15 @@ def test_the_body_follows_the_sliders(page: Page, look: Callable[..., Seen], wid
     # By its length: the tension is the one that the model has there.
     seen.page.get_by_label("shortening", exact=True).check()
     slider.press("ArrowLeft")
-    front, left = in_page(seen, "twin.tensions")
-    length = GridModel(page.data["model"]).state({"front": front, "left": left})["shortenings"]["front"]
+    front, left = in_page(seen, "twin.at")
+    length = page.model.state({"front": front, "left": left})["coordinates"]["front.shortening"]
     assert 1e3 * length == pytest.approx(float(slider.input_value()), rel=1e-6)
     pixels = canvas.screenshot()
     canvas.focus()
     canvas.press("ArrowLeft")
     assert canvas.screenshot() != pixels
-    seen.page.get_by_label("Measure of the chart").select_option("dot.displacement")
-    assert "displacement of dot [mm]" in (seen.page.locator(".chart").text_content() or "")
+    seen.page.get_by_label("Measure of the chart").select_option("dot.x")
+    assert "x of dot [mm]" in (seen.page.locator(".chart").text_content() or "")
     assert seen.page.evaluate("document.documentElement.scrollWidth") <= width
     assert complaints(seen) == []
     assert seen.requests == [page.path.as_uri()]
@@ -269,13 +358,13 @@ def test_a_page_has_no_bands_where_none_are_known(
         (page.run, ("--set", "bar.youngs_modulus=2MPa"), "bar.youngs_modulus does not have the calibrated value."),
     ):
         out = tmp_path / f"out{len(options)}"
-        pulls = ("--pull", "front=0.5N", "--samples", 3)
+        pulls = ("--reach", "front=0.5N", "--samples", 10)
         code, said, _ = told(capsys, "export", "web", source, "--out", out, *pulls, *options)
         assert code == 0
         assert why in " ".join(said.split())
         seen = look((out / "twin.html").as_uri())
         assert why in seen.page.inner_text("main")
-        assert in_page(seen, "twin.measures.bands([0.1])") == {}
+        assert in_page(seen, "twin.model.state({front: 0.1}).bands") == {}
         assert complaints(seen) == []
 
 
@@ -283,7 +372,7 @@ def test_a_page_has_no_bands_where_none_are_known(
 def test_a_sweep_has_a_page_without_bands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_sweep(tmp_path / "p")
     assert told(capsys, "sweep", tmp_path / "p" / "project.yaml", "--out", tmp_path / "run", "--no-report")[0] == 0
-    code, said, _ = told(capsys, "export", "web", tmp_path / "run", "--out", tmp_path / "web", "--samples", 3)
+    code, said, _ = told(capsys, "export", "web", tmp_path / "run", "--out", tmp_path / "web", "--samples", 20)
     assert code == 0
     assert "There are no bands: a sweep has no intervals." in " ".join(said.split())
 
@@ -303,23 +392,26 @@ def test_the_frame_of_a_report_is_pulled_by_a_slider(page: Page, look: Callable[
         )
 
     data = json.loads(frame.locator("#twin-data").text_content() or "")
-    path, shapes = data["path"], data["shapes"]
-    assert (path["name"], path["kind"]) == ("shortening of front", "shortening")
-    assert path["measures"] == ["front.tension", "plate.rotation", "plate.displacement", "dot.displacement"]
-    axis = path["axes"][0]
-    read = GridModel({"cables": ["front"], "rows": [], "error": {}, "axes": path["axes"]})
+    shapes, read = data["shapes"], read_of(data)
+    assert data["inputs"] == [["front.shortening"]]
+    assert data["efforts"] == ["front.tension"]
+    assert {"front.tension", "plate.x", "plate.pitch", "dot.x"} <= set(data["measures"])
     rest = np.frombuffer(base64.b64decode(shapes["rest"]), "<f4")
     modes = np.frombuffer(base64.b64decode(shapes["modes"]), "<i2").reshape(shapes["n_modes"], -1)
     run = softcal.load_run(page.run)
     response = furthest_response(run.project, run.headline)
-    for place in [*np.linspace(axis[0], axis[-1], 7).tolist(), *axis]:
-        shown = in_frame("twin.model.state({'shortening of front': given})", place)
-        assert [*shown.values()] == pytest.approx(read.channels([place], path["nodes"]), rel=1e-9, abs=1e-12)
+    largest = max(one.tensions["front"] for one in response.snapshots)
+    half, middle = 0.5 * (read.most[0] - read.least[0]), 0.5 * (read.most[0] + read.least[0])
+    nodes = [one.drive for one in response.snapshots]
+    for place in [*np.linspace(read.least[0], read.most[0], 7).tolist(), *nodes]:
+        shown = in_frame("twin.model.state({front: given})", place)["coordinates"]
+        assert shown == pytest.approx(read.state({"front": place})["coordinates"], rel=1e-9, abs=1e-12)
         points = np.array(in_frame("Array.from(twin.shapes.at(given))", [place]))
-        assert points == pytest.approx(rest + read.channels([place], shapes["nodes"]) @ modes, abs=1e-7)
-        if place in axis:
-            (at,) = (one for one in response.snapshots if one.drive == place)
-            assert shown["front.tension"] == pytest.approx(at.tensions["front"], rel=1e-9, abs=1e-12)
+        shares = chebyshev.chebval((place - middle) / half, np.array(shapes["coefficients"]))
+        assert points == pytest.approx(rest + shares @ modes, abs=1e-7)
+        if place in nodes:
+            at = response.snapshots[nodes.index(place)]
+            assert shown["front.tension"] == pytest.approx(at.tensions["front"], abs=1e-4 * largest)
     seen.page.locator("iframe").scroll_into_view_if_needed()  # a frame out of sight draws nothing
     canvas, slider = frame.locator("canvas"), frame.locator("input[type=range]")
     pixels, number = canvas.screenshot(), frame.locator("[data-values] td.short").first.inner_text()
@@ -344,7 +436,7 @@ def test_what_makes_no_page_is_refused(page: Page, tmp_path: Path, capsys: pytes
     for arguments, why in (
         ((tmp_path, "--out", tmp_path / "a"), "there is no run here"),
         ((page.run, "--out", page.path.parent), "the folder is not empty"),
-        ((page.run, "--out", tmp_path / "b", "--pull", "frnt=8mm"), "no such cable"),
+        ((page.run, "--out", tmp_path / "b", "--reach", "frnt=8mm"), "no such cable or parameter"),
         ((page.run, "--out", tmp_path / "c", "--samples", 1), "too few samples"),
     ):
         code, _, error = told(capsys, "export", "web", *arguments)
@@ -356,4 +448,4 @@ def test_what_makes_no_page_is_refused(page: Page, tmp_path: Path, capsys: pytes
     project = load(page.run.parent / "project.yaml")
     for run, why in ((tmp_path, "there is no run here"), (tmp_path / "not", "there is no run"), (3, "run: ")):
         with pytest.raises(InputError, match=why):
-            write_export("web", ExportRequest(project, ["front=1mm"], run=run), tmp_path / "d")  # type: ignore[arg-type]
+            write_export("web", ExportRequest(project, run=run), tmp_path / "d", reach="front=1mm")  # type: ignore[arg-type]

@@ -42,7 +42,7 @@ def plates(request, folder, digits=6):
     return written
 '''
 # What each one must be given.
-GIVEN = {"reduced": {"reach": "2mm", "samples": 10}}
+GIVEN = {"reduced": {"reach": "2mm", "samples": 10}, "web": {"samples": 10}}
 
 
 @pytest.mark.slow

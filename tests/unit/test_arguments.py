@@ -21,6 +21,7 @@ from softcal.geometry.neck import Neck
 from softcal.geometry.wire import SolidRod
 from softcal.twin.channels import sensors_of
 from softcal.twin.protocol import Command, Protocol
+from softcal.workflows.export import EXPORTS
 
 PULL = Protocol({"front": Command("shortening", np.array([0.0, 0.002]))})
 
@@ -223,9 +224,17 @@ def test_an_axis_of_a_sweep_has_values_with_units(tmp_path: Path) -> None:
 
 
 def test_an_option_that_an_export_needs_is_asked_for(tmp_path: Path) -> None:
-    request = softcal.ExportRequest(softcal.load(write_project(tmp_path)))
-    with pytest.raises(InputError, match="reach: the export needs this option"):
-        softcal.write_export("reduced", request, tmp_path / "out")
+    @softcal.register_export("*.txt", digits=softcal.ExportOption(int, "Digits.", "N"))
+    def needing(request: softcal.ExportRequest, folder: Path, digits: int) -> list[Path]:
+        """Needs a number."""
+        return []
+
+    try:
+        request = softcal.ExportRequest(softcal.load(write_project(tmp_path)))
+        with pytest.raises(InputError, match="digits: the export needs this option"):
+            softcal.write_export("needing", request, tmp_path / "out")
+    finally:
+        EXPORTS.remove("needing")
     assert not (tmp_path / "out").exists()
 
 

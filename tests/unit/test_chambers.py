@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -143,12 +145,23 @@ def test_a_table_that_commands_a_chamber_twice_is_told_its_controls(tmp_path):
         commanded(box(), table)
 
 
-def test_the_page_of_the_twin_shows_no_tension_of_a_chamber():
-    robot = box(dead_volume=3e-6)
+def test_the_slider_of_a_report_goes_along_the_pressure_of_a_chamber_drawn_as_a_surface():
+    robot = replace(box(dead_volume=3e-6), markers=(Marker("tip", "box", np.array([0.02, 0.02, 0.02])),))
     response = driven(robot, "pressure", 0.0, 2e4, 4e4, snapshots=True)
     view = twin_view(robot, response)
     assert view is not None
-    assert twin_frame(view, response) is None
+    frame = twin_frame(view, response)
+    assert frame is not None
+    data = json.loads(re.search(r'id="twin-data">(.*?)</script>', frame.page, re.DOTALL)[1])
+    (driven_by,) = data["model"]["inputs"]
+    assert [driven_by[key] for key in ("name", "control", "unit")] == ["main", "pressure", "Pa"]
+    assert driven_by["most"] == pytest.approx(4e4, rel=1e-3)
+    assert data["units"]["main.pressure"] == ["kPa", 1e-3]
+    assert data["efforts"] == ["main.pressure"]
+    assert "tension" not in json.dumps(data)
+    # The wall, and the body around it, which is seen through.
+    assert {part["opacity"] for part in data["parts"] if "triangles" in part} == {0.4, 1.0}
+    assert "of its largest" not in frame.caption
 
 
 PROJECT = """\

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from project_case import bar_robot
 
+from softcal.export.reduced import evaluator_of
 from softcal.report.twin_view import TwinFrame
+from softcal.sensing.sensors.plate import angles
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.simulate import simulate
@@ -31,9 +33,9 @@ def frame_of(response: Response) -> TwinFrame | None:
     return twin_frame(view, response)
 
 
-def path_of(frame: TwinFrame | None) -> dict[str, Any]:
+def data_of(frame: TwinFrame | None) -> dict[str, Any]:
     assert frame is not None
-    return json.loads(re.search(r'id="twin-data">(.*?)</script>', frame.page, re.DOTALL)[1])["path"]  # type: ignore[index]
+    return json.loads(re.search(r'id="twin-data">(.*?)</script>', frame.page, re.DOTALL)[1])  # type: ignore[index]
 
 
 @pytest.mark.parametrize(("control", "end"), [("shortening", 12e-3), ("tension", 2.0)])
@@ -42,16 +44,22 @@ def test_it_has_the_equilibria_of_the_load_path_and_says_how_far_what_is_between
 ) -> None:
     response = pulled(control, end)
     frame = frame_of(response)
-    path = path_of(frame)
-    assert (path["name"], path["kind"]) == (f"{control} of front", control)
-    assert path["axes"] == [[one.drive for one in response.snapshots]]
-    shown = [dict(zip(path["measures"], value, strict=True)) for value, _ in path["nodes"]]
-    assert [one["front.tension"] for one in shown] == [one.tensions["front"] for one in response.snapshots]
-    assert shown[0]["plate.rotation"] == shown[0]["plate.displacement"] == 0.0
-    turned = response.snapshots[-1].plates["plate"][1] @ response.snapshots[0].plates["plate"][1].T
-    assert np.cos(shown[-1]["plate.rotation"]) == pytest.approx((np.trace(turned) - 1.0) / 2.0)
+    data = data_of(frame)
+    (driven,) = data["model"]["inputs"]
+    assert (driven["name"], driven["control"]) == ("front", control)
+    assert [driven["least"], driven["most"]] == [response.snapshots[k].drive for k in (0, -1)]
+    read = evaluator_of({**data["model"], "rows": [], "error": {}})
+    largest = response.snapshots[-1].tensions["front"]
+    for one in response.snapshots:
+        shown = read.state({"front": one.drive})["coordinates"]
+        assert shown["front.tension"] == pytest.approx(one.tensions["front"], abs=1e-5 * largest)
+        at, turned = one.plates["plate"]
+        assert [shown[f"plate.{axis}"] for axis in "xyz"] == pytest.approx(at, abs=1e-7)
+        assert shown["plate.pitch"] == pytest.approx(angles(turned)[0], abs=1e-5)
     assert frame is not None
-    assert frame.n_measures == len(path["measures"]) == 3
+    assert frame.n_measures == len(data["measures"])
+    assert set(data["measures"]) >= {"front.tension", f"front.{control}", "plate.x", "plate.pitch"}
+    assert data["first"] == "plate.pitch"
     size, share = re.search(r"within ([\d.e-]+) mm of the twin(?:, .* within ([\d.e-]+) %|)", frame.caption).groups()  # type: ignore[union-attr]
     assert 0.0 <= float(size) < 0.5
     assert 0.0 < float(share) < 2.0 if control == "shortening" else share is None
@@ -63,13 +71,13 @@ def test_to_and_fro_it_goes_by_steps_and_without_a_pull_or_of_a_large_body_there
     there = pulled("shortening", 12e-3)
     back = replace(there, snapshots=(*there.snapshots, *there.snapshots[-2::-1]))
     frame = frame_of(back)
-    path = path_of(frame)
-    assert (path["name"], path["kind"]) == ("step of the test", "step")
-    assert path["axes"] == [[float(k + 1) for k in range(len(back.snapshots))]]
+    (driven,) = data_of(frame)["model"]["inputs"]
+    assert (driven["name"], driven["control"]) == ("step of the test", "")
+    assert [driven["least"], driven["most"]] == [1.0, float(len(back.snapshots))]
     assert frame is not None
     assert "samples" not in frame.caption
     many = replace(there, snapshots=there.snapshots * 20)
-    assert len(path_of(frame_of(many))["axes"][0]) == module.MOST_SHAPES
+    assert data_of(frame_of(many))["model"]["inputs"][0]["most"] == module.MOST_SHAPES
     assert frame_of(replace(there, snapshots=tuple(replace(one, controls={}) for one in there.snapshots))) is None
     monkeypatch.setattr(module, "MOST_LETTERS", 1000)
     assert frame_of(there) is None

@@ -21,7 +21,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -35,10 +35,9 @@ from softcal.export.reduced_c import c_source
 from softcal.export.rotations import align, angle_between, quaternions, rotation_rates
 from softcal.sensing.kind import ChannelKind
 from softcal.twin.actuated import ActuatedPart
-from softcal.twin.equilibrium_path import CURVE_TOLERANCE
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.response import Response
+from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 from softcal.units import format_quantity
@@ -132,16 +131,14 @@ class ReducedModelFit:
         Content of `model.json`.
     error
         Output -> measured error.
-    degree
-        Of its polynomials.
-    n_samples
-        Equilibria to which it was fitted.
+    sampled, tested
+        The twin at the equilibria to which it was fitted, and at the random states.
     """
 
     model: Mapping[str, Any]
     error: Mapping[str, OutputError]
-    degree: int
-    n_samples: int
+    sampled: Sampled
+    tested: Sampled
 
 
 def reduced(
@@ -151,6 +148,8 @@ def reduced(
     *,
     tell: Callable[[str], None] = lambda sentence: None,
     bands: Bands | None = None,
+    shapes: bool = False,
+    tested: int = TESTED,
 ) -> ReducedModelFit:
     """The reduced model of a robot.
 
@@ -168,6 +167,10 @@ def reduced(
         Called with each warning of the twin within the ranges, such as of a robot that snaps.
     bands
         Of the calibration; None: the model has none.
+    shapes
+        Whether the shapes are kept.
+    tested
+        Number of random states.
 
     Raises
     ------
@@ -180,7 +183,7 @@ def reduced(
     n = samples or SAMPLES * len(inputs)
     if n < 2 * LEFT_OUT:
         raise ParameterError(Fault("there are too few samples", "samples", str(samples), f"{2 * LEFT_OUT} or more"))
-    sampled = _Sampled.at(robot, inputs, _scattered(len(inputs), n), tell, bands)
+    sampled = Sampled.at(robot, inputs, _scattered(len(inputs), n), tell, bands, shapes=shapes)
     outputs = _Outputs.of(robot)
     directions, powers = _best_terms(sampled, outputs.changes(sampled.values))
     tight = [part.name for part in robot.pretensioned if part.name not in spans]
@@ -204,15 +207,17 @@ def reduced(
         "bands": sampled.widths_fitted(directions),
         "error": {},
     }
-    error = measured_error(robot, model, np.random.default_rng(SEED).uniform(size=(TESTED, len(inputs))), bands)
+    random = np.random.default_rng(SEED).uniform(size=(tested, len(inputs)))
+    exact = Sampled.at(robot, inputs, random, bands=bands, shapes=shapes)
+    error = measured_error(robot, model, exact)
     model["error"] = {
-        "measured at": f"{TESTED} random states",
+        "measured at": f"{tested} random states",
         **{
             name: {"unit": e.unit, "p50": e.p50, "p95": e.p95, "max": e.largest, "largest change": e.change}
             for name, e in error.items()
         },
     }
-    return ReducedModelFit(model, error, int(powers.max()), n)
+    return ReducedModelFit(model, error, sampled, exact)
 
 
 def write_reduced(fit: ReducedModelFit, folder: Path, of_bands: str = "") -> list[Path]:
@@ -238,11 +243,11 @@ def write_reduced(fit: ReducedModelFit, folder: Path, of_bands: str = "") -> lis
         for name, e in fit.error.items()
     )
     first = entries[0]
-    n_terms = len(fit.model["powers"])
+    powers = np.array(fit.model["powers"])
     readme.write_text(
         f"Inputs ({spans}) to poses of plates, places of markers, coordinates of actuators, and the Jacobian.\n"
         f"{fit.model['others']}Statics only: no dynamics, no hysteresis.\n"
-        f"Polynomials of degree {fit.degree} with {n_terms} terms, from {fit.n_samples} equilibria.\n\n"
+        f"Polynomials of degree {powers.max()} with {len(powers)} terms, from {len(fit.sampled.points)} equilibria.\n\n"
         f"{EVALUATOR} needs Python and NumPy:\n"
         "  from reduced_model import ReducedModel\n"
         f'  model = ReducedModel("{MODEL}")\n'
@@ -252,7 +257,7 @@ def write_reduced(fit: ReducedModelFit, folder: Path, of_bands: str = "") -> lis
         ".rx .ry .rz in rad, small rotations about the world's axes. It refuses inputs outside the model.\n\n"
         f"{SOURCE} is the same in C99, without dependencies: see its first lines.\n\n"
         + (f"{of_bands}\n\n" if of_bands else "")
-        + ('state["bands"] has half the width of each row of the Jacobian.\n\n' if fit.model["bands"] else "")
+        + ('state["bands"] has half the width of each channel.\n\n' if fit.model["bands"] else "")
         + f"Error against the twin at {fit.model['error']['measured at']}: median, 95th percentile and largest.\n"
         f"{lines}\n",
         encoding="utf-8",
@@ -270,9 +275,7 @@ def evaluator_of(model: Mapping[str, Any]) -> evaluator.ReducedModel:
         return evaluator.ReducedModel(path)
 
 
-def measured_error(
-    robot: Robot, model: Mapping[str, Any], places: Floats, bands: Bands | None = None
-) -> dict[str, OutputError]:
+def measured_error(robot: Robot, model: Mapping[str, Any], exact: Sampled) -> dict[str, OutputError]:
     """Errors of a model against the twin: distances of plates and markers, angles, coordinates, and of its Jacobian and
     bands.
 
@@ -282,18 +285,10 @@ def measured_error(
         The robot.
     model
         Content of `model.json`.
-    places
-        Inputs as shares of their ranges (n, n_inputs).
-    bands
-        Those that the model has.
-
-    Raises
-    ------
-    SimulationError
-        If the twin has no equilibrium at one of them.
+    exact
+        The twin at some states, with the bands that the model has.
     """
     inputs = [Input(**one) for one in model["inputs"]]
-    exact = _Sampled.at(robot, inputs, places, bands=bands)
     read = evaluator_of(model)
     states = [read.state(dict(zip(read.inputs, at.tolist(), strict=True))) for at in exact.points]
     rates = np.array([np.reshape(state["jacobian"], (-1, len(inputs))) for state in states])
@@ -307,8 +302,8 @@ def measured_error(
             apart = np.linalg.norm((rates - exact_rates)[:, rows, k], axis=1)
             largest = float(np.linalg.norm(exact_rates[:, rows, k], axis=1).max())
             errors[f"d {name} / d {one.name}"] = _distribution(f"{unit}/{one.unit}", apart, largest)
-        if bands is not None:
-            ours = np.array([state["bands"][rows] for state in states])
+        if model["bands"] is not None:
+            ours = np.array([[*state["bands"].values()][rows] for state in states])
             apart = np.abs(ours - exact.widths[:, rows]).max(axis=1)
             errors[f"band of {name}"] = _distribution(unit, apart, float(exact.widths[:, rows].max()))
 
@@ -393,7 +388,7 @@ def _of_actuator(robot: Robot, part: ActuatedPart, span: Span) -> Input:
         if span.unit != coordinate.unit:
             wanted = f"a range in {effort.unit} or {coordinate.unit}"
             raise ParameterError(Fault("this is no range of the actuator", part.name, f"in {span.unit}", wanted))
-        efforts = efforts_along(robot, part, (span.least, span.most), PATH)
+        efforts = efforts_along(robot, part, (span.least, span.most))
         span = Span(max(float(efforts[0]), part.ranges[1].lower), float(efforts[-1]), effort.unit)
     for end in (span.least, span.most):
         if (fault := part.command_fault(effort.name, np.array([end]))) is not None:
@@ -402,10 +397,8 @@ def _of_actuator(robot: Robot, part: ActuatedPart, span: Span) -> Input:
     return Input(part.name, effort.unit, span.least, span.most, default, effort.name)
 
 
-def efforts_along(
-    robot: Robot, part: ActuatedPart, ends: tuple[float, float], n: int, curve_tolerance: float = CURVE_TOLERANCE
-) -> Floats:
-    """Efforts (n,) [SI] of an actuator at even steps of its coordinate, with no other actuator.
+def efforts_along(robot: Robot, part: ActuatedPart, ends: tuple[float, float]) -> Floats:
+    """Efforts [SI] of an actuator at even steps of its coordinate, with no other actuator.
 
     Parameters
     ----------
@@ -415,10 +408,6 @@ def efforts_along(
         The actuator.
     ends
         Of the coordinate [SI]; what only pulls begins where it is taut.
-    n
-        Number of steps.
-    curve_tolerance
-        As of `simulate`.
 
     Raises
     ------
@@ -434,9 +423,9 @@ def efforts_along(
             what, got = "the actuator has no effort there", format_quantity(most, coordinate.unit)
             raise ParameterError(Fault(what, part.name, got, f"> {format_quantity(taut, coordinate.unit)}"))
         least = max(least, taut)
-    steps = np.linspace(least, most, n)
+    steps = np.linspace(least, most, PATH)
     protocol = Protocol({part.name: Command(coordinate.name, steps)})
-    response = simulate(robot, protocol, curve_tolerance=curve_tolerance)
+    response = simulate(robot, protocol)
     if not response.succeeded:
         raise SimulationError(f"{part.name}: {response.status}")
     efforts = response.channels[f"{part.name}.{effort.name}"].copy()
@@ -473,6 +462,12 @@ class _Outputs:
         places = [f"{name}.{key}" for name in self.plates for key in ("x", "y", "z", "rx", "ry", "rz")]
         return places + self.coordinates + [f"{name}.{axis}" for name in self.markers for axis in "xyz"]
 
+    @property
+    def channels(self) -> list[str]:
+        """Of the model, as `rows`, with a plate's angles in the place of small rotations."""
+        places = [f"{name}.{key}" for name in self.plates for key in ("x", "y", "z", "pitch", "roll", "yaw")]
+        return places + self.rows[len(places) :]
+
     def changes(self, values: Floats) -> Floats:
         """The change of each output (n_outputs,) over values (n, n_outputs): of a position or quaternion that of the
         component which changes most; infinite where nothing does.
@@ -483,7 +478,7 @@ class _Outputs:
 
 
 @dataclass(frozen=True)
-class _Sampled:
+class Sampled:
     """The twin at samples.
 
     Attributes
@@ -499,7 +494,9 @@ class _Sampled:
     half
         Half of each range (n_inputs,).
     widths
-        Half the width of the band of each row of the Jacobian (n, n_rows); (n, 0) without bands.
+        Half the width of the band of each channel of the model (n, n_rows); (n, 0) without bands.
+    snapshots, tets
+        Shapes, and their bodies' connectivity; empty where they are not kept.
     """
 
     points: Floats
@@ -508,6 +505,8 @@ class _Sampled:
     rates: Floats
     half: Floats
     widths: Floats
+    snapshots: Sequence[Snapshot] = ()
+    tets: Mapping[str, Ints] = field(default_factory=dict[str, Ints])
 
     @classmethod
     def at(
@@ -517,8 +516,25 @@ class _Sampled:
         shares: Floats,
         tell: Callable[[str], None] = lambda sentence: None,
         bands: Bands | None = None,
-    ) -> _Sampled:
-        """Solve the twin at shares (n, n_inputs) of the ranges, each sample after one that is near.
+        *,
+        shapes: bool = False,
+    ) -> Sampled:
+        """Solve the twin, each sample after one that is near.
+
+        Parameters
+        ----------
+        robot
+            The robot.
+        inputs
+            The inputs.
+        shares
+            Of their ranges (n, n_inputs).
+        tell
+            Called with each warning of the twin.
+        bands
+            Of the calibration; None: there are none.
+        shapes
+            Whether the shapes are kept.
 
         Raises
         ------
@@ -534,34 +550,37 @@ class _Sampled:
         # Samples of one robot are one simulation.
         fixed = [k for k in range(len(inputs)) if k not in commands]
         each = [np.arange(len(points))] if not fixed else np.arange(len(points))[:, None]
-        parts, warned = list[Floats](), dict[str, None]()
+        responses = list[Response]()
         for rows in each:
             protocol = Protocol({inputs[k].name: Command(inputs[k].control, points[rows, k]) for k in commands})
             theta = {inputs[k].name: float(points[rows[0], k]) for k in fixed}
-            response = simulate(robot, protocol, theta, sensitivities=by, curve_tolerance=0.0)
+            kept = "samples" if shapes else False
+            response = simulate(robot, protocol, theta, sensitivities=by, snapshots=kept, curve_tolerance=0.0)
             if not response.succeeded:
                 raise SimulationError(
                     f"The robot has no equilibrium within the ranges: {response.status} Try smaller ones."
                 )
-            warned |= dict.fromkeys(response.warnings)
-            parts.append(_outputs(robot, response, by))
-        for sentence in warned:
+            responses.append(response)
+        for sentence in dict.fromkeys(sentence for response in responses for sentence in response.warnings):
             tell(sentence)
-        table = np.concatenate(parts)
+        table = np.concatenate([_outputs(robot, response, by) for response in responses])
         places = 2.0 * shares - 1.0
         near = [int(((places[:k] - places[k]) ** 2).sum(axis=1).argmin()) for k in range(1, len(places))]
         n_plates, n_inputs = sum(not plate.fixed for plate in robot.plates), len(inputs)
         align(table, [0, *near], [slice(POSE * k + 3, POSE * k + 7) for k in range(n_plates)])
         widths = np.zeros((len(table), 0))
         if bands is not None:
-            by_parameter = row_rates(table[:, :1], table[:, 1 + n_inputs :], n_plates)
-            widths = np.stack([bands.width(each) for each in np.moveaxis(by_parameter, 1, 0)], axis=1)
+            channels = _Outputs.of(robot).channels
+            of_each = [[one.sensitivities.by(name, channels) for one in responses] for name in bands.parameters]
+            rates = np.stack([np.concatenate(each) for each in of_each], axis=2)
+            widths = np.stack([bands.width(each) for each in np.moveaxis(rates, 1, 0)], axis=1)
         half = 0.5 * (most - least)
-        return cls(points, places, table[:, 0], table[:, 1 : 1 + n_inputs], half, widths)
+        shown, tets = [shape for one in responses for shape in one.snapshots], responses[0].tets
+        return cls(points, places, table[:, 0], table[:, 1 : 1 + n_inputs], half, widths, shown, tets)
 
     def widths_fitted(self, directions: Floats) -> Mapping[str, Any] | None:
-        """Polynomials of the squares of the bands, which are smooth also where a band is zero, and have no derivatives:
-        of the highest degree that the samples determine.
+        """Polynomials of the squares of the bands, which are smooth also where a band is zero: of the highest degree
+        that the samples determine.
         """
         if not self.widths.shape[1]:
             return None
@@ -569,13 +588,27 @@ class _Sampled:
         degree, powers = 1, _powers(alike, 1)
         while degree < MOST_DEGREE and len(further := _powers(alike, degree + 1)) <= most:
             degree, powers = degree + 1, further
-        terms, _ = _design(self, directions, powers)
-        coefficients = np.linalg.lstsq(terms, self.widths**2, rcond=None)[0]
-        return {"powers": powers.tolist(), "coefficients": coefficients.tolist()}
+        return self.fitted(directions, powers, self.widths**2)
 
-    def take(self, rows: Ints) -> _Sampled:
+    def fitted(self, directions: Floats, powers: Ints, values: Floats) -> Mapping[str, Any]:
+        """Polynomials of values (n, k) that have no derivatives: their `powers` and `coefficients`.
+
+        Parameters
+        ----------
+        directions
+            Of the model (n_inputs, n_inputs).
+        powers
+            Those of the model (n_terms, n_inputs), of which the highest are left out where there are too many.
+        values
+            At the samples.
+        """
+        low = powers[np.argsort(powers.sum(axis=1), kind="stable")[: int(len(self.places) / DETERMINED)]]
+        coefficients = np.linalg.lstsq(terms_at(self.places, directions, low), values, rcond=None)[0]
+        return {"powers": low.tolist(), "coefficients": coefficients.tolist()}
+
+    def take(self, rows: Ints) -> Sampled:
         own = (self.points[rows], self.places[rows], self.values[rows], self.rates[rows])
-        return _Sampled(*own, self.half, self.widths[rows])
+        return Sampled(*own, self.half, self.widths[rows])
 
 
 def row_rates(values: Floats, rates: Floats, n_plates: int) -> Floats:
@@ -641,7 +674,7 @@ def _outputs(robot: Robot, response: Response, by: Sequence[str]) -> Floats:
     return table
 
 
-def _directions(sampled: _Sampled, change: Floats) -> tuple[Floats, Floats]:
+def _directions(sampled: Sampled, change: Floats) -> tuple[Floats, Floats]:
     """D (n_inputs, n_inputs), and the weights (n_inputs,) of the powers; change (n_outputs,): of the outputs."""
     slopes = (sampled.rates * sampled.half[:, None] / change).transpose(1, 0, 2).reshape(sampled.rates.shape[1], -1)
     squares, vectors = np.linalg.eigh(slopes @ slopes.T)
@@ -660,28 +693,43 @@ def _powers(weights: Floats, degree: float) -> Ints:
     return np.array(rows, dtype=np.int64)
 
 
-def _design(sampled: _Sampled, directions: Floats, powers: Ints) -> tuple[Floats, Floats]:
-    """Terms (n, n_terms) at the samples, and their derivatives by each direction (n, n_inputs, n_terms)."""
+def terms_at(places: Floats, directions: Floats, powers: Ints) -> Floats:
+    """Terms (n, n_terms) at places.
+
+    Parameters
+    ----------
+    places
+        Inputs (n, n_inputs), each from -1 to 1 over its range.
+    directions
+        Of the model (n_inputs, n_inputs).
+    powers
+        Of the terms (n_terms, n_inputs).
+    """
+    return _design(places, directions, powers)[0]
+
+
+def _design(places: Floats, directions: Floats, powers: Ints) -> tuple[Floats, Floats]:
+    """Terms (n, n_terms) at places, and their derivatives by each direction (n, n_inputs, n_terms)."""
     from numpy.polynomial import chebyshev
 
     degree = int(powers.max(initial=1))
     slopes = np.zeros((degree + 1, degree + 1))  # of T_i in the others
     for i in range(1, degree + 1):
         slopes[i, :i] = chebyshev.chebder(np.eye(degree + 1)[i])[:i]
-    table = chebyshev.chebvander(sampled.places @ directions.T, degree)
+    table = chebyshev.chebvander(places @ directions.T, degree)
     factors = [table[:, k][:, powers[:, k]] for k in range(table.shape[1])]
     changes = [(table[:, k] @ slopes.T)[:, powers[:, k]] for k in range(table.shape[1])]
     rates = [np.prod([*factors[:k], changes[k], *factors[k + 1 :]], axis=0) for k in range(len(factors))]
     return np.prod(factors, axis=0), np.stack(rates, axis=1)
 
 
-def _fitted(sampled: _Sampled, directions: Floats, powers: Ints) -> Floats:
+def _fitted(sampled: Sampled, directions: Floats, powers: Ints) -> Floats:
     """Coefficients (n_terms, n_outputs); derivatives count less as the degree grows, as Chebyshev polynomials are
     steeper.
     """
     from scipy.linalg import cho_factor, cho_solve
 
-    terms, rates = _design(sampled, directions, powers)
+    terms, rates = _design(sampled.places, directions, powers)
     weight = 1.0 / max(int(powers.max()), 1)
     A = np.concatenate([terms, weight * rates.reshape(-1, len(powers))])
     # By a direction, the others at rest: s = D^-1 t.
@@ -693,7 +741,7 @@ def _fitted(sampled: _Sampled, directions: Floats, powers: Ints) -> Floats:
     return found
 
 
-def _best_terms(sampled: _Sampled, change: Floats) -> tuple[Floats, Ints]:
+def _best_terms(sampled: Sampled, change: Floats) -> tuple[Floats, Ints]:
     """Directions, and the powers of the degree that predicts the samples that are left out.
 
     change (n_outputs,): of the outputs.
@@ -707,7 +755,7 @@ def _best_terms(sampled: _Sampled, change: Floats) -> tuple[Floats, Ints]:
         powers = _powers(weights, degree)
         if len(powers) > min(MOST_TERMS, len(kept.places) * (1 + n_inputs) / DETERMINED):
             break
-        terms, _ = _design(out, directions, powers)
+        terms = terms_at(out.places, directions, powers)
         apart = np.abs(terms @ _fitted(kept, directions, powers) - out.values) / change
         error = float(np.quantile(apart, QUANTILES["p95"], axis=0).max())
         if error < least:

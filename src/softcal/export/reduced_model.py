@@ -40,7 +40,7 @@ class ReducedModel:
 
     def state(self, commands: "dict[str, float]") -> "dict[str, Any]":
         """Poses of plates (position [m], quaternion x, y, z, w), places of markers [m], coordinates of actuators, and
-        the Jacobian (`rows` by `inputs`); of a calibrated run, `bands`: half the width of the 95 % band of each row. An
+        the Jacobian (`rows` by `inputs`); of a calibrated run, `bands`: channel -> half the width of its 95 % band. An
         input that is not named has its default, an actuator no effort.
         """
         n, at = len(self.plates), self._at(commands)
@@ -57,7 +57,7 @@ class ReducedModel:
             "jacobian": rates.T.tolist(),
         }
         if self._squares is not None:
-            state["bands"] = np.sqrt(np.maximum(self._squares(at)[0], 0.0)).tolist()
+            state["bands"] = dict(zip(self.channels, np.sqrt(np.maximum(self._squares(at)[0], 0.0)).tolist()))
         return state
 
     def read(self, commands: "dict[str, float]", channels: "list[str]") -> "tuple[np.ndarray, np.ndarray]":

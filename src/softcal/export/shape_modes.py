@@ -1,63 +1,68 @@
-"""Drawn shapes over a grid of tensions, as few modes.
+"""Drawn shapes over the inputs of a reduced model, as few modes.
 
-The points of all shapes at the nodes are one matrix, of which the singular value decomposition gives the modes that
-represent it best. Their coefficients are interpolated over the grid as the channels of the grid's model are, with the
-slopes of splines through them. Points have four bytes a coordinate, modes two.
+The points of all shapes are one matrix, of which the singular value decomposition gives the modes that represent it
+best. Their coefficients are polynomials of the inputs, as the outputs of the model are. Points have four bytes a
+coordinate, modes two.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from softcal.checks import Floats
-from softcal.export.tension_grid import with_mixed
-from softcal.export.tension_grid_model import GridModel
+from softcal.export.reduced import terms_at
 
-CLOSE = 2e-4  # of the largest displacement: the error of the modes at the nodes
+CLOSE = 2e-4  # of the largest displacement: the error of the modes in the shapes
 MOST_MODES = 40
 LARGEST = 32767  # of a mode's integers
 
 
 @dataclass(frozen=True)
 class ShapeModes:
-    """Points of shapes over tensions.
-
-    Attributes
-    ----------
-    data
-        For the page: `rest` (points at the first node, float32), `modes` (int16), `n_modes`, and `nodes`, the
-        coefficients as the model's `nodes` are.
-    error
-        The largest distance [m] of a point from the twin's at the nodes and at the held-out tensions.
+    """Points of shapes over inputs. data: `rest` (points, float32), `modes` (int16), `n_modes`, and the `powers` and
+    `coefficients` of the modes.
     """
 
     data: Mapping[str, Any]
-    error: float
+
+    def distance(self, directions: Floats, places: Floats, shapes: Floats) -> float:
+        """The largest distance [m] of a point from where it is in other shapes.
+
+        Parameters
+        ----------
+        directions
+            Of the model (n_inputs, n_inputs).
+        places
+            Inputs (n, n_inputs), each from -1 to 1 over its range.
+        shapes
+            Positions there (n, n_points, 3) [m].
+        """
+        terms = terms_at(places, directions, np.array(self.data["powers"]))
+        modes = self.data["modes"].astype(np.float64)
+        moved = terms @ np.array(self.data["coefficients"]) @ modes
+        return _furthest(moved - (shapes - self.data["rest"]).reshape(len(shapes), -1))
 
 
-def shape_modes(model: Mapping[str, Any], nodes: Floats, points: Floats, between: Floats) -> ShapeModes:
+def shape_modes(rest: Floats, shapes: Floats, fitted: Callable[[Floats], Mapping[str, Any]]) -> ShapeModes:
     """The modes of shapes.
 
     Parameters
     ----------
-    model
-        Of the same grid.
-    nodes
-        Positions [m] at its nodes (n_nodes, n_points, 3), the last cable's changing first.
-    points
-        Held-out tensions (n, n_cables) [N].
-    between
-        Positions there (n, n_points, 3).
+    rest
+        Positions (n_points, 3) [m] from which displacements are counted.
+    shapes
+        Positions (n, n_points, 3) [m].
+    fitted
+        From values (n, k) in these shapes to the `powers` and `coefficients` of polynomials.
     """
-    rest = nodes[0].astype("<f4")
-    moved = (nodes - rest).reshape(len(nodes), -1)
+    start = rest.astype("<f4")
+    moved: Floats = np.asarray(shapes - start, dtype=np.float64).reshape(len(shapes), -1)
     _, _, basis = np.linalg.svd(moved, full_matrices=False)
-    allowed = CLOSE * float(np.linalg.norm(moved.reshape(*nodes.shape), axis=2).max(initial=0.0))
+    allowed = CLOSE * _furthest(moved)
     n = 1
     while True:
         modes = basis[:n]
@@ -68,30 +73,7 @@ def shape_modes(model: Mapping[str, Any], nodes: Floats, points: Floats, between
         if n == min(len(basis), MOST_MODES) or _furthest(found @ rounded - moved) <= allowed:
             break
         n += 1
-    data = {"n_modes": n, "rest": rest, "modes": rounded, "nodes": hermite(model, found)}
-    read = GridModel({**model, "nodes": data["nodes"]})
-    at = np.array([read.channels([*map(float, tensions)], read.model["nodes"]) for tensions in points])
-    errors = (found @ rounded - moved, np.reshape(at, (-1, n)) @ rounded - (between - rest).reshape(-1, rest.size))
-    return ShapeModes(data, max(map(_furthest, errors)))
-
-
-def hermite(model: Mapping[str, Any], values: Floats, *, monotonic: bool = False) -> list[Any]:
-    """Values (n_nodes, n) with their slopes and mixed derivatives, as the model's `nodes` are.
-
-    Parameters
-    ----------
-    model
-        Of the same grid.
-    values
-        At its nodes, the last cable's changing first.
-    monotonic
-        Whether the slopes are those of monotonic pieces, which do not leave the range of the values, or of a spline.
-    """
-    axes: Sequence[Floats] = [np.array(axis) for axis in model["axes"]]
-    table = values.reshape(*map(len, axes), -1)
-    through = PchipInterpolator if monotonic else CubicSpline
-    slopes = [through(axis, table, axis=k).derivative()(axis) for k, axis in enumerate(axes)]
-    return with_mixed(np.stack([table, *slopes], axis=-2), axes).tolist()
+    return ShapeModes({"n_modes": n, "rest": start, "modes": rounded, **fitted(found)})
 
 
 def _furthest(difference: Floats) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.geometry.cell import all_faces, outer_faces
 from softcal.geometry.pose import Pose
+from softcal.geometry.regions import Named, select_faces
 from softcal.geometry.ring import across, ring_points
 from softcal.geometry.surface import border, boundary
 from softcal.report.scene import RIM, FlatDisc, Part, Tube, Wire
@@ -65,6 +66,13 @@ def material_faces(body: Body, tets: Ints) -> dict[str, Ints]:
     for one in body.materials[1:]:
         found[one.name] = boundary(tets[one.elements])
     return {name: faces for name, faces in found.items() if len(faces)}
+
+
+def chamber_faces(robot: Robot, body: Body) -> Ints:
+    """Corners (k, 3) of the faces of a body that are walls of chambers."""
+    walls = [part.actuator.surfaces.get(body.name, ()) for part in robot.actuators]
+    faces = [select_faces(body.mesh, Named(one)) if isinstance(one, str) else np.array(one) for one in walls]
+    return np.concatenate([np.zeros((0, 3), dtype=np.int64), *(one[:, :3] for one in faces if len(one))])
 
 
 def rod_colours(rod: Rod, colours: Mapping[str, str]) -> str | Floats:

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.geometry.cell import face_keys
 from softcal.geometry.fine_surface import fine_surface
 from softcal.geometry.pose import Pose
 from softcal.geometry.surface import boundary
 from softcal.report.robot_view import (
     AROUND,
     balls,
+    chamber_faces,
     material_colours,
     material_faces,
     plate_parts,
@@ -95,7 +97,7 @@ def twin_parts(
     most
         Triangles of a body for which its surface is coarser; see `fine_surface`.
     """
-    from softcal.report.style import BLUE, LOOP, MUTED, ORANGE, SKY
+    from softcal.report.style import BLUE, LOOP, MUTED, ORANGE, PURPLE, SKY
 
     robot = view.robot
     size = length_scale(robot_points(robot))
@@ -107,12 +109,18 @@ def twin_parts(
         for material, faces in ({"": boundary(tets)} if d is not None else material_faces(body, tets)).items():
             fine = fine_surface(faces, most)
             at = fine.at(snapshot.points[body.name])
-            is_fixed = fine.by_triangle(np.asarray(np.isin(faces[:, :3], body.fixed).all(axis=1)))
-            hides = material == body.name and len(body.materials) > 1
+            n, walls = int(tets.max()) + 1, chamber_faces(robot, body)
+            is_wall = fine.by_triangle(np.isin(face_keys(faces, n), face_keys(walls, n)))
+            is_fixed = ~is_wall & fine.by_triangle(np.asarray(np.isin(faces[:, :3], body.fixed).all(axis=1)))
+            hides = is_wall.any() or (material == body.name and len(body.materials) > 1)
             look = colours[material] if d is None else _shades(fine.at(d), largest)
             parts += [
-                Surface(at, fine.triangles[chosen], colour=colour, opacity=AROUND if hides else 1.0)
-                for chosen, colour in ((~is_fixed, look), (is_fixed, MUTED))
+                Surface(at, fine.triangles[chosen], colour=colour, opacity=opacity)
+                for chosen, colour, opacity in (
+                    (~is_fixed & ~is_wall, look, AROUND if hides else 1.0),
+                    (is_fixed, MUTED, AROUND if hides else 1.0),
+                    (is_wall, PURPLE, 1.0),
+                )
                 if chosen.any()
             ]
     labels: list[Label] = []

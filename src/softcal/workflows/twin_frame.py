@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from typing import Any
+
 import numpy as np
 
 from softcal.checks import Floats
 from softcal.report.format import number
 from softcal.report.twin_view import TwinFrame, TwinView
+from softcal.sensing.channel import channel_name
+from softcal.sensing.sensors.plate import angles
 from softcal.twin.response import Response
 from softcal.units import format_quantity
-from softcal.workflows.simulation import turning_angle
 
 MOST_SHAPES, MOST_TRIANGLES = 24, 12_000  # of a body
 MOST_LETTERS = 600_000  # of the page
-KINDS = {"m": "shortening", "N": "tension"}  # unit of a drive -> what it is
+DEGREE = 96  # of the polynomials that follow the splines
+STEP = "step of the test"
 
 
 def twin_frame(view: TwinView, response: Response) -> TwinFrame | None:
-    """The twin along its pull; None where no cable is pulled, or another actuator is, or the page were too large.
+    """The twin along its pull; None where nothing is pulled, or the page were too large.
 
     Parameters
     ----------
@@ -26,55 +31,88 @@ def twin_frame(view: TwinView, response: Response) -> TwinFrame | None:
     response
         Its response to the pull, with shapes.
     """
+    from numpy.polynomial import chebyshev
     from scipy.interpolate import CubicSpline
 
-    from softcal.export.shape_modes import hermite, shape_modes
-    from softcal.report.twin_page import drawn, twin_page
+    from softcal.export.reduced import Input, terms_at
+    from softcal.export.shape_modes import shape_modes
+    from softcal.report.twin_page import drawn, shown_channels, shown_unit, twin_page
 
     chosen = np.unique(np.linspace(0, len(response.snapshots) - 1, MOST_SHAPES).round().astype(int))
     shapes = [response.snapshots[k] for k in chosen]
     first, pulled = shapes[0], [*shapes[0].controls]
-    if not pulled or not {*pulled} <= first.tensions.keys():
+    if not pulled:
         return None
-    places, kind = np.array([one.drive for one in shapes]), KINDS.get(first.drive_unit, "step")
-    if kind == "step" or np.any(np.diff(places) <= 0.0):  # of several cables, or to and fro
-        places, kind = np.arange(1.0, len(shapes) + 1.0), "step"
-    measures = {f"{name}.tension": np.array([one.tensions.get(name, 0.0) for one in shapes]) for name in pulled}
-    moving = [plate.name for plate in view.robot.plates if not plate.fixed and plate.name in first.plates]
-    at = {name: np.array([one.plates[name][0] for one in shapes]) for name in moving}
-    for name in moving:
-        back = first.plates[name][1].T
-        measures[f"{name}.rotation"] = np.array([turning_angle(back @ one.plates[name][1]) for one in shapes])
-    at |= {name: np.array([one.markers[name] for one in shapes]) for name in first.markers}
-    measures |= {f"{name}.displacement": np.linalg.norm(there - there[0], axis=1) for name, there in at.items()}
-    model = {"cables": pulled[:1], "axes": [places.tolist()], "rows": [], "error": {}}
-    seen = drawn(view, shapes, MOST_TRIANGLES)
-    modes = shape_modes(model, seen.points, np.zeros((0, 1)), seen.points[:0])
-    path = {
-        "name": "step of the test" if kind == "step" else f"{kind} of {pulled[0]}",
-        "kind": kind,
-        "axes": model["axes"],
-        "measures": [*measures],
-        "nodes": hermite(model, np.column_stack([*measures.values()])),
+    parts = {part.name: part for part in view.robot.actuated}
+    controls = {kind.unit: kind.name for kind in parts[pulled[0]].channels}
+    places, control = np.array([one.drive for one in shapes]), controls.get(first.drive_unit, "")
+    if not control or np.any(np.diff(places) <= 0.0):  # of several actuators, or to and fro
+        places, control = np.arange(1.0, len(shapes) + 1.0), ""
+    each = [{**one.tensions, **one.efforts} for one in shapes]
+    channels = {
+        f"{name}.{parts[name].channels[1].name}": np.array([one.get(name, 0.0) for one in each]) for name in pulled
     }
-    page = twin_page("", {"path": path, "shapes": modes.data, "parts": seen.parts, "view": seen.view, "markers": []})
+    efforts = [*channels]
+    for plate in view.robot.plates:
+        if not plate.fixed and plate.name in first.plates:
+            poses = np.array([(*at, *angles(turned)) for at, turned in (one.plates[plate.name] for one in shapes)])
+            keys = ("x", "y", "z", "pitch", "roll", "yaw")
+            channels |= {f"{plate.name}.{key}": poses[:, k] for k, key in enumerate(keys)}
+    for name in first.markers:
+        at = np.array([one.markers[name] for one in shapes])
+        channels |= {f"{name}.{axis}": at[:, k] for k, axis in enumerate("xyz")}
+    if control == parts[pulled[0]].channels[0].name:
+        channels[f"{pulled[0]}.{control}"] = places
+    if len(channels) == len(efforts):
+        return None
+    half, middle = 0.5 * np.ptp(places), 0.5 * (places[0] + places[-1])
+    powers, nodes = np.arange(DEGREE + 1)[:, None], chebyshev.chebpts1(2 * DEGREE)
+
+    def fitted(values: Floats) -> dict[str, Any]:
+        coefficients = chebyshev.chebfit(nodes, CubicSpline(places, values)(middle + half * nodes), DEGREE)
+        return {"powers": powers.tolist(), "coefficients": coefficients.tolist()}
+
+    name, unit = (pulled[0], first.drive_unit) if control else (STEP, "")
+    driven = Input(name, unit, float(places[0]), float(places[-1]), float(places[0]), control)
+    model = {
+        "inputs": [asdict(driven)],
+        "plates": [],
+        "coordinates": [*channels],
+        "markers": [],
+        "directions": [[1.0]],
+        **fitted(np.column_stack([*channels.values()])),
+        "bands": None,
+    }
+    seen = drawn(view, shapes, MOST_TRIANGLES)
+    modes, shown = shape_modes(seen.rest, seen.points, fitted), shown_channels(channels)
+    data = {
+        "model": model,
+        "shapes": modes.data,
+        "parts": seen.parts,
+        "view": seen.view,
+        "inputs": [[driven.derivative]],
+        "efforts": efforts,
+        **shown,
+        "units": {**shown["units"], driven.derivative: shown_unit(places, unit)},
+    }
+    page = twin_page("", data)
     if len(page) > MOST_LETTERS:
         return None
     told = f"The twin along its pull: {len(shapes)} equilibria of its load path, and splines between them"
-    if kind != "step":
-        along = response.channels[f"{pulled[0]}.{kind}"]
+    if control:
+        along = response.channels[driven.derivative]
         kept = (along >= places[0]) & (along <= places[-1])
-
-        def away(values: Floats, *channels: str) -> float:  # the splines from the response, at its samples
-            exact = np.stack([response.channels[name][kept] for name in channels], axis=1)
-            read = CubicSpline(places, values.reshape(len(shapes), -1))(along[kept])
-            return float(np.linalg.norm(read - exact, axis=1).max(initial=0.0))
-
-        apart = [away(there, *(f"{name}.{axis}" for axis in "xyz")) for name, there in at.items()]
-        size = format_quantity(max([modes.error, *apart]), "m", digits=2)
+        terms = terms_at((along[kept, None] - middle) / half, np.eye(1), powers)
+        apart = dict(zip(channels, (terms @ np.array(model["coefficients"])).T, strict=True))
+        apart = {name: values - response.channels[name][kept] for name, values in apart.items()}
+        points: dict[str, list[Floats]] = {}
+        for name, difference in apart.items():
+            points.setdefault(channel_name(name).point, []).append(difference)
+        away = [np.linalg.norm(of, axis=0).max(initial=0.0) for point, of in points.items() if point]
+        away.append(modes.distance(np.eye(1), (places[:, None] - middle) / half, seen.points))
+        size = format_quantity(max(away), "m", digits=2)
         told += f". At the samples of the test what is drawn is within {size} of the twin"
-        if kind == "shortening":
-            tension = measures[f"{pulled[0]}.tension"]
-            share = away(tension, f"{pulled[0]}.tension") / max(float(tension.max()), 1e-300)
-            told += f", and the tension within {number(100.0 * share, 2)} % of its largest"
-    return TwinFrame(page, len(measures), f"{told}.")
+        if driven.derivative not in efforts:
+            share = np.abs(apart[efforts[0]]).max(initial=0.0) / max(np.abs(channels[efforts[0]]).max(), 1e-300)
+            told += f", and the {parts[pulled[0]].channels[1].name} within {number(100.0 * share, 2)} % of its largest"
+    return TwinFrame(page, len(shown["measures"]), f"{told}.")

@@ -10,89 +10,97 @@ function plain(x) {
   return `${digits}e${power < 0 ? "-" : "+"}${String(Math.abs(power)).padStart(2, "0")}`;
 }
 
-/** Tensor-product cubic Hermite polynomials over a grid: values at tensions `at`, and their derivatives along `rates`.
- *  table: at each node of the first axis the values and the slopes, each over the other axes. */
-function channels(axes, at, rates, table) {
-  const axis = axes[0];
-  let i = 1;
-  while (i < axis.length - 1 && axis[i] <= at[0]) i += 1;
-  const h = axis[i] - axis[i - 1], s = (at[0] - axis[i - 1]) / h, r = rates[0] / h;
-  const weights = [(1 + 2 * s) * (1 - s) ** 2, h * s * (1 - s) ** 2, s * s * (3 - 2 * s), h * s * s * (s - 1)];
-  const changes = [-6 * s * (1 - s) * r, h * (1 - s) * (1 - 3 * s) * r, 6 * s * (1 - s) * r, h * s * (3 * s - 2) * r];
-  const ends = [...table[i - 1], ...table[i]].map((end) =>
-    axes.length > 1 ? channels(axes.slice(1), at.slice(1), rates.slice(1), end) : { values: end, rates: null },
-  );
-  const n = ends[0].values.length, found = { values: new Array(n).fill(0), rates: new Array(n).fill(0) };
-  ends.forEach((end, k) => {
-    const weight = weights[k], change = changes[k];
-    for (let j = 0; j < n; j += 1) {
-      found.values[j] += weight * end.values[j];
-      found.rates[j] += change * end.values[j] + (end.rates ? weight * end.rates[j] : 0);
-    }
-  });
-  return found;
-}
+const dot = (a, b) => a.reduce((total, value, i) => total + value * b[i], 0);
 
-/** The evaluator of `softcal export reduced`, by the formulas of reduced_model.py: tensions [N] to poses of plates,
- *  shortenings [m] and compliance. */
-class ReducedModel {
-  constructor(model) {
-    Object.assign(this, { model, cables: model.cables, axes: model.axes, rows: model.rows });
+/** Chebyshev polynomials in directions of the inputs, by the formulas of reduced_model.py; own: powers and coefficients. */
+class Polynomials {
+  constructor({ inputs, directions }, own) {
+    Object.assign(this, { inputs, directions }, own);
+    this.degree = Math.max(1, ...own.powers.flat());
   }
 
-  /** The tensions in the order of the cables; refuses those that the model does not have. */
-  tensions(given) {
-    for (const name of Object.keys(given).sort()) {
-      if (!this.cables.includes(name)) {
-        throw new RangeError(`The model has no cable '${name}'; it has ${this.cables.join(", ")}.`);
-      }
-    }
-    return this.cables.map((name, k) => {
-      const t = given[name] ?? 0, end = this.axes[k].at(-1);
-      if (!(t >= 0 && t <= end)) {
-        throw new RangeError(`${name}: ${plain(t)} N is outside the model, which holds from 0 to ${plain(end)} N.`);
-      }
-      return t;
+  /** Values at inputs [SI]. */
+  at(inputs) {
+    const s = this.inputs.map(({ least, most }, k) => (inputs[k] - 0.5 * (most + least)) / (0.5 * (most - least)));
+    const T = this.directions.map((row) => {
+      const t = dot(row, s), found = [1, t];
+      while (found.length <= this.degree) found.push(2 * t * found.at(-1) - found.at(-2));
+      return found;
     });
+    const values = new Array(this.coefficients[0].length).fill(0);
+    this.powers.forEach((powers, m) => {
+      const term = powers.reduce((product, power, k) => product * T[k][power], 1);
+      this.coefficients[m].forEach((coefficient, j) => { values[j] += term * coefficient; });
+    });
+    return values;
+  }
+}
+
+/** The evaluator of `softcal export reduced`: inputs [SI] to poses of plates, coordinates, places of markers, and bands. */
+class ReducedModel {
+  constructor(model) {
+    Object.assign(this, { model, inputs: model.inputs, outputs: new Polynomials(model, model) });
+    this.squares = model.bands && new Polynomials(model, model.bands);
+    const places = (names, keys) => names.flatMap((name) => keys.map((key) => `${name}.${key}`));
+    const angles = places(model.plates, ["x", "y", "z", "pitch", "roll", "yaw"]);
+    this.channels = [...angles, ...model.coordinates, ...places(model.markers, ["x", "y", "z"])];
+  }
+
+  /** The inputs in their order; refuses those that the model does not have. */
+  read(given) {
+    const names = this.inputs.map(({ name }) => name), at = this.inputs.map(({ default: value }) => value);
+    for (const [name, value] of Object.entries(given)) {
+      const k = names.indexOf(name);
+      if (k < 0) throw new RangeError(`The model has no input '${name}'; it has ${names.join(", ")}.`);
+      const { least, most, unit } = this.inputs[k];
+      if (!(least <= value && value <= most)) {
+        throw new RangeError(
+          `${name}: ${plain(value)} ${unit} is outside the model, which holds from ${plain(least)} to ${plain(most)} ${unit}.`,
+        );
+      }
+      at[k] = value;
+    }
+    return at;
   }
 
   state(given) {
-    const at = this.tensions(given), plates = {}, columns = [];
-    let shortenings = {};
-    for (let k = 0; k < at.length; k += 1) {
-      const { values, rates } = channels(this.axes, at, at.map((_, j) => (j === k ? 1 : 0)), this.model.nodes);
-      const column = [];
-      this.model.plates.forEach((name, i) => {
-        const position = values.slice(7 * i, 7 * i + 3), q = values.slice(7 * i + 3, 7 * i + 7);
-        const size = Math.sqrt(q.reduce((total, part) => total + part * part, 0));
-        const quaternion = q.map((part) => part / size), [a, b, c, d] = quaternion;
-        const [x, y, z, w] = rates.slice(7 * i + 3, 7 * i + 7);
-        const turn = [d * x - a * w + b * z - c * y, d * y - b * w + c * x - a * z, d * z - c * w + a * y - b * x];
-        column.push(...rates.slice(7 * i, 7 * i + 3), ...turn.map((part) => (2 * part) / size));
-        plates[name] = { position, quaternion };
-      });
-      const first = 7 * this.model.plates.length;
-      column.push(...rates.slice(first));
-      shortenings = Object.fromEntries(this.model.shortenings.map((name, j) => [name, values[first + j]]));
-      columns.push(column);
-    }
-    return { plates, shortenings, compliance: columns[0].map((_, row) => columns.map((column) => column[row])) };
+    const at = this.read(given), values = this.outputs.at(at), { plates, coordinates, markers } = this.model;
+    const first = 7 * plates.length, named = (names, value) => Object.fromEntries(names.map((name, k) => [name, value(k)]));
+    const poses = plates.map((_, k) => {
+      const q = values.slice(7 * k + 3, 7 * k + 7), size = Math.sqrt(dot(q, q));
+      return { position: values.slice(7 * k, 7 * k + 3), quaternion: q.map((part) => part / size) };
+    });
+    const angles = poses.flatMap(({ position, quaternion: [x, y, z, w] }) => [
+      ...position, // R = Ry(pitch) Rx(roll) Rz(yaw)
+      Math.atan2(2 * (x * z + w * y), 1 - 2 * (x * x + y * y)),
+      Math.asin(Math.max(-1, Math.min(1, -2 * (y * z - w * x)))),
+      Math.atan2(2 * (x * y + w * z), 1 - 2 * (x * x + z * z)),
+    ]);
+    const channels = named(this.channels, (k) => (k < angles.length ? angles[k] : values[k + plates.length]));
+    this.inputs.forEach(({ name, control }, k) => { channels[control ? `${name}.${control}` : name] = at[k]; });
+    const squares = this.squares ? this.squares.at(at) : [];
+    return {
+      plates: named(plates, (k) => poses[k]),
+      coordinates: named(coordinates, (k) => values[first + k]),
+      markers: named(markers, (k) => values.slice(first + coordinates.length + 3 * k).slice(0, 3)),
+      channels,
+      bands: named(squares.length ? this.channels : [], (k) => Math.sqrt(Math.max(squares[k], 0))),
+    };
   }
 }
 
 const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer;
 
-/** Points (x, y, z one after the other) [m] of all that is drawn, over tensions. */
+/** Points (x, y, z one after the other) [m] of all that is drawn, over the inputs of a model. */
 class Shapes {
-  constructor(data, axes) {
+  constructor(model, data) {
     const rest = new Float32Array(bytes(data.rest)), modes = new Int16Array(bytes(data.modes));
-    Object.assign(this, { axes, rest, nodes: data.nodes });
+    Object.assign(this, { rest, shares: new Polynomials(model, data) });
     this.modes = Array.from({ length: data.n_modes }, (_, k) => modes.subarray(k * rest.length, (k + 1) * rest.length));
   }
 
-  at(tensions) {
-    const shares = channels(this.axes, tensions, tensions.map(() => 0), this.nodes).values;
-    const points = this.rest.slice();
+  at(inputs) {
+    const shares = this.shares.at(inputs), points = this.rest.slice();
     this.modes.forEach((mode, k) => {
       const share = shares[k];
       for (let i = 0; i < points.length; i += 1) points[i] += share * mode[i];
@@ -102,64 +110,8 @@ class Shapes {
 }
 
 const minus = (a, b) => a.map((value, i) => value - b[i]);
-const dot = (a, b) => a.reduce((total, value, i) => total + value * b[i], 0);
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const unit = (a) => { const length = Math.hypot(...a) || 1; return a.map((value) => value / length); };
-
-/** What is measured of a state: name -> value [m; rad]; turned and moved are counted from the state without tension. */
-class Measures {
-  constructor(data, model, shapes) {
-    Object.assign(this, { data, model, shapes });
-    let first = 0;
-    const middles = data.parts.map(({ n }) => { first += n; return first - n + Math.floor(n / 2); });
-    this.markers = Object.fromEntries(data.markers.map((name, k) => [name, middles.at(k - data.markers.length)]));
-    this.rest = model.state({});
-    this.names = data.measures;
-  }
-
-  of(state, points) {
-    const found = {}, at = (all, i) => Array.from(all.subarray(3 * i, 3 * i + 3));
-    for (const [name, { position, quaternion: [x, y, z, w] }] of Object.entries(state.plates)) {
-      const { position: before, quaternion: [a, b, c, d] } = this.rest.plates[name];
-      const turn = [d * x - a * w + b * z - c * y, d * y - b * w + c * x - a * z, d * z - c * w + a * y - b * x];
-      found[`${name}.rotation`] = 2 * Math.atan2(Math.hypot(...turn), Math.abs(a * x + b * y + c * z + d * w));
-      found[`${name}.displacement`] = Math.hypot(...minus(position, before));
-    }
-    for (const [name, i] of Object.entries(this.markers)) {
-      found[`${name}.displacement`] = Math.hypot(...minus(at(points, i), at(this.shapes.rest, i)));
-    }
-    for (const [name, value] of Object.entries(state.shortenings)) found[`${name}.shortening`] = value;
-    return found;
-  }
-
-  /** Half the width of the 95 % band of each measure; none where the page has no bands. */
-  bands(tensions) {
-    if (!this.data.bands) return {};
-    const { values } = channels(this.model.axes, tensions, tensions.map(() => 0), this.data.bands);
-    return Object.fromEntries(this.names.map((name, k) => [name, Math.max(values[k], 0)]));
-  }
-}
-
-/** One pull that was solved at several steps: what is measured of it, over the place along it. */
-class Path {
-  constructor({ name, kind, axes, measures, nodes }) {
-    Object.assign(this, { cables: [name], kind: UNITS[kind], axes, names: measures, nodes });
-    this.pulled = measures.filter((measure) => measure.endsWith(".tension")).map((measure) => measure.slice(0, -8));
-  }
-
-  state(given) {
-    const { values } = channels(this.axes, [given[this.cables[0]]], [0], this.nodes);
-    return Object.fromEntries(this.names.map((name, k) => [name, values[k]]));
-  }
-
-  of(state) {
-    return state;
-  }
-
-  bands() {
-    return {};
-  }
-}
 
 const SHADER = [
   `#version 300 es
@@ -248,6 +200,7 @@ class Picture {
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     gl.viewport(0, 0, width, height);
     gl.clearColor(0, 0, 0, 0);
+    gl.depthMask(true);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     const [right, up, back] = view.camera, [c, s] = [Math.cos(this.turned), Math.sin(this.turned)];
     const [ct, st] = [Math.cos(this.tilted), Math.sin(this.tilted)];
@@ -261,6 +214,7 @@ class Picture {
       gl.uniform1i(this.uniform("isScale"), part.colour ? 0 : 1);
       gl.uniform3fv(this.uniform("colour"), part.colour || [0, 0, 0]);
       gl.uniform1f(this.uniform("opacity"), part.opacity);
+      gl.depthMask(part.opacity === 1); // what is seen through hides nothing of itself
       gl.bindVertexArray(part.array);
       gl.drawElements(gl.TRIANGLES, part.count, gl.UNSIGNED_INT, 0);
     }
@@ -336,9 +290,7 @@ function tubeTriangles(n, sides) {
   return Uint32Array.from(found);
 }
 
-const UNITS = { step: ["", 1], rotation: ["°", 180 / Math.PI], displacement: ["mm", 1e3], shortening: ["mm", 1e3], tension: ["N", 1] };
-const kindOf = (measure) => UNITS[measure.slice(measure.lastIndexOf(".") + 1)];
-const wordsOf = (measure) => `${measure.slice(measure.lastIndexOf(".") + 1)} of ${measure.slice(0, measure.lastIndexOf("."))}`;
+const wordsOf = (channel) => channel.split(/\.([^.]*)$/).slice(0, 2).reverse().join(" of ").replaceAll("_", " ");
 const shown = (value, [unitName, factor]) => {
   const size = Math.abs(value * factor);
   return `${(value * factor).toFixed(size < 1 ? 3 : size < 10 ? 2 : 1).replace("-", "−")}${unitName === "°" ? "" : " "}${unitName}`;
@@ -353,7 +305,7 @@ function ticks(low, high, n) {
   return found;
 }
 
-/** Tension of one cable over a measure, the other cables as they are, with its band and the present state. */
+/** One channel over another one, with its band and the present state. */
 class Chart {
   constructor(svg) {
     this.svg = svg;
@@ -366,102 +318,88 @@ class Chart {
     this.svg.append(made);
   }
 
-  /** curve: [tension, value, half the width of the band] of each of its points; now: the same of the present state. */
-  show(curve, now, cable, measure) {
-    const { svg } = this, kind = kindOf(measure), [width, height] = [svg.clientWidth || 400, svg.clientHeight || 260];
-    const [left, right, top, bottom] = [44, 14, 26, 42];
+  /** curve: [up, across, half the width of its band] of each point, in the units of the axes; now: the present state;
+   *  titles: of both axes. */
+  show(curve, now, [upwards, sideways]) {
+    const { svg } = this, [width, height] = [svg.clientWidth || 400, svg.clientHeight || 260];
+    const [left, right, top, bottom] = [48, 14, 26, 42], range = (values) => {
+      const [low, high] = [Math.min(...values), Math.max(...values)];
+      return high - low > 1e-9 ? [low, high] : [low - 0.5, low + 0.5];
+    };
     svg.replaceChildren();
     svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-    const ends = curve.flatMap(([, value, half]) => [(value - half) * kind[1], (value + half) * kind[1]]);
-    const [low, high, most] = [Math.min(...ends), Math.max(...ends), Math.max(...curve.map(([tension]) => tension)) || 1];
-    const [from, to] = high - low > 1e-9 ? [low, high] : [low - 0.5, low + 0.5];
-    const x = (value) => left + ((value * kind[1] - from) / (to - from)) * (width - left - right);
-    const y = (tension) => height - bottom - (tension / most) * (height - top - bottom);
+    const [from, to] = range(curve.flatMap(([, across, half]) => [across - half, across + half]));
+    const [low, high] = range([0, ...curve.map(([up]) => up)]);
+    const x = (across) => left + ((across - from) / (to - from)) * (width - left - right);
+    const y = (up) => height - bottom - ((up - low) / (high - low)) * (height - top - bottom);
     for (const tick of ticks(from, to, Math.max(3, width / 70))) {
-      const at = x(tick / kind[1]);
-      this.add("line", { class: "grid", x1: at, x2: at, y1: top, y2: height - bottom });
-      this.add("text", { x: at, y: height - bottom + 16, "text-anchor": "middle" }, String(tick));
+      this.add("line", { class: "grid", x1: x(tick), x2: x(tick), y1: top, y2: height - bottom });
+      this.add("text", { x: x(tick), y: height - bottom + 16, "text-anchor": "middle" }, String(tick).replace("-", "−"));
     }
-    for (const tick of ticks(0, most, 5)) {
+    for (const tick of ticks(low, high, 5)) {
       this.add("line", { class: "grid", x1: left, x2: width - right, y1: y(tick), y2: y(tick) });
-      this.add("text", { x: left - 6, y: y(tick) + 4, "text-anchor": "end" }, String(tick));
+      this.add("text", { x: left - 6, y: y(tick) + 4, "text-anchor": "end" }, String(tick).replace("-", "−"));
     }
-    const points = (line) => line.map(([tension, value]) => `${x(value)},${y(tension)}`).join(" ");
-    const upper = curve.map(([tension, value, half]) => [tension, value + half]);
-    const lower = curve.map(([tension, value, half]) => [tension, value - half]).reverse();
+    const points = (line) => line.map(([up, across]) => `${x(across)},${y(up)}`).join(" ");
+    const upper = curve.map(([up, across, half]) => [up, across + half]);
+    const lower = curve.map(([up, across, half]) => [up, across - half]).reverse();
     this.add("polygon", { class: "band", points: points([...upper, ...lower]) });
     this.add("polyline", { class: "line", points: points(curve) });
     this.add("circle", { class: "now", cx: x(now[1]), cy: y(now[0]), r: 6 });
-    this.add("text", { x: 4, y: 14 }, `tension of ${cable} [N]`);
-    this.add("text", { x: width - right, y: height - 6, "text-anchor": "end" }, `${wordsOf(measure)} [${kind[0]}]`);
+    this.add("text", { x: 4, y: 14 }, upwards);
+    this.add("text", { x: width - right, y: height - 6, "text-anchor": "end" }, sideways);
   }
 }
 
-/** The page: what the sliders say goes into the picture, the table and the chart. */
+/** The page: what the sliders say goes into the picture, the table and the chart.
+ *  data: the model, its shapes and parts, the view; the effort and the coordinate of each input, or one of both alone;
+ *  efforts and measures: channels of the chart; units: channel -> unit and its factor. */
 class Twin {
   static CURVE = 48; // steps of the chart
-  static HALVINGS = 60; // of the tensions between which that of a shortening lies
+  static HALVINGS = 60; // of the efforts between which that of a coordinate lies
 
   constructor(root, data) {
-    this.root = root;
-    this.data = data;
-    this.model = data.path ? new Path(data.path) : new ReducedModel(data.model);
-    this.shapes = new Shapes(data.shapes, this.model.axes);
-    this.measures = data.path ? this.model : new Measures(data, this.model, this.shapes);
-    this.tensions = this.model.axes.map((axis) => axis[0]);
+    Object.assign(this, { root, data, units: data.units, model: new ReducedModel(data.model) });
+    this.inputs = this.model.inputs;
+    this.at = this.inputs.map(({ default: value }) => value);
+    this.shapes = new Shapes(data.model, data.shapes);
     this.find = (name) => root.parentElement.querySelector(`[data-${name}]`);
     this.chart = new Chart(root.querySelector(".chart"));
-    this.top = this.largest(data);
-    root.querySelector("[data-largest]").textContent = shown(this.top, UNITS.displacement);
+    root.querySelector("[data-largest]").textContent = shown(data.view.largest, ["mm", 1e3]);
     root.querySelector(".shades").style.background = `linear-gradient(to right, ${data.view.shades
       .map((rgb) => `rgb(${rgb.map((value) => Math.round(255 * value)).join(" ")})`)
       .join(", ")})`;
-    this.fill("cable", this.model.pulled ?? this.model.cables, (name) => name);
-    this.fill("measure", this.measures.names.filter((name) => !name.endsWith(".tension")), wordsOf);
-    this.find("measure").value = this.measures.names.findLast((name) => name.endsWith(".rotation")) ?? this.measures.names[0];
+    this.fill("effort", data.efforts);
+    this.fill("measure", data.measures.filter((name) => !data.efforts.includes(name)));
+    this.find("measure").value = data.first;
     root.querySelectorAll("[name=kind]").forEach((button) => button.addEventListener("change", () => this.place()));
-    this.sliders = this.model.cables.map((name, k) => this.slider(name, k));
-    if (!data.bands) this.find("values").tHead.rows[0].deleteCell(2);
+    this.sliders = this.inputs.map((_, k) => this.slider(k));
+    if (!this.model.squares) this.find("values").tHead.rows[0].deleteCell(2);
     try {
       this.picture = new Picture(root.querySelector("canvas"), data, this.shapes);
     } catch (error) {
       root.querySelector("figcaption").textContent = error.message;
     }
     new ResizeObserver(() => this.plot()).observe(this.chart.svg);
-    this.set(this.model.axes.map((axis, k) => (k ? axis[0] : 0.4 * axis[0] + 0.6 * axis.at(-1))));
+    const further = ({ default: value, least, most }) => (most - value < value - least ? least : most);
+    this.set(this.inputs.map((input, k) => (k ? input.default : 0.4 * input.default + 0.6 * further(input))));
   }
 
-  /** The largest displacement [m] at the corners of the grid of what has the colours of displacements. */
-  largest(data) {
-    let most = 0;
-    for (let corner = 0; corner < 2 ** this.model.cables.length; corner += 1) {
-      const points = this.shapes.at(this.model.axes.map((axis, k) => ((corner >> k) & 1 ? axis.at(-1) : axis[0])));
-      let first = 0;
-      for (const part of data.parts) {
-        for (let i = 3 * first; !part.colour && i < 3 * (first + part.n); i += 3) {
-          most = Math.max(most, Math.hypot(...[0, 1, 2].map((j) => points[i + j] - this.shapes.rest[i + j])));
-        }
-        first += part.n;
-      }
-    }
-    return most || 1;
-  }
-
-  fill(name, values, words) {
-    values.forEach((value) => this.find(name).append(new Option(words(value), value)));
+  fill(name, channels) {
+    channels.forEach((channel) => this.find(name).append(new Option(wordsOf(channel), channel)));
     this.find(name).addEventListener("change", () => this.plot());
   }
 
-  slider(name, k) {
-    const box = document.createElement("label"), input = document.createElement("input");
-    const [title, value] = [document.createElement("span"), document.createElement("output")];
+  slider(k) {
+    const box = document.createElement("label"), input = document.createElement("input"), [effort, coordinate] = this.data.inputs[k];
+    const [title, value] = [document.createElement("span"), document.createElement("output")], { name } = this.inputs[k];
     Object.assign(box, { className: "slider" });
-    title.textContent = name;
-    Object.assign(input, { type: "range", step: "any", ariaLabel: `Pull of ${name}` });
+    title.textContent = coordinate ? name : wordsOf(effort);
+    Object.assign(input, { type: "range", step: "any", ariaLabel: title.textContent });
     input.addEventListener("input", () => {
-      if (!this.model.pulled) this.find("cable").value = name;
-      const pulled = Number(input.value) / this.kind[1];
-      this.set(this.tensions.with(k, this.byLength ? this.tensionOf(k, pulled) : pulled), k);
+      if (this.data.efforts.includes(effort)) this.find("effort").value = effort;
+      const channel = this.channel(k), wanted = Number(input.value) / this.units[channel][1];
+      this.set(this.at.with(k, channel === effort ? wanted : this.effortOf(k, wanted)), k);
     });
     input.addEventListener("keydown", (event) => {
       const steps = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 10, PageDown: -10 }[event.key];
@@ -473,45 +411,45 @@ class Twin {
     });
     box.append(title, value, input);
     this.find("sliders").append(box);
-    return { input, value, name };
+    return { input, value };
   }
 
-  get byLength() {
-    return this.root.querySelector("[name=kind]:checked")?.value === "shortening";
+  /** The channel that a slider sets: the effort, or the coordinate where that is chosen. */
+  channel(k) {
+    const byCoordinate = this.root.querySelector("[name=kind]:checked")?.value === "coordinate";
+    return this.data.inputs[k].at(byCoordinate ? -1 : 0);
   }
 
-  get kind() {
-    return this.model.kind ?? (this.byLength ? UNITS.shortening : UNITS.tension);
+  state(at) {
+    return this.model.state(Object.fromEntries(this.inputs.map(({ name }, k) => [name, at[k]])));
   }
 
-  shortening(k, tension) {
-    const { values } = channels(this.model.axes, this.tensions.with(k, tension), this.tensions.map(() => 0), this.model.model.nodes);
-    return values[7 * this.model.model.plates.length + this.model.model.shortenings.indexOf(this.model.cables[k])];
+  /** A channel with an input at a value, and the others as they are. */
+  with(k, value, channel) {
+    return this.state(this.at.with(k, value)).channels[channel];
   }
 
-  /** The tension [N] of a cable at its shortening [m], the others' tensions as they are: lengths ascend with it. */
-  tensionOf(k, length) {
-    let [low, high] = [0, this.model.axes[k].at(-1)];
+  /** The effort at a coordinate, which rises or falls with it. */
+  effortOf(k, wanted) {
+    let { least: low, most: high } = this.inputs[k];
+    const coordinate = this.channel(k), rises = this.with(k, low, coordinate) < this.with(k, high, coordinate);
     for (let n = 0; n < Twin.HALVINGS; n += 1) {
       const middle = 0.5 * (low + high);
-      if (this.shortening(k, middle) < length) low = middle;
+      if (this.with(k, middle, coordinate) < wanted === rises) low = middle;
       else high = middle;
     }
     return 0.5 * (low + high);
   }
 
-  /** Show tensions [N]; moved: the number of the slider that the hand is on, which stays where it is. */
-  set(tensions, moved = -1) {
-    this.tensions = tensions;
-    const named = Object.fromEntries(this.model.cables.map((name, k) => [name, tensions[k]]));
-    const state = this.model.state(named), points = this.shapes.at(tensions), bands = this.measures.bands(tensions);
-    this.picture?.show(points, this.top);
-    const now = this.measures.of(state, points);
+  /** Show a state; moved: the number of the slider that the hand is on, which stays where it is. */
+  set(at, moved = -1) {
+    this.at = at;
+    this.picture?.show(this.shapes.at(at), this.data.view.largest || 1);
+    const { channels, bands } = this.state(at);
     this.find("values").tBodies[0].replaceChildren(
-      ...this.measures.names.map((measure) => {
-        const row = document.createElement("tr"), kind = kindOf(measure);
-        const texts = [wordsOf(measure), shown(now[measure], kind)];
-        if (measure in bands) texts.push(`± ${shown(bands[measure], kind)}`);
+      ...this.data.measures.map((channel) => {
+        const row = document.createElement("tr"), texts = [wordsOf(channel), shown(channels[channel], this.units[channel])];
+        if (channel in bands) texts.push(`± ${shown(bands[channel], this.units[channel])}`);
         texts.forEach((text, k) => Object.assign(row.insertCell(), { textContent: text, className: k ? "short" : "" }));
         return row;
       }),
@@ -520,36 +458,32 @@ class Twin {
     this.plot();
   }
 
-  /** Put the sliders where the tensions are. */
+  /** Put the sliders where the inputs are. */
   place(moved = -1) {
-    const { kind } = this;
+    const { channels } = this.state(this.at);
     this.sliders.forEach(({ input, value }, k) => {
-      const [first, end] = [this.model.axes[k][0], this.model.axes[k].at(-1)], now = this.byLength ? this.shortening(k, this.tensions[k]) : this.tensions[k];
+      const channel = this.channel(k), factor = this.units[channel][1], { least, most } = this.inputs[k];
       if (k !== moved) {
-        const range = this.byLength ? [this.shortening(k, 0), this.shortening(k, end)] : [first, end];
-        Object.assign(input, { min: range[0] * kind[1], max: range[1] * kind[1] });
-        input.value = now * kind[1];
+        const ends = [least, most].map((end) => factor * this.with(k, end, channel)).sort((a, b) => a - b);
+        Object.assign(input, { min: ends[0], max: ends[1] });
+        input.value = channels[channel] * factor;
       }
-      value.textContent = this.model.kind
-        ? shown(now, kind)
-        : this.byLength
-        ? `${shown(now, kind)} · ${shown(this.tensions[k], UNITS.tension)}`
-        : `${shown(now, kind)} · ${shown(this.shortening(k, now), UNITS.shortening)}`;
+      const both = [channel, ...this.data.inputs[k].filter((other) => other !== channel)];
+      value.textContent = both.map((one) => shown(channels[one], this.units[one])).join(" · ");
       input.setAttribute("aria-valuetext", value.textContent);
     });
   }
 
   plot() {
-    const cable = this.find("cable").value, measure = this.find("measure").value;
-    const k = Math.max(this.model.cables.indexOf(cable), 0), axis = this.model.axes[k];
-    const at = (place) => {
-      const tensions = this.tensions.with(k, place);
-      const state = this.model.state(Object.fromEntries(this.model.cables.map((name, j) => [name, tensions[j]])));
-      const found = this.measures.of(state, this.data.markers.length ? this.shapes.at(tensions) : null);
-      return [found[`${cable}.tension`] ?? place, found[measure], this.measures.bands(tensions)[measure] ?? 0];
+    const effort = this.find("effort").value, measure = this.find("measure").value, { units } = this;
+    const k = Math.max(this.data.inputs.findIndex(([channel]) => channel === effort), 0), { least, most } = this.inputs[k];
+    const point = (at) => {
+      const { channels, bands } = this.state(at);
+      return [channels[effort] * units[effort][1], ...[channels[measure], bands[measure] ?? 0].map((value) => value * units[measure][1])];
     };
-    const curve = Array.from({ length: Twin.CURVE + 1 }, (_, n) => at(Math.min(axis[0] + ((axis.at(-1) - axis[0]) * n) / Twin.CURVE, axis.at(-1)))); // rounding leads beyond
-    this.chart.show(curve, at(this.tensions[k]), cable, measure);
+    const places = Array.from({ length: Twin.CURVE + 1 }, (_, n) => Math.min(least + ((most - least) * n) / Twin.CURVE, most)); // rounding leads beyond
+    const titles = [effort, measure].map((channel) => `${wordsOf(channel)}${units[channel][0] && ` [${units[channel][0]}]`}`);
+    this.chart.show(places.map((place) => point(this.at.with(k, place))), point(this.at), titles);
   }
 }
 

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from softcal.errors import Fault, ParameterError, UnitError, unknown
 from softcal.workflows.export import ExportOption, ExportRequest, register_export
 from softcal.workflows.run_band import RunBand
 
 if TYPE_CHECKING:
-    from softcal.export.reduced import Span
+    from softcal.export.reduced import ReducedModelFit, Span
     from softcal.twin.robot import Robot
+
+REACH = ExportOption(
+    str,
+    "Range of all efforts, 8N, or of each input: front=8N,left=40mm,grip=-5kPa..40kPa,tip.mass=0g..200g; "
+    "by default that of the experiments.",
+    "VALUE",
+)
+SAMPLES = ExportOption(int, "Equilibria to solve; by default 64 for each input.", "N")
 
 
 @register_export(
@@ -20,14 +28,10 @@ if TYPE_CHECKING:
     "reduced_model.c",
     "README.txt",
     pulled=False,
-    reach=ExportOption(
-        str,
-        "Range of all cables, 8N, or of each input: front=8N,left=40mm,grip=-5kPa..40kPa,tip.mass=0g..200g.",
-        "VALUE",
-    ),
-    samples=ExportOption(int, "Equilibria to solve; by default 64 for each input.", "N"),
+    reach=REACH,
+    samples=SAMPLES,
 )
-def reduced(request: ExportRequest, folder: Path, reach: str, samples: int | None = None) -> list[Path]:
+def reduced(request: ExportRequest, folder: Path, reach: str | None = None, samples: int | None = None) -> list[Path]:
     """For a controller: efforts, and loads, to poses and derivatives, and poses to efforts, in Python and C.
 
     Parameters
@@ -38,21 +42,57 @@ def reduced(request: ExportRequest, folder: Path, reach: str, samples: int | Non
         Of the model.
     reach
         Largest effort of all actuators, `8N`, or ranges of inputs: of actuators by effort or coordinate, from 0 where
-        the lower end is not stated, and of parameters of the robot, `front=8N,left=40mm,tip.mass=0g..200g`.
+        the lower end is not stated, and of parameters of the robot, `front=8N,left=40mm,tip.mass=0g..200g`; by default
+        what the experiments command.
     samples
         Equilibria that are solved; by default 64 for each input.
     """
-    from softcal.export.reduced import Bands, write_reduced
-    from softcal.export.reduced import reduced as reduced_model
+    from softcal.export.reduced import write_reduced
 
-    robot = request.project.robot
-    spans, band = _spans(robot, reach), RunBand.of(request)
-    bands = Bands([*band.steps], band.width) if band.steps else None
-    request.stage("Simulating the samples of the model, and random states for its error")
-    fit = reduced_model(robot, spans, samples, tell=request.warn, bands=bands)
+    fit, band = reduced_fit(request, reach, samples)
     written = write_reduced(fit, folder, band.told)
     request.note(written[-1].read_text(encoding="utf-8"))
     return written
+
+
+def reduced_fit(
+    request: ExportRequest, reach: str | None, samples: int | None, **options: Any
+) -> tuple[ReducedModelFit, RunBand]:
+    """The reduced model that is asked for, with the bands of its run.
+
+    Parameters
+    ----------
+    request
+        The project, and observers.
+    reach, samples
+        As of the export.
+    **options
+        Of `softcal.export.reduced.reduced`.
+    """
+    from softcal.export.reduced import Bands
+    from softcal.export.reduced import reduced as reduced_model
+
+    robot = request.project.robot
+    spans = _commanded(request) if reach is None else _spans(robot, reach)
+    band = RunBand.of(request)
+    bands = Bands([*band.steps], band.width) if band.steps else None
+    request.stage("Simulating the samples of the model, and random states for its error")
+    return reduced_model(robot, spans, samples, tell=request.warn, bands=bands, **options), band
+
+
+def _commanded(request: ExportRequest) -> dict[str, Span]:
+    """The range of each actuator's commands in the experiments, of the kind of its first one, and zero."""
+    from softcal.export.reduced import Span
+    from softcal.sensing.channel import kinds
+
+    found: dict[str, Span] = {}
+    for case in request.cases().values():
+        for name, command in case.protocol.commands.items():
+            unit, ends = kinds()[command.control].unit, [0.0, *command.values.tolist()]
+            so_far = found.get(name, Span(0.0, 0.0, unit))
+            if so_far.unit == unit:
+                found[name] = Span(min(so_far.least, *ends), max(so_far.most, *ends), unit)
+    return {name: span for name, span in found.items() if span.least < span.most}
 
 
 def _spans(robot: Robot, text: str) -> dict[str, Span]:

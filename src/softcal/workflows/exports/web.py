@@ -3,99 +3,82 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from softcal.units import format_quantity
-from softcal.workflows.export import ExportOption, ExportRequest, register_export
-from softcal.workflows.run_band import RunBand
-
-if TYPE_CHECKING:
-    from softcal.export.tension_grid import Reach
+from softcal.workflows.export import ExportRequest, register_export
+from softcal.workflows.exports.reduced import REACH, SAMPLES, reduced_fit
 
 PAGE = "twin.html"
-SAMPLES = {1: 33, 2: 9, 3: 7}  # number of cables -> nodes along each
+TESTED = 40  # random states at which its error is measured
 
 
-@register_export(
-    PAGE,
-    hint="open {out}/" + PAGE + " in a browser",
-    samples=ExportOption(int, "Nodes along each cable; by default 33, 9 or 7.", "N"),
-)
-def web(request: ExportRequest, folder: Path, samples: int | None = None) -> list[Path]:
-    """For a browser: the twin in 3-D with a slider for each of up to three cables, as one page without a network.
+@register_export(PAGE, pulled=False, hint="open {out}/" + PAGE + " in a browser", reach=REACH, samples=SAMPLES)
+def web(request: ExportRequest, folder: Path, reach: str | None = None, samples: int | None = None) -> list[Path]:
+    """For a browser: the twin in 3-D with a slider for each actuator, bands and a chart, as one page without a network.
 
     Parameters
     ----------
     request
-        The project, its cases, the run for the 95 % bands, and observers.
+        The project, the run for the 95 % bands, and observers.
     folder
         Of the page.
-    samples
-        Nodes along each cable; by default 33, 9 or 7.
+    reach, samples
+        As of `softcal export reduced`.
     """
     import numpy as np
 
-    from softcal.export.shape_modes import hermite, shape_modes
-    from softcal.export.tension_grid import tension_grid
-    from softcal.report.twin_page import drawn, twin_page
+    from softcal.export.reduced import Input, Sampled, evaluator_of
+    from softcal.export.shape_modes import shape_modes
+    from softcal.report.twin_page import drawn, shown_channels, shown_unit, twin_page
     from softcal.report.twin_view import TwinView
 
-    robot, reaches = request.project.robot, _reaches(request)
-    band, told = RunBand.of(request), list[str]()
-    request.stage("Simulating the nodes of the model, and points between them")
-    fit = tension_grid(
-        robot,
-        reaches,
-        samples or SAMPLES.get(len(reaches), 2),
-        tell=told.append,
-        parameters=list(band.steps),
-        shapes=True,
+    robot = request.project.robot
+    fit, band = reduced_fit(request, reach, samples, shapes=True, tested=TESTED)
+    inputs, sampled, tested = [Input(**one) for one in fit.model["inputs"]], fit.sampled, fit.tested
+    default = np.array([(one.default - one.least) / (one.most - one.least) for one in inputs])
+    rest = Sampled.at(robot, inputs, default[None], shapes=True).snapshots[0]
+    # Seen from where the first input bends it to the right.
+    first = np.array([1.0 if default[0] <= 0.5 else 0.0, *default[1:]])
+    bent = sampled.snapshots[np.abs(sampled.places - (2.0 * first - 1.0)).sum(axis=1).argmin()]
+    seen = drawn(TwinView(robot, rest, bent, sampled.tets), [*sampled.snapshots, *tested.snapshots])
+    n = len(sampled.points)
+    directions, powers = np.array(fit.model["directions"]), np.array(fit.model["powers"])
+    modes = shape_modes(seen.rest, seen.points[:n], lambda values: sampled.fitted(directions, powers, values))
+    apart = max(
+        modes.distance(directions, one.places, points)
+        for one, points in ((sampled, seen.points[:n]), (tested, seen.points[n:]))
     )
-    for sentence in told:
-        request.warn(sentence)
-    # Seen from where the first cable, which is pulled at first, bends it to the right.
-    bent = fit.nodes[-(len(fit.nodes) // len(fit.model["axes"][0]))]
-    seen = drawn(TwinView(robot, fit.nodes[0], bent, fit.tets), [*fit.nodes, *fit.between])
-    modes = shape_modes(fit.model, seen.points[: len(fit.nodes)], fit.points, seen.points[len(fit.nodes) :])
-    widths = [band.width(rates) for rates in fit.rates.values()]
+    read = evaluator_of(fit.model)
+    values = [read.read(dict(zip(read.inputs, at.tolist())), read.channels)[0] for at in sampled.points]
+    shown = shown_channels(dict(zip(read.channels, np.transpose(values))))
+    parts, commands = {part.name: part for part in robot.commandable}, [one for one in inputs if one.control]
+    channels = {one.name: [f"{one.name}.{kind.name}" for kind in parts[one.name].channels[::-1]] for one in commands}
+    units = {one.derivative: shown_unit(np.array([one.least, one.most]), one.unit) for one in inputs}
     data = {
-        "model": fit.model,
+        "model": {key: value for key, value in fit.model.items() if key not in ("parameters", "error", "rows")},
         "shapes": modes.data,
         "parts": seen.parts,
         "view": seen.view,
-        "markers": [marker.name for marker in robot.markers],
-        "measures": list(fit.rates),
-        "bands": hermite(fit.model, np.stack(widths, axis=1), monotonic=True) if band.steps else None,
+        "inputs": [channels.get(one.name, [one.name]) for one in inputs],
+        "efforts": [one.derivative for one in commands or inputs],
+        **shown,
+        "units": {**shown["units"], **units},
     }
-    largest = {"m": 0.0, "rad": 0.0}
+    largest: dict[str, float] = {}
     for name, error in fit.error.items():
-        if not name.startswith("d "):
-            largest[error.unit] = max(largest[error.unit], error.largest)
-    apart, lengths, angles = (
-        format_quantity(value, unit, digits=2)
-        for value, unit in ((modes.error, "m"), (largest["m"], "m"), (largest["rad"], "rad"))
-    )
+        if not name.startswith(("d ", "band of ")):
+            largest[error.unit] = max(largest.get(error.unit, 0.0), error.largest)
+    errors = ", ".join(format_quantity(value, unit, digits=2) for unit, value in largest.items())
     statements = [
-        "Each slider pulls a cable, by its tension or by its shortening; the others keep their tensions. "
-        f"{fit.model['others']} Statics only: no dynamics, no hysteresis.",
-        f"The largest difference of a drawn point from the twin: {apart}, at the {len(fit.nodes)} nodes of the model "
-        f"and {fit.model['error']['measured at']}; of the lengths in the table {lengths}, of the angles {angles}.",
+        f"Each slider sets one input; the others keep theirs. {fit.model['others']}"
+        "Statics only: no dynamics, no hysteresis.",
+        f"The largest difference of a drawn point from the twin: {format_quantity(apart, 'm', digits=2)}, at the {n} "
+        f"equilibria of the model and {fit.model['error']['measured at']}; of what is in the table {errors}.",
         band.told,
     ]
     request.note("\n".join(statements))
+    named = [", ".join(dict.fromkeys(parts[one.name].channels[k].name for one in commands)) for k in (1, 0)]
     page = folder / PAGE
-    page.write_text(twin_page(request.project.name, data, [*statements, *told], band.estimates), encoding="utf-8")
+    html = twin_page(request.project.name, data, named if commands else (), statements, band.estimates)
+    page.write_text(html, encoding="utf-8")
     return [page]
-
-
-def _reaches(request: ExportRequest) -> dict[str, Reach]:
-    """The largest command of each cable in the cases, of the kind of its first one."""
-    from softcal.export.tension_grid import Reach
-
-    found: dict[str, Reach] = {}
-    for case in request.cases().values():
-        for cable, command in case.protocol.commands.items():
-            unit, most = "m" if command.control == "shortening" else "N", float(max(command.values))
-            if most > 0.0 and found.get(cable, Reach(0.0, unit)).unit == unit:
-                found[cable] = Reach(max(most, found.get(cable, Reach(0.0, unit)).value), unit)
-    return found

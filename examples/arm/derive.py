@@ -4,13 +4,13 @@
     python derive.py DIR --predict 150 350      predict.csv of these pressures, whose files are in DIR too
     python derive.py --mesh                     arm.msh alone; nothing else is needed
 
-The files are in srl-ethz/diffPD_sim2real, python/1segment_arm/Measurement_data. In each take the arm hangs at rest, one of
-its chambers is put under pressure for three seconds or more, and let go. It creeps all the while; the states are those
-from 2.4 s to 2.8 s after the tip has moved by 1 mm.
+The files are in srl-ethz/diffPD_sim2real, python/1segment_arm/Measurement_data. In each take the arm hangs at rest,
+one of its chambers is put under pressure for three seconds or more, and let go. It creeps all the while; the states are
+those from 2.4 s to 2.8 s after the tip has moved by 1 mm.
 
-The motion capture's own frame lies anywhere. Here z is down along the arm from its base, by a fit of all seven markers to
-their nominal places, and the chamber is on the side of +x, opposite to the mean motion of the tip at the five pressures
-of fit.csv. The markers of the tip are where the cameras saw them at rest, before these takes.
+The motion capture's own frame lies anywhere. Here z is down along the arm from its base, by a fit of all seven markers
+to their nominal places, and the chamber is on the side of +x, opposite to the mean motion of the tip at the five
+pressures of fit.csv. The markers of the tip are where the cameras saw them at rest, before these takes.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from softcal.geometry.regions import Cavity, Plane
 from softcal.geometry.write import write_mesh
 
 HERE = Path(__file__).parent
-FIT, PREDICT = (100, 200, 300, 400, 450), (250,)  # [mbar]
+FIT, PREDICT = (100, 200, 250, 300, 400), (450,)  # [mbar]
 LABELS = {
     **{f"base{n}": f"Base - {n}" for n in range(1, 5)},
     **{f"tip{n}": f"Tip - {n}" for n in range(1, 4)},
@@ -55,14 +55,14 @@ MEANT = 1e-3 * np.array(
 )
 HEADER = """\
 Where three markers on the tip of a pneumatic arm are under a pressure in one of its chambers: means from 2.4 s to 2.8 s
-after the tip has moved by 1 mm. Derived by derive.py from the motion capture files of srl-ethz/diffPD_sim2real (MIT License,
-Copyright (c) 2021 Soft Robotics Lab, ETH Zürich), python/1segment_arm/Measurement_data/*mbar_V3.c3d, which belong to:
-M. Dubied, M. Y. Michelis, A. Spielberg, R. K. Katzschmann, Sim-to-real for soft robots using differentiable FEM: recipes for
-meshing, damping, and actuation, IEEE Robotics and Automation Letters 7(2), 5015-5022, 2022.
+after the tip has moved by 1 mm. Derived by derive.py from the motion capture files of srl-ethz/diffPD_sim2real (MIT
+License, Copyright (c) 2021 Soft Robotics Lab, ETH Zürich), python/1segment_arm/Measurement_data/*mbar_V3.c3d, which
+belong to: M. Dubied, M. Y. Michelis, A. Spielberg, R. K. Katzschmann, Sim-to-real for soft robots using differentiable
+FEM: recipes for meshing, damping, and actuation, IEEE Robotics and Automation Letters 7(2), 5015-5022, 2022.
 """
 
-# Of the cross-section [m]: the outer radius is that of the authors' surface of it; the walls and the hole are in a remark of
-# theirs; that the webs are as thick as the wall around the hole is assumed.
+# Of the cross-section [m]: the outer radius is that of the authors' surface; walls, hole and plug are in remarks of
+# their code; that the webs are as thick as the wall around the hole is assumed.
 RADIUS, LENGTH = 22.2e-3, 100e-3
 WALL, CORE, WEB = 2.03e-3, 2.27e-3, 2.27e-3
 HOLE = 10.11e-3 / np.sqrt(2.0)  # half the side of the square hole

@@ -386,10 +386,10 @@ class Radius:
 
     def relaxing(self, inner: float, dt: float) -> tuple[Floats, Floats]:
         """Stress, and the memory after a time: of the trapezoidal rule for dH/dt = beta dS/dt - H / tau."""
-        (before, H), (S, _) = self.memory, self.law(inner)
+        (before, relaxing), (S, _) = self.memory, self.law(inner)
         half = 0.5 * dt / TIME
-        H = (H * (1.0 - half) + SHARE / (1.0 - SHARE) * (S - before)) / (1.0 + half)
-        return S + H, np.stack([S, H])
+        after = (relaxing * (1.0 - half) + SHARE / (1.0 - SHARE) * (S - before)) / (1.0 + half)
+        return S + after, np.stack([S, after])
 
     def softening(self, inner: float) -> tuple[Floats, Floats]:
         S, W = self.law(inner)

@@ -11,6 +11,7 @@ from scipy.integrate import quad
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
+from softcal.checks import Floats
 from softcal.errors import InputError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
@@ -68,7 +69,7 @@ def middle_stretches(robot: Robot) -> tuple[float, float, float]:
     return around, (x[above, 2].mean() - x[below, 2].mean()) / (2.0 * layer), (turned[0] - turned[1]) / (2.0 * layer)
 
 
-def closed_form(angle: float, fibre_modulus: float) -> np.ndarray:
+def closed_form(angle: float, fibre_modulus: float) -> Floats:
     """Stretches around and along the axis of a thick incompressible tube with closed ends, at its inner surface.
 
     sigma_tt - sigma_rr = s W_s and sigma_zz - sigma_rr = z W_z of W(s, z), over radii R of the undeformed tube:
@@ -81,7 +82,7 @@ def closed_form(angle: float, fibre_modulus: float) -> np.ndarray:
         fibre = 0.5 * fibre_modulus * (1.0 - 1.0 / (c * z**2 + n * s**2))
         return s, MU * (s - s**-3 * z**-2) + n * s * fibre, MU * (z - z**-3 * s**-2) + c * z * fibre
 
-    def missing(stretches: np.ndarray) -> tuple[float, float]:
+    def missing(stretches: Floats) -> tuple[float, float]:
         inner, z = stretches
 
         def of_pressure(R: float) -> float:
@@ -95,7 +96,7 @@ def closed_form(angle: float, fibre_modulus: float) -> np.ndarray:
         found, force = (quad(of, INNER, OUTER, epsabs=1e-9)[0] for of in (of_pressure, of_force))
         return found / PRESSURE - 1.0, force / (PRESSURE * INNER**2)
 
-    return fsolve(missing, (1.001, 1.001), xtol=1e-12)
+    return np.asarray(fsolve(missing, (1.001, 1.001), xtol=1e-12))
 
 
 @pytest.mark.parametrize(("angle", "lengthens"), [(35.0, False), (75.0, True)])

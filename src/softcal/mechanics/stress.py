@@ -8,7 +8,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.geometry.mesh import TetMesh
-from softcal.materials.components import full
+from softcal.materials.components import NO_DIRECTIONS, full
 from softcal.materials.law import Law, compile_law, stacked
 from softcal.materials.stress_at import Deformation, Volumetric, points, whole_stress
 from softcal.mechanics.element import Element

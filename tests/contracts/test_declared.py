@@ -62,6 +62,7 @@ from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, CableLine, RoutingAxis
 from softcal.twin.clamp import Clamp
 from softcal.twin.manipulator import BaseDisc, Cables, DiscMarkers, Discs, Manipulator, Springs
+from softcal.twin.material import Winding
 from softcal.twin.robot import (
     Body,
     Disc,
@@ -129,6 +130,10 @@ STATED: list[tuple[str, Declared]] = [
         ),
     ),
     ("{spring_rate: 20 N/mm, rest_length: 99 mm}", CableLine(spring_rate=2e4, rest_length=0.099)),
+    (
+        "{angle: 0.5 rad, point: [1 mm, 0 m, 0 m], direction: [0, 2, 0]}",
+        Winding(0.5, (0.001, 0.0, 0.0), (0.0, 2.0, 0.0)),
+    ),
     ("{point: [1 mm, 0 m, 0 m], direction: [0, 2, 0]}", RoutingAxis((0.001, 0.0, 0.0), (0.0, 2.0, 0.0))),
     ("{direction: [0, 0, 2], depth: 0.5 mm}", Clamp((0.0, 0.0, 1.0), 5e-4)),
     ("{x: 1 mm, y: 2 mm, z: 3 mm, rx: 0.1 rad, ry: 0.2 rad, rz: 0.3 rad}", Frame(1e-3, 2e-3, 3e-3, 0.1, 0.2, 0.3)),

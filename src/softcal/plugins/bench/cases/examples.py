@@ -46,9 +46,9 @@ class Arm(ProjectCase):
         ),
     )
     remarks = (
-        "The authors' fine mesh is not in their repository: walls and hole are from remarks in their code, webs, fibres "
-        "and the ends of the chambers are assumed. The states are 2.4 to 2.8 s after the start of a take; the arm creeps "
-        "on. The pressure to predict is beyond those that are fitted."
+        "The authors' fine mesh is not in their repository: walls and hole are from remarks in their code, webs, "
+        "fibres and the ends of the chambers are assumed. The states are 2.4 to 2.8 s after the start of a take; the "
+        "arm creeps on. The pressure to predict is beyond those that are fitted."
     )
 
 

@@ -12,7 +12,7 @@ from example_script import example_script
 from softcal.project.project import load
 from softcal.workflows.calibration import calibrate
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "arm"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "pneumatic-arm"
 README = (EXAMPLE / "README.md").read_text(encoding="utf-8")
 
 

@@ -31,13 +31,13 @@ class Beam(ProjectCase):
 class Arm(ProjectCase):
     """Five pressures to fit, another one to predict."""
 
-    name = "arm"
+    name = "pneumatic-arm"
     title = "Pneumatic arm of four chambers, one under pressure, three markers by motion capture (diffPD sim2real)"
     source = "srl-ethz/diffPD_sim2real @825e7b7, python/1segment_arm"
     licence = "MIT, © 2021 Soft Robotics Lab, ETH Zürich"
     length = 0.1
     tip = "tip1"
-    example = "arm"
+    example = "pneumatic-arm"
     published = (
         Published(
             "diffPD sim2real",

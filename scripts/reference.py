@@ -85,7 +85,7 @@ FAMILIES: Mapping[str, tuple[Catalogue[Any], str]] = {
 KEYS = Path(__file__).with_name("keys.yaml")  # examples of the keys that no example of softcal has
 ROOT = Path(__file__).resolve().parents[1]
 DOCS, GALLERY = ROOT / "docs", ROOT / "gallery"
-EXAMPLES = ("beam", "bellows", "finger", "fleet", "manipulator", "neck", "neck-bench", "pneunet")
+EXAMPLES = ("beam", "bellows", "finger", "fleet", "manipulator", "neck", "neck-bench", "pneumatic-arm", "pneunet")
 # File of the repository -> its page of the site.
 OUTSIDE: Mapping[Path, Path] = {
     ROOT / "README.md": DOCS / "reference" / "readme.md",

@@ -23,6 +23,7 @@ from softcal.mechanics.term import Controls, Given
 from softcal.twin.actuated import NamedActuator
 from softcal.twin.actuators.chamber import Chamber
 from softcal.twin.build import Twin, build_twin
+from softcal.twin.material import Winding
 from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
@@ -57,11 +58,11 @@ def elastic(E: float = 1.0e6, nu: float = 0.3) -> dict[str, float]:
 
 def constants(law: Law, E: float = 1.0e6, nu: float = 0.3) -> dict[str, float]:
     """The law's constants at which its moduli at small strain are these: its typical ones, scaled."""
-    if set(elastic()) <= set(law.names):
-        return {one.name: elastic(E, nu).get(one.name, one.typical) for one in law.parameters}
     typical = {one.name: one.typical for one in law.parameters}
     factor = 0.5 * E / (1.0 + nu) / law.shear_modulus(typical)
     scaled = {one.name: one.typical * (factor if one.quantity.unit == "Pa" else 1.0) for one in law.parameters}
+    if set(elastic()) <= set(law.names):
+        return {**scaled, **elastic(E, nu)}
     return {**scaled, "bulk_modulus": E / (3.0 * (1.0 - 2.0 * nu))}
 
 
@@ -70,7 +71,8 @@ def solid_system(mesh: TetMesh, element: str, law: Law, fixed: np.ndarray, force
 
     Fixed points stay where a state has them, so prescribing a displacement is moving them in the state.
     """
-    body = Body("body", mesh, fixed=fixed, parameters=constants(law), law=law.name, element=element)
+    parallel = Winding(0.0, (0.0, 0.0, 0.0), (0.0, 0.6, 0.8)) if law.n_directions > 1 else None
+    body = Body("body", mesh, fixed=fixed, parameters=constants(law), law=law.name, element=element, winding=parallel)
     system = build_twin(Robot((body,))).system
     others = tuple(term for term in system.terms if term is not system.loads)
     return replace(system, terms=(*others, Loads(np.zeros((mesh.n_points, 3)) if force is None else force, {})))

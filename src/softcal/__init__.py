@@ -110,6 +110,7 @@ if TYPE_CHECKING:
     from softcal.twin.manipulator import Springs as Springs
     from softcal.twin.manipulator import manipulator as manipulator
     from softcal.twin.material import Material as Material
+    from softcal.twin.material import Winding as Winding
     from softcal.twin.parameters import robot_parameters as robot_parameters
     from softcal.twin.parameters import with_parameters as with_parameters
     from softcal.twin.protocol import Command as Command
@@ -250,6 +251,7 @@ _HOMES = {
     "VariedSection": "softcal.geometry.varied_section",
     "ViaPoint": "softcal.twin.robot",
     "WatchedPage": "softcal.workflows.watching",
+    "Winding": "softcal.twin.material",
     "box_mesh": "softcal.geometry.primitives",
     "calibrate": "softcal.workflows.calibration",
     "check": "softcal.workflows.checking",
@@ -390,6 +392,7 @@ __all__ = [
     "VariedSection",
     "ViaPoint",
     "WatchedPage",
+    "Winding",
     "box_mesh",
     "calibrate",
     "check",

@@ -145,6 +145,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity("polytropic exponent", "1", 1.0, 2.0),
         # The softest gels have some 1 Pa; far below, the solver fails only after minutes.
         Quantity("modulus", "Pa", 1e-3, 1e13, attempt="another unit", attempt_below="another unit, such as MPa"),
+        Quantity("fibre modulus", "Pa", 0.0, 1e13, attempt="another unit"),
         Quantity("coefficient", "Pa", -1e13, 1e13),
         Quantity("Poisson's ratio", "1", -1.0, 0.5, "()", attempt="0.4999 instead of 0.5, with element P2P1"),
         Quantity("mass", "kg", 0.0, 1e6),

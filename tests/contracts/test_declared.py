@@ -63,6 +63,7 @@ from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, CableLine, RoutingAxis
 from softcal.twin.clamp import Clamp
 from softcal.twin.manipulator import BaseDisc, Cables, DiscMarkers, Discs, Manipulator, Springs
+from softcal.twin.material import Winding
 from softcal.twin.robot import (
     Body,
     Disc,
@@ -130,6 +131,10 @@ STATED: list[tuple[str, Declared]] = [
         ),
     ),
     ("{spring_rate: 20 N/mm, rest_length: 99 mm}", CableLine(spring_rate=2e4, rest_length=0.099)),
+    (
+        "{angle: 0.5 rad, point: [1 mm, 0 m, 0 m], direction: [0, 2, 0]}",
+        Winding(0.5, (0.001, 0.0, 0.0), (0.0, 2.0, 0.0)),
+    ),
     ("{point: [1 mm, 0 m, 0 m], direction: [0, 2, 0]}", RoutingAxis((0.001, 0.0, 0.0), (0.0, 2.0, 0.0))),
     ("{point: [0 mm, 0 mm, -1 cm], normal: [0, 0, 2]}", HalfSpace((0.0, 0.0, -0.01), (0.0, 0.0, 1.0))),
     ("{centre: [1 mm, 2 cm, 0 m], radius: 8 mm}", SphereObstacle((0.001, 0.02, 0.0), 0.008)),

@@ -35,11 +35,11 @@ def values_of(law, E=2.0, nu=0.4):
     return tuple(constants(law, E, nu).values())
 
 
-DIRECTION = np.array([0.48, 0.6, 0.64])  # of laws that have one
+DIRECTIONS = np.array([[[0.48, 0.6, 0.64], [0.0, 0.6, -0.8]]])  # of laws that have one, or two
 
 
 def at(*F) -> Points:
-    return points(np.array(F, dtype=float), DIRECTION)
+    return points(np.array(F, dtype=float), DIRECTIONS)
 
 
 def energy(law, F, values):
@@ -141,7 +141,7 @@ def test_a_layered_body_is_so_much_stiffer_along_its_direction(ratio):
     law = LAWS["neo-hooke-layered"]
     values = (3.0, 0.4999999, ratio)
     compliance = np.linalg.inv(
-        whole_stress(compile_law(law), points(np.eye(3)[None], np.array([0, 0, 1.0])), values).D[0]
+        whole_stress(compile_law(law), points(np.eye(3)[None], np.array([[[0, 0, 1.0]]])), values).D[0]
     )
     assert 1 / compliance[2, 2] == pytest.approx(3.0 * ratio, rel=1e-6)
     assert compliance[0, 0] == pytest.approx(compliance[1, 1], rel=1e-9)

@@ -18,7 +18,7 @@ from softcal.plugins.coupons.stability import stability
 
 C10, C01 = 2e5, 5e4
 TERMS = ((6.2e5, 1.3), (-1e4, -2.0))
-FITTABLE = [name for name in LAWS if name not in ("stvenant-kirchhoff", "neo-hooke-layered")]
+FITTABLE = [name for name in LAWS if name not in ("stvenant-kirchhoff", "neo-hooke-layered", "neo-hooke-fibres")]
 
 
 def typical(law: Law) -> tuple[float, ...]:

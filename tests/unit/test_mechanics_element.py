@@ -47,7 +47,8 @@ def test_a_law_that_gives_way_under_compression_is_reported(law, nu):
     given_way = []
     for s in np.linspace(0.6, 1.3, 15):
         J, h = s**3, 1e-4
-        even = points(np.cbrt([J - h, J, J + h])[:, None, None] * np.eye(3), np.array([0.0, 0.0, 1.0]))
+        directions = np.array([[[0.0, 0.0, 1.0], [0.0, 0.6, 0.8]]])
+        even = points(np.cbrt([J - h, J, J + h])[:, None, None] * np.eye(3), directions)
         psi = whole_energy(compiled, even, values)
         gives_way = psi[0] - 2 * psi[1] + psi[2] < 0.0 and J < 1.0
         told = system.remarks(placed(system, mesh.points * s), body_theta(constants(law, 3.0, nu)))

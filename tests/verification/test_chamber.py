@@ -1,4 +1,5 @@
-"""Chambers against closed forms: thick spheres and tubes under pressure, the gas law, work round a closed loop."""
+"""Chambers against closed forms: thick spheres and tubes under pressure, the gas law, work round a closed loop;
+walls that relax, or soften."""
 
 from __future__ import annotations
 
@@ -9,6 +10,8 @@ import numpy as np
 import pytest
 from mechanics_cases import blown_box, elastic
 from scipy.integrate import quad, solve_ivp
+from scipy.optimize import brentq
+from scipy.special import erf
 
 from softcal.checks import Floats, Ints
 from softcal.geometry.mesh import TetMesh
@@ -26,6 +29,7 @@ from softcal.twin.live import LiveTwin
 from softcal.twin.material import Material
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
+from softcal.twin.response import Response
 from softcal.twin.robot import Body, Cable, Plate, PointLoad, Robot, Tie, ViaPoint
 from softcal.twin.schedule import ramp
 from softcal.twin.simulate import simulate
@@ -343,3 +347,119 @@ def test_a_plate_on_an_opening_is_pushed_as_the_chamber_is_filled(element: str):
     rises, takes = response.sensitivities["lid.z"]["main.pressure"], response.sensitivities["main.volume"]["push.force"]
     assert rises[0] > 0.0
     np.testing.assert_allclose(takes, rises, rtol=1e-6)
+
+
+# Walls with a history, against a tube that is integrated along its radius alone.
+
+SHARE, TIME = 0.3, 2.0
+RELAXATION = {"relaxing_share1": SHARE, "relaxation_time1": TIME}
+SOFTENING = {"softening_amount": 2.0, "softening_energy": 4e3, "softening_range": 0.1}
+RADII = 0.5 * (OUTER + INNER) + 0.5 * (OUTER - INNER) * np.polynomial.legendre.leggauss(12)[0]
+WEIGHTS = 0.5 * (OUTER - INNER) * np.polynomial.legendre.leggauss(12)[1]
+
+
+class Radius:
+    """A tube at its inner stretch and that along the axis; second Piola-Kirchhoff stresses around and across it."""
+
+    def __init__(self) -> None:
+        self.along = 1.0
+        self.memory, self.most = np.zeros((2, 2, len(RADII))), np.zeros(len(RADII))
+
+    def stretches(self, inner: float) -> tuple[Floats, Floats]:
+        s = np.sqrt((INNER * inner) ** 2 + (RADII**2 - INNER**2) / self.along) / RADII
+        return s, 1.0 / (s * self.along)
+
+    def law(self, inner: float) -> tuple[Floats, Floats]:
+        """Of neo-Hooke at constant volume: stress (2, n) and energy (n,)."""
+        s, t = self.stretches(inner)
+        I1 = s**2 + t**2 + self.along**2
+        return MU * np.array([1.0 - I1 / (3.0 * s**2), 1.0 - I1 / (3.0 * t**2)]), 0.5 * MU * (I1 - 3.0)
+
+    def inner(self, pressure: float, stress: Callable[[float], Floats]) -> float:
+        """The inner stretch at which the stress carries a pressure."""
+
+        def missing(inner: float) -> float:
+            (S, T), (s, t) = stress(inner), self.stretches(inner)
+            return float(WEIGHTS @ ((S * s**2 - T * t**2) / (self.along * s**2 * RADII))) - pressure
+
+        return brentq(missing, 0.95, 2.0)
+
+    def relaxing(self, inner: float, dt: float) -> tuple[Floats, Floats]:
+        """Stress, and the memory after a time: of the trapezoidal rule for dH/dt = beta dS/dt - H / tau."""
+        (before, relaxing), (S, _) = self.memory, self.law(inner)
+        half = 0.5 * dt / TIME
+        after = (relaxing * (1.0 - half) + SHARE / (1.0 - SHARE) * (S - before)) / (1.0 + half)
+        return S + after, np.stack([S, after])
+
+    def softening(self, inner: float) -> tuple[Floats, Floats]:
+        S, W = self.law(inner)
+        most = np.maximum(self.most, W)
+        r, m, b = SOFTENING.values()
+        return (1.0 - erf((most - W) / (m + b * most)) / r) * S, most
+
+
+def made(history: str, constants: dict[str, float]) -> Robot:
+    robot = tube("neo-hooke", {"youngs_modulus": 3 * MU, "poissons_ratio": 0.49999})
+    (body,) = robot.bodies
+    body = replace(body, law="neo-hooke-isochoric", history=(history,), parameters={**body.parameters, **constants})
+    return replace(robot, bodies=(body,))
+
+
+def stretches(robot: Robot, response: Response) -> tuple[Floats, Floats]:
+    """Of the inner surface at the middle of the tube in every state, around the axis and along it."""
+    X, layer = robot.bodies[0].mesh.points, 0.5 * LENGTH / LAYERS[2]
+    above, middle, below = (np.abs(X[:, 2] - z) < 1e-9 for z in (layer, 0.0, -layer))
+    inner = middle & (np.hypot(X[:, 0], X[:, 1]) < 1.0001 * INNER)
+    shapes = [shape.points["tube"] for shape in response.snapshots]
+    around = np.array([np.hypot(*x[inner, :2].T).mean() for x in shapes]) / INNER
+    return around, np.array([x[above, 2].mean() - x[below, 2].mean() for x in shapes]) / (2.0 * layer)
+
+
+@pytest.mark.slow
+def test_a_tube_under_a_pressure_step_creeps():
+    robot, p = made("relaxation-1", RELAXATION), 1.6e4
+    t = np.concatenate([[0.0, 1e-3], np.geomspace(0.1, 20.0, 14)])
+    steps = Protocol({"air": Command("pressure", np.where(t > 0.0, p, 0.0))}, t)
+    response = simulate(robot, steps, snapshots=True, curve_tolerance=0.0, crossings=False)
+    assert response.succeeded, response.status
+    found, along = stretches(robot, response)
+    radius, now, expected = Radius(), 0.0, []
+    for time, radius.along in zip(t, along, strict=True):
+        for later in np.linspace(now, time, 9)[1:] if time > 1e-3 else [time]:
+            dt = later - now
+            inner = radius.inner(p * (later > 0.0), lambda a, dt=dt: radius.relaxing(a, dt)[0])
+            radius.memory, now = radius.relaxing(inner, dt)[1], later
+        expected.append(inner)
+    np.testing.assert_allclose(found[1:] - 1.0, np.array(expected[1:]) - 1.0, rtol=3e-3)
+    assert found[-1] - 1.0 > 1.35 * (found[1] - 1.0)
+
+
+@pytest.mark.slow
+def test_a_tube_of_a_volume_relaxes():
+    """At a given volume its shape stays, so that the pressure falls by the share of the stress, as the series says."""
+    robot = made("relaxation-1", RELAXATION)
+    t = np.array([0.0, 1e-3, 0.5, 1.0, 2.0, 4.0, 8.0, 40.0])
+    pumped = Command("volume", np.where(t > 0.0, 4e-5, 0.0))
+    found = simulate(robot, Protocol({"air": pumped}, t), curve_tolerance=0.0, crossings=False)
+    assert found.succeeded, found.status
+    p = found.channels["air.pressure"][1:]
+    series = 1.0 - SHARE + SHARE * np.exp(-(t[1:] - 1e-3) / TIME)
+    np.testing.assert_allclose(p / p[0], series / series[0], rtol=2e-3)
+
+
+@pytest.mark.slow
+def test_a_tube_that_softens_follows_its_way_back():
+    robot = made("softening", SOFTENING)
+    p = 1.6e4 * np.array([0.0, 0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.5, 1.0, 1.1])
+    response = simulate(
+        robot, Protocol({"air": Command("pressure", p)}), snapshots=True, curve_tolerance=0.0, crossings=False
+    )
+    assert response.succeeded, response.status
+    found, along = stretches(robot, response)
+    radius, expected = Radius(), []
+    for pressure, radius.along in zip(p, along, strict=True):
+        inner = radius.inner(pressure, lambda a: radius.softening(a)[0])
+        radius.most = radius.softening(inner)[1]
+        expected.append(inner)
+    np.testing.assert_allclose(found[1:] - 1.0, np.array(expected[1:]) - 1.0, rtol=3e-3)
+    assert found[7] - 1.0 > 1.2 * (found[1] - 1.0)

@@ -73,16 +73,17 @@ def test_stress_is_the_closed_form_of_the_law(law, F):
     if np.linalg.det(F) < 0.3:
         return
     compiled, values = compile_law(law), tuple(constants(law, 1.0, 0.4).values())
+    system = solid_system(TET, "P1", law, np.array([0]))
+    (solid,) = system.of(SolidTerm)
 
     def psi(F):
-        return float(whole_energy(compiled, points(F[None], np.array([0.0, 0.0, 1.0])), values)[0])
+        return float(whole_energy(compiled, points(F[None], solid.directions), values)[0])
 
     P = np.zeros((3, 3))
     for i, j in np.ndindex(3, 3):
         dF = np.zeros((3, 3))
         dF[i, j] = 1e-5
         P[i, j] = (psi(F + dF) - psi(F - dF)) / 2e-5
-    system = solid_system(TET, "P1", law, np.array([0]))
     at = system.linearise(placed(system, TET.points @ F.T), held(), body_theta(constants(law, 1.0, 0.4)), tangent=False)
     forces = at.full.reshape(-1, 3)[1:]  # P N_a V, and N_a is the a-th unit vector
     np.testing.assert_allclose(6.0 * forces.T, P, atol=1e-7 * max(np.abs(P).max(), 1.0))

@@ -107,12 +107,14 @@ def _grid(robot: Robot, response: Response, shape: Snapshot, names: list[str]) -
         points = body.mesh.points  # with added nodes, if the element has more than the body's mesh
         mesh = TetMesh(points if len(points) == len(x) else element.mesh(body.mesh).points, tets)
         cells.add(names.index(name), x, mesh.points, tets, element.cell.vtk)
+        places, n_q = element.places(mesh.points, tets), len(element.quadrature.points)
         if (motion := body.motion(mesh)) is not None:
             mesh, x = TetMesh(motion.moved(mesh.points), tets), motion.moved(x)
         for part in body.materials:
             own, pressure = TetMesh(mesh.points, tets[part.elements]), shape.pressures.get(part.name)
+            directions = body.directions(places.reshape(-1, n_q, 3)[part.elements].reshape(-1, 3))
             cells.stress[-1][part.elements] = cauchy_stress(
-                element, own, body.elasticity, part.parameters, x, pressure, body.direction
+                element, own, body.elasticity, part.parameters, x, pressure, directions
             )
         cells.strain[-1] = green_lagrange_strain(element, mesh, x)
     lines = {rod.name: (rod.centreline.nodes, shape.rods[rod.name]) for rod in robot.rods}

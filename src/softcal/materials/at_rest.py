@@ -16,7 +16,7 @@ from softcal.materials.stress_at import Deformation, points, volumetric, whole_e
 AT_REST = 1e-9  # of the moduli: the largest stress that rounding leaves
 
 
-def require_rest(law: Law, theta: Mapping[str, float] | None = None, direction: Floats | None = None) -> None:
+def require_rest(law: Law, theta: Mapping[str, float] | None = None, directions: Floats | None = None) -> None:
     """Refuse a law that is not at rest without strain.
 
     Parameters
@@ -25,8 +25,8 @@ def require_rest(law: Law, theta: Mapping[str, float] | None = None, direction: 
         The law.
     theta
         Its constants [SI]; None: typical ones.
-    direction
-        Unit vector (3,) of a law that has a direction; None: any.
+    directions
+        Unit vectors (1, 1 or 2, 3) of a law that has directions; None: any.
 
     Raises
     ------
@@ -35,20 +35,20 @@ def require_rest(law: Law, theta: Mapping[str, float] | None = None, direction: 
     """
     given = {one.name: one.typical for one in law.parameters} if theta is None else theta
     values = tuple(np.float64(given[name]) for name in law.names)
-    along = np.array([0.0, 0.0, float(law.is_directed)]) if direction is None else direction
+    along = np.eye(3)[None] if directions is None else directions
     at = ", ".join(f"{name} {value:.4g}" for name, value in zip(law.names, values, strict=True))
     with np.errstate(all="ignore"):
         if fault := _fault_at_rest(law, values, at, along):
             raise InputError(replace(fault, where=f"law {law.name}, distortional"))
 
 
-def _fault_at_rest(law: Law, values: tuple[float, ...], at: str, direction: Floats) -> Fault | None:
+def _fault_at_rest(law: Law, values: tuple[float, ...], at: str, directions: Floats) -> Fault | None:
     compiled = compile_law(law)
     shear, factor, bulk = (float(of(*values)) for of in (compiled.shear, compiled.bulk, compiled.compressed))
     for what, value in (("shear modulus", shear), ("factor bulk", factor), ("bulk modulus", bulk)):
         if not 0.0 < value < np.inf:
             return Fault(f"the {what} at rest is not above zero", got=f"{value:.4g} Pa, at {at}")
-    rest = Deformation(compiled, points(np.eye(3)[None], direction))
+    rest = Deformation(compiled, points(np.eye(3)[None], directions))
     S, D = rest.stress(values, volumetric(compiled, rest.at.J, factor))
     stress, energy = float(abs(S).max()), float(whole_energy(compiled, rest.at, values)[0])
     if not stress <= AT_REST * (shear + bulk):

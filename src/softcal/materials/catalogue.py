@@ -16,7 +16,7 @@ from softcal.materials.expression import FUNCTIONS, Measure, measured
 from softcal.materials.gent import GENT
 from softcal.materials.histories import history_constants
 from softcal.materials.law import AT_REST, STRETCHES, Law
-from softcal.materials.layered import NEO_HOOKE_LAYERED
+from softcal.materials.layered import NEO_HOOKE_FIBRES, NEO_HOOKE_LAYERED
 from softcal.materials.mooney_rivlin import MOONEY_RIVLIN, MOONEY_RIVLIN_3, MOONEY_RIVLIN_5
 from softcal.materials.neo_hooke import NEO_HOOKE, NEO_HOOKE_ISOCHORIC
 from softcal.materials.ogden import OGDEN
@@ -41,6 +41,7 @@ TAKEN = (
     "region",
     "regions",
     "shape",
+    "winding",
 )
 
 # What else has a meaning in the texts, or in the functions that are made of them.
@@ -136,6 +137,7 @@ _OWN = (
     STABLE_NEO_HOOKE,
     STVENANT_KIRCHHOFF,
     NEO_HOOKE_LAYERED,
+    NEO_HOOKE_FIBRES,
     YEOH,
     MOONEY_RIVLIN,
     MOONEY_RIVLIN_3,

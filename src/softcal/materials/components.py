@@ -1,4 +1,4 @@
-"""Symmetric matrices by six components, in one order everywhere; and the direction of a law that has none."""
+"""Symmetric matrices by six components, in one order everywhere; and the directions of a law that has none."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from softcal.checks import Floats
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 # Of strains with doubled shears, products with stresses are sums over the components; of two stresses they need these.
 TWICE: Floats = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-NO_DIRECTION: Floats = np.zeros(3)
+NO_DIRECTIONS: Floats = np.zeros((1, 0, 3))
 _TRACE: Floats = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 # (1, 6, 6): twice the deviator of strains with doubled shears, the stress of a shear modulus of one alone.
 ISOCHORIC: Floats = 2.0 * (np.diag(1.0 / TWICE) - np.outer(_TRACE, _TRACE) / 3.0)[None]

@@ -3,9 +3,10 @@
     psi(F; theta) = psi_d(F; theta) + kappa(theta)/2 g(J)^2
 
 per undeformed volume, where psi_d is a text in the invariants I1 = tr C, I2 = (I1^2 - tr C^2)/2, J = det F with
-C = F^T F, and of a law with a direction a in I4 = a . C a; or in the principal stretches lambda1, lambda2, lambda3, the
-roots of the eigenvalues of C, and in J, their product. The volumetric part is separate so that it can enter unchanged,
-or as p g(J) - p^2 / (2 kappa) with a pressure p as an unknown, which has no large number as nu -> 0.5.
+C = F^T F, and of a law with a direction a in I4 = a . C a, with a second one b in I6 = b . C b; or in the principal
+stretches lambda1, lambda2, lambda3, the roots of the eigenvalues of C, and in J, their product. The volumetric part is
+separate so that it can enter unchanged, or as p g(J) - p^2 / (2 kappa) with a pressure p as an unknown, which has no
+large number as nu -> 0.5.
 
 For that element's sake a law may shift a part s/2 g(J)^2 of its energy from psi_d to the volumetric part, kappa then
 including s. Nothing elastic depends on s. A history acts on psi_d + s/2 g^2, the law's own first part; since it may
@@ -34,10 +35,10 @@ from softcal.materials.expression import limited, to_sympy
 from softcal.materials.parameter import Parameter
 
 INVARIANTS = ("I1", "I2", "J")
-ALONG = "I4"  # squared stretch along the direction of a law that has one
+ALONG = ("I4", "I6")  # squared stretches along the directions of a law that has one, or two
 STRETCHES = ("lambda1", "lambda2", "lambda3")
-AT_REST = {"I1": 3.0, "I2": 3.0, "J": 1.0, ALONG: 1.0, **dict.fromkeys(STRETCHES, 1.0)}
-SOME_INVARIANTS, SOME_STRETCHES = (3.2, 3.3, 1.05, 1.1), (0.1, -0.06, 0.03)  # of a deformation like any other
+AT_REST = {"I1": 3.0, "I2": 3.0, "J": 1.0, **dict.fromkeys((*ALONG, *STRETCHES), 1.0)}
+SOME_INVARIANTS, SOME_STRETCHES = (3.2, 3.3, 1.05, 1.1, 1.07), (0.1, -0.06, 0.03)  # of a deformation like any other
 PLAIN = 100  # largest denominator of a number in a formula
 COMPLEX_STEP = 1e-20  # of a constant: no difference is taken, so nothing is lost
 
@@ -56,7 +57,7 @@ class Law(Checked):
     symbols
         Abbreviation -> text in the constants' symbols, for instance mu -> E/(2 (1 + nu)).
     distortional
-        psi_d [J/m^3], text in I1, I2, J and I4, or in lambda1, lambda2, lambda3 and J; the constants' symbols and
+        psi_d [J/m^3], text in I1, I2, J, I4 and I6, or in lambda1, lambda2, lambda3 and J; the constants' symbols and
         the abbreviations. Symmetric in the stretches.
     volumetric_strain
         g(J) [-], text in J.
@@ -82,18 +83,23 @@ class Law(Checked):
 
     @functools.cached_property
     def variables(self) -> tuple[str, ...]:
-        """The variables of psi_d by which its derivatives are: the invariants, with I4 where it occurs, or the
-        principal stretches.
+        """The variables of psi_d by which its derivatives are: the invariants, with I4 and I6 where they occur, or
+        the principal stretches.
         """
         found = set(re.findall(r"[A-Za-z_]\w*", " ".join([self.distortional, *self.symbols.values()])))
         if found & set(STRETCHES):
             return STRETCHES
-        return (*INVARIANTS, ALONG) if ALONG in found else INVARIANTS
+        return (*INVARIANTS, *ALONG[: max((i + 1 for i, name in enumerate(ALONG) if name in found), default=0)])
 
     @property
     def is_directed(self) -> bool:
-        """Whether it has a direction."""
-        return ALONG in self.variables
+        """Whether it has a direction, or two."""
+        return self.n_directions > 0
+
+    @property
+    def n_directions(self) -> int:
+        """Number of its directions."""
+        return len(set(ALONG) & set(self.variables))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -351,20 +357,20 @@ def _bulk_at_rest(psi: Any, variables: Mapping[str, Any]) -> Any:
     import sympy
 
     stretch = sympy.Symbol("stretch", positive=True)
-    even = {"I1": 3 * stretch**2, "I2": 3 * stretch**4, "J": stretch**3, ALONG: stretch**2}
+    even = {"I1": 3 * stretch**2, "I2": 3 * stretch**4, "J": stretch**3, **dict.fromkeys(ALONG, stretch**2)}
     even |= dict.fromkeys(STRETCHES, stretch)
     energy = psi.subs({symbol: even[name] for name, symbol in variables.items()})
     return energy.diff(stretch, 2).subs(stretch, 1) / 9
 
 
 def _shear_at_rest(psi: Any, variables: Mapping[str, Any]) -> Any:
-    """d2 psi / ds2 / 4 of the stretches e^s and e^-s, across the direction of a law that has one, at 0."""
+    """d2 psi / ds2 / 4 of the stretches e^s and e^-s, across the directions of a law that has some, at 0."""
     import sympy
 
     s = sympy.Dummy("s", real=True)  # a constant may be called s
     longer, shorter = sympy.exp(s), sympy.exp(-s)
     square = longer**2 + shorter**2 + 1
-    sheared = {"I1": square, "I2": square, "J": 1, ALONG: 1}
+    sheared = {"I1": square, "I2": square, "J": 1, **dict.fromkeys(ALONG, 1)}
     sheared |= dict(zip(STRETCHES, (longer, shorter, sympy.Integer(1)), strict=True))
     energy = psi.subs({symbol: sheared[name] for name, symbol in variables.items()})
     return energy.diff(s, 2).subs(s, 0) / 4

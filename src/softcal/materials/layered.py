@@ -1,4 +1,4 @@
-"""A printed body, stiffer or softer along the direction in which it was built than across."""
+"""Bodies that are stiffer along directions than across: printed in layers, or with fibres wound around an axis."""
 
 from __future__ import annotations
 
@@ -28,4 +28,26 @@ NEO_HOOKE_LAYERED = Law(
     bulk="kappa",
     reference="Transversely isotropic, after Spencer (1984), Continuum Theory of the Mechanics of Fibre-Reinforced "
     "Composites; the energy of the direction is softcal's",
+)
+
+# The same energy of two families, half of the fibres each: Ef/8 (I4_bar - 1 - ln I4_bar), about rest Ef/4 strain^2. So
+# fibres of one direction, in both families, add Ef to the modulus along it.
+NEO_HOOKE_FIBRES = Law(
+    name="neo-hooke-fibres",
+    parameters=(
+        YOUNGS_MODULUS,
+        POISSONS_RATIO,
+        Parameter("fibre_modulus", "Ef", "E_f", QUANTITIES["fibre modulus"], typical=1e7),
+    ),
+    symbols={
+        "mu": SHEAR_MODULUS,
+        "kappa": BULK_MODULUS,
+        "I4_bar": "J**Rational(-2, 3)*I4",
+        "I6_bar": "J**Rational(-2, 3)*I6",
+    },
+    distortional="mu/2*(J**Rational(-2, 3)*I1 - 3) + Ef/8*(I4_bar - 1 - log(I4_bar) + I6_bar - 1 - log(I6_bar))",
+    volumetric_strain="J - 1",
+    bulk="kappa",
+    reference="Two families of fibres, after Spencer (1984), Continuum Theory of the Mechanics of Fibre-Reinforced "
+    "Composites; the energy of the fibres is softcal's",
 )

@@ -12,8 +12,8 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.materials import stress_kernels
-from softcal.materials.components import NO_DIRECTION
-from softcal.materials.law import INVARIANTS, STRETCHES, CompiledLaw, stacked
+from softcal.materials.components import NO_DIRECTIONS
+from softcal.materials.law import STRETCHES, CompiledLaw, stacked
 
 NO_TANGENT: Floats = np.zeros((0, 6, 6))
 
@@ -27,15 +27,15 @@ class Points(NamedTuple):
         Deformation gradients (n, 3, 3) [-].
     I1, I2, J
         Invariants (n,) [-].
-    direction
-        Direction (3,) of a law in I4.
+    directions
+        Unit vectors of a law in I4, then of I6 (n, 1 or 2, 3); (1, …) where they are the same everywhere.
     """
 
     F: Floats
     I1: Floats
     I2: Floats
     J: Floats
-    direction: Floats = NO_DIRECTION
+    directions: Floats = NO_DIRECTIONS
 
 
 class Stress(NamedTuple):
@@ -52,12 +52,12 @@ class Volumetric(NamedTuple):
     by_JJ: Floats
 
 
-def points(F: Floats, direction: Floats = NO_DIRECTION) -> Points:
+def points(F: Floats, directions: Floats = NO_DIRECTIONS) -> Points:
     """The points with deformation gradients F (n, 3, 3)."""
     C = np.einsum("nki,nkj->nij", F, F)
     I1 = np.trace(C, axis1=1, axis2=2)
     I2 = 0.5 * (I1**2 - np.einsum("nij,nji->n", C, C))
-    return Points(np.ascontiguousarray(F), I1, I2, np.linalg.det(F), direction)
+    return Points(np.ascontiguousarray(F), I1, I2, np.linalg.det(F), directions)
 
 
 class Deformation:
@@ -71,10 +71,9 @@ class Deformation:
             self._squares, self.axes = np.empty((3, n)), np.empty((n, 3, 3))
             stress_kernels.principal(at.F, self._squares, self.axes)
             self.variables: tuple[Floats, ...] = tuple(0.5 * np.log(self._squares))
-        elif law.variables == INVARIANTS:
-            self.variables = (at.I1, at.I2, at.J)
         else:
-            self.variables = (at.I1, at.I2, at.J, np.square(at.F @ at.direction).sum(axis=1))
+            ways = np.swapaxes(at.directions, 0, 1)[: len(law.variables) - 3, ..., None]
+            self.variables = (at.I1, at.I2, at.J, *(np.square(at.F @ way).sum(axis=(1, 2)) for way in ways))
 
     def energy(self, values: tuple[float, ...]) -> Floats:
         """psi_d (n,) [J/m^3] at the constants' values."""
@@ -122,7 +121,7 @@ class Deformation:
         if len(self.axes):
             stress_kernels.from_stretches(self._squares, self.axes, rows, tangent, S, D)
         else:
-            stress_kernels.from_invariants(at.F, at.I1, at.J, rows, at.direction, tangent, S, D)
+            stress_kernels.from_invariants(at.F, at.I1, at.J, rows, at.directions, tangent, S, D)
         return Stress(S, D)
 
 

@@ -56,7 +56,7 @@ def _mirror(D: Floats) -> None:
 
 @kernel(error_model="numpy", fastmath=FAST)
 def from_invariants(
-    F: Floats, I1: Floats, J: Floats, rows: Floats, direction: Floats, with_tangent: bool, S: Floats, D: Floats
+    F: Floats, I1: Floats, J: Floats, rows: Floats, directions: Floats, with_tangent: bool, S: Floats, D: Floats
 ) -> None:
     """Stress and tangent by the invariants.
 
@@ -68,8 +68,8 @@ def from_invariants(
         Invariants (n,).
     rows
         `CompiledLaw.rows`, of all points.
-    direction
-        Unit vector (3,) of a law in I4.
+    directions
+        Unit vectors of a law in I4, then of I6 (n, 1 or 2, 3); (1, …) where they are the same everywhere.
     with_tangent
         Whether the tangent is wanted.
     S
@@ -77,13 +77,15 @@ def from_invariants(
     D
         Its tangent (n, 6, 6) [Pa], written on demand.
     """
-    k = 3 if len(rows) in (3, 9) else 4
-    G, H = np.zeros((4, 6)), np.zeros((4, 6))
+    k = len(rows) if len(rows) < 9 else round(0.5 * (np.sqrt(9.0 + 8.0 * len(rows)) - 3.0))  # k + k (k + 1) / 2 rows
+    G, H = np.zeros((k, 6)), np.zeros((k, 6))
     C, A = np.empty(6), np.empty(6)
     G[0, :3] = 2.0
-    for m in range(6):
-        G[3, m] = 2.0 * direction[FIRST_OF[m]] * direction[SECOND_OF[m]]
     for p in range(len(F)):
+        if p < len(directions):
+            for a in range(3, k):
+                for m in range(6):
+                    G[a, m] = 2.0 * directions[p, a - 3, FIRST_OF[m]] * directions[p, a - 3, SECOND_OF[m]]
         _green(F[p], C)
         _adjugate(C, A)
         by_J = 1.0 / J[p]

@@ -99,6 +99,10 @@ class Element:
         dN_dX = np.einsum("qak,eqkj->eqaj", self._local_gradients, np.linalg.inv(dX_dxi))
         return np.ascontiguousarray(dN_dX), det * self.quadrature.weights
 
+    def places(self, points: Floats, tets: Ints) -> Floats:
+        """The quadrature points (n_tets n_q, 3) [m] of tets by the nodes of the undeformed mesh (n_points, 3) [m]."""
+        return np.einsum("eai,qa->eqi", points[tets], self.cell.functions(self.quadrature.points)).reshape(-1, 3)
+
     @property
     def _local_gradients(self) -> Floats:
         """dN_a by (xi, eta, zeta) at the quadrature points (n_q, n_a, 3), with L0 = 1 - xi - eta - zeta."""

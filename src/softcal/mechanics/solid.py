@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.materials.components import NO_DIRECTION
+from softcal.materials.components import NO_DIRECTIONS
 from softcal.materials.inelastic import ELASTIC, History
 from softcal.materials.law import CompiledLaw, Law, stacked
 from softcal.materials.stress_at import (
@@ -104,8 +104,8 @@ class SolidTerm(Term):
         Pressures of each tet (n_tets, n_b), ascending; (n_tets, 0) of a pure displacement element.
     N_p
         Their shape functions at the quadrature points (n_tets, n_q, n_b) [-].
-    direction
-        Direction (3,) of a law in I4.
+    directions
+        Directions of a law in I4 and I6, as `Points` has them, at the quadrature points.
     history
         What the material does beyond its law.
     motion
@@ -122,7 +122,7 @@ class SolidTerm(Term):
     w: Floats
     pressure_conn: Ints
     N_p: Floats
-    direction: Floats = field(default_factory=lambda: NO_DIRECTION)
+    directions: Floats = field(default_factory=lambda: NO_DIRECTIONS)
     history: History = ELASTIC
     motion: MeshMotion | None = None
     places: SolidPlaces = UNPLANNED
@@ -221,7 +221,7 @@ class SolidTerm(Term):
 
     def _at(self, known: Kinematics) -> Points:
         F, I1, I2, J = known
-        return Points(F.reshape(-1, 3, 3), I1.ravel(), I2.ravel(), J.ravel(), self.direction)
+        return Points(F.reshape(-1, 3, 3), I1.ravel(), I2.ravel(), J.ravel(), self.directions)
 
     def _stress(self, given: Given, volume: _Volume, *, tangent: bool) -> Stress:
         """The stress of the displacements' part of the potential, at fixed pressures."""
@@ -393,7 +393,7 @@ class SolidTerm(Term):
 
     def rest_moduli(self, theta: Theta) -> tuple[float, float]:
         """Lamé's moduli [Pa] of the undeformed body; with pressures, those of psi_d alone."""
-        at, values = points(np.eye(3)[None], self.direction), self._theta(theta)
+        at, values = points(np.eye(3)[None], self.directions[:1]), self._theta(theta)
         D = (
             Deformation(self.compiled, at).stress(values) if self.is_mixed else whole_stress(self.compiled, at, values)
         ).D[0]

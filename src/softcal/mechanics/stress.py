@@ -8,7 +8,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.geometry.mesh import TetMesh
-from softcal.materials.components import NO_DIRECTION, full
+from softcal.materials.components import NO_DIRECTIONS, full
 from softcal.materials.law import Law, compile_law, stacked
 from softcal.materials.stress_at import Deformation, Volumetric, points, whole_stress
 from softcal.mechanics.element import Element
@@ -37,7 +37,7 @@ def cauchy_stress(
     theta: Mapping[str, float],
     x: Floats,
     pressure: Floats | None = None,
-    direction: Floats = NO_DIRECTION,
+    directions: Floats = NO_DIRECTIONS,
 ) -> Floats:
     """The mean Cauchy stress of each tet (n_tets, 3, 3) [Pa].
 
@@ -52,11 +52,11 @@ def cauchy_stress(
     pressure
         For mixed elements, the multiplier p of g(J) at the nodes (n_points,) [Pa], where only those of the element's
         pressure count; for others None.
-    direction
-        Direction (3,) of a law in I4.
+    directions
+        Directions of a law in I4 and I6, as `Points` has them, at the quadrature points of the tets.
     """
     F, w = deformation_gradients(element, mesh, x)
-    at = points(F.reshape(-1, 3, 3), direction)
+    at = points(F.reshape(-1, 3, 3), directions)
     compiled = compile_law(law)
     values = tuple(theta[name] for name in compiled.parameters)
     if pressure is None:

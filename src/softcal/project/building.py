@@ -9,7 +9,7 @@ from pathlib import Path
 from softcal.calibration.problem.experiment import PULLEY_FRICTION, rig_parameters
 from softcal.errors import Fault, ParameterError, ProjectFileError
 from softcal.experiments.plausibility import copies
-from softcal.materials.components import NO_DIRECTION
+from softcal.materials.components import NO_DIRECTIONS
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis, shown_configurations
 from softcal.project.bench import build_bench
 from softcal.project.bench_fit import check_test, held_rig, held_robot
@@ -56,9 +56,10 @@ def build_project(
     experiments, parameters = sections.experiments, sections.parameters
     built = build_robot(sections.robot, mesh_maker(files), findings)
     for body in built.robot.bodies if built else ():
-        require_at_rest(body.law, body.parameters, body.direction, findings)
+        middle = body.mesh.points[body.mesh.tets[0]].mean(axis=0, keepdims=True)
+        require_at_rest(body.law, body.parameters, body.directions(middle), findings)
     for rod in sections.robot.rods.values():
-        require_at_rest(rod.law or "", rod.constants, NO_DIRECTION, findings)
+        require_at_rest(rod.law or "", rod.constants, NO_DIRECTIONS, findings)
     given = untied(values, parameters)
     rig = sections.rig
     if PULLEY_FRICTION in given and rig.pulleys is not None:  # the data are prepared under a fixed friction

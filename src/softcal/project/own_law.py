@@ -16,7 +16,7 @@ from softcal.project.section import entries
 from softcal.project.yaml_file import read_document
 
 
-def require_at_rest(law: str, theta: Mapping[str, float], direction: Floats, findings: Findings) -> None:
+def require_at_rest(law: str, theta: Mapping[str, float], directions: Floats, findings: Findings) -> None:
     """Record a user's law with stress or energy at rest, or without stiffness there, and warn of one that is not
     proportional to its moduli, or has constants without effect; softcal's laws are not checked.
 
@@ -26,15 +26,15 @@ def require_at_rest(law: str, theta: Mapping[str, float], direction: Floats, fin
         Name of the law.
     theta
         Constants of a body or rod [SI].
-    direction
-        Build direction (3,).
+    directions
+        Its directions (1, 1 or 2, 3).
     findings
         Collects the faults and warnings.
     """
     if law in {one.name for one in LAWS.registered}:
         of = LAWS[law]
         with at_law(law, findings):
-            require_rest(of, theta, direction)
+            require_rest(of, theta, directions)
             if not of.is_proportional(theta):
                 findings.warn(
                     ("laws", law, "energy"),

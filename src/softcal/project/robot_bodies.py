@@ -164,6 +164,7 @@ def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, find
                 inclusions=inclusions,
                 clamp=clamp,
                 build_direction=body.build_direction,
+                winding=body.winding,
                 history=body.history,
                 shape=shapes.get(name),
             )

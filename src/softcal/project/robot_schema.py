@@ -35,6 +35,7 @@ from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, CableLine, RoutingAxis
 from softcal.twin.clamp import Clamp
 from softcal.twin.manipulator import Manipulator
+from softcal.twin.material import Winding
 from softcal.twin.robot import Body, Disc, Inertia, Plate, PointLoad, Tie, ViaPoint
 
 KINDS = ("bodies", "rods", "plates", "ties", "cables", "actuators", "loads", "markers", "sensors")
@@ -62,6 +63,7 @@ class BodySection(LawSection):
     fixed: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
     clamp: Clamp | None = Body.clamp
     build_direction: Direction | None = Body.build_direction
+    winding: Winding | None = Body.winding
     placement: Placement | None = None
 
 

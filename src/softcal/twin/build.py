@@ -167,7 +167,8 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
                 first_pressure=n_pressures,
                 motion=motion,
             )
-            solids.append(replace(solid, direction=body.direction, history=body.past))
+            directions = body.directions(element.places(mesh.points, tets))
+            solids.append(replace(solid, directions=directions, history=body.past))
             if element.is_mixed:
                 pressure_nodes[material.name] = (n_pressures, body.name, with_pressure)
             n_pressures += len(with_pressure)

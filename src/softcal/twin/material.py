@@ -1,4 +1,4 @@
-"""Materials of parts: a body's or a rod's own, and those of some of its elements."""
+"""Materials of parts: a body's or a rod's own, those of some of its elements, and the winding of their fibres."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ from typing import Protocol
 import numpy as np
 
 from softcal.arrays import Numbers
-from softcal.checks import require_below
-from softcal.declare import FixedMapping
+from softcal.checks import Floats, require_below
+from softcal.declare import Declared, FixedMapping
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.materials.inelastic import History
 from softcal.materials.parameter import Parameter, complete
-from softcal.quantities import Density
+from softcal.quantities import Angle, Density, Direction, Point
 from softcal.twin.parameter_name import parameter_name
 from softcal.twin.part import NamedPart
+
+NEAR_AXIS = 1e-9  # of the largest coordinate: nearer points have no direction around an axis
 
 
 @displayed
@@ -40,6 +42,39 @@ class Material(NamedPart):
     @property
     def _own_name(self) -> str:
         return parameter_name(self.name).kind
+
+
+@dataclass(frozen=True)
+class Winding(Declared):
+    """Fibres wound around an axis as helices of both hands, such as a braid's, or as one of them.
+
+    Attributes
+    ----------
+    angle : Of the fibres to the axis: 0 along it, 90 deg around it
+    point : A point (3,) [m] of the axis, in the robot at rest
+    direction : Its direction (3,), of any length but zero
+    """
+
+    angle: Angle
+    point: Point = (0.0, 0.0, 0.0)
+    direction: Direction = (0.0, 0.0, 1.0)
+
+    def directions(self, at: Floats) -> Floats:
+        """Unit vectors (n, 2, 3) along the fibres of both hands, first the right-handed ones, at points (n, 3) [m].
+
+        Raises
+        ------
+        InputError
+            Where a point is on the axis.
+        """
+        axis = np.asarray(self.direction) / np.linalg.norm(self.direction)
+        around = np.cross(axis, at - np.asarray(self.point))
+        distances = np.linalg.norm(around, axis=1, keepdims=True)
+        if not distances.min(initial=np.inf) > NEAR_AXIS * np.abs(at).max(initial=0.0):
+            got = f"point {int(distances.argmin()) + 1} of {len(at)}"
+            raise InputError(Fault("material is on the axis of its winding", "winding", got, "an axis in a cavity"))
+        around *= np.sin(self.angle) / distances
+        return np.stack([np.cos(self.angle) * axis + hand * around for hand in (1.0, -1.0)], axis=1)
 
 
 class Deformable(Protocol):

@@ -25,7 +25,7 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.section import CrossSection
 from softcal.geometry.shape import BodyShape
 from softcal.materials.catalogue import LAWS, LawName
-from softcal.materials.components import NO_DIRECTION
+from softcal.materials.components import NO_DIRECTIONS
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.materials.histories import history_of
 from softcal.materials.inelastic import History
@@ -43,7 +43,7 @@ from softcal.twin.barrier import Contact, require_wires
 from softcal.twin.cables import Cable, ViaPoint, require_changing_length
 from softcal.twin.clamp import Clamp, Zone, clamp_zone
 from softcal.twin.dead_loads import Moment, PointLoad, SurfaceLoad
-from softcal.twin.material import Material, complete_materials, materials_of
+from softcal.twin.material import Material, Winding, complete_materials, materials_of
 from softcal.twin.part import NamedPart
 
 if TYPE_CHECKING:
@@ -81,6 +81,7 @@ class Body(NamedPart):
     inclusions : Tets of other materials of the same law, with shared nodes; constants not given are the body's
     clamp : What fixes it at a plane face, whose depth is then a parameter; None: it is fixed exactly at its fixed nodes
     build_direction : Direction (3,) of a law that has one, in the robot at rest; None: the z axis
+    winding : Of the fibres of a law that has directions, instead; a law of two directions needs it
     history : What its materials do beyond the law: names of `softcal.materials.histories`, such as relaxation-2
     shape : The lengths of its mesh that are parameters; None: none
     """
@@ -94,6 +95,7 @@ class Body(NamedPart):
     inclusions: tuple[Material, ...] = ()
     clamp: Clamp | None = None
     build_direction: Direction | None = None
+    winding: Winding | None = None
     history: tuple[str, ...] = ()
     shape: BodyShape | None = None
 
@@ -102,11 +104,16 @@ class Body(NamedPart):
         require_below(self.mesh.n_points, self.fixed, f"{self.name}.fixed")
         if self.shape is not None:
             self.shape.require_fit(self.mesh, f"{self.name}.shape")
-        if self.build_direction is not None and not LAWS[self.law].is_directed:
+        n_directions = LAWS[self.law].n_directions
+        given = [key for key in ("build_direction", "winding") if getattr(self, key) is not None]
+        if given and not n_directions:
             directed = ", ".join(name for name, law in LAWS.items() if law.is_directed)
-            raise InputError(
-                Fault("its law has no direction", f"{self.name}.build_direction", f"law {self.law}", directed)
-            )
+            raise InputError(Fault("its law has no direction", f"{self.name}.{given[0]}", f"law {self.law}", directed))
+        if n_directions > 1 and given != ["winding"]:
+            got, allowed = " and ".join(given) or "none", "winding, which has both"
+            raise InputError(Fault("its law has two directions", self.name, got, allowed))
+        if len(given) > 1:
+            raise InputError(Fault("its directions are specified twice", self.name, " and ".join(given), "one of them"))
         if self.clamp is not None:
             self.zone  # noqa: B018  refuses a clamp that cannot be
         complete_materials(self, self.mesh.n_tets, "tets")
@@ -131,13 +138,20 @@ class Body(NamedPart):
         """The constants of its materials: those of the law, then those of the history."""
         return (*LAWS[self.law].parameters, *self.past.parameters)
 
-    @property
-    def direction(self) -> Floats:
-        """The direction of its law, of length one (3,); zeros of a law without."""
+    def directions(self, at: Floats) -> Floats:
+        """The directions of its law, as `stress_at.Points` has them, at points (n, 3) [m] of the robot at rest.
+
+        Raises
+        ------
+        InputError
+            Where a point is on the axis of its winding.
+        """
+        if self.winding is not None:
+            return self.winding.directions(at)
         if not LAWS[self.law].is_directed:
-            return NO_DIRECTION
+            return NO_DIRECTIONS
         given = np.asarray(self.build_direction or (0.0, 0.0, 1.0), dtype=np.float64)
-        return given / np.linalg.norm(given)
+        return (given / np.linalg.norm(given))[None, None]
 
     @cached_property
     def zone(self) -> Zone | None:

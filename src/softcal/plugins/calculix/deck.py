@@ -97,6 +97,7 @@ def _in_its_law(body: Body) -> Body:
         parameters=alike(body.parameters),
         inclusions=inclusions,
         build_direction=None,
+        winding=None,
     )
 
 

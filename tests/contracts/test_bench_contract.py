@@ -213,6 +213,21 @@ def test_where_a_translation_is_taken_off_any_origin_will_do(tmp_path: Path) -> 
     assert score_file("opencr-v4", path).splits[PREDICT].points["tip"].largest < 1e-8
 
 
+@pytest.mark.parametrize(("kind", "message"), [("unit", "in another unit"), ("origin", "")])
+def test_of_one_sample_alone_a_motion_of_all_points_is_an_error_and_no_frame(
+    kind: str, message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "mine.csv"
+    record = record_of("pneumatic-arm")
+    assert (~record.is_fit).sum() == 1
+    path.write_text(moved(kind, "pneumatic-arm").text(record.units), encoding="utf-8")
+    if message:
+        with pytest.raises(DatasetError, match=message):
+            score_file("pneumatic-arm", path)
+    else:
+        assert score_file("pneumatic-arm", path).splits[PREDICT].points["tip1"].rms == pytest.approx(0.4)
+
+
 def test_a_column_may_be_in_another_unit_of_its_dimension(tmp_path: Path) -> None:
     header, *rows = (line for line in tentacle_text().splitlines() if not line.startswith("#"))
     assert header.split(",")[1] == "M1.x [m]"

@@ -69,7 +69,7 @@ def shape_modes(rest: Floats, shapes: Floats, fitted: Callable[[Floats], Mapping
         scale = np.abs(modes).max(axis=1, initial=0.0, keepdims=True) / LARGEST
         rounded = np.round(np.divide(modes, scale, out=np.zeros_like(modes), where=scale > 0.0)).astype("<i2")
         # Coefficients of the rounded modes, which are no longer orthogonal.
-        found = np.linalg.lstsq(rounded.T.astype(np.float64), moved.T, rcond=None)[0].T
+        found = np.asarray(np.linalg.lstsq(rounded.T.astype(np.float64), moved.T, rcond=None)[0].T, dtype=np.float64)
         if n == min(len(basis), MOST_MODES) or _furthest(found @ rounded - moved) <= allowed:
             break
         n += 1

@@ -239,7 +239,7 @@ def require_matching(record: CaseRecord, found: Predictions, where: str, *, alig
     was = np.concatenate([record.positions(point)[measured] for point in record.points])
     now = np.concatenate([found.positions(point)[rows] for point in record.points])
     known = np.isfinite(was).all(axis=1)
-    return frame_faults(was[known], now[known], where, aligned=aligned)
+    return frame_faults(was[known], now[known], where, aligned=aligned, moves=len(rows) > 1)
 
 
 def _layout(record: CaseRecord) -> str:
@@ -319,7 +319,9 @@ FAR = 0.2  # of the positions' extent: errors smaller than this are errors of a 
 SCALES = {1e3: "mm written as m", 1e-3: "m written as mm", 1e2: "cm written as m", 1e-2: "m written as cm"}
 
 
-def frame_faults(measured: Floats, predicted: Floats, where: str, *, aligned: bool = False) -> list[Fault]:
+def frame_faults(
+    measured: Floats, predicted: Floats, where: str, *, aligned: bool = False, moves: bool = True
+) -> list[Fault]:
     """Faults of predicted positions that are in another unit or frame than the measured ones.
 
     A similarity (Umeyama, 1991) is fitted between the two. It is a fault only where it is unmistakable: the positions
@@ -333,6 +335,8 @@ def frame_faults(measured: Floats, predicted: Floats, where: str, *, aligned: bo
         File of the predictions.
     aligned
         As in `read_predictions`.
+    moves
+        Whether they are of several samples: of one alone, a motion of all points is an error of the prediction.
     """
     extent = float(np.linalg.norm(np.ptp(measured, axis=0)))
     near = predicted - (predicted - measured).mean(axis=0) if aligned else predicted
@@ -347,6 +351,8 @@ def frame_faults(measured: Floats, predicted: Floats, where: str, *, aligned: bo
     for scale, mistake in SCALES.items():
         if abs(np.log10(size / scale)) < 0.25:
             return [Fault("the positions are in another unit", where, got, "the unit of the header", mistake)]
+    if not moves:
+        return []
     was, now = measured - measured.mean(axis=0), predicted - predicted.mean(axis=0)
     U, _, Vt = np.linalg.svd(was.T @ now)
     rotation = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt

@@ -67,8 +67,7 @@ spec.loader.exec_module(module)
 model = module.ReducedModel(folder / "reduced" / "model.json")
 
 # %%
-# Once round the figure. Two angles leave one of the three tensions free: each step stays near to the last one. The band
-# of pitch and roll is that of the turns about y and x, small ones as here.
+# Once round the figure. Two angles leave one of the three tensions free: each step stays near to the last one.
 robot_now, commands = softcal.LiveTwin(robot, "tension"), {}
 around = np.linspace(0.0, 2.0 * np.pi, 61)
 wanted, real, tensions, bands = [], [], [], []
@@ -77,11 +76,11 @@ for t in around:
     commands = model.inverse(goal, start=commands)["commands"]
     state = robot_now.at(commands)
     assert state.succeeded, state.status
-    band = dict(zip(model.rows, model.state(commands)["bands"]))
+    band = model.state(commands)["bands"]
     wanted.append([*goal.values()])
     real.append([state.channels[name] for name in goal])
     tensions.append([commands[name] for name in places])
-    bands.append([band["plate.ry"], band["plate.rx"]])
+    bands.append([band[name] for name in goal])
 wanted, real, bands = (np.degrees(each) for each in (wanted, real, bands))
 off = np.abs(real - wanted)
 print(f"off by up to {off.max():.2f} deg, the band is +- {bands.max():.2f} deg where it is widest")

@@ -25,6 +25,7 @@ from softcal.report.scene import (
     FlatDisc,
     Label,
     Surface,
+    Tube,
     Wire,
     alike,
     extent_points,
@@ -204,6 +205,19 @@ def test_the_renderer_draws_or_says_why_not() -> None:
         assert (first != second).any()
     else:
         assert "the 3-D renderer" in rendering.note
+
+
+def test_a_tube_that_is_seen_through_has_its_own_colour() -> None:
+    view = twin_scenes(twin_view(column_mesh()))
+    path = view.scenes[0].parts[0].extent[[0, -1]]
+    tube = Tube(path, np.linspace(0.2, 0.1, 2) * np.ptp(path), colour="#808080", opacity=0.5)
+    rendering = render_scenes((replace(view.scenes[0], parts=(tube,), labels=()),), (view.camera,))
+    if rendering.note:
+        pytest.skip(rendering.note)
+    pixels = rendering.pictures[0].reshape(-1, 4).astype(float)
+    drawn = pixels[pixels[:, 3] > 0, :3]
+    assert len(drawn) > 100
+    assert np.ptp(drawn, axis=1).max() < 10, "grey"
 
 
 def test_a_figure_is_drawn_once_for_each_file(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -103,12 +103,14 @@ def _actor(mesh: PolyData, colour: str, opacity: float) -> Any:
     # Edges lie on their surface, which is therefore moved back a little.
     mapper.SetResolveCoincidentTopologyToPolygonOffset()
     mapper.SetInputData(mesh)
+    mapper.ScalarVisibilityOff()  # other data of a mesh, such as a tube's radius, are no colours
     for data, use in (
         (mesh.cell_data, mapper.SetScalarModeToUseCellFieldData),
         (mesh.point_data, mapper.SetScalarModeToUsePointFieldData),
     ):
         if "colour" in data:
             use()
+            mapper.ScalarVisibilityOn()
             mapper.SelectColorArray("colour")
     actor.SetMapper(mapper)
     actor.GetProperty().SetColor(*to_rgb(colour))

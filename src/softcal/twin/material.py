@@ -44,6 +44,7 @@ class Material(NamedPart):
         return parameter_name(self.name).kind
 
 
+@displayed
 @dataclass(frozen=True)
 class Winding(Declared):
     """Fibres wound around an axis as helices of both hands, such as a braid's, or as one of them.

@@ -62,6 +62,7 @@ from softcal.sensing.channel import channel_name
 from softcal.twin.channels import STIFFNESS
 from softcal.twin.clearance import Clearances
 from softcal.twin.live import LiveState, LiveTwin
+from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.units import format_quantity
@@ -781,13 +782,12 @@ class _Search:
             state = self.live.at(commands, self.elapsed, released=barrier.released)
             self.n_states += 1
             low, high, safe = (low, share, safe) if _ended(state) else (share, high, state)
-        parts = {load.name for load in self.live.robot.loads} | {
-            f"{plate.name}.mass" for plate in self.live.robot.plates
-        }
+        robot = self.live.robot
+        masses, parts = {f"{plate.name}.mass" for plate in robot.plates}, {load.name for load in robot.loads}
         loads = [
             f"{name} {format_quantity(one.value, one.quantity.unit)}"
-            for name, one in robot_parameters(self.live.robot).items()
-            if one.value and parts & {name, name.partition(".")[0]}
+            for name, one in robot_parameters(robot).items()
+            if one.value and (name in masses or parameter_name(name).part in parts)
         ]
         under = f", under {', '.join(loads)}" if loads else ""
         return f" The last safe commands on that way are {self.commanded(safe)}{under}."

@@ -1,4 +1,4 @@
-"""The noisy pull of the neck: python generate.py."""
+"""The noisy pull of the neck: python noisy_pull.py."""
 
 from pathlib import Path
 

@@ -76,17 +76,13 @@ def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:
     """
     driven = like.drives
     if not driven and (candidate.actuator or candidate.control or candidate.reach is not None):
-        raise InputError(
-            Fault("no actuator is driven in the experiment that this one is like", candidate.name, like.name)
-        )
+        what = "no actuator is driven in the experiment that this one is like"
+        raise InputError(Fault(what, candidate.name, like.name))
     others = [c for c in driven if candidate.control not in ("", like.twin_channel(c).kind.name)]
     if len(driven) > 1 and (candidate.actuator or others):
-        got = f"{', '.join(driven)} in {like.name}"
-        raise InputError(
-            Fault("several actuators are driven", candidate.name, got, "reach, samples, noise or settings")
-        )
-    controls = {kind.name for c in driven for kind in of_actuator(like.twin_channel(c).kind)}
-    if candidate.control and candidate.control not in controls:
+        got, allowed = f"{', '.join(driven)} in {like.name}", "reach, samples, noise or settings"
+        raise InputError(Fault("several actuators are driven", candidate.name, got, allowed))
+    if candidate.control and candidate.control not in (controls := controls_of(like)):
         what = f"{_driven(like)} of {like.name} has no such control"
         raise InputError(unknown(what, candidate.name, candidate.control, sorted(controls)))
     drives = {_renamed(channel, candidate, like, is_drive=True): channel for channel in driven}
@@ -117,6 +113,11 @@ def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:
         compared=compared,
         settings={k: v for k, v in like.settings.items() if not k.startswith(gone)} | dict(candidate.settings),
     )
+
+
+def controls_of(like: Experiment) -> set[str]:
+    """Coordinates and efforts by which the actuators of an experiment can be driven."""
+    return {kind.name for c in like.drives for kind in of_actuator(like.twin_channel(c).kind)}
 
 
 def own_parameters(candidate: Candidate, like: Experiment, known: tuple[P, ...]) -> dict[str, P]:

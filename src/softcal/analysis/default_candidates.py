@@ -55,10 +55,8 @@ def default_candidates(problem: Problem) -> list[Candidate]:
     found += _heavier(problem, like)
     if len(like.drives) == 1:
         before = {experiment.twin_channel(c).carrier for experiment in references for c in experiment.drives}
-        alike = [
-            part.name for part in problem.robot.commandable if like.twin_channel(like.drives[0]).kind in part.channels
-        ]
-        others = [name for name in alike if name not in before]
+        kind = like.twin_channel(like.drives[0]).kind
+        others = [part.name for part in problem.robot.commandable if kind in part.channels and part.name not in before]
         found += [Candidate(name=f"{name} as {like.name}", like=like.name, actuator=name) for name in others]
     return found
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from softcal.analysis.candidate import Candidate
+from softcal.analysis.candidate import Candidate, controls_of
 from softcal.calibration.problem.experiment import Experiment
 from softcal.declare import listed
 from softcal.errors import Fault, InputError
@@ -16,7 +16,7 @@ from softcal.project.bench_names import settings_of
 from softcal.project.document import Findings, KeyPath
 from softcal.project.section import Given, Section
 from softcal.quantities import QUANTITIES, noise_in
-from softcal.sensing.channel import channel_unit, of_actuator, positions
+from softcal.sensing.channel import channel_unit, positions
 from softcal.twin.robot import Robot
 
 
@@ -82,8 +82,7 @@ def build_candidates(
             findings.unknown((*path, "actuator"), robot.actuator_word, section.actuator, known)
         like = experiments.get(section.like, next(iter(experiments.values())))
         control, reach = next(iter(section.reach.items()), ("", None))
-        controls = {kind.name for c in like.drives for kind in of_actuator(like.twin_channel(c).kind)}
-        if control and control not in controls:
+        if control and control not in (controls := controls_of(like)):
             findings.unknown((*path, control), "control", control, controls)
         noise = {
             channel: (key, value)

@@ -133,11 +133,13 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
     project = twin if isinstance(twin, Robot | Project) else load_calibrated(Path(twin))
     robot = project if isinstance(project, Robot) else project.robot
     robot = with_parameters(robot, theta or {})
-    band = None
+    live = LiveTwin(robot, controls)
+    task, wanted = asked(live, targets, times, limits, rates, tolerances, weights, prefer, pretension, obstacles)
+    band = None  # after all that may be refused: it simulates the experiments again
     if not isinstance(twin, Robot | Project) and Path(twin).is_dir() and isinstance(project, Project):
         band = RunBand.of(ExportRequest(replace(project, robot=robot), run=twin))
-    live = LiveTwin(robot, controls, sensitivities=[*band.steps] if band else ())
-    task, wanted = asked(live, targets, times, limits, rates, tolerances, weights, prefer, pretension, obstacles)
+        if live.remembers:
+            live = LiveTwin(robot, controls, sensitivities=[*band.steps])
     steps: list[ReachStep] = []
     for step in reach_targets(live, task, wanted, times):
         if band is not None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
+from mechanics_cases import column_robot, side_cable
 
 from softcal.calibration.problem.experiment import Experiment
 from softcal.calibration.problem.frame import rotation
@@ -16,6 +18,7 @@ from softcal.calibration.problem.rig import Rig
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
+from softcal.twin.cables import CableLine
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
@@ -54,6 +57,16 @@ def tentacle(element: str = "P2P1") -> Robot:
     markers = [Marker(f"m{k + 1}", "tentacle", (WIDTH / 2, 0.0, z)) for k, z in enumerate(heights)]
     markers.append(Marker("m4", "tip", (0.0, 0.0, -LENGTH)))
     return Robot((body,), (tip,), tuple(cables), gravity=np.array([0.0, 0.0, -9.81]), markers=tuple(markers))
+
+
+TENTACLE = tentacle("P1")
+ROUGH = replace(
+    TENTACLE,
+    cables=tuple(replace(c, friction_coefficient=0.1, line=CableLine(friction_memory=True)) for c in TENTACLE.cables),
+)
+COLUMN = column_robot(
+    "P1", cables=tuple(side_cable(f"c{k}", (0.05 * np.cos(2 * k), 0.05 * np.sin(2 * k))) for k in range(3))
+)
 
 
 @functools.cache

@@ -156,6 +156,7 @@ if TYPE_CHECKING:
     from softcal.workflows.watching import WatchedPage as WatchedPage
     from softcal.workflows.watching import watch_run as watch_run
     from softcal.workflows.whole_record import compare_records as compare_records
+    from softcal.workflows.workspace import workspace as workspace
 
 _HOMES = {
     "Actuator": "softcal.twin.actuated",
@@ -294,6 +295,7 @@ _HOMES = {
     "validate": "softcal.workflows.validation",
     "watch_run": "softcal.workflows.watching",
     "with_parameters": "softcal.twin.parameters",
+    "workspace": "softcal.workflows.workspace",
     "write_export": "softcal.workflows.export",
     "write_report": "softcal.workflows.reporting",
 }
@@ -435,6 +437,7 @@ __all__ = [
     "validate",
     "watch_run",
     "with_parameters",
+    "workspace",
     "write_export",
     "write_report",
 ]

@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanics_cases import column_robot, side_cable
 from scipy.optimize import brentq
-from soft_robots import TENDONS, tentacle
+from soft_robots import COLUMN, ROUGH, TENDONS, TENTACLE
 
 import softcal
 from benchmarks.reach import Case, against_brute, cases, drawn, found, posed
@@ -21,19 +20,10 @@ from softcal.geometry.primitives import box_mesh
 from softcal.geometry.section import RectangularBar
 from softcal.geometry.surface import boundary_faces
 from softcal.twin.barrier import Contact
-from softcal.twin.cables import CableLine
 from softcal.twin.live import LiveTwin
 from softcal.twin.manipulator import Manipulator, Springs, manipulator
 from softcal.twin.robot import Body, Cable, Plate, PointLoad, Robot, Rod, ViaPoint
 
-COLUMN = column_robot(
-    "P1", cables=tuple(side_cable(f"c{k}", (0.05 * np.cos(2 * k), 0.05 * np.sin(2 * k))) for k in range(3))
-)
-TENTACLE = tentacle("P1")
-ROUGH = replace(
-    TENTACLE,
-    cables=tuple(replace(c, friction_coefficient=0.1, line=CableLine(friction_memory=True)) for c in TENTACLE.cables),
-)
 PLANE = ("tip.x", "tip.y")
 
 

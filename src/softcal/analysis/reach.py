@@ -126,6 +126,8 @@ class ReachStep(Checked):
         Channel of the target -> half the width of the 95 % band that the calibration leaves at these commands [SI].
     command_bands
         Command -> half the width of the 95 % band of the command that brings the channels to where they are [SI].
+    why
+        Of a refused target: why the way ends, a sentence.
     """
 
     outcome: Outcome
@@ -142,6 +144,7 @@ class ReachStep(Checked):
     clearances: Mapping[str, float] = field(default_factory=dict)
     bands: Mapping[str, float] = field(default_factory=dict)
     command_bands: Mapping[str, float] = field(default_factory=dict)
+    why: str = ""
 
     @property
     def misses(self) -> dict[str, float]:
@@ -290,10 +293,41 @@ def reach_targets(
     for k, target in enumerate(wanted):
         elapsed = np.inf if times is None or k == 0 else times[k] - times[k - 1]
         try:
-            step = _Search(live, task, target, elapsed).found()
+            step = reach_from(live, task, target, elapsed)
         except SimulationError as error:
             raise SimulationError(f"Target {k + 1}: {error}" if len(wanted) > 1 else str(error)) from error
         yield step if times is None else replace(step, time=times[k])
+
+
+def reach_from(
+    live: LiveTwin,
+    task: ReachTask,
+    wanted: Mapping[str, float],
+    elapsed: float = np.inf,
+    *,
+    only_from_here: bool = False,
+) -> ReachStep:
+    """The commands for one target from the present state of a twin, which is then at them.
+
+    Parameters
+    ----------
+    live
+        The twin.
+    task
+        Tolerances, limits and preference.
+    wanted
+        Channel -> value [SI].
+    elapsed
+        Time since the last state [s]; infinity: held for long.
+    only_from_here
+        Whether the search begins at the present state alone, and of several commands takes those at which it ends.
+
+    Raises
+    ------
+    SimulationError
+        Where no commands keep the limits.
+    """
+    return _Search(live, task, wanted, elapsed).found(only_from_here)
 
 
 @dataclass(frozen=True)
@@ -410,7 +444,7 @@ class _Search:
         size = {"m": live.extent, "rad": 1.0}
         self.motion = np.array([1.0 / size[unit] if unit in size else 0.0 for unit in task.units.values()])
 
-    def found(self) -> ReachStep:
+    def found(self, only_from_here: bool) -> ReachStep:
         """The commands, checked.
 
         Raises
@@ -426,7 +460,7 @@ class _Search:
             self.barrier = barrier or told
             if best is None or cost < best[0]:
                 best = cost, end, told
-            if self.is_reached(end):
+            if only_from_here or self.is_reached(end):
                 break
         if best is None or best[0][0]:
             why = "the limits contradict each other along every way that was tried"
@@ -436,7 +470,7 @@ class _Search:
             why = self.barrier.why if self.barrier else why
             raise SimulationError(f"No commands within the limits were found: {why.rstrip('.')}.")
         self.barrier = best[2] or self.barrier
-        end = self.preferred(best[1])
+        end = best[1] if only_from_here else self.preferred(best[1])
         share, passed = self.passed(end)
         for _ in range(DETOURS):
             self.shares = (*self.shares, share)
@@ -479,7 +513,7 @@ class _Search:
         slack = names[released].tolist()
         state = live.at(commands, self.elapsed, released=slack)
         self.n_states += 1
-        if why := _ended(state):
+        if why := why_ended(state):
             self.barrier = _Barrier(why, begin, commands, slack)
             live.return_to(begin)
             return None
@@ -696,7 +730,7 @@ class _Search:
         reached = _Point(self.task, state, end.unknowns, end.released)
         residual, limits = at.remainder(at.moving, at.error, np.zeros((0, len(at.scale))))
         why, barrier = "", self.barrier
-        if ended := _ended(state):
+        if ended := why_ended(state):
             why = f"The way from the last commands to the best ones ends before them: {ended}"
             barrier = _Barrier(ended, self.before, commands, ())
         elif np.abs(self.errors(reached) - self.errors(end)).max() > 1.0:
@@ -735,6 +769,7 @@ class _Search:
             n_states=self.n_states,
             n_derivatives=self.n_derivatives,
             wall_s=time.perf_counter() - self.began,
+            why=why,
             clearances={
                 name: float(near.values[near.nearest(name)])
                 for _, _, near in reached.near
@@ -781,7 +816,7 @@ class _Search:
             commands = self.between(barrier.begin, barrier.commands, share)
             state = self.live.at(commands, self.elapsed, released=barrier.released)
             self.n_states += 1
-            low, high, safe = (low, share, safe) if _ended(state) else (share, high, state)
+            low, high, safe = (low, share, safe) if why_ended(state) else (share, high, state)
         robot = self.live.robot
         masses, parts = {f"{plate.name}.mass" for plate in robot.plates}, {load.name for load in robot.loads}
         loads = [
@@ -817,7 +852,7 @@ class _Search:
         return ", ".join(f"{name} {format_quantity(value, unit, digits=3)} off" for name, value, unit in each)
 
 
-def _ended(state: LiveState) -> str:
+def why_ended(state: LiveState) -> str:
     """Why a way ends at a state: no equilibrium, an instability, bodies that intersect; or ""."""
     try:
         is_stable = state.succeeded and not state.snaps and state.is_stable

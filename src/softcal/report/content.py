@@ -9,6 +9,7 @@ from typing import TypeVar
 from softcal.analysis.importance import ImportanceStudy
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.analysis.record import RecordFit
+from softcal.analysis.workspace import Workspace
 from softcal.calibration.results.result import CalibrationResult, SearchResult, SweepResult
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
 from softcal.display import displayed
@@ -105,6 +106,10 @@ class ReportContent:
         Sobol indices over the bounds of one of the results.
     importance_note
         Of which result they are, or why an existing study is not shown.
+    workspace
+        Workspace of the twin at the values of one of the results.
+    workspace_note
+        Why an existing workspace is not shown.
     frame
         The twin along its pull, to be moved by a slider; None where nothing is pulled.
     equilibria
@@ -126,6 +131,8 @@ class ReportContent:
     mesh_note: str = ""
     importance: ImportanceStudy | None = None
     importance_note: str = ""
+    workspace: Workspace | None = None
+    workspace_note: str = ""
     print_infill: PrintInfill | None = None
     headline: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)

@@ -7,7 +7,7 @@ from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from softcal.errors import Fault, StorageError
+from softcal.errors import Fault, InputError, StorageError
 from softcal.regular_file import whole_folder, write_whole
 
 ANOTHER = "another --out"
@@ -40,6 +40,21 @@ def require_writable(folder: Path) -> None:
             probe.flush()
     except OSError as error:
         raise unwritable(folder, error) from error
+
+
+def require_picture(file: Path) -> None:
+    """Check before a long computation that a picture can be written.
+
+    Raises
+    ------
+    InputError
+        For a name without .png or .svg.
+    StorageError
+        If the file is there, or its folder cannot be written.
+    """
+    if file.suffix not in (".png", ".svg"):
+        raise InputError(Fault("this is no file of a picture", "picture", str(file), "a name with .png or .svg"))
+    require_free_file(file)
 
 
 @contextmanager

@@ -41,7 +41,7 @@ from softcal.twin.protocol import times_fault
 from softcal.twin.robot import Control, Robot
 from softcal.units import format_quantity
 from softcal.workflows.export import ExportRequest
-from softcal.workflows.output import require_free_file, require_free_folder
+from softcal.workflows.output import require_free_folder, require_picture
 from softcal.workflows.run_band import RunBand
 from softcal.workflows.study_files import StudyKind
 from softcal.workflows.study_source import load_calibrated
@@ -123,9 +123,7 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
     """
     if picture is not None:
         require_extra("pictures", "pyvista", where="picture")
-        if Path(picture).suffix not in (".png", ".svg"):
-            raise InputError(Fault("this is no file of a picture", "picture", str(picture), "a name with .png or .svg"))
-        require_free_file(Path(picture))
+        require_picture(Path(picture))
     if out is not None:
         require_free_folder(Path(out))
         if isinstance(twin, Robot):
@@ -176,7 +174,7 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
 
 def asked(  # noqa: PLR0913 (one argument for each option)
     live: LiveTwin,
-    targets: Mapping[str, float | Sequence[float]],
+    targets: Mapping[str, float | Sequence[float]] | None,
     times: Sequence[float] | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
     rates: Mapping[str, float] | None = None,
@@ -186,7 +184,7 @@ def asked(  # noqa: PLR0913 (one argument for each option)
     pretension: float = 0.0,
     obstacles: Mapping[str, Obstacle] | None = None,
 ) -> tuple[ReachTask, list[dict[str, float]]]:
-    """The task, and each target by channel; arguments as of `reach`.
+    """The task, and each target by channel; arguments as of `reach`. Without targets (None) the limits alone count.
 
     Parameters
     ----------
@@ -201,16 +199,24 @@ def asked(  # noqa: PLR0913 (one argument for each option)
         With all faults.
     """
     faults: list[Fault] = []
+    if targets is not None and not targets:
+        faults.append(Fault("there is no target", "targets", allowed="a channel and its value"))
+    targets = targets or {}
     stated = {*targets, *(limits or {}), *(tolerances or {}), *(weights or {})}
     stiffnesses = {name: unit for name, unit in live.stiffness_units.items() if name in stated}
     units = {**live.units, **stiffnesses}
     names = list(units)
     number = {name: k for k, name in enumerate(names)}
     kinds = dict.fromkeys(channel_name(name).kind.name for name in live.units)
+    # Actuators that are not driven are slack: what is stated of all tensions is not of theirs.
+    kind_of = {
+        name: "" if (one := channel_name(name)).kind.drives and one.carrier not in live.controls else one.kind.name
+        for name in names
+    }
 
     def numbers(key: str, where: str) -> list[int]:
         """The channels of a name or of a kind."""
-        found = [k for k, name in enumerate(names) if key in (name, channel_name(name).kind.name)]
+        found = [k for k, name in enumerate(names) if key in (name, kind_of[name])]
         if not found:
             known = [*live.units, *live.stiffness_units, *kinds]
             faults.append(unknown("the robot has no such channel", where, key, known))
@@ -242,8 +248,6 @@ def asked(  # noqa: PLR0913 (one argument for each option)
         for k in crossed:
             got = f"at least {_shown(lower[k], units[names[k]])}, at most {_shown(upper[k], units[names[k]])}"
             faults.append(Fault("the limits contradict each other", f"limits.{names[k]}", got))
-    if not targets:
-        faults.append(Fault("there is no target", "targets", allowed="a channel and its value"))
     columns: dict[str, Floats] = {}
     for name, value in targets.items():
         where = f"targets.{name}"

@@ -26,12 +26,13 @@ from softcal.workflows.calibration import JOINT, calibrated, make_problem
 from softcal.workflows.comparing import compared_calibration, compared_sweep
 from softcal.workflows.importance import IMPORTANCE
 from softcal.workflows.mesh_study import MESH_STUDY
-from softcal.workflows.run import SWEEP, CalibrationRun, Run, SweepRun
+from softcal.workflows.run import SWEEP, CalibrationRun, Run, SweepRun, headline_of
 from softcal.workflows.run_folder import load_run
 from softcal.workflows.simulation import twin_view
 from softcal.workflows.study_files import StudyKind
 from softcal.workflows.twin_frame import twin_frame
 from softcal.workflows.whole_record import compare_records
+from softcal.workflows.workspace import WORKSPACE
 
 # Columns and rows of a computed landscape; with this many trials, the trials are drawn instead.
 LANDSCAPE_SHAPE = (41, 9)
@@ -91,6 +92,8 @@ def report_content(run: CalibrationRun | SweepRun, solved: Mapping[str, Response
             mesh, mesh_note = _current(run, MESH_STUDY, stale)
             stale = f"The study in {IMPORTANCE.folder} is not over the bounds of the search"
             importance, importance_note = _current(run, IMPORTANCE, stale)
+            stale = f"The workspace in {WORKSPACE.folder} is not at the calibrated values"
+            workspace, workspace_note = _current(run, WORKSPACE, stale)
             return ReportContent(
                 results=run.results,
                 headline=headline,
@@ -102,6 +105,8 @@ def report_content(run: CalibrationRun | SweepRun, solved: Mapping[str, Response
                 mesh_note=mesh_note,
                 importance=importance,
                 importance_note=importance_note,
+                workspace=workspace,
+                workspace_note=workspace_note,
                 **_shared(run, run.results[headline], (solved or {}).get(headline)),
             )
         case SweepRun(project=project, result=result):
@@ -118,7 +123,7 @@ def _current(run: CalibrationRun, kind: StudyKind[S], stale: str) -> tuple[S | N
     stored = kind.read(run.folder / kind.folder)
     if stored is None:
         return None, ""
-    if not stored.is_of(run.results):
+    if not stored.is_of(dict([headline_of(run.results), *run.results.items()])):
         return None, f"{stale}: delete it and repeat it."
     return stored.study, f"Of the calibration '{stored.calibration}'." if len(run.results) > 1 else ""
 

@@ -1,4 +1,4 @@
-"""The command `softcal reach`."""
+"""The commands `softcal reach` and `softcal workspace`: limits, obstacles and wanted values as options."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ import typer
 from softcal.cli.command import register_command
 from softcal.cli.printing import echo, print_table, print_warnings, shown_path
 from softcal.cli.running import clock
+from softcal.cli.study import StudyFolder, study_folder
 from softcal.cli.values import Source, Values, parsed_pairs, parsed_values
 from softcal.errors import Fault, InputError, unknown
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
+
+    from softcal.geometry.obstacle import Obstacle
+    from softcal.twin.robot import Robot
 
 V = TypeVar("V")
 MOST = 20  # targets in the printed table
@@ -23,6 +27,104 @@ MOST = 20  # targets in the printed table
 
 def _option(metavar: str, text: str) -> Any:
     return typer.Option(metavar=metavar, help=text, show_default=False)
+
+
+By = Annotated[
+    list[str] | None,
+    _option("CONTROL", "tension (default) or shortening; or by cable, front=tension: the others are then slack."),
+]
+Limit = Annotated[
+    list[str] | None,
+    _option("CHANNEL=LOW..HIGH", "Limits: tension=0N..20N, tip.z=100mm.. or pitch=..40deg."),
+]
+Pretension = Annotated[str, _option("VALUE", "Least tension of every driven cable, such as 1N.")]
+Obstacles = Annotated[
+    Path | None,
+    _option("FILE", "Half-spaces, spheres and boxes that the robot must not enter, as YAML with units."),
+]
+NewFolder = Annotated[Path | None, _option("DIR", "A folder, new or empty, for the commands as CSV and JSON.")]
+
+
+class _Options:
+    """Options on channels of a robot, with their faults together."""
+
+    def __init__(self, robot: Robot) -> None:
+        from softcal.twin.channels import channels_of, sensors_of, stiffness_units
+
+        self.channels = [*channels_of(sensors_of(robot))]
+        self.units = {name: one.kind.unit for one in self.channels for name in (str(one), one.kind.name)}
+        self.units |= stiffness_units(robot)
+        self.faults: list[Fault] = []
+
+    def pairs(self, given: list[str] | None, option: str, each: Callable[[str, str, str], V]) -> dict[str, V]:
+        """Channel -> value of an option; each: a text, the unit and the place -> the value."""
+        found: dict[str, V] = {}
+        try:
+            texts = [part for text in given or [] for part in text.split(",")]
+            pairs = parsed_pairs(texts, option, "this is no pair", "such as tip.x=20mm")
+        except InputError as error:
+            self.faults.extend(error.faults)
+            return found
+        for name, text in pairs.items():
+            where = f"{option} {name}"
+            try:
+                if name not in self.units:
+                    raise InputError(unknown("the robot has no such channel", option, name, self.units))
+                found[name] = each(text, self.units[name], where)
+            except InputError as error:
+                self.faults.extend(error.faults)
+        return found
+
+    def limits(self, given: list[str] | None) -> dict[str, tuple[float, float]]:
+        """Channel -> its ends, infinite for none."""
+
+        def ends(text: str, unit: str, where: str) -> tuple[float, float]:
+            low, dots, high = text.partition("..")
+            if not dots:
+                allowed = "LOW..HIGH, such as 0N..20N, or one of both"
+                raise InputError(Fault("these are no limits", where, f"'{text}'", allowed))
+            none = float("-inf"), float("inf")
+            low, high = (
+                _number(end, unit, where) if end.strip() else other
+                for end, other in zip((low, high), none, strict=True)
+            )
+            return low, high
+
+        return self.pairs(given, "--limit", ends)
+
+    def floor(self, pretension: str) -> float:
+        """The least tension [N]."""
+        return self.read(lambda: _number(pretension, "N", "--pretension"), 0.0)
+
+    def controls(self, by: list[str] | None) -> Any:
+        """The control of all cables, or of each."""
+        names = [part.strip() for text in by or ["tension"] for part in text.split(",")]
+        if len(names) == 1 and "=" not in names[0]:
+            return names[0]
+        allowed = "tension, shortening, or front=tension"
+        return self.read(lambda: parsed_pairs(names, "--by", "this is no control", allowed), {})
+
+    def obstacles(self, path: Path | None) -> Mapping[str, Obstacle] | None:
+        """The obstacles of a file."""
+        if path is None:
+            return None
+        from softcal.project.obstacles import read_obstacles
+
+        return self.read(lambda: read_obstacles(path), None)
+
+    def read(self, value: Callable[[], V], instead: Any) -> V:
+        """A value, or with a fault something else."""
+        try:
+            return value()
+        except InputError as error:
+            self.faults.extend(error.faults)
+            return instead
+
+
+def _number(text: str, unit: str, where: str) -> float:
+    from softcal.units import parse_quantity
+
+    return parse_quantity(text, unit, where=where)
 
 
 @register_command("plan", 2)
@@ -35,14 +137,8 @@ def reach(  # noqa: PLR0913 (one argument for each option)
     targets: Annotated[
         Path | None, _option("TABLE", "Wanted values, a row per target: columns such as tip.x [mm], and time [s].")
     ] = None,
-    by: Annotated[
-        list[str] | None,
-        _option("CONTROL", "tension (default) or shortening; or by cable, front=tension: the others are then slack."),
-    ] = None,
-    limit: Annotated[
-        list[str] | None,
-        _option("CHANNEL=LOW..HIGH", "Limits: tension=0N..20N, tip.z=100mm.. or pitch=..40deg."),
-    ] = None,
+    by: By = None,
+    limit: Limit = None,
     rate: Annotated[
         list[str] | None, _option("CHANNEL=RATE", "Largest change per second, such as tension=5N/s; needs times.")
     ] = None,
@@ -55,16 +151,13 @@ def reach(  # noqa: PLR0913 (one argument for each option)
     prefer: Annotated[
         str, typer.Option(metavar="WHICH", help="Of several commands for one target: effort (the least), or nearest.")
     ] = "effort",
-    pretension: Annotated[str, _option("VALUE", "Least tension of every driven cable, such as 1N.")] = "0",
-    obstacles: Annotated[
-        Path | None,
-        _option("FILE", "Half-spaces, spheres and boxes that the robot must not enter, as YAML with units."),
-    ] = None,
+    pretension: Pretension = "0",
+    obstacles: Obstacles = None,
     values: Values = None,
     picture: Annotated[
         Path | None, _option("FILE", "A new picture, .png or .svg: the state of the last target, with the obstacles.")
     ] = None,
-    out: Annotated[Path | None, _option("DIR", "A folder, new or empty, for the commands as CSV and JSON.")] = None,
+    out: NewFolder = None,
 ) -> None:
     """Tensions or shortenings that bring the robot to a wanted pose, within limits, on the exact twin.
 
@@ -75,84 +168,26 @@ def reach(  # noqa: PLR0913 (one argument for each option)
     project = load_calibrated(source, parsed_values(values))
     print_warnings(project.warnings if not source.is_dir() else ())
     from softcal.sensing.channel import TIME
-    from softcal.twin.channels import channels_of, sensors_of, stiffness_units
-    from softcal.units import parse_quantity
 
-    of_robot = channels_of(sensors_of(project.robot))
-    units = {name: one.kind.unit for one in of_robot for name in (str(one), one.kind.name)}
-    units |= stiffness_units(project.robot)
-    faults: list[Fault] = []
-
-    def read(given: list[str] | None, option: str, each: Callable[[str, str, str], V]) -> dict[str, V]:
-        """Channel -> value of an option; each: a text, the unit and the place -> the value."""
-        found: dict[str, V] = {}
-        try:
-            texts = [part for text in given or [] for part in text.split(",")]
-            pairs = parsed_pairs(texts, option, "this is no pair", "such as tip.x=20mm")
-        except InputError as error:
-            faults.extend(error.faults)
-            return found
-        for name, text in pairs.items():
-            where = f"{option} {name}"
-            try:
-                if name not in units:
-                    raise InputError(unknown("the robot has no such channel", option, name, units))
-                found[name] = each(text, units[name], where)
-            except InputError as error:
-                faults.extend(error.faults)
-        return found
-
-    def number(text: str, unit: str, where: str) -> float:
-        return parse_quantity(text, unit, where=where)
-
-    def bounds(text: str, unit: str, where: str) -> tuple[float, float]:
-        low, dots, high = text.partition("..")
-        if not dots:
-            raise InputError(
-                Fault("these are no limits", where, f"'{text}'", "LOW..HIGH, such as 0N..20N, or one of both")
-            )
-        ends = [number(end, unit, where) if end.strip() else None for end in (low, high)]
-        return (float("-inf") if ends[0] is None else ends[0], float("inf") if ends[1] is None else ends[1])
-
-    wanted: dict[str, float | Sequence[float]] = dict(read(to, "--to", number))
-    limits, tolerances = read(limit, "--limit", bounds), read(tolerance, "--tolerance", number)
-    rates = read(rate, "--rate", lambda text, unit, where: number(text, f"{unit}/s", where))
-    weights = read(weight, "--weight", lambda text, unit, where: number(text, "1", where))
-    floor, times = 0.0, None
-    try:
-        floor = number(pretension, "N", "--pretension")
-    except InputError as error:
-        faults.extend(error.faults)
-    controls: Any = "tension"
-    if by:
-        names = [part.strip() for text in by for part in text.split(",")]
-        controls = names[0] if len(names) == 1 and "=" not in names[0] else {}
-        if controls == {}:
-            try:
-                controls = parsed_pairs(names, "--by", "this is no control", "tension, shortening, or front=tension")
-            except InputError as error:
-                faults.extend(error.faults)
+    options = _Options(project.robot)
+    wanted: dict[str, float | Sequence[float]] = dict(options.pairs(to, "--to", _number))
+    limits, tolerances = options.limits(limit), options.pairs(tolerance, "--tolerance", _number)
+    rates = options.pairs(rate, "--rate", lambda text, unit, where: _number(text, f"{unit}/s", where))
+    weights = options.pairs(weight, "--weight", lambda text, unit, where: _number(text, "1", where))
+    floor, controls, around, times = options.floor(pretension), options.controls(by), options.obstacles(obstacles), None
     if (targets is not None) == bool(to):
-        faults.append(Fault("the targets are given by one of two options", allowed="--to or --targets"))
+        options.faults.append(Fault("the targets are given by one of two options", allowed="--to or --targets"))
     elif targets is not None:
         from softcal.experiments.read import read_channels
 
         try:
-            table = read_channels(targets, [str(one) for one in of_robot])
+            table = read_channels(targets, [str(one) for one in options.channels])
             wanted = {name: table.values(name).tolist() for name in table.channels if name != TIME.name}
             times = table.values(TIME.name).tolist() if TIME.name in table.channels else None
         except InputError as error:
-            faults.extend(error.faults)
-    around = None
-    if obstacles is not None:
-        from softcal.project.obstacles import read_obstacles
-
-        try:
-            around = read_obstacles(obstacles)
-        except InputError as error:
-            faults.extend(error.faults)
-    if faults:
-        raise InputError(faults)
+            options.faults.extend(error.faults)
+    if options.faults:
+        raise InputError(options.faults)
     from rich.table import Table
 
     from softcal.analysis.reach import reach_sentences
@@ -196,3 +231,77 @@ def reach(  # noqa: PLR0913 (one argument for each option)
     if out is not None:
         echo(f"Wrote {shown_path(out)}")
         echo(f"Replay with: softcal simulate PROJECT --commands {shown_path(out / 'commands.csv')} --out DIR")
+
+
+@register_command("plan", 3)
+def workspace(  # noqa: PLR0913 (one argument for each option)
+    source: Source,
+    of: Annotated[
+        str, typer.Option("--of", metavar="CHANNELS", help="One to three channels: tip.x,tip.z.", show_default=False)
+    ],
+    by: By = None,
+    limit: Limit = None,
+    pretension: Pretension = "0",
+    obstacles: Obstacles = None,
+    states: Annotated[
+        int | None, _option("N", "Commands that are tried; 64, 256 or 512 by default for one, two or three channels.")
+    ] = None,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of these commands.")] = 1,
+    values: Values = None,
+    picture: Annotated[Path | None, _option("FILE", "A new picture, .png or .svg.")] = None,
+    out: StudyFolder = None,
+) -> None:
+    """What the robot reaches within limits: border, mobility, compliance and singular poses, on the exact twin.
+
+    Of a project, or of a run at its calibrated values. Every command needs limits, such as --limit tension=0N..20N.
+    """
+    from softcal.workflows.study_source import load_calibrated
+
+    project = load_calibrated(source, parsed_values(values))
+    print_warnings(project.warnings if not source.is_dir() else ())
+    options = _Options(project.robot)
+    limits, floor = options.limits(limit), options.floor(pretension)
+    controls, around = options.controls(by), options.obstacles(obstacles)
+    if options.faults:
+        raise InputError(options.faults)
+    from rich.table import Table
+
+    from softcal.analysis.workspace import compliance_unit, workspace_sentences
+    from softcal.units import format_quantity, plain
+    from softcal.workflows.workspace import WORKSPACE
+    from softcal.workflows.workspace import workspace as find
+
+    folder = out if values or out is not None else study_folder(WORKSPACE, source, out)
+    with clock() as show:
+        found = find(
+            source if source.is_dir() and not values else project,
+            [name.strip() for name in of.split(",")],
+            limits=limits,
+            controls=controls,
+            pretension=floor,
+            obstacles=around,
+            states=states,
+            seed=seed,
+            picture=picture,
+            out=folder,
+            progress=lambda what, done, n: show(f"{what.capitalize()}: {done} of {n}"),
+        )
+    shown = Table("", "from", "to", "compliance from", "to")
+    for name in found.channels:
+        ends = [state.channels[name] for state in found.states]
+        cells = [format_quantity(end + 0.0, found.units[name]) for end in (min(ends), max(ends))]
+        soft = [state.compliances[name] for state in found.states if name in state.compliances]
+        cells += [
+            f"{plain(end, 3)} {compliance_unit(found.units[name])}" for end in ((min(soft), max(soft)) if soft else ())
+        ]
+        shown.add_row(name, *cells)
+    worst = [state.mobility[-1] for state in found.states]
+    shown.add_row("mobility, worst direction", *(plain(end, 3) for end in (min(worst), max(worst))))
+    print_table(shown)
+    for sentence in workspace_sentences(found):
+        echo(sentence)
+    for file in (picture, folder):
+        if file is not None:
+            echo(f"Wrote {shown_path(file)}")
+    if folder is not None and source.is_dir() and out is None:
+        echo(f"Into the report with: softcal report {source}")

@@ -73,6 +73,7 @@ ABSURD["points"] = {**ABSURD["array"], "two columns": np.zeros((3, 2)), "NaN": n
 
 MESH = softcal.box_mesh((0.01, 0.01, 0.02), (1, 1, 1))
 ELASTIC = {"youngs_modulus": 1e6, "poissons_ratio": 0.4}
+PULLED = {"tension": (0.0, 5.0)}
 LINE = softcal.straight((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 2)
 CHANNEL = softcal.Channel([1.0, 2.0, 3.0], "m")
 DATASET = softcal.Dataset("pull", {"shortening": CHANNEL, "tension": softcal.Channel([1.0, 2.0, 3.0], "N")})
@@ -204,6 +205,8 @@ CALLS: list[Call] = [
     (softcal.next_test, {"run": "run", "out": "OUT"}, {"candidates": "part", "workers": "workers"}),
     (softcal.reach, {"twin": "PROJECT", "out": "OUT"}, {"targets": "mapping"}),
     (softcal.reach, {"targets": {"plate.x": 0.001}, "out": "OUT"}, {"twin": "part"}),
+    (softcal.workspace, {"twin": "PROJECT", "limits": PULLED, "out": "OUT"}, {"channels": "names", "states": "count?"}),
+    (softcal.workspace, {"channels": ["plate.x"], "limits": PULLED, "out": "OUT"}, {"twin": "part"}),
     (softcal.linearise, {"twin": "PROJECT", "out": "OUT"}, {"commands": "mapping", "modes": "count"}),
     (softcal.linearise, {"out": "OUT"}, {"twin": "part"}),
     (softcal.validate, {"projects": "PROJECT"}, {"hold_out": "names", "split": "names", "workers": "workers"}),

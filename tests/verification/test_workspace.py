@@ -32,7 +32,7 @@ DRIVEN = Robot(
     rods=(SPINE,),
     plates=(Plate("tip", {}, np.array([0.0, 0.0, 0.1])),),
     cables=tuple(
-        Cable(name, (ViaPoint((x, 0.0, 0.0)), ViaPoint((x, 0.0, 0.1), "tip")), pulled_end="first")
+        Cable(name, (ViaPoint(np.array([x, 0.0, 0.0])), ViaPoint(np.array([x, 0.0, 0.1]), "tip")), pulled_end="first")
         for name, x in (("left", 0.01), ("right", -0.01))
     ),
     actuators=(NamedActuator("servo", Drive({"left": 1.0, "right": -1.0}, 0.008, spring_rate=2e3, pretension=1.5)),),
@@ -89,7 +89,7 @@ def test_no_commands_lead_out_of_it_and_all_of_it_is_reached(control: str) -> No
     grown = Outline(found.places.mean(axis=0) + 1.01 * (outline.vertices - found.places.mean(axis=0)))
     for share in random.random((60, 3)) ** 0.5:
         state = live.at(dict(zip(TENDONS, (share * limits[control][1]).tolist(), strict=True)))
-        assert grown.contains_point([state.channels[name] for name in PLANE]), share
+        assert grown.contains_point((state.channels["tip.x"], state.channels["tip.y"])), share
     inside = [y for y in found.places.min(axis=0) + random.random((40, 2)) * spans if outline.contains_point(y)]
     for y in inside[:8]:
         (step,) = softcal.reach(
@@ -124,7 +124,7 @@ def test_limits_of_channels_and_obstacles_cut_it() -> None:
     assert any("tip.x at its upper limit" in limit for k in cut.border for limit in cut.states[k].limits)
     assert cut.n_outside
     assert "lead beyond another limit or into an obstacle" in " ".join(workspace_sentences(cut))
-    wall = HalfSpace((float(free.places[:, 0].max()) + 7e-3, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    wall = HalfSpace(np.array([free.places[:, 0].max() + 7e-3, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]))
     walled = softcal.workspace(TENTACLE, PLANE, limits=limits, obstacles={"wall": wall}, states=32)
     assert any("touches wall" in limit for k in walled.border for limit in walled.states[k].limits)
     assert walled.size < 0.98 * free.size

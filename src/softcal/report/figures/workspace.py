@@ -101,15 +101,14 @@ def _panel(axes: Axes, found: Workspace, pair: tuple[int, int], values: Floats) 
     places = found.places[:, list(pair)] / [scale.factor for scale in scales]
     if len(found.channels) == 2:
         shown = axes.tripcolor(  # pyright: ignore[reportCallIssue] (its stubs know no triangles by position)
-            places[:, 0], places[:, 1], np.array(found.simplices), values, cmap=SEQUENTIAL, shading="gouraud",
-            vmin=0.0, vmax=float(np.nanmax(values)),
+            places[:, 0], places[:, 1], np.array(found.simplices), values, cmap=SEQUENTIAL, shading="gouraud"
         )  # fmt: skip
         axes.add_collection(LineCollection(list(places[np.array(found.outline)]), colors=INK, linewidths=1.0))
         border = places[list(found.border)]
         axes.plot(border[:, 0], border[:, 1], ".", color=INK, markersize=3)
     else:
         axes.add_collection(PolyCollection(list(places[np.array(found.outline)]), facecolors=FAINT, edgecolors=FAINT))
-        shown = axes.scatter(places[:, 0], places[:, 1], 5.0, values, cmap=SEQUENTIAL, vmin=0.0, linewidths=0.0)
+        shown = axes.scatter(places[:, 0], places[:, 1], 5.0, values, cmap=SEQUENTIAL, linewidths=0.0)
     if found.singular:
         lost = np.array([[state.channels[name] for name in names] for state in found.singular])
         lost = lost / [scale.factor for scale in scales]

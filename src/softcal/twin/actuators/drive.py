@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 
+from softcal.checks import Floats
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.quantities import QUANTITIES, Angle, Factor, Quantity, Size, SpringRate, Tension
@@ -70,6 +71,15 @@ class Drive(Actuator):
     @property
     def has_pretension(self) -> bool:
         return self.pretension is not None
+
+    def shortenings(self, angles: Floats) -> dict[str, Floats]:
+        """What it takes up of each cable (n,) [m] at angles of the motor (n,) [rad], without springs and backlash."""
+        turned = (angles - (self.zero or 0.0)) / self.gear_ratio
+        return {cable: share * self.radius * turned for cable, share in self.cables.items()}
+
+    def torque(self, tensions: Mapping[str, float]) -> float:
+        """Torque of the motor [N m] that balances tensions [N] of its cables."""
+        return sum(share * self.radius * tensions[name] for name, share in self.cables.items()) / self.gear_ratio
 
     def term(self, name: str, places: Numbering) -> DriveTerm:
         """Its term.

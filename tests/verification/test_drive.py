@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from sofa_case import use_fake
 
-from softcal.errors import ParameterError
+import softcal
+from softcal.errors import InputError, ParameterError, SimulationError
 from softcal.geometry.centreline import straight
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.section import RoundBar
@@ -394,3 +395,59 @@ def test_what_a_scene_does_not_have_of_a_drive_is_refused() -> None:
     (fault,) = command_faults_of_sofa(Protocol({"servo": Command("torque", np.array([0.01]))}))
     assert str(fault).startswith("servo: a drive in SOFA is driven by its angle; got torque; allowed: angle")
     assert command_faults_of_sofa(Protocol({"servo": Command("angle", np.array([0.01]))})) == []
+
+
+def test_a_rotor_on_the_springs_of_its_cables_swings_as_a_mass_on_a_spring() -> None:
+    """J N^2 a'' = N M - K a under a step of torque: exactly as backward Euler has it, and nearly a (1 - cos w t)."""
+    J, N, torque, times = 2e-6, 5.0, 1e-3, np.linspace(0.0, 1.0, 401)
+    robot = driven(**SPRUNG, gear_ratio=N, rotor_inertia=J)
+    stiff = {"youngs_modulus": 1e13, "poissons_ratio": 0.35}
+    light = replace(robot, rods=(replace(robot.rods[0], density=1e-3, parameters=stiff),))
+    rates = turned(light, "torque", torque, sensitivities=["servo.torque"]).sensitivities["servo.angle"]
+    stiffness = N**2 / rates["servo.torque"]
+    frequency = np.sqrt(stiffness[0] / (J * N**2))
+    assert frequency == pytest.approx(np.sqrt(2.0 * RADIUS**2 * SPRUNG["spring_rate"] / (J * N**2)), rel=1e-2)
+    h = np.pi / frequency / 400
+    schedule = Schedule(np.array([0.0, h, 400 * h]), {"servo": Command("torque", np.array([0.0, torque, torque]))})
+    settings = TimeSettings(time_step=h, rayleigh_stiffness=0.0, rayleigh_mass=0.0)
+    moved = simulate_in_time(light, schedule, settings)
+    assert moved.succeeded, moved.status
+    angle, speed, expected = 0.0, 0.0, [0.0]
+    for _ in range(400):
+        new = (N * torque + J * N**2 * (angle / h**2 + speed / h)) / (J * N**2 / h**2 + stiffness[0])
+        angle, speed = new, (new - angle) / h
+        expected.append(N * angle)
+    found = moved.channels["servo.angle"]
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4 * max(expected))
+    swing = N**2 * torque / stiffness[0] * (1.0 - np.cos(np.pi * times))
+    np.testing.assert_allclose(found, swing, atol=0.02 * swing.max())
+
+
+def test_an_angle_takes_the_torque_that_accelerates_the_rotor() -> None:
+    """At a constant acceleration the torque is more by J phi'', and the robot does the same."""
+    J, h, bend = 1e-4, 0.01, 2.0
+    times = h * np.arange(21)
+    schedule = Schedule(times, {"servo": Command("angle", 0.5 * bend * times**2)})
+    settings = TimeSettings(time_step=h, rayleigh_stiffness=0.0)
+    with_it, without = (
+        simulate_in_time(driven(**SPRUNG, gear_ratio=2.0, **own), schedule, settings)
+        for own in ({"rotor_inertia": J}, {})
+    )
+    more = with_it.channels["servo.torque"] - without.channels["servo.torque"]
+    acceleration = np.diff(0.5 * bend * times**2, n=2, prepend=0.0) / h**2
+    rayleigh = settings.rayleigh_mass * np.diff(0.5 * bend * times**2)[1:] / h
+    np.testing.assert_allclose(more[2:], J * (acceleration[1:] + rayleigh), rtol=1e-6)
+    for channel in READ:
+        np.testing.assert_allclose(with_it.channels[channel], without.channels[channel], atol=1e-9)
+
+
+def test_a_rotor_says_nothing_at_rest_and_is_refused_where_it_is_left_out() -> None:
+    robot = driven(**SPRUNG, gear_ratio=2.0, rotor_inertia=1e-4)
+    still, bare = (turned(one, "torque", 0.01) for one in (robot, driven(**SPRUNG, gear_ratio=2.0)))
+    np.testing.assert_array_equal(still.channels["servo.angle"], bare.channels["servo.angle"])
+    by = turned(robot, "torque", 0.01, sensitivities=["servo.rotor_inertia"]).sensitivities
+    assert by["servo.angle"]["servo.rotor_inertia"] == 0.0
+    with pytest.raises(SimulationError, match=r"The rotor of a drive has inertia.*Try a drive without"):
+        softcal.linearise(robot, {"servo": 0.01})
+    with pytest.raises(InputError, match=r"a rotor before a backlash[\s\S]*one of the two"):
+        Drive({"left": 1.0}, RADIUS, gear_backlash=0.1, rotor_inertia=1e-4)

@@ -35,6 +35,7 @@ class Drive(Actuator):
     pretension : Tension [N] of each cable at the pulley's angle zero, by the springs; None: just taut
     gear_backlash : Angle of the pulley [rad] by which it turns freely while the motor stands; None: none
     zero : Angle of the motor [rad] at which the pulley's is zero; None: zero too
+    rotor_inertia : Moment of inertia of the motor's rotor about its axis [kg m^2], in motion in time; None: none
     """
 
     cables: Mapping[str, Factor]
@@ -44,6 +45,7 @@ class Drive(Actuator):
     pretension: Tension | None = None
     gear_backlash: Annotated[float, QUANTITIES["backlash"]] | None = None
     zero: Angle | None = None
+    rotor_inertia: Annotated[float, QUANTITIES["rotor inertia"]] | None = None
 
     name: ClassVar[str] = "drive"
     channels: ClassVar[tuple[ChannelKind, ChannelKind]] = (ANGLE, TORQUE)
@@ -54,6 +56,7 @@ class Drive(Actuator):
         "pretension": QUANTITIES["tension"],
         "gear_backlash": QUANTITIES["backlash"],
         "zero": QUANTITIES["angle"],
+        "rotor_inertia": QUANTITIES["rotor inertia"],
     }
 
     def __post_init__(self) -> None:
@@ -63,6 +66,10 @@ class Drive(Actuator):
         if self.pretension and self.spring_rate is None:
             what, attempt = "without springs a drive has no pretension", "spring_rate, or the pretension of the cables"
             raise InputError(Fault(what, "pretension", f"{self.pretension:.6g} N", attempt=attempt))
+
+        if self.rotor_inertia and self.gear_backlash:
+            what, got = "a rotor before a backlash has a motion of its own, which the drive has not", "both"
+            raise InputError(Fault(what, "rotor_inertia, gear_backlash", got, "one of the two"))
 
     @property
     def driven(self) -> tuple[str, ...]:

@@ -151,6 +151,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity("mass", "kg", 0.0, 1e6),
         Quantity("density", "kg/m^3", 0.0, 1e5),
         Quantity("moment of inertia", "kg*m^2", -1e9, 1e9),
+        Quantity("rotor inertia", "kg*m^2", 0.0, 1e9, attempt="another unit, such as g*cm^2"),
         Quantity("acceleration", "m/s^2", -1e3, 1e3, attempt=_EARTHS, attempt_below=_EARTHS),
         Quantity("friction coefficient", "1", 0.0, 2.0, attempt="0.05 for 5 %"),
         # Number, coefficient and wrap multiplied: at its end the cable's tension is lost but for a twenty-thousandth.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +13,11 @@ from softcal.geometry.bellows import Bellows
 from softcal.geometry.quality import check_quality
 from softcal.geometry.surface import border
 from softcal.mechanics.chamber import ChamberTerm
+from softcal.project.project import load
 from softcal.twin.actuated import NamedActuator
 from softcal.twin.actuators.chamber import Chamber
 from softcal.twin.build import build_twin
+from softcal.twin.parameters import robot_parameters
 from softcal.twin.robot import Body, Robot
 
 BELLOWS = Bellows(0.030, 0.020, 0.012, 0.0015, 0.003)
@@ -67,3 +70,12 @@ def test_what_is_no_bellows_is_refused(values, says):
 def test_too_many_tets_are_refused_before_they_are_made():
     with pytest.raises(MeshError, match="tets"):
         replace(BELLOWS, layers=5000, sectors=100).mesh()
+
+
+def test_the_template_leaves_a_length_uncertain(repository: Path):
+    project = load(repository / "src/softcal/templates/bellows/project.yaml")
+    assert [(one.name, one.sd) for one in project.uncertain] == [("bellows.wall", 2e-5)]
+    known = robot_parameters(project.robot)
+    assert {key: known[f"bellows.{key}"].value for key in Bellows.lengths} == {
+        key: getattr(BELLOWS, key) for key in Bellows.lengths
+    }

@@ -31,7 +31,7 @@ from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Body, Cable, Plate, PointLoad, Robot, Tie, ViaPoint
-from softcal.twin.schedule import ramp
+from softcal.twin.schedule import Schedule, ramp
 from softcal.twin.simulate import simulate
 from softcal.twin.time_settings import Settling, TimeSettings
 
@@ -462,4 +462,57 @@ def test_a_tube_that_softens_follows_its_way_back():
         radius.most = radius.softening(inner)[1]
         expected.append(inner)
     np.testing.assert_allclose(found[1:] - 1.0, np.array(expected[1:]) - 1.0, rtol=3e-3)
+    assert found[7] - 1.0 > 1.2 * (found[1] - 1.0)
+
+
+STEP = 0.1  # [s], of motions that inertia does not slow down
+
+
+def moving(
+    history: str, constants: dict[str, float], times: list[float], control: str, values: list[float], **own: str
+):
+    """A light tube and its motion in time, without damping."""
+    robot = made(history, constants)
+    robot = replace(robot, bodies=(replace(robot.bodies[0], density=1.0),))
+    settings = TimeSettings(time_step=STEP, rayleigh_stiffness=0.0, rayleigh_mass=0.0)
+    schedule = Schedule(np.array(times), {"air": Command(control, np.array(values))})
+    response = simulate_in_time(robot, schedule, settings, snapshots=100)
+    assert response.succeeded, response.status
+    return robot, response
+
+
+@pytest.mark.slow
+def test_a_tube_creeps_in_time():
+    """Under a pressure that is there after one step, as the tube that is integrated along its radius alone."""
+    p = 1.6e4
+    found, along = stretches(*moving("relaxation-1", RELAXATION, [0.0, STEP, 3.0], "pressure", [0.0, p, p]))
+    radius, expected = Radius(), [1.0]
+    for radius.along in along[1:]:
+        expected.append(radius.inner(p, lambda a: radius.relaxing(a, STEP)[0]))
+        radius.memory = radius.relaxing(expected[-1], STEP)[1]
+    np.testing.assert_allclose(found[1:] - 1.0, np.array(expected[1:]) - 1.0, rtol=1e-3)
+    assert found[-1] - 1.0 > 1.3 * (found[1] - 1.0)
+
+
+@pytest.mark.slow
+def test_the_pressure_of_a_volume_falls_in_time():
+    """By the share of the stress after a ramp: beta tau / h (1 - exp(-h / tau)) exp(-(t - h) / tau) over the rest."""
+    _, response = moving("relaxation-1", RELAXATION, [0.0, STEP, 3.0], "volume", [0.0, 4e-5, 4e-5])
+    t, p = response.channels["time"][1:], response.channels["air.pressure"][1:]
+    over = SHARE / (1.0 - SHARE) * TIME / STEP * (1.0 - np.exp(-STEP / TIME))
+    expected = 1.0 + over * np.exp(-(t - STEP) / TIME)
+    np.testing.assert_allclose(p / p[0], expected / expected[0], rtol=1e-3)
+    assert p[-1] < 0.8 * p[0]
+
+
+@pytest.mark.slow
+def test_a_tube_softens_in_time():
+    p = 1.6e4 * np.array([0.0, 0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.5, 1.0, 1.1])
+    times = [STEP * k for k in range(len(p))]
+    found, along = stretches(*moving("softening", SOFTENING, times, "pressure", p.tolist()))
+    radius, expected = Radius(), []
+    for pressure, radius.along in zip(p, along, strict=True):
+        expected.append(radius.inner(pressure, lambda a: radius.softening(a)[0]))
+        radius.most = radius.softening(expected[-1])[1]
+    np.testing.assert_allclose(found[1:] - 1.0, np.array(expected[1:]) - 1.0, rtol=1e-3)
     assert found[7] - 1.0 > 1.2 * (found[1] - 1.0)

@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
+from sofa_case import use_fake
 
-from softcal.errors import ParameterError
+import softcal
+from softcal.errors import InputError, ParameterError, SimulationError
 from softcal.geometry.centreline import straight
+from softcal.geometry.primitives import box_mesh
 from softcal.geometry.section import RoundBar
 from softcal.mechanics.drive import PLAY_TORQUE
+from softcal.plugins.calculix.crosscheck import crosscheck
+from softcal.plugins.calculix.deck import in_its_law, write_calculix
+from softcal.plugins.sofa.robot import command_faults_of_sofa, scene_faults
+from softcal.plugins.sofa.simulator import sofa_engine
+from softcal.plugins.sofa.writing import write_sofa
 from softcal.twin.actuated import NamedActuator
 from softcal.twin.actuators.drive import Drive
 from softcal.twin.cables import CableLine
@@ -20,7 +31,7 @@ from softcal.twin.live import LiveTwin
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
-from softcal.twin.robot import Cable, Plate, Robot, Rod, ViaPoint
+from softcal.twin.robot import Body, Cable, Plate, Robot, Rod, ViaPoint
 from softcal.twin.schedule import Schedule
 from softcal.twin.simulate import simulate
 from softcal.twin.time_settings import TimeSettings
@@ -286,3 +297,157 @@ def test_its_cables_have_no_commands() -> None:
         simulate_in_time(robot, Schedule(np.array([0.0, 1.0]), commands), TimeSettings(time_step=0.1))
     alone = simulate(robot, Protocol({"aside": Command("shortening", np.array([1e-3]))}))
     assert alone.channels["servo.torque"][0] == alone.channels["left.tension"][0] == 0.0
+
+
+needs_ccx = pytest.mark.skipif(
+    shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed; Debian: calculix-ccx"
+)
+
+
+def column(order: Literal[1, 2], law: str, **own: float) -> Robot:
+    """A heavy column between two cables on a stepped pulley."""
+    mesh = box_mesh((0.02, 0.02, 0.1), (2, 2, 6), order=order, origin=(-0.01, -0.01, 0.0))
+    elastic = {"youngs_modulus": 1e6, "poissons_ratio": 0.4}
+    body = Body(
+        "column", mesh, mesh.node_sets["z0"], elastic, law=law, element="P1" if order == 1 else "P2", density=1e3
+    )
+    tip = Plate("tip", {"column": mesh.node_sets["z1"]}, np.array([0.0, 0.0, 0.1]))
+    cables = [
+        Cable(name, (ViaPoint([x, 0.0, 0.0]), ViaPoint([x, 0.0, 0.1], "tip")), 0.0, "first")
+        for name, x in (("left", 0.015), ("right", -0.015))
+    ]
+    robot = Robot((body,), (tip,), tuple(cables), gravity=np.array([0.0, 0.0, -9.81]))
+    return driven(robot, {"left": 1.0, "right": -0.8}, **own)
+
+
+@needs_ccx
+@pytest.mark.parametrize("own", [{}, {**SPRUNG, "gear_ratio": 4.0, "gear_backlash": 0.05}], ids=["stiff", "springs"])
+@pytest.mark.parametrize(("control", "value"), [("angle", 1.2), ("torque", 0.02)])
+def test_calculix_bends_a_column_by_the_tensions_of_its_drive(own, control, value) -> None:
+    """Its cables have softcal's tensions, its shortenings are those that the drive takes up."""
+    gear = own.get("gear_ratio", 1.0)
+    command = Command(control, np.array([0.0, value * gear if control == "angle" else value / gear]))
+    found = crosscheck(column(2, "neo-hooke-isochoric", **own), Protocol({"servo": command}), ["calculix"])
+    assert not found.failed, found.failed
+    (one,) = found.comparisons
+    by_name = {difference.quantity: difference for difference in one.differences}
+    assert one.agrees, one.verdict
+    assert max(difference.relative for difference in one.differences) < 1e-6
+    assert {"left.shortening", "right.shortening", "left.tension (by slope)"} <= by_name.keys()
+    assert by_name["tip.rotation"].softcal > 0.3
+    if not own and control == "angle":
+        assert by_name["left.shortening"].engine == pytest.approx(RADIUS * value, rel=1e-5)
+
+
+def test_the_deck_of_a_drive_has_its_cables_and_names_its_torque(tmp_path) -> None:
+    robot = in_its_law(column(1, "neo-hooke", **SPRUNG))
+    end = turned(robot, "angle", 0.1, snapshots=True).snapshots[-1]
+    write_calculix(robot, end, tmp_path)
+    text = (tmp_path / "robot.inp").read_text()
+    assert text.count("*SPRING, ELSET=CABLE_LEFT") == text.count("*SPRING, ELSET=CABLE_RIGHT") == 1
+    assert f"servo {end.efforts['servo']:.6g} N*m" in (tmp_path / "README.txt").read_text()
+
+
+def test_sofa_pulls_the_cables_of_a_drive_by_its_radii(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the stand-in of tests/fake_sofa; derivatives by the drive's parameters are those of its cables' ways."""
+    use_fake(monkeypatch, mechanics="twin")
+    robot, engine = column(1, "neo-hooke", gear_ratio=2.0, zero=0.1), sofa_engine()
+    protocol = Protocol({"servo": Command("angle", np.array([0.1, 1.0, -0.7]))})
+    theirs, ours = (run(robot, protocol, sensitivities=["servo.radius"]) for run in (engine, simulate))
+    assert theirs.succeeded, theirs.status
+    for channel in (*READ, "servo.angle", "servo.torque", "left.shortening", "right.shortening"):
+        scale = np.abs(ours.channels[channel]).max()
+        np.testing.assert_allclose(theirs.channels[channel], ours.channels[channel], atol=1e-6 * scale, err_msg=channel)
+    slopes = [one.sensitivities["tip.x"]["servo.radius"][1:] for one in (theirs, ours)]
+    np.testing.assert_allclose(*slopes, rtol=3e-3)
+    (one,) = crosscheck(robot, protocol, ["sofa"]).comparisons
+    assert one.agrees, one.verdict
+    assert {"servo.torque", "left.tension", "right.shortening"} <= {each.quantity for each in one.differences}
+
+
+def test_the_schedule_of_a_scene_has_the_cables_of_its_drive(tmp_path) -> None:
+    robot = column(1, "neo-hooke", zero=0.1)
+    write_sofa(robot, Protocol({"servo": Command("angle", np.array([0.1, 0.6]))}), tmp_path, "column")
+    head, *_, last = (tmp_path / "column" / "schedule.csv").read_text().splitlines()
+    assert head == "time [s],left.shortening [m],right.shortening [m]"
+    np.testing.assert_allclose([float(cell) for cell in last.split(",")[1:]], [RADIUS * 0.5, -0.8 * RADIUS * 0.5])
+    assert "pulls servo by angle" in (tmp_path / "README.md").read_text()
+    assert "(1 left, 2 right)" in (tmp_path / "README.md").read_text()
+
+
+@pytest.mark.slow
+def test_linear_tets_are_identified_from_the_angle_and_the_torque(tmp_path) -> None:
+    robot = column(2, "neo-hooke")
+    write_sofa(robot, Protocol({"servo": Command("angle", np.linspace(0.2, 0.6, 3))}), tmp_path, "column")
+    parameters = json.loads((tmp_path / "column" / "parameters.json").read_text())
+    left = parameters["differences_left"]["servo.torque"]
+    assert left["unit"] == "N*m"
+    assert left["largest_difference"] < 0.05 * left["of"]
+    assert "N*mm" in (tmp_path / "README.md").read_text()
+
+
+def test_what_a_scene_does_not_have_of_a_drive_is_refused() -> None:
+    said = "\n".join(map(str, scene_faults(driven(**SPRUNG, gear_backlash=0.05))))
+    assert "servo: a drive in SOFA takes up r a of each cable" in said
+    assert "got spring_rate 2000, gear_backlash 0.05" in said
+    assert "CalculiX, which gets the tensions" in said
+    assert scene_faults(column(1, "neo-hooke", gear_ratio=2.0, zero=0.1)) == []
+    (fault,) = command_faults_of_sofa(Protocol({"servo": Command("torque", np.array([0.01]))}))
+    assert str(fault).startswith("servo: a drive in SOFA is driven by its angle; got torque; allowed: angle")
+    assert command_faults_of_sofa(Protocol({"servo": Command("angle", np.array([0.01]))})) == []
+
+
+def test_a_rotor_on_the_springs_of_its_cables_swings_as_a_mass_on_a_spring() -> None:
+    """J N^2 a'' = N M - K a under a step of torque: exactly as backward Euler has it, and nearly a (1 - cos w t)."""
+    J, N, torque, times = 2e-6, 5.0, 1e-3, np.linspace(0.0, 1.0, 401)
+    robot = driven(**SPRUNG, gear_ratio=N, rotor_inertia=J)
+    stiff = {"youngs_modulus": 1e13, "poissons_ratio": 0.35}
+    light = replace(robot, rods=(replace(robot.rods[0], density=1e-3, parameters=stiff),))
+    rates = turned(light, "torque", torque, sensitivities=["servo.torque"]).sensitivities["servo.angle"]
+    stiffness = N**2 / rates["servo.torque"]
+    frequency = np.sqrt(stiffness[0] / (J * N**2))
+    assert frequency == pytest.approx(np.sqrt(2.0 * RADIUS**2 * SPRUNG["spring_rate"] / (J * N**2)), rel=1e-2)
+    h = np.pi / frequency / 400
+    schedule = Schedule(np.array([0.0, h, 400 * h]), {"servo": Command("torque", np.array([0.0, torque, torque]))})
+    settings = TimeSettings(time_step=h, rayleigh_stiffness=0.0, rayleigh_mass=0.0)
+    moved = simulate_in_time(light, schedule, settings)
+    assert moved.succeeded, moved.status
+    angle, speed, expected = 0.0, 0.0, [0.0]
+    for _ in range(400):
+        new = (N * torque + J * N**2 * (angle / h**2 + speed / h)) / (J * N**2 / h**2 + stiffness[0])
+        angle, speed = new, (new - angle) / h
+        expected.append(N * angle)
+    found = moved.channels["servo.angle"]
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4 * max(expected))
+    swing = N**2 * torque / stiffness[0] * (1.0 - np.cos(np.pi * times))
+    np.testing.assert_allclose(found, swing, atol=0.02 * swing.max())
+
+
+def test_an_angle_takes_the_torque_that_accelerates_the_rotor() -> None:
+    """At a constant acceleration the torque is more by J phi'', and the robot does the same."""
+    J, h, bend = 1e-4, 0.01, 2.0
+    times = h * np.arange(21)
+    schedule = Schedule(times, {"servo": Command("angle", 0.5 * bend * times**2)})
+    settings = TimeSettings(time_step=h, rayleigh_stiffness=0.0)
+    with_it, without = (
+        simulate_in_time(driven(**SPRUNG, gear_ratio=2.0, **own), schedule, settings)
+        for own in ({"rotor_inertia": J}, {})
+    )
+    more = with_it.channels["servo.torque"] - without.channels["servo.torque"]
+    acceleration = np.diff(0.5 * bend * times**2, n=2, prepend=0.0) / h**2
+    rayleigh = settings.rayleigh_mass * np.diff(0.5 * bend * times**2)[1:] / h
+    np.testing.assert_allclose(more[2:], J * (acceleration[1:] + rayleigh), rtol=1e-6)
+    for channel in READ:
+        np.testing.assert_allclose(with_it.channels[channel], without.channels[channel], atol=1e-9)
+
+
+def test_a_rotor_says_nothing_at_rest_and_is_refused_where_it_is_left_out() -> None:
+    robot = driven(**SPRUNG, gear_ratio=2.0, rotor_inertia=1e-4)
+    still, bare = (turned(one, "torque", 0.01) for one in (robot, driven(**SPRUNG, gear_ratio=2.0)))
+    np.testing.assert_array_equal(still.channels["servo.angle"], bare.channels["servo.angle"])
+    by = turned(robot, "torque", 0.01, sensitivities=["servo.rotor_inertia"]).sensitivities
+    assert by["servo.angle"]["servo.rotor_inertia"] == 0.0
+    with pytest.raises(SimulationError, match=r"The rotor of a drive has inertia.*Try a drive without"):
+        softcal.linearise(robot, {"servo": 0.01})
+    with pytest.raises(InputError, match=r"a rotor before a backlash[\s\S]*one of the two"):
+        Drive({"left": 1.0}, RADIUS, gear_backlash=0.1, rotor_inertia=1e-4)

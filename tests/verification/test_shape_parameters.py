@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mechanics_cases import column_robot, elastic, pulled, tensed
+from scipy.spatial import KDTree
 
 from softcal.errors import MeshError, ParameterError
+from softcal.geometry.bellows import Bellows
 from softcal.geometry.disc import SolidDisc
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.neck import Neck
@@ -20,16 +22,19 @@ from softcal.geometry.shape import DrawnShape, PrimitiveShape
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.wire import SolidRod
 from softcal.project.project import load
+from softcal.twin.actuated import NamedActuator
+from softcal.twin.actuators.chamber import Chamber
 from softcal.twin.barrier import Contact
 from softcal.twin.cables import CableLine
 from softcal.twin.cores import body_skin
 from softcal.twin.parameters import robot_parameters, with_parameters
-from softcal.twin.protocol import Protocol
+from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Disc, Marker, Plate, PointLoad, Robot, Tie, ViaPoint
 from softcal.twin.simulate import simulate
 
 needs_gmsh = pytest.mark.skipif(importlib.util.find_spec("gmsh") is None, reason="Gmsh is not installed")
 ROD = SolidRod(length=0.1, diameter=0.03, layers=4)
+BELLOWS = Bellows(0.030, 0.020, 0.012, 0.0015, 0.003, folds=2, layers=4, sectors=6)
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NONE: dict[str, float] = {}
 NECK_MESH = EXAMPLES / "neck-bench" / "neck.msh"
@@ -52,6 +57,18 @@ def neck_robot(mesh: TetMesh, neck: Neck, **others) -> Robot:
         (Plate("plate", {"neck": collar}, np.array([0.0, 0.0, neck.height])),),
         (Cable("front", (ViaPoint([0.05, 0.0, neck.height], "plate"), ViaPoint([0.05, 0.0, 0.01406]))),),
     )
+
+
+def bellows_robot(bellows: Bellows) -> Robot:
+    """A bellows on its foot, under its weight, with a plate on its cap whose mass is off the axis."""
+    mesh = bellows.mesh()
+    body = Body(
+        "neck", mesh, mesh.node_sets["foot"], elastic(0.3e6, 0.45), density=1100.0, shape=PrimitiveShape(bellows)
+    )
+    at = np.array([0.0, 0.0, bellows.height])
+    plate = Plate("plate", {"neck": mesh.node_sets["top"]}, at, 0.01, at + [0.004, 0.002, 0.0])
+    main = NamedActuator("main", Chamber({"neck": "cavity"}, dead_volume=2e-6))
+    return Robot((body,), (plate,), actuators=(main,), gravity=[0.0, 0.0, -9.81])
 
 
 def drawn(robot: Robot) -> Robot:
@@ -103,7 +120,7 @@ def require_derivatives(
     assert response.succeeded, response.status
     ends = [simulate(robot, protocol, {**at, name: value + s * h}, curve_tolerance=0.0).channels for s in (1.0, -1.0)]
     want = {channel: (ends[0][channel] - ends[1][channel]) / (2.0 * h) for channel in ends[0]}
-    for unit in ("N", "m", "rad"):
+    for unit in sorted(set(response.units.values())):
         of_unit = [channel for channel in want if response.units[channel] == unit]
         scale = max(np.abs(want[channel]).max() for channel in of_unit)
         for channel in of_unit:
@@ -167,6 +184,47 @@ def test_the_shipped_neck_follows_its_diameter_in_contact(monkeypatch):
     )
     assert touching[1] > 1.04 * free[1]
     require_derivatives(robot, protocol, "neck.outer_diameter", 2e-6, monkeypatch, error=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", [Command("pressure", [1e3, 4e3]), Command("volume", [1e-6, 4e-6])])
+@pytest.mark.parametrize("key", Bellows.lengths)
+def test_the_channels_of_a_bellows_follow_its_lengths(key, command, monkeypatch):
+    """With gas, whose amount is that of the cavity at rest, so that the pump's volume depends on the shape too."""
+    protocol = Protocol({"main": command})
+    require_derivatives(bellows_robot(BELLOWS), protocol, f"neck.{key}", 2e-6, monkeypatch, error=2e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", Bellows.lengths)
+def test_the_slopes_of_a_bellows_are_those_of_other_bellows(key):
+    """Central differences of bellows that are meshed anew: pressure, volume and the place of the top."""
+    value, share = getattr(BELLOWS, key), 0.003
+    for command in (Command("pressure", [4e3]), Command("volume", [4e-6])):
+        protocol = Protocol({"main": command})
+        less, more = (
+            simulate(bellows_robot(replace(BELLOWS, **{key: (1.0 + s) * value})), protocol).channels
+            for s in (-share, share)
+        )
+        found = simulate(bellows_robot(BELLOWS), protocol, sensitivities=(f"neck.{key}",))
+        assert found.succeeded
+        for channel in ("main.pressure", "main.volume", "plate.z"):
+            slope = (more[channel] - less[channel]) / (2.0 * share * value)
+            got = found.sensitivities[channel][f"neck.{key}"]
+            np.testing.assert_allclose(got, slope, rtol=1e-3, atol=1e-9, err_msg=channel)
+
+
+@pytest.mark.parametrize("key", Bellows.lengths)
+def test_a_moved_bellows_is_the_one_meshed_anew(key):
+    """The same nodes, whose numbers may differ; within the decimals to which a bellows is meshed."""
+    other = replace(BELLOWS, **{key: 1.05 * getattr(BELLOWS, key)})
+    mesh, anew = BELLOWS.mesh(), other.mesh()
+    points, shape = PrimitiveShape(BELLOWS).moved(mesh, np.zeros(0, dtype=int), {key: getattr(other, key)})
+    assert shape == PrimitiveShape(other)
+    distances, numbers = KDTree(anew.points).query(points)
+    assert distances.max() < 2e-9
+    assert len(np.unique(numbers)) == len(points) == anew.n_points
+    assert abs(points - mesh.points).max() > 1e-5
 
 
 def test_the_cores_of_a_symmetric_body_stay_in_their_tets():

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from softcal.limits import LIMITS
 from softcal.quantities import Size
 
 FINE = 400  # points of a fold, between which its length is measured
+NEWTON = 5  # iterations from the nearest of these points, which leave rounding errors
 ROUNDING = 9  # decimals [m]: nodes of two parts of the section that are nearer than this are one
 
 
@@ -53,6 +55,8 @@ class Bellows(Primitive):
     sectors: Annotated[int, LIMITS["sectors"]] = 12
     order: Literal[1, 2] = 2
 
+    lengths: ClassVar[tuple[str, ...]] = ("outer_diameter", "root_diameter", "pitch", "wall", "cap")
+
     def __post_init__(self) -> None:
         super().__post_init__()
         faults: list[Fault] = []
@@ -79,6 +83,39 @@ class Bellows(Primitive):
     def height(self) -> float:
         """Of the cap's outer side [m]."""
         return self.folds * self.pitch + self.cap
+
+    @property
+    def knots(self) -> tuple[Sequence[float], Sequence[float]]:
+        """Those of the cap, and the outermost."""
+        root = 0.5 * self.root_diameter
+        return (0.0, root - self.wall, root, 0.5 * self.outer_diameter), (0.0, self.folds * self.pitch, self.height)
+
+    def shares(self, places: Floats) -> Floats:
+        """As `Primitive.shares`, in the cap; in the wall the shares of its thickness and of its length, this less 1."""
+        from scipy.spatial import KDTree
+
+        shares = super().shares(places)
+        in_wall = shares[:, 1] < 1.0
+        fine, lengths = self._fold
+        points = np.linspace(0.0, self.folds * self.pitch, self.folds * FINE + 1)
+        _, nearest = KDTree(np.column_stack([self._middle(points)[0], points])).query(places[in_wall])
+        z = points[nearest]
+        for _ in range(NEWTON):
+            r, slope, bend = self._middle(z)
+            dr, dz = places[in_wall].T - [r, z]
+            z = np.clip(z + (dz + dr * slope) / (1.0 + slope**2 - dr * bend), 0.0, points[-1])
+        r, slope, _ = self._middle(z)
+        dr, dz = places[in_wall].T - [r, z]
+        folds = np.minimum(np.floor(z / self.pitch), self.folds - 1)
+        along = (folds + np.interp(z - folds * self.pitch, fine, lengths) / lengths[-1]) / self.folds
+        shares[in_wall] = np.column_stack([(dr - dz * slope) / np.hypot(1.0, slope) / self.wall, along - 1.0])
+        return shares
+
+    def places(self, shares: Floats) -> Floats:
+        places = super().places(shares)
+        in_wall = shares[:, 1] <= 0.0
+        places[in_wall] = self._in_wall(shares[in_wall, 0], shares[in_wall, 1] + 1.0)
+        return places
 
     def mesh(self) -> TetMesh:
         """The mesh [m], with node and face sets "foot", at z = 0, "top" and "cavity", the wall of the chamber.
@@ -112,17 +149,31 @@ class Bellows(Primitive):
 
     def _wall(self) -> Floats:
         """Nodes (r, z) of the wall's quadratic elements, along it and from inside to outside (n, m, 2) [m]."""
+        along, across = np.meshgrid(
+            np.linspace(0.0, 1.0, 2 * self.layers * self.folds + 1), np.linspace(-0.5, 0.5, 2 * self.rings + 1)
+        )
+        return self._in_wall(across.T, along.T)
+
+    def _in_wall(self, across: Floats, along: Floats) -> Floats:
+        """Places (..., 2) [m] by shares of the wall's thickness, from its middle, and of its length."""
+        fine, lengths = self._fold
+        folds = np.minimum(np.floor(along * self.folds), self.folds - 1)
+        z = folds * self.pitch + np.interp((along * self.folds - folds) * lengths[-1], lengths, fine)
+        r, slope, _ = self._middle(z)
+        offset = self.wall * across / np.hypot(1.0, slope)
+        return np.stack([r + offset, z - offset * slope], axis=-1)
+
+    def _middle(self, z: Floats) -> tuple[Floats, Floats, Floats]:
+        """Radius of the wall's middle [m] at heights [m], and its derivatives by the height [-], [1/m]."""
         wave = 2.0 * math.pi / self.pitch
-        mean = 0.25 * (self.outer_diameter + self.root_diameter) - 0.5 * self.wall
+        r = 0.25 * (self.outer_diameter + self.root_diameter) - 0.5 * self.wall - self.amplitude * np.cos(wave * z)
+        return r, self.amplitude * wave * np.sin(wave * z), self.amplitude * wave**2 * np.cos(wave * z)
+
+    @property
+    def _fold(self) -> tuple[Floats, Floats]:
+        """Heights in a fold [m], and the length of the wall's middle up to them [m]."""
         fine = np.linspace(0.0, self.pitch, FINE + 1)
-        lengths = np.append(0.0, np.cumsum(np.hypot(np.diff(fine), np.diff(-self.amplitude * np.cos(wave * fine)))))
-        one = np.interp(np.linspace(0.0, lengths[-1], 2 * self.layers + 1), lengths, fine)[:-1]
-        z = np.append((one + self.pitch * np.arange(self.folds)[:, None]).ravel(), self.folds * self.pitch)
-        middle = np.column_stack([mean - self.amplitude * np.cos(wave * z), z])
-        across = np.column_stack([np.ones_like(z), -self.amplitude * wave * np.sin(wave * z)])
-        across /= np.linalg.norm(across, axis=1, keepdims=True)
-        shares = self.wall * np.linspace(-0.5, 0.5, 2 * self.rings + 1)
-        return middle[:, None] + shares[:, None] * across[:, None]
+        return fine, np.append(0.0, np.cumsum(np.hypot(np.diff(fine), np.diff(self._middle(fine)[0]))))
 
     def _cap(self) -> tuple[Floats, Floats]:
         """Nodes of the cap over the wall and over the opening between, as those of the wall."""

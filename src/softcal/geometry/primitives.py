@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 
 from softcal.arrays import ArrayOf, Numbers
-from softcal.checks import Ints
+from softcal.checks import Floats, Ints
 from softcal.declare import Declared, checked_arguments
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
@@ -114,6 +114,18 @@ class Primitive(Declared, ABC):
         between two of them stay between them, at the same share of the way. Empty where no length is a parameter.
         """
         return (), ()
+
+    def shares(self, places: Floats) -> Floats:
+        """What points at the radius and height (n, 2) [m] keep where a length changes: by default the number of the
+        knot inside and that of the knot below, with the share of the way to the next one.
+        """
+        numbers = [np.interp(x, knots, np.arange(len(knots))) for x, knots in zip(places.T, self.knots, strict=True)]
+        return np.column_stack(numbers)
+
+    def places(self, shares: Floats) -> Floats:
+        """Radius and height (n, 2) [m] of points by their `shares`."""
+        at = [np.interp(x, np.arange(len(knots)), knots) for x, knots in zip(shares.T, self.knots, strict=True)]
+        return np.column_stack(at)
 
     def with_lengths(self, values: Mapping[str, float]) -> Self:
         """The same body with other lengths [m].

@@ -1,7 +1,8 @@
 """The lengths of a body as parameters: how the nodes of its undeformed mesh move with them.
 
 The mesh keeps its tets, its regions and its numbers of nodes. Of a primitive the nodes keep their shares between the
-planes and cylinders that its lengths define; a mesh of which nothing is known is scaled, and its walls are offset.
+planes and cylinders that its lengths define, or along a wall and across it; a mesh of which nothing is known is scaled,
+and its walls are offset.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.display import displayed
 from softcal.errors import Fault, MeshError
+from softcal.geometry.bellows import Bellows
 from softcal.geometry.disc import SolidDisc
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.neck import Neck
@@ -33,7 +35,7 @@ ALIKE = 0.01
 FLAT = 0.05
 # The kind of quantity of every parameter of a shape, by the last part of its name.
 LENGTHS: Mapping[str, Quantity] = {
-    **{name: QUANTITIES["size"] for one in (Neck, SolidRod, SolidDisc) for name in one.lengths},
+    **{name: QUANTITIES["size"] for one in (Neck, SolidRod, SolidDisc, Bellows) for name in one.lengths},
     "scale": QUANTITIES["positive ratio"],
     "wall_offset": QUANTITIES["length"],
 }
@@ -97,13 +99,13 @@ class PrimitiveShape(BodyShape):
     def moved(self, mesh: TetMesh, fixed: Ints, values: Mapping[str, float]) -> tuple[Floats, Self]:
         """As `BodyShape.moved`; the nodes follow the primitive's map."""
         other = self.primitive.with_lengths(values)
-        (radii, heights), (new_radii, new_heights) = self.primitive.knots, other.knots
         pose = self.placement.pose
         points = pose.inverse().apply(mesh.points)
         # All radii are scaled alike near the axis, where the ratio of two of them would be that of rounding errors.
-        r = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1e-6 * radii[1])
-        points[:, :2] *= (np.interp(r, radii, new_radii) / r)[:, None]
-        points[:, 2] = np.interp(points[:, 2], heights, new_heights)
+        r = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1e-6 * self.primitive.knots[0][1])
+        new_r, new_z = other.places(self.primitive.shares(np.column_stack([r, points[:, 2]]))).T
+        points[:, :2] *= (new_r / r)[:, None]
+        points[:, 2] = new_z
         return pose.apply(points), replace(self, primitive=other)
 
     def require_fit(self, mesh: TetMesh, where: str) -> None:

@@ -154,6 +154,11 @@ class ActuatorTerm(Term):
         """What it takes up of the coordinates of its followers, among those of all (n_actuators,)."""
         return 0.0
 
+    @property
+    def swings(self) -> bool:
+        """Whether it has inertia of its own."""
+        return False
+
     def couplings(self, given: Given) -> Sequence[tuple[int, int, float]]:
         """Entries (i, j, rate) of the tangent, and (j, i, rate) where these differ, between efforts of the system."""
         return ()

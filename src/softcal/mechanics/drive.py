@@ -14,12 +14,15 @@ unknowns that they are; beside them a is one, and the torque where the angle is 
 whose derivatives by T_i complete the cables' own, q_i = r_i a - (T_i - T0) / k, while that by a is the balance of the
 torques. s is a step with rounded edges: within the play the pulley's torque K = N M is of the size of m, and beyond it
 the pulley's angle is off by b/4 (m/K)^2.
+
+In motion a rotor of inertia J turns with the motor, by N a: it is a spring of stiffness J N^2 k on the pulley's angle,
+as all mass is in a step (`time_step.py`), and M is the motor's torque, with what accelerates the rotor.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -28,7 +31,8 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
 from softcal.mechanics.actuator import ActuatorLimits, ActuatorTerm
-from softcal.mechanics.term import Controls, Given, Sum, Theta
+from softcal.mechanics.damping import TimeStep
+from softcal.mechanics.term import Controls, Given, Sum, Term, Theta
 
 PLAY_TORQUE = 1e-5  # m, over which the play is passed [N m]
 UNIT_FORCE = 1.0  # [N], for the scale of torques
@@ -50,6 +54,8 @@ class DriveTerm(ActuatorTerm):
         Turns of the motor for one of the pulley [-], negative where they turn against each other.
     stated
         Its parameters that are there, by the last parts of their names.
+    swing
+        In a time step k [1/s^2], and the angle [rad] at which the rotor has no acceleration; (0, 0) at rest.
     """
 
     name: str
@@ -57,6 +63,7 @@ class DriveTerm(ActuatorTerm):
     shares: Floats
     gear_ratio: float
     stated: tuple[str, ...]
+    swing: tuple[float, float] = (0.0, 0.0)
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -70,6 +77,10 @@ class DriveTerm(ActuatorTerm):
     @property
     def followers(self) -> Mapping[str, Ints]:
         return {self.name: np.append(self.cables, self.first + 1)}
+
+    @property
+    def swings(self) -> bool:
+        return "rotor_inertia" in self.stated
 
     def engaged(self, is_held: np.ndarray, target: Controls) -> np.ndarray:
         """Its motor and pulley as commanded; by a torque, driven with one of the cables that this pulls.
@@ -108,6 +119,7 @@ class DriveTerm(ActuatorTerm):
         torque, angle = given.state.effort[self.own].tolist()
         play = 0.5 * self._value(given.theta, "gear_backlash") * _sign(self.gear_ratio * torque)
         balance = self.gear_ratio * torque - float(self._radii(given.theta) @ self._tensions(given))
+        balance -= self._spring_of_rotor(given.theta) * (angle - self.swing[1])
         return np.array([self.gear_ratio * (angle + play) + self._value(given.theta, "zero"), balance])
 
     def taken_up(self, given: Given) -> Floats:
@@ -125,6 +137,7 @@ class DriveTerm(ActuatorTerm):
         return [
             (motor, pulley, -self.gear_ratio),
             (motor, motor, -play),
+            (pulley, pulley, self._spring_of_rotor(given.theta)),
             *(entry for i, r in each for entry in ((i, pulley, r), (i, i, -softness))),
         ]
 
@@ -145,8 +158,10 @@ class DriveTerm(ActuatorTerm):
                 rates[self.cables] = softness
             elif key == "gear_backlash":
                 rates[self.first] = -0.5 * self.gear_ratio * _sign(self.gear_ratio * torque)
-            else:
+            elif key == "zero":
                 rates[self.first] = -1.0
+            else:
+                rates[self.first + 1] = self.gear_ratio**2 * self.swing[0] * (angle - self.swing[1])
             one.efforts += np.where(given.controls.is_held, 0.0, rates)
 
     def coordinate_scales(self, extent: float) -> Floats:
@@ -158,6 +173,7 @@ class DriveTerm(ActuatorTerm):
         tensions, theta, is_held = self._tensions(given), given.theta, given.controls.is_held
         stretched = np.where(is_held[self.cables], 0.0, (tensions - self._value(theta, "pretension")) ** 2)
         stored = float(self._radii(theta) @ tensions) * angle - 0.5 * self._softness(theta) * float(stretched.sum())
+        stored += 0.5 * self._spring_of_rotor(theta) * (angle - self.swing[1]) ** 2
         stored += 0.0 if is_held[self.first + 1] else given.controls.coordinate[self.first + 1] * angle
         if is_held[self.first]:
             return stored - torque * self.gear_ratio * angle
@@ -165,6 +181,18 @@ class DriveTerm(ActuatorTerm):
         play = 0.5 * self._value(theta, "gear_backlash") * (most - PLAY_TORQUE)
         lag = self.gear_ratio * angle + self._value(theta, "zero") - given.controls.coordinate[self.first]
         return float(stored - torque * lag - play)
+
+    def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
+        """With the acceleration of its rotor."""
+        pulley, k = self.first + 1, step.mass_rate
+        if not self.swings:
+            return (self,)
+        still = float(before.state.effort[pulley] + step.effort_rates[pulley] / (k * step.length))
+        return (replace(self, swing=(k, still)),)
+
+    def _spring_of_rotor(self, theta: Theta) -> float:
+        """J N^2 k [N m]."""
+        return self._value(theta, "rotor_inertia") * self.gear_ratio**2 * self.swing[0]
 
     def _tensions(self, given: Given) -> Floats:
         return given.state.effort[self.cables]

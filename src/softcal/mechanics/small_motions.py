@@ -228,6 +228,9 @@ def require_linear(statics: Statics, at: Linearisation, state: State) -> None:
     if system.remembers:
         what = "It has a memory, friction's or a material's, so that small motions about an equilibrium are not linear"
         raise SimulationError(f"{what}. Try no friction_memory, and materials without histories.")
+    if any(term.swings for term in system.actuated):
+        what = "The rotor of a drive has inertia, which small motions leave out"
+        raise SimulationError(f"{what}. Try a drive without rotor_inertia, or motion in time.")
     if border.has_moments:
         raise SimulationError("Moments of fixed direction have no potential: the tangent is not symmetric.")
     if len(border.corner) > len(border.driven) or not all(np.allclose(one.columns, one.rows) for one in drives):

@@ -17,7 +17,7 @@ Every term has its form within a step (`Term.in_step`), mass is one more term, a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -43,11 +43,14 @@ class Instant:
         The state, with the memory that the step to it left.
     velocities
         Velocities [m/s], and R' of the frames [1/s].
+    effort_rates
+        Rates of the actuators' efforts (n_actuators,) [1/s], of a pulley those of its angle.
     """
 
     time: float
     state: State
     velocities: Rates
+    effort_rates: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -61,15 +64,12 @@ class InertialTerm(Term):
     before
         The instant at the step's start.
     step
-        Length of the step [s].
-    damping
-        Rayleigh's r_m [1/s].
+        The step.
     """
 
     inertia: Inertia
     before: Instant
-    step: float
-    damping: float
+    step: TimeStep
 
     def connectivity(self, layout: Layout) -> Connectivity:
         """The points that share an element's mass; frames have entries of their own anyway."""
@@ -86,25 +86,22 @@ class InertialTerm(Term):
         self.inertia.blocks.add_gradient(into.own, forces.on_frames)
         into.squares += float(forces.full @ forces.full) + float(np.square(forces.on_frames[:, :3]).sum())
         if into.data is not None:
-            into.data += self._rate * self.inertia.data
-            self.inertia.blocks.add_tangent(into.data, self.inertia.tangent(rotation, accelerations, self._rate))
+            into.data += self.step.mass_rate * self.inertia.data
+            self.inertia.blocks.add_tangent(
+                into.data, self.inertia.tangent(rotation, accelerations, self.step.mass_rate)
+            )
 
     def energy(self, given: Given) -> float:
         """The kinetic energy at velocities equal to its accelerations, over their rate."""
-        return self.inertia.momentum(given.state, self._accelerations(given.state)).kinetic_energy / self._rate
-
-    @property
-    def _rate(self) -> float:
-        """k [1/s^2]."""
-        return (1.0 + self.step * self.damping) / self.step**2
+        return self.inertia.momentum(given.state, self._accelerations(given.state)).kinetic_energy / self.step.mass_rate
 
     def _accelerations(self, state: State) -> Rates:
         """The accelerations with M a = r_m M v + M (v - v_n) / h."""
         old, moving = self.before.state, self.before.velocities
         return Rates(
-            self._rate * (state.x - old.x) - moving.points / self.step,
-            self._rate * (state.position - old.position) - moving.frames / self.step,
-            self._rate * (state.rotation - old.rotation) - moving.turning / self.step,
+            self.step.mass_rate * (state.x - old.x) - moving.points / self.step.length,
+            self.step.mass_rate * (state.position - old.position) - moving.frames / self.step.length,
+            self.step.mass_rate * (state.rotation - old.rotation) - moving.turning / self.step.length,
         )
 
 
@@ -128,16 +125,16 @@ def in_step(system: System, inertia: Inertia, damping: Damping, step: float, bef
     """
     state, n = before.state, system.layout.n_actuators
     held = Controls(np.ones(n, dtype=bool), state.effort, np.zeros(n), elapsed=0.0)
-    of_step = TimeStep(system.layout, step, damping)
+    of_step = TimeStep(system.layout, step, damping, before.effort_rates)
     begun = zip(system.terms, system.given(state, held, theta), strict=True)
     terms = [part for term, given in begun for part in term.in_step(given, of_step)]
-    return replace(system, terms=(*terms, InertialTerm(inertia, before, step, damping.mass)))
+    return replace(system, terms=(*terms, InertialTerm(inertia, before, of_step)))
 
 
 def at_rest(state: State, time: float = 0.0) -> Instant:
     """A state with zero velocities."""
     still = Rates(np.zeros_like(state.x), np.zeros_like(state.position), np.zeros_like(state.rotation))
-    return Instant(time, state, still)
+    return Instant(time, state, still, np.zeros_like(state.effort))
 
 
 def after(before: Instant, state: State, step: float) -> Instant:
@@ -157,6 +154,7 @@ def after(before: Instant, state: State, step: float) -> Instant:
         before.time + step,
         state,
         Rates((state.x - old.x) / step, (state.position - old.position) / step, (state.rotation - old.rotation) / step),
+        (state.effort - old.effort) / step,
     )
 
 

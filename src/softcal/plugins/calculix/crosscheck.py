@@ -237,10 +237,12 @@ def _differences(robot: Robot, ours: EngineState, theirs: EngineState) -> list[D
     moved, there = _moved(robot, ours), _moved(robot, theirs)
     tip = max(float(np.linalg.norm(u, axis=1).max()) for u in moved.values())
     sizes = {"m": tip, "rad": 1.0}
-    scales = [scale for term in twin_of(robot).system.actuated for scale in term.coordinate_scales(tip).tolist()]
-    for part, scale in zip(robot.actuated, scales, strict=True):
+    scales: dict[str, float] = {}
+    for term in twin_of(robot).system.actuated:
+        scales |= zip((one.name for one in term.actuators), term.coordinate_scales(tip).tolist(), strict=True)
+    for part in robot.actuated:
         coordinate, effort = (kind.unit for kind in part.channels)
-        sizes[coordinate] = max(sizes.get(coordinate, 0.0), scale)
+        sizes[coordinate] = max(sizes.get(coordinate, 0.0), scales[part.name])
         sizes[effort] = max(sizes.get(effort, 0.0), abs(ours.efforts[part.name]))
     found: list[Difference] = []
     for after, i, a, b in (

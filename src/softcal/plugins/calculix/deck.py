@@ -2,10 +2,10 @@
 
 The deck represents the assembled system: every point is a node; plates are rigid bodies over the points that they
 carry, ties are equations between displacements, fixed points are boundary conditions, weight and loads are dead forces
-on nodes, cables are springs with softcal's tensions, and chambers a pressure on their walls. Each step ends at an
-equilibrium of softcal, which CalculiX should reproduce. CalculiX has no neo-Hookean law of SOFA's form: bodies are
-written with its isochoric one (`neo-hooke-isochoric` in softcal) at the same modulus and ratio, which agrees only at
-small strain.
+on nodes, cables are springs with softcal's tensions, also those that a drive winds, and chambers a pressure on their
+walls. Each step ends at an equilibrium of softcal, which CalculiX should reproduce. CalculiX has no neo-Hookean law of
+SOFA's form: bodies are written with its isochoric one (`neo-hooke-isochoric` in softcal) at the same modulus and ratio,
+which agrees only at small strain.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from softcal.plugins.calculix.format import (
 )
 from softcal.plugins.calculix.load_path import efforts, load_path
 from softcal.twin.actuators.chamber import Chamber
+from softcal.twin.actuators.drive import Drive
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.parameters import parameter_values
 from softcal.twin.response import Snapshot
@@ -176,7 +177,7 @@ def deck_faults(robot: Robot) -> list[Fault]:
     faults = [
         Fault("a rod has no solid elements to write", where=rod.name, attempt="a solid mesh") for rod in robot.rods
     ]
-    faults += [*actuator_faults(robot, "CalculiX", Chamber.name), *cable_faults(robot, "CalculiX")]
+    faults += [*actuator_faults(robot, "CalculiX", Chamber.name, Drive.name), *cable_faults(robot, "CalculiX")]
     faults += history_faults(robot, "CalculiX")
     faults += [
         Fault("a moment cannot be exported", load.name, attempt="two forces")

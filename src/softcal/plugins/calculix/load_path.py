@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,11 +43,12 @@ class LoadPath:
 
 def load_path(robot: Robot, end: Snapshot) -> LoadPath:
     """Load path to the equilibrium `end`: first the loads alone, if there are any, then the coordinates of the
-    actuators that have an effort, such as shortenings of taut cables, in equal increments.
+    actuators that have an effort, such as shortenings of taut cables, also those of drives, in equal increments.
 
     The number of increments is the largest rotation of an element over 15 degrees. If this path does not reach `end`
     (snap-through along the path, or before it), the path consists of `end` alone.
     """
+    robot = by_cables(robot)
     twin = twin_of(robot)
     kinds = {part.name: part.channels for part in robot.actuated if efforts(end).get(part.name, 0.0) != 0.0}
     acting = tuple(kinds)
@@ -83,6 +84,11 @@ def load_path(robot: Robot, end: Snapshot) -> LoadPath:
     return LoadPath((*((begin,) if is_loaded else ()), *found[:-1], end), acting, stiffness)
 
 
+def by_cables(robot: Robot) -> Robot:
+    """The robot without its drives, whose cables have commands of their own."""
+    return replace(robot, actuators=tuple(part for part in robot.actuators if not part.actuator.driven))
+
+
 def positions(twin: Twin, shape: Snapshot | EngineState) -> Floats:
     """Positions of all points of the twin (n_points, 3) [m] in a shape of its robot."""
     layout = twin.system.layout
@@ -106,7 +112,7 @@ def coordinates(robot: Robot, x: Floats, effort: Mapping[str, float]) -> dict[st
     Parameters
     ----------
     robot
-        Without stretch of cables.
+        Without stretch of cables, and without drives.
     x
         Positions of all points (n_points, 3) [m].
     effort

@@ -35,7 +35,14 @@ NOISE = 1e-3  # of the largest change of any channel of one unit
 ENOUGH = 2e-2  # of it: above this difference Poisson's ratio is identified too
 LARGEST_RATIO, STARTING_RATIO = 0.49, 0.45
 EXPERIMENT = "twin"
-UNITS = {"m": (1e3, "mm"), "N": (1.0, "N"), "rad": (1.0, "rad"), "Pa": (1e-3, "kPa"), "m^3": (1e6, "ml")}
+UNITS = {
+    "m": (1e3, "mm"),
+    "N": (1.0, "N"),
+    "rad": (1.0, "rad"),
+    "Pa": (1e-3, "kPa"),
+    "m^3": (1e6, "ml"),
+    "N*m": (1e3, "N*mm"),
+}
 
 
 @dataclass(frozen=True)

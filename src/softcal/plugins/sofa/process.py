@@ -63,7 +63,7 @@ def run_states(
     protocol
         Its commands, for the controls of the actuators.
     states
-        Actuator -> shortening [m], tension [N] or pressure [Pa], of each state.
+        Cable or chamber -> shortening [m], tension [N] or pressure [Pa], of each state.
     settings
         The limits of the run, and when the robot is at rest.
     shapes
@@ -88,7 +88,7 @@ def run_states(
     state: dict[str, Any] = {
         **dict.fromkeys(("time", "dt", "steps"), ()),
         "cables": {cable.name: {"tension": (), "shortening": (), "points": (None, 3)} for cable in linear.robot.cables},
-        "chambers": {part.name: {"pressure": (), "volume": ()} for part in linear.robot.actuators},
+        "chambers": {part.name: {"pressure": (), "volume": ()} for part in linear.chambers},
         "plates": {plate.name: POSE for plate in linear.robot.plates},
         "markers": {marker.name: (3,) for marker in linear.robot.markers},
     }

@@ -16,6 +16,7 @@ from softcal.mechanics.chamber import ChamberTerm
 from softcal.plugins.sofa.scene import begins_first
 from softcal.sensing.channel import kinds
 from softcal.sensing.sensors.cable import TENSION
+from softcal.twin.actuators.drive import Drive
 from softcal.twin.build import Twin
 from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Protocol
@@ -40,10 +41,17 @@ class SofaSamples:
 
 @dataclass(frozen=True)
 class RecordPosture:
-    """A record as sensors see it. pumped: chamber -> what its pump has displaced [m^3]."""
+    """A record as sensors see it.
+
+    Attributes
+    ----------
+    pumped : Chamber -> what its pump has displaced [m^3]
+    drives : Those of the robot, by name
+    """
 
     record: Record
     pumped: Mapping[str, float] = field(default_factory=dict)
+    drives: Mapping[str, Drive] = field(default_factory=dict)
 
     def point(self, name: str) -> Floats:
         """Position (3,) [m] of a marker or plate."""
@@ -56,15 +64,19 @@ class RecordPosture:
         return _pose(self.record["plates"][plate])[1]
 
     def coordinate(self, actuator: str) -> float:
-        """Shortening [m] of a cable, or what the pump of a chamber has displaced [m^3]."""
+        """Shortening [m] of a cable, what the pump of a chamber has displaced [m^3], or a drive's zero [rad]."""
         if actuator in self.record["cables"]:
             return self.record["cables"][actuator]["shortening"]
+        if actuator in self.drives:
+            return self.drives[actuator].zero or 0.0
         return self.pumped[actuator]
 
     def effort(self, actuator: str) -> float:
-        """Tension [N] of a cable, or pressure [Pa] of a chamber."""
+        """Tension [N] of a cable, pressure [Pa] of a chamber, or torque [N m] of a drive."""
         if actuator in self.record["cables"]:
             return self.record["cables"][actuator]["tension"]
+        if actuator in self.drives:
+            return self.drives[actuator].torque({name: one["tension"] for name, one in self.record["cables"].items()})
         return self.record["chambers"][actuator]["pressure"]
 
 
@@ -80,7 +92,8 @@ def table(twin: Twin, records: Sequence[Record]) -> Floats:
             found[term.name] = chamber["volume"] - term.rest_volume + swallowed
         return found
 
-    values = np.array([read_all(twin, RecordPosture(record, pumped(record))) for record in records])
+    drives = {part.name: part.actuator for part in twin.robot.actuators if isinstance(part.actuator, Drive)}
+    values = np.array([read_all(twin, RecordPosture(record, pumped(record), drives)) for record in records])
     values = values.reshape(len(records), len(twin.columns))
     turns = angle_columns(twin)
     values[:, turns] = np.unwrap(values[:, turns], axis=0)

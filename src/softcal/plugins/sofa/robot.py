@@ -18,10 +18,14 @@ from softcal.geometry.varied_section import VariedSection
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import P1
 from softcal.plugins.sofa.rods import linear_rod
-from softcal.sensing.sensors.chamber import VOLUME
+from softcal.sensing.sensors.cable import SHORTENING
+from softcal.sensing.sensors.chamber import PRESSURE, VOLUME
+from softcal.sensing.sensors.drive import ANGLE, TORQUE
+from softcal.twin.actuated import NamedActuator
 from softcal.twin.actuators.chamber import Chamber
+from softcal.twin.actuators.drive import Drive
 from softcal.twin.bores import bores
-from softcal.twin.protocol import Protocol
+from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Moment, Robot, SurfaceLoad
 
 ITS_ELEMENT = P1.name
@@ -30,7 +34,19 @@ STAND_IN = "neo-hooke"  # its law for those by E and nu that it does not have
 
 def scene_faults(robot: Robot) -> list[Fault]:
     """Faults of features that SOFA with SoftRobots does not support."""
-    faults = actuator_faults(robot, "SOFA", Chamber.name) + cable_faults(robot, "SOFA")
+    faults = actuator_faults(robot, "SOFA", Chamber.name, Drive.name) + cable_faults(robot, "SOFA")
+    faults += [
+        Fault(
+            "a drive in SOFA takes up r a of each cable, without springs and backlash between",
+            where=part.name,
+            got=", ".join(f"{key} {getattr(part.actuator, key):g}" for key in between),
+            allowed="radius, gear_ratio and zero",
+            attempt="a drive without them, or CalculiX, which gets the tensions",
+        )
+        for part in robot.actuators
+        if isinstance(part.actuator, Drive)
+        and (between := [key for key in ("spring_rate", "gear_backlash") if getattr(part.actuator, key)])
+    ]
     faults += [
         Fault(
             "in SOFA a via point is attached to one element, not to the wall of a bore",
@@ -61,11 +77,28 @@ def scene_faults(robot: Robot) -> list[Fault]:
 
 def command_faults_of_sofa(protocol: Protocol) -> list[Fault]:
     """Faults of commands that SOFA's components do not follow."""
+    instead = {
+        VOLUME.name: ("a chamber in SOFA is driven by pressure", PRESSURE.name, "--pull NAME=20kPa"),
+        TORQUE.name: ("a drive in SOFA is driven by its angle", ANGLE.name, "--pull NAME=30deg"),
+    }
     return [
-        Fault("a chamber in SOFA is driven by pressure", name, command.control, "pressure", "--pull NAME=20kPa")
+        Fault(instead[command.control][0], name, command.control, *instead[command.control][1:])
         for name, command in protocol.commands.items()
-        if command.control == VOLUME.name
+        if command.control in instead
     ]
+
+
+def scene_commands(robot: Robot, protocol: Protocol) -> Protocol:
+    """The commands of the scene's cables and chambers, with the angles of drives as shortenings of their cables."""
+    drives = {part.name: part.actuator for part in robot.actuators if isinstance(part.actuator, Drive)}
+    commands: dict[str, Command] = {}
+    for name, command in protocol.commands.items():
+        if name in drives:
+            ways = drives[name].shortenings(command.values)
+            commands |= {cable: Command(SHORTENING.name, way) for cable, way in ways.items()}
+        else:
+            commands[name] = command
+    return replace(protocol, commands=commands)
 
 
 def point_faults(robot: Robot, program: str) -> list[Fault]:
@@ -135,6 +168,11 @@ class LinearRobot:
 
     robot: Robot
     still: tuple[str, ...]
+
+    @property
+    def chambers(self) -> tuple[NamedActuator, ...]:
+        """The actuators with components of their own in the scene; those of a drive are its cables."""
+        return tuple(part for part in self.robot.actuators if isinstance(part.actuator, Chamber))
 
 
 def linear_robot(robot: Robot) -> LinearRobot:

@@ -18,7 +18,7 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import border
 from softcal.mechanics.attachment import attach
 from softcal.mechanics.elements import ELEMENTS
-from softcal.plugins.sofa.robot import LinearRobot, material
+from softcal.plugins.sofa.robot import LinearRobot, material, scene_commands
 from softcal.plugins.sofa.rods import SEGMENTS, finer, node_volumes, rod_parameters
 from softcal.plugins.sofa.settings import SofaSettings
 from softcal.sensing.channel import kinds
@@ -58,7 +58,8 @@ def scene_parameters(
     linear
         The robot with laws that SOFA has.
     protocol
-        The cables pulled by tension or shortening, and the chambers under pressure; the others are slack, or open.
+        The cables pulled by tension or shortening, the chambers under pressure, and the drives turned by an angle; the
+        others are slack, or open.
     motion
         Time step and damping of the scene; None for those of `TimeSettings()`.
     settings
@@ -66,6 +67,7 @@ def scene_parameters(
     """
     motion = motion or TimeSettings()
     robot = linear.robot.as_clamped
+    protocol = scene_commands(robot, protocol)
     meshes = {body.name: body.mesh for body in robot.bodies}
     controls: dict[str, Control] = {name: command.control for name, command in protocol.commands.items()}
     largest = {name: float(np.abs(command.values).max(initial=0.0)) for name, command in protocol.commands.items()}
@@ -129,7 +131,7 @@ def scene_parameters(
         "cables": cables,
         "chambers": {
             part.name: {**_chamber(part.actuator, meshes), "key_step": largest.get(part.name, 0.0) / 50.0 or KEY_STEP}
-            for part in robot.actuators
+            for part in linear.chambers
         },
         "markers": markers,
     }

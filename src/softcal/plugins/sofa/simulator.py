@@ -18,7 +18,14 @@ from softcal.export.engine import left_out_by
 from softcal.plugins.sofa.install import Sofa, find_sofa
 from softcal.plugins.sofa.process import ProcessOutcome, run_states
 from softcal.plugins.sofa.response import SofaSamples, along_one_cable, row_by_row, shapes
-from softcal.plugins.sofa.robot import LinearRobot, command_faults_of_sofa, element_faults, linear_robot, scene_faults
+from softcal.plugins.sofa.robot import (
+    LinearRobot,
+    command_faults_of_sofa,
+    element_faults,
+    linear_robot,
+    scene_commands,
+    scene_faults,
+)
 from softcal.plugins.sofa.settings import SofaSettings
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.parameters import robot_parameters, unknown_name, with_parameters
@@ -29,7 +36,7 @@ from softcal.twin.sensors import channel_units
 
 STEP = 2e-2  # finite-difference step over a parameter's value, or over its distance from an excluded limit
 STEPS_FROM_ZERO = {"kg/m^3": 10.0, "kg": 1e-3, "N": 1e-3}
-COMMAND_STEPS = {"tension": 1e-2, "shortening": 1e-4, "pressure": 1e2}  # [N], [m], [Pa]
+COMMAND_STEPS = {"tension": 1e-2, "shortening": 1e-4, "pressure": 1e2, "angle": 1e-2}  # [N], [m], [Pa], [rad]
 
 
 @dataclass(frozen=True)
@@ -37,7 +44,7 @@ class SofaEngine:
     """SOFA as a simulator.
 
     For one driven cable, at most `states` shortenings or tensions are run to rest, and the samples are interpolated by
-    a cubic spline; with several driven actuators, or a chamber, every sample is run to rest.
+    a cubic spline; with several driven actuators, a chamber or a drive, every sample is run to rest.
     """
 
     sofa: Sofa
@@ -119,7 +126,8 @@ class _EngineRun:
         return alone if alone in {cable.name for cable in self.linear.robot.cables} else ""
 
     def response(self, sensitivities: Sequence[str], snapshots: bool) -> Response:
-        twin = twin_of(self.linear.robot)
+        robot = self.linear.robot
+        twin = twin_of(robot)
         outcome = self._outcome(self.linear, self.protocol, shapes=snapshots)
         seen = self._samples(twin, self.protocol, outcome)
         n_samples = self.protocol.n_samples
@@ -153,7 +161,9 @@ class _EngineRun:
             if by_name
             else Derivatives(),
             slopes={} if seen.slopes is None else by_column(units, seen.slopes),
-            snapshots=shapes(twin, self.protocol, outcome.records, self._states(self.protocol)) if snapshots else (),
+            snapshots=shapes(twin, self.protocol, outcome.records, self._states(robot, self.protocol))
+            if snapshots
+            else (),
             tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
             remarks=self.remarks,
         )
@@ -167,18 +177,18 @@ class _EngineRun:
             return unique
         return np.linspace(unique[0], unique[-1], self.engine.settings.states)
 
-    def _states(self, protocol: Protocol) -> list[Mapping[str, float]]:
+    def _states(self, robot: Robot, protocol: Protocol) -> list[Mapping[str, float]]:
         if not self.driven:
             return []
         if self.cable:
             return [{self.cable: float(value)} for value in self._along(protocol)]
-        return [
-            {name: float(protocol.commands[name].values[i]) for name in self.driven} for i in range(protocol.n_samples)
-        ]
+        commands = {name: command for name, command in protocol.commands.items() if name in self.driven}
+        own = scene_commands(robot, replace(protocol, commands=commands)).commands
+        return [{name: float(one.values[i]) for name, one in own.items()} for i in range(protocol.n_samples)]
 
     def _outcome(self, linear: LinearRobot, protocol: Protocol, *, shapes: bool = False) -> ProcessOutcome:
-        engine = self.engine
-        outcome = run_states(engine.sofa, linear, protocol, self._states(protocol), engine.settings, shapes=shapes)
+        engine, states = self.engine, self._states(linear.robot, protocol)
+        outcome = run_states(engine.sofa, linear, protocol, states, engine.settings, shapes=shapes)
         self.steps += outcome.steps
         return outcome
 

@@ -13,7 +13,7 @@ from softcal.export.engine import not_exported
 from softcal.html_text import markdown
 from softcal.plugins.sofa.identify import Identified, identify
 from softcal.plugins.sofa.install import CONDA, ROOT
-from softcal.plugins.sofa.robot import command_faults_of_sofa, linear_robot
+from softcal.plugins.sofa.robot import command_faults_of_sofa, linear_robot, scene_commands
 from softcal.plugins.sofa.rods import SEGMENTS
 from softcal.plugins.sofa.scene import (
     ASSUMED_DENSITY,
@@ -95,7 +95,7 @@ def write_sofa(
     written += write_surfaces(found.linear, folder / package)
     if protocol.commands:
         path = folder / package / SCHEDULE
-        path.write_text(schedule_csv(protocol), encoding="utf-8")
+        path.write_text(schedule_csv(scene_commands(robot, protocol)), encoding="utf-8")
         written.append(path)
     path = folder / README
     path.write_text(_readme(name, package, found, protocol, experiment, slack or {}, contact), encoding="utf-8")
@@ -105,9 +105,10 @@ def write_sofa(
 def furthest(protocols: Mapping[str, Protocol]) -> str:
     """Name of the protocol with the largest pull, for the scene's only schedule.
 
-    It has the largest shortening; if no protocol prescribes shortenings, the largest tension, else pressure.
+    It has the largest shortening; if no protocol prescribes shortenings, the largest angle, else tension, else
+    pressure.
     """
-    controls = ("shortening", "tension", "pressure")
+    controls = ("shortening", "angle", "tension", "pressure")
     return max(protocols, key=lambda name: tuple(_largest(protocols[name], control) for control in controls))
 
 
@@ -145,7 +146,10 @@ def _readme(
             f"- {names}: {SEGMENTS} beams for each element of a rod, in the scene twice, from either end, with half of "
             "softcal's stiffness (`rods.py`)."
         )
-    keys = ", ".join(f"{i} {part.name}" for i, part in enumerate(robot.actuated[:9], start=1)) or "there are none"
+    keys = (
+        ", ".join(f"{i} {part.name}" for i, part in enumerate((*robot.cables, *found.linear.chambers)[:9], start=1))
+        or "there are none"
+    )
     return _TEXT.format(
         name=markdown(name),
         conda=CONDA,

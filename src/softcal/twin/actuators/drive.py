@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 
+from softcal.checks import Floats
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.quantities import QUANTITIES, Angle, Factor, Quantity, Size, SpringRate, Tension
@@ -34,6 +35,7 @@ class Drive(Actuator):
     pretension : Tension [N] of each cable at the pulley's angle zero, by the springs; None: just taut
     gear_backlash : Angle of the pulley [rad] by which it turns freely while the motor stands; None: none
     zero : Angle of the motor [rad] at which the pulley's is zero; None: zero too
+    rotor_inertia : Moment of inertia of the motor's rotor about its axis [kg m^2], in motion in time; None: none
     """
 
     cables: Mapping[str, Factor]
@@ -43,6 +45,7 @@ class Drive(Actuator):
     pretension: Tension | None = None
     gear_backlash: Annotated[float, QUANTITIES["backlash"]] | None = None
     zero: Angle | None = None
+    rotor_inertia: Annotated[float, QUANTITIES["rotor inertia"]] | None = None
 
     name: ClassVar[str] = "drive"
     channels: ClassVar[tuple[ChannelKind, ChannelKind]] = (ANGLE, TORQUE)
@@ -53,6 +56,7 @@ class Drive(Actuator):
         "pretension": QUANTITIES["tension"],
         "gear_backlash": QUANTITIES["backlash"],
         "zero": QUANTITIES["angle"],
+        "rotor_inertia": QUANTITIES["rotor inertia"],
     }
 
     def __post_init__(self) -> None:
@@ -63,6 +67,10 @@ class Drive(Actuator):
             what, attempt = "without springs a drive has no pretension", "spring_rate, or the pretension of the cables"
             raise InputError(Fault(what, "pretension", f"{self.pretension:.6g} N", attempt=attempt))
 
+        if self.rotor_inertia and self.gear_backlash:
+            what, got = "a rotor before a backlash has a motion of its own, which the drive has not", "both"
+            raise InputError(Fault(what, "rotor_inertia, gear_backlash", got, "one of the two"))
+
     @property
     def driven(self) -> tuple[str, ...]:
         return tuple(self.cables)
@@ -70,6 +78,15 @@ class Drive(Actuator):
     @property
     def has_pretension(self) -> bool:
         return self.pretension is not None
+
+    def shortenings(self, angles: Floats) -> dict[str, Floats]:
+        """What it takes up of each cable (n,) [m] at angles of the motor (n,) [rad], without springs and backlash."""
+        turned = (angles - (self.zero or 0.0)) / self.gear_ratio
+        return {cable: share * self.radius * turned for cable, share in self.cables.items()}
+
+    def torque(self, tensions: Mapping[str, float]) -> float:
+        """Torque of the motor [N m] that balances tensions [N] of its cables."""
+        return sum(share * self.radius * tensions[name] for name, share in self.cables.items()) / self.gear_ratio
 
     def term(self, name: str, places: Numbering) -> DriveTerm:
         """Its term.

@@ -16,7 +16,14 @@ from project_case import write_project
 from scipy.spatial import ConvexHull
 
 import softcal
-from softcal.analysis.workspace import Workspace, WorkspaceState, _outward, _shape, _sizes, workspace_sentences
+from softcal.analysis.workspace import (
+    Workspace,
+    WorkspaceState,
+    alpha_shape,
+    outward_normals,
+    simplex_sizes,
+    workspace_sentences,
+)
 from softcal.report.figures.workspace import draw_workspace, workspace_caption
 from softcal.workflows.workspace import WORKSPACE
 
@@ -30,16 +37,18 @@ def test_a_shape_has_its_bays_and_all_places() -> None:
     random = np.random.default_rng(2)
     angles, radii = random.random(1500) * np.pi, 1.0 + random.random(1500)
     crescent = np.column_stack([radii * np.cos(angles), radii * np.sin(angles)])
-    simplices = _shape(crescent)
+    simplices = alpha_shape(crescent)
     assert len(np.unique(simplices)) == len(crescent)
-    assert _sizes(crescent[simplices]).sum() == pytest.approx(1.5 * np.pi, rel=0.07)
-    normals = _outward(crescent)
+    assert simplex_sizes(crescent[simplices]).sum() == pytest.approx(1.5 * np.pi, rel=0.07)
+    normals = outward_normals(crescent)
     for k, normal in normals.items():
         if 0.3 < angles[k] < np.pi - 0.3 and abs(radii[k] - 1.5) > 0.4:
             assert normal @ crescent[k] * np.sign(radii[k] - 1.5) > 0.0
-    assert sorted(_outward(crescent[:, :1])) == sorted([int(crescent[:, 0].argmin()), int(crescent[:, 0].argmax())])
+    assert sorted(outward_normals(crescent[:, :1])) == sorted(
+        [int(crescent[:, 0].argmin()), int(crescent[:, 0].argmax())]
+    )
     cube = random.random((400, 3))  # flat tetrahedra at its sides are no part of it
-    assert _sizes(cube[_shape(cube)]).sum() == pytest.approx(ConvexHull(cube).volume, rel=0.12)
+    assert simplex_sizes(cube[alpha_shape(cube)]).sum() == pytest.approx(ConvexHull(cube).volume, rel=0.12)
 
 
 def test_it_is_printed_written_drawn_and_replayed(
@@ -139,7 +148,7 @@ def test_its_figure_says_what_it_shows(k: int) -> None:
         )
         for place in places
     )
-    simplices = tuple(tuple(each) for each in _shape(places / np.ptp(places, axis=0)).tolist())
+    simplices = tuple(tuple(each) for each in alpha_shape(places / np.ptp(places, axis=0)).tolist())
     units = dict(zip(("tip.x", "tip.z", "tip.pitch"), ("m", "m", "rad"), strict=True)) | {"front.tension": "N"}
     ranges = {"front.tension": (0.0, 2.0)}
     found = Workspace(names, units, ranges, states, (0, 1), simplices, states[:1], states[0], {}, 0, "", {}, 1.0)

@@ -9,7 +9,7 @@ dimensions of these ranges, of whose images the border mostly consists, and thei
 neighbour. A state beyond another limit or in an obstacle is left out; so is one on whose way the robot buckles, snaps,
 passes through itself or has no equilibrium, and these are counted by their reason.
 
-*Shape* (`_shape`). The simplices of the states' Delaunay triangulation with a circumscribed sphere below the least
+*Shape* (`alpha_shape`). The simplices of the states' Delaunay triangulation with a circumscribed sphere below the least
 radius for which they are one piece that has every state (an alpha shape): it may have bays and holes.
 
 *Border* (`_Search.pushed`). From every state on the outside of that shape the search of `reach` goes for a place a step
@@ -57,7 +57,8 @@ STEP, PUSHES = 0.1, 10  # outward from a state: of what the states span, and how
 CLOSE = 1e-4  # of that: where a place outward counts as reached
 ROOM = 2.0  # over the least radius of the shape: with less, gaps between the states look like bays
 ROUNDS = 4  # of pushes outward, until all that is outside is an end
-WIDTH = {1: "length", 2: "area", 3: "volume"}
+WIDTH = {2: "area", 3: "volume"}
+NAMED = 6  # ends in the statement
 
 
 @displayed
@@ -155,7 +156,7 @@ class Workspace(Checked):
     @property
     def size(self) -> float:
         """Length, area or volume: the product of the channels' units."""
-        return float(_sizes(self.places[np.array(self.simplices)]).sum())
+        return float(simplex_sizes(self.places[np.array(self.simplices)]).sum())
 
     @property
     def size_unit(self) -> str:
@@ -187,18 +188,30 @@ def workspace_sentences(found: Workspace) -> list[str]:
         f"{name} {format_quantity(low + 0.0, found.units[name])} to {format_quantity(high + 0.0, found.units[name])}"
         for name, low, high in zip(found.channels, lows, highs, strict=True)
     ]
-    size = "" if len(found.channels) == 1 else f"; {WIDTH[len(found.channels)]} {_size_text(found)}"
-    told = [f"Within the limits: {', '.join(spans)}{size}. {len(found.border)} states on the border."]
+    shown = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg")}
+    powers = Counter(shown.get(found.units[name], (1.0, found.units[name])) for name in found.channels)
+    size = found.size * math.prod(scale**n for (scale, _), n in powers.items())
+    unit = " ".join(name if n == 1 else f"{name}^{n}" for (_, name), n in powers.items())
+    width = f"; {WIDTH[len(spans)]} {plain(size, 4)} {unit}" if len(spans) > 1 else ""
+    told = [f"Within the limits: {', '.join(spans)}{width}. {n_of(len(found.border), 'state')} on the border."]
     ends = Counter(limit for k in found.border for limit in found.states[k].limits)
     if ends:
-        most = ", ".join(f"{name} ({n})" for name, n in ends.most_common(6))
-        more = f", and {len(ends) - 6} more" if len(ends) > 6 else ""
+        most = ", ".join(f"{name} ({n})" for name, n in ends.most_common(NAMED))
+        more = f", and {len(ends) - NAMED} more" if len(ends) > NAMED else ""
         told.append(f"What ends it there, with the number of states: {most}{more}.")
-    for why, n in found.refused.items():
-        told.append(f"{n} commands have no state: {why}")
+    told += [f"{n_of(n, 'command')} without a state: {why}" for why, n in found.refused.items()]
     if found.n_outside:
         told.append(f"{found.n_outside} of the commands that were tried lead beyond another limit or into an obstacle.")
-    return [*told, _singular_sentence(found), *([found.without_compliance] if found.without_compliance else [])]
+    pose, n = (found.singular or (found.least,))[0], len(found.singular)
+    at = ", ".join(f"{name} {format_quantity(value + 0.0, found.units[name])}" for name, value in pose.commands.items())
+    if n:
+        lost = sum(state.mobility[-1] <= found.lost for state in found.states)
+        also = f", and so it does at {lost} of the {len(found.states)} states" if lost else ""
+        told.append(f"At {n_of(n, 'pose')} the robot loses a direction{also}; the first: {at}.")
+    else:
+        share = plain(SINGULAR * pose.mobility[-1] / found.lost, 2)
+        told.append(f"No singular pose: the least mobility is {share} of the largest, {at}.")
+    return [*told, found.without_compliance] if found.without_compliance else told
 
 
 def compliance_unit(unit: str) -> str:
@@ -209,33 +222,6 @@ def compliance_unit(unit: str) -> str:
 def n_of(n: int, what: str) -> str:
     """A number of things."""
     return f"{n} {what}{'s' * (n != 1)}"
-
-
-def _size_text(found: Workspace) -> str:
-    """Lengths in mm, angles in deg."""
-    factor, units = 1.0, Counter(found.units[name] for name in found.channels)
-    shown: list[str] = []
-    for unit, n in units.items():
-        scale, name = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg")}.get(unit, (1.0, unit))
-        factor *= scale**n
-        shown.append(name if n == 1 else f"{name}^{n}")
-    return f"{plain(found.size * factor, 4)} {' '.join(shown)}"
-
-
-def _singular_sentence(found: Workspace) -> str:
-    def at(state: WorkspaceState) -> str:
-        return ", ".join(
-            f"{name} {format_quantity(value + 0.0, found.units[name])}" for name, value in state.commands.items()
-        )
-
-    if found.singular:
-        lost = sum(state.mobility[-1] <= found.lost for state in found.states)
-        also = f", and so it does at {lost} of the {len(found.states)} states" if lost else ""
-        poses = f"At {n_of(len(found.singular), 'pose')} the robot loses a direction"
-        return f"{poses}{also}; the first: {at(found.singular[0])}."
-    least = found.least
-    share = plain(SINGULAR * least.mobility[-1] / found.lost, 2)
-    return f"No singular pose: the least mobility is {share} of the largest, {at(least)}."
 
 
 def find_workspace(
@@ -350,7 +336,7 @@ class _Search:
             raise SimulationError(f"The commands do not move {still}: the workspace has no extent there.")
         every, pushed = states.copy(), set[int]()
         for _ in range(ROUNDS):
-            normals = _outward(self.places(every) / spans)
+            normals = outward_normals(self.places(every) / spans)
             outside = {k: normal for k, normal in normals.items() if k < len(states) and k not in pushed}
             for done, (number, normal) in enumerate(outside.items()):
                 self.progress("border", done, len(outside))
@@ -363,7 +349,7 @@ class _Search:
             ranges=dict(zip(self.commands, zip(self.lower.tolist(), self.upper.tolist(), strict=True), strict=True)),
             states=tuple(every),
             border=tuple(range(len(states), len(every))),
-            simplices=tuple(tuple(corners) for corners in _shape(self.places(every) / spans).tolist()),
+            simplices=tuple(tuple(corners) for corners in alpha_shape(self.places(every) / spans).tolist()),
             singular=singular,
             least=least,
             refused=dict(self.refused),
@@ -497,13 +483,13 @@ class _Search:
         return least, tuple(found)
 
 
-def _sizes(corners: Floats) -> Floats:
+def simplex_sizes(corners: Floats) -> Floats:
     """Lengths, areas or volumes of simplices (n, k + 1, k)."""
     edges = corners[:, 1:] - corners[:, :1]
     return np.abs(np.linalg.det(edges)) / math.factorial(edges.shape[1])
 
 
-def _shape(places: Floats) -> Ints:
+def alpha_shape(places: Floats) -> Ints:
     """The simplices (n, k + 1) of an alpha shape of places (n_places, k)."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -516,7 +502,7 @@ def _shape(places: Floats) -> Ints:
     simplices, neighbours = whole.simplices.astype(np.int64), whole.neighbors
     corners = places[simplices]
     edges = corners[:, 1:] - corners[:, :1]
-    flat = _sizes(corners) < 1e-12
+    flat = simplex_sizes(corners) < 1e-12
     edges[flat] = np.eye(edges.shape[1])
     centres = np.linalg.solve(edges, 0.5 * np.sum(edges**2, axis=2)[..., None])[..., 0]
     radii = np.where(flat, np.inf, np.linalg.norm(centres, axis=1))
@@ -540,11 +526,11 @@ def _shape(places: Floats) -> Ints:
     return simplices[radii <= ROOM * tried[high]]
 
 
-def _outward(places: Floats) -> dict[int, Floats]:
+def outward_normals(places: Floats) -> dict[int, Floats]:
     """Number of a place (n, k) on the outside of their shape -> the unit normal (k,) outward."""
     if places.shape[1] == 1:
         return {int(np.argmin(places)): np.array([-1.0]), int(np.argmax(places)): np.array([1.0])}
-    simplices = _shape(places)
+    simplices = alpha_shape(places)
     faces: dict[tuple[int, ...], list[int]] = {}
     for corners in simplices.tolist():
         for k, opposite in enumerate(corners):

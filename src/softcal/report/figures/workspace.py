@@ -64,7 +64,7 @@ def draw_workspace(found: Workspace) -> Figure:
     with house_style():
         figure = new_figure(1.0 + 3.6 * len(panels), 3.4)
         for axes, (pair, label, values) in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
-            shown = _curve(axes, found, label, values) if k == 1 else _panel(axes, found, pair, values)
+            shown = _panel(axes, found, pair, label, values)
             if shown is not None and (k == 2 or pair == pairs[-1]):
                 figure.colorbar(shown, ax=axes, pad=0.02, aspect=28, label=label)
         return figure
@@ -81,38 +81,35 @@ def _softness(found: Workspace) -> dict[str, Floats]:
     return labels
 
 
-def _curve(axes: Axes, found: Workspace, label: str, values: Floats) -> None:
-    """A quantity over a single channel."""
-    scale = channel_scale(found.units[found.channels[0]])
-    x, order = found.places[:, 0] / scale.factor, np.argsort(found.places[:, 0])
-    axes.plot(x[order], values[order], color=BLUE)
-    axes.plot(x[list(found.border)], values[list(found.border)], "o", color=INK, markersize=4)
-    for state in found.singular:
-        axes.axvline(state.channels[found.channels[0]] / scale.factor, color=RED, linestyle="--")
-    axes.set(xlabel=scale.axis(found.channels[0]), ylabel=label, ylim=(0.0, None))
-
-
-def _panel(axes: Axes, found: Workspace, pair: tuple[int, int], values: Floats) -> Any:
-    """A quantity over two channels; of three, the states in front of the silhouette of the shape."""
+def _panel(axes: Axes, found: Workspace, pair: tuple[int, int], label: str, values: Floats) -> Any:
+    """A quantity over one channel or two; of three, the states in front of the shape's silhouette. What its colours are
+    scaled by, or None.
+    """
     from matplotlib.collections import LineCollection, PolyCollection
 
     names = [found.channels[i] for i in pair]
-    scales = [channel_scale(found.units[name]) for name in names]
+    scales, border = [channel_scale(found.units[name]) for name in names], list(found.border)
     places = found.places[:, list(pair)] / [scale.factor for scale in scales]
+    lost = [[state.channels[name] for name in names] for state in found.singular]
+    lost = np.reshape(lost, (-1, 2)) / [scale.factor for scale in scales]
+    if len(found.channels) == 1:
+        order = np.argsort(places[:, 0])
+        axes.plot(places[order, 0], values[order], color=BLUE)
+        axes.plot(places[border, 0], values[border], "o", color=INK, markersize=4)
+        for x in lost[:, 0]:
+            axes.axvline(x, color=RED, linestyle="--")
+        axes.set(xlabel=scales[0].axis(names[0]), ylabel=label, ylim=(0.0, None))
+        return None
     if len(found.channels) == 2:
         shown = axes.tripcolor(  # pyright: ignore[reportCallIssue] (its stubs know no triangles by position)
             places[:, 0], places[:, 1], np.array(found.simplices), values, cmap=SEQUENTIAL, shading="gouraud"
         )  # fmt: skip
         axes.add_collection(LineCollection(list(places[np.array(found.outline)]), colors=INK, linewidths=1.0))
-        border = places[list(found.border)]
-        axes.plot(border[:, 0], border[:, 1], ".", color=INK, markersize=3)
+        axes.plot(places[border, 0], places[border, 1], ".", color=INK, markersize=3)
     else:
         axes.add_collection(PolyCollection(list(places[np.array(found.outline)]), facecolors=FAINT, edgecolors=FAINT))
         shown = axes.scatter(places[:, 0], places[:, 1], 5.0, values, cmap=SEQUENTIAL, linewidths=0.0)
-    if found.singular:
-        lost = np.array([[state.channels[name] for name in names] for state in found.singular])
-        lost = lost / [scale.factor for scale in scales]
-        axes.plot(lost[:, 0], lost[:, 1], "D", color=RED, markersize=5)
+    axes.plot(lost[:, 0], lost[:, 1], "D", color=RED, markersize=5)
     axes.autoscale_view()
     if scales[0].unit == scales[1].unit:
         axes.set_aspect("equal", adjustable="datalim")

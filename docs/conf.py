@@ -5,10 +5,16 @@ code; `make docs`.
 from __future__ import annotations
 
 import sys
+import tomllib
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
+URLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]
+# What the docs workflow publishes: main, with each notebook beside its script.
+BRANCH = "notebooks"
+COLAB = URLS["Repository"].replace("https://github.com", "https://colab.research.google.com/github")
 sys.path.insert(0, str(ROOT))
 
 import softcal  # noqa: E402
@@ -43,11 +49,24 @@ napoleon_google_docstring = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True
 
+# Every folder of the gallery is as good as the first: scripts read ../strip or ../../examples.
+FIRST_CELL = f"""\
+# In Colab: softcal with the extras that the gallery needs, and the files that its scripts read.
+import sys
+
+if "google.colab" in sys.modules:
+    !git clone -q --depth 1 --branch {BRANCH} {URLS["Repository"]} /content/softcal
+    %pip install -q "/content/softcal[importance,markers,mesh,pictures]"
+    !apt-get install -qq $(python /content/softcal/scripts/system_libraries.py)
+    %cd /content/softcal/gallery/1-robots
+"""
+
 # Every script of the gallery is run; one that fails ends the build.
 sphinx_gallery_conf: dict[str, Any] = {
     "examples_dirs": str(ROOT / "gallery"),
     "gallery_dirs": "gallery",
     "filename_pattern": "/plot_",
+    "first_notebook_cell": FIRST_CELL,
     "abort_on_example_error": True,
     "within_subsection_order": "ExampleTitleSortKey",
     "backreferences_dir": "gallery/uses",
@@ -66,6 +85,7 @@ sphinx_gallery_conf: dict[str, Any] = {
 
 html_theme = "pydata_sphinx_theme"
 html_title = "softcal"
+html_baseurl = URLS["Documentation"]
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
@@ -73,6 +93,7 @@ html_context = {"default_mode": "auto"}  # light or dark, as the reader's system
 html_theme_options: dict[str, Any] = {
     "logo": {"text": "softcal"},
     "navbar_align": "left",
+    "icon_links": [{"name": "Source", "url": URLS["Repository"], "icon": "fa-brands fa-github"}],
     "show_toc_level": 2,
     "footer_start": [],
     "footer_end": [],
@@ -81,10 +102,14 @@ html_theme_options: dict[str, Any] = {
 
 
 def link(app: Any, name: str, source: list[str]) -> None:
-    """Links of a page of this folder to files of the repository that are pages of the site."""
+    """Links of a page of this folder to files of the repository that are pages of the site; of an example to Colab."""
     path = Path(app.srcdir) / f"{name}.md"
     if path.is_file() and path.parent == Path(app.srcdir):  # those below were written with theirs
         source[0] = linked(source[0], path, path)
+    elif fnmatch(name, "gallery/*/plot_*"):
+        notebook = f"{COLAB}/blob/{BRANCH}/{name}.ipynb"
+        download = "to download the full example code"
+        source[0] = source[0].replace(f"{download}.", f"{download}, or `open it in Colab <{notebook}>`__.", 1)
 
 
 def use(app: Any, what: str, name: str, _: object, options: object, lines: list[str]) -> None:

@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from softcal.experiments.step import register_step as register_step
     from softcal.export.engine import Engine as Engine
     from softcal.export.engine import register_engine as register_engine
+    from softcal.export.vtk import shape_grid as shape_grid
     from softcal.geometry.centreline import helix as helix
     from softcal.geometry.centreline import straight as straight
     from softcal.geometry.mesh import TetMesh as TetMesh
@@ -288,6 +289,7 @@ _HOMES = {
     "register_sensor": "softcal.sensing.sensor",
     "register_step": "softcal.experiments.step",
     "robot_parameters": "softcal.twin.parameters",
+    "shape_grid": "softcal.export.vtk",
     "simulate": "softcal.workflows.simulation",
     "simulate_in_time": "softcal.twin.in_time",
     "straight": "softcal.geometry.centreline",
@@ -430,6 +432,7 @@ __all__ = [
     "register_sensor",
     "register_step",
     "robot_parameters",
+    "shape_grid",
     "simulate",
     "simulate_in_time",
     "straight",

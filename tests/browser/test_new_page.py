@@ -25,6 +25,18 @@ def test_a_finger_is_set_up_by_clicks(tmp_path: Path, serve: Callable[..., Serve
     page = seen.page
     click_finger(page)
     assert "experiment pull_10mm" in seen.fact("findings")
+    # The noise of one test, and what the load cell drifts: a fault as long as there is no unit.
+    noise = page.get_by_label("noise of tension (sd)").locator("visible=true")
+    assert noise.count() == 2
+    assert noise.first.input_value() == "0.05 N"
+    noise.first.fill("0.02 N")
+    drift = page.get_by_label("drift of tension in a test (sd)")
+    drift.fill("10")
+    page.get_by_text("tension_drift").locator("visible=true").first.wait_for()
+    seen.wait_for(lambda: "unit is missing" in seen.fact("findings"), "a fault of the drift")
+    drift.fill("10 mN")
+    seen.wait_for(lambda: "experiment pull_10mm" in seen.fact("findings"), "no fault")
+    assert not page.get_by_label("drift of roll in a test (sd)").is_visible()
     page.get_by_text("Write project.yaml").click()
     seen.wait_for(lambda: "is written" in seen.fact("written"), "the file is written")
     assert (tmp_path / "project.yaml").read_text() == seen.fact("file").rstrip("\n") + "\n"
@@ -33,6 +45,9 @@ def test_a_finger_is_set_up_by_clicks(tmp_path: Path, serve: Callable[..., Serve
     first, *_, last = (via.at[2] for via in project.robot.cables[0].via_points)
     assert (first, last) == pytest.approx((0.0835, -0.0095))  # to the fixed face, which was picked after the bore
     assert len(project.robot.cables[0].via_points) > 19  # with those that are added in the bore
+    sigmas = {name: one.dataset.channels["tension"].sigma for name, one in project.experiments.items()}
+    assert sigmas == {"pull_10mm": 0.02, "pull_7mm": 0.05}
+    assert {one.name: one.sd for one in project.uncertain}["cable.tension_drift"] == 0.01
     page.get_by_text("Write project.yaml").click()
     seen.wait_for(lambda: "was not replaced" in seen.fact("written"), "nothing is overwritten")
     assert complaints(seen) == []

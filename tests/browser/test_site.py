@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -89,6 +92,23 @@ def test_the_reference_has_every_name_command_section_and_family(site: Path) -> 
     assert "above 0, to 100 m" in words("keys.html")
     assert "gallery/1-robots/plot_two_materials.html" in words("generated/softcal.Material.html"), "where it is used"
     assert all(f">{name}<" in words("families.html") for catalogue, _ in FAMILIES.values() for name in catalogue)
+
+
+@pytest.mark.slow
+def test_every_example_opens_in_colab_from_the_branch_that_has_its_notebook(site: Path) -> None:
+    address = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]["Repository"]
+    branch = address.replace("https://github.com/", "https://colab.research.google.com/github/") + "/blob/notebooks/"
+    pages = sorted(site.glob("gallery/*/plot_*.html"))
+    assert len(pages) == len(list(ROOT.glob("gallery/*/plot_*.py"))) >= 25
+    for page in pages:
+        (link,) = re.findall(r'href="(https://colab[^"]*)"', page.read_text(encoding="utf-8"))
+        path = str(page.relative_to(site).with_suffix(".ipynb"))
+        assert link == branch + path
+        # Where the workflow takes it, to lay it into gallery/, whose folders have the same names.
+        cells = json.loads((site.parent / "docs" / path).read_text(encoding="utf-8"))["cells"]
+        first = "".join(cells[0]["source"])
+        assert f"git clone -q --depth 1 --branch notebooks {address} /content/softcal\n" in first
+        assert (ROOT / path).with_suffix(".py").is_file()
 
 
 def test_links_to_files_of_the_repository_lead_to_their_pages() -> None:

@@ -215,6 +215,7 @@ CALLS: list[Call] = [
     (softcal.watch_run, {"folder": "run"}, {"port": "count?"}),
     (softcal.write_report, {}, {"run": "path"}),
     (softcal.write_report, {"run": "run"}, {"out": "path?", "figures": "names", "solved": "mapping"}),
+    (softcal.shape_grid, {"robot": ROBOT}, {"shape": "part"}),
     (softcal.ExportRequest, {}, {"project": "part"}),
     (softcal.write_export, {"request": "REQUEST", "folder": "OUT"}, {"name": "name"}),
 ]  # fmt: skip

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ast
 import io
+import re
 import tokenize
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -43,6 +45,27 @@ def test_it_is_short_says_what_it_shows_and_checks_its_numbers(path: Path) -> No
     called = {ast.unparse(node.func) for node in nodes if isinstance(node, ast.Call)}
     assert "print" in called
     assert any(".plot" in name or "plt." in name for name in called), "a picture"
+
+
+def test_the_notebooks_install_the_extras_that_the_scripts_need() -> None:
+    """All but two, which no script mentions."""
+    root = GALLERY.parent
+    (extras,) = re.findall(r"/content/softcal\[([a-z,]+)\]", (root / "docs" / "conf.py").read_text(encoding="utf-8"))
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    left_out = set(project["optional-dependencies"]) - set(extras.split(","))
+    assert left_out == {"cluster", "watch", "all"}
+    text = "".join(path.read_text(encoding="utf-8") for path in SCRIPTS)
+    assert not re.search("dask|slurm|softcal watch|softcal new", text)
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+def test_a_notebook_of_any_folder_finds_the_files_of_its_script(path: Path) -> None:
+    """In Colab all run in the first folder of the gallery."""
+    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    texts = [node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+    for text in texts:
+        assert not text.startswith("../") or (GALLERY / "1-robots" / text).resolve().exists(), text
+    assert "__file__" not in path.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)

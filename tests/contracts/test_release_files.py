@@ -65,6 +65,35 @@ def test_a_workflow_may_only_read_unless_a_job_says_more(path: Path) -> None:
     assert read(path)["permissions"] == {"contents": "read"}
 
 
+def test_every_address_of_the_project_is_one_of_the_project_file() -> None:
+    urls = PROJECT["urls"]
+    pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/*"), *ROOT.glob("src/**/*.py"), ROOT / "pyproject.toml"]
+    texts = {path: path.read_text(encoding="utf-8", errors="ignore") for path in (*TEXTS, *pages) if path.is_file()}
+    found = {path: re.findall(r"https?://[\w./-]*softcal[\w./-]*", text) for path, text in texts.items()}
+    for path, addresses in found.items():
+        for one in addresses:
+            assert one.startswith((urls["Repository"], urls["Documentation"])), path
+    citation, recipe = read(ROOT / "CITATION.cff"), read(ROOT / "conda/recipe.yaml")["about"]
+    assert (citation["repository-code"], citation["url"]) == (urls["Repository"], urls["Documentation"])
+    assert (recipe["repository"], recipe["documentation"]) == (urls["Repository"], urls["Documentation"])
+    assert len(found[ROOT / ".github/ISSUE_TEMPLATE/config.yml"]) == 2
+    assert urls["Issues"] == urls["Repository"] + "/issues"
+    assert urls["Changelog"].startswith(urls["Repository"] + "/blob/main/")
+    assert (ROOT / urls["Changelog"].partition("/blob/main/")[2]).is_file()
+
+
+def test_the_branch_of_the_notebooks_has_each_beside_its_script() -> None:
+    """That the links to Colab name the branch and these paths is a test of the site."""
+    jobs = read(ROOT / ".github/workflows/docs.yml")["jobs"]
+    upload = next(one["with"] for one in jobs["build"]["steps"] if one.get("with", {}).get("name") == "notebooks")
+    download = next(one["with"] for one in jobs["notebooks"]["steps"] if "download-artifact" in one.get("uses", ""))
+    assert (upload["name"], upload["path"]) == (download["name"], "docs/gallery/*/*.ipynb")
+    assert download["path"] == "gallery"
+    assert jobs["notebooks"]["permissions"] == {"contents": "write"}
+    assert jobs["notebooks"]["if"] == jobs["deploy"]["if"]
+    assert "git push --force origin notebooks" in jobs["notebooks"]["steps"][-1]["run"]
+
+
 def test_only_a_tag_publishes_and_without_a_password() -> None:
     release = read(ROOT / ".github/workflows/release.yml")
     assert release["on" if "on" in release else True] == {"push": {"tags": ["v*"]}}

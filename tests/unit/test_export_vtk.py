@@ -12,11 +12,12 @@ from project_case import write_project
 
 from softcal.cli import main
 from softcal.errors import InputError, ParameterError
-from softcal.export.vtk import write_vtk
+from softcal.export.vtk import shape_grid, write_vtk
 from softcal.geometry.primitives import box_mesh
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import P1, P2, P2P1
 from softcal.mechanics.stress import cauchy_stress, green_lagrange_strain, von_mises
+from softcal.twin.live import LiveTwin
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 from softcal.workflows.cases import films
@@ -44,6 +45,40 @@ def test_without_shapes_says_what_to_do(tmp_path):
     robot = column_robot("P1", parameters=elastic(1e6, 0.45))
     with pytest.raises(ParameterError, match="snapshots=True"):
         write_vtk(robot, simulate(robot, pulled(0.0)), tmp_path)
+
+
+def test_a_shape_is_a_grid_that_pyvista_draws():
+    pytest.importorskip("pyvista")
+    robot = column_robot("P2P1", parameters=elastic(1e6, 0.45), divisions=(1, 1, 4))
+    response = simulate(robot, pulled(0.0, 0.02), snapshots=True)
+    rest, bent = (shape_grid(robot, response.snapshots[k]) for k in (0, -1))
+    np.testing.assert_allclose(bent.points - bent["displacement"], rest.points, atol=1e-12)
+    parts = list(bent.field_data["parts"])
+    assert parts == [robot.bodies[0].name, "front"]
+    body = bent.extract_cells(bent["part"] == parts.index(robot.bodies[0].name))
+    np.testing.assert_allclose(body.points, response.snapshots[-1].points[robot.bodies[0].name], atol=1e-12)
+    assert bent["von_mises"].max() > 1e3 > 1.0 > rest["von_mises"].max()
+    picture = bent.plot(scalars="von_mises", off_screen=True, screenshot=True, return_img=True, window_size=(200, 200))
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
+    live = LiveTwin(robot, {"front": "shortening"})
+    at = shape_grid(robot, live.at({"front": 0.02}).shape)
+    np.testing.assert_allclose(at["stress"], bent["stress"], atol=1e-4 * np.abs(bent["stress"]).max())
+
+
+def test_a_shape_of_another_robot_is_refused():
+    pytest.importorskip("pyvista")
+    robots = [column_robot("P1", parameters=elastic(1e6, 0.45), divisions=(1, 1, n)) for n in (4, 5)]
+    (shape, *_) = simulate(robots[0], pulled(0.0), snapshots=True).snapshots
+    with pytest.raises(ParameterError, match="the shape is of another robot"):
+        shape_grid(robots[1], shape)
+
+
+def test_without_pyvista_the_extra_is_named(monkeypatch: pytest.MonkeyPatch):
+    robot = column_robot("P1", parameters=elastic(1e6, 0.45), divisions=(1, 1, 4))
+    (shape, *_) = simulate(robot, pulled(0.0), snapshots=True).snapshots
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"pip install 'softcal\[pictures\]'"):
+        shape_grid(robot, shape)
 
 
 @pytest.mark.parametrize("order", [1, 2])

@@ -43,6 +43,7 @@ from softcal.project.project import load
 
 FINGER = Path(__file__).parents[2] / "examples" / "finger"
 RIBS = [(0, 14), *((k, k + 5) for k in range(17, 70, 8)), (73, 84)]  # [mm], in which the channel is
+PULL = {"shortening": ("displacement [mm]", ""), "tension": ("force [N]", "")}
 IN_CHANNEL = 1e-3 * np.array([4.5, 1.49, 60.0])
 
 
@@ -186,16 +187,74 @@ def test_the_file_is_the_finger_that_a_person_wrote(draft: Draft, tmp_path: Path
         ({"youngs_modulus": "stiff"}, "youngs_modulus"),
         ({"poissons_ratio": "0.6"}, "poissons_ratio"),
         ({"size": "4"}, "size"),
+        ({"drift": {"tension": "20"}}, "tension_drift"),
+        ({"drift": {"pitch": "-1 deg"}}, "pitch_drift"),
+        ({"tests": (BenchTable("data/pull-7mm.csv", PULL, {"tension": "0.05 mm"}),)}, "noise"),
+        ({"tests": (BenchTable("data/pull-7mm.csv", PULL, {"tension": "0 N"}),)}, "noise"),
         ({"tests": (BenchTable("data/none.csv", {"tension": ("force [N]", "")}),)}, "none.csv"),
         ({"tests": (BenchTable("data/pull-7mm.csv", {"tension": ("force", "K")}),)}, "force"),
     ],
-    ids=["not fixed", "no unit", "no number", "ratio", "size", "no table", "no column"],
+    ids=[
+        "not fixed",
+        "no unit",
+        "no number",
+        "ratio",
+        "size",
+        "drift without unit",
+        "negative drift",
+        "noise in mm",
+        "noise of zero",
+        "no table",
+        "no column",
+    ],
 )
 def test_what_is_missing_or_wrong_is_a_fault_of_the_file(
     draft: Draft, tmp_path: Path, changes: dict[str, Any], said: str
 ):
     with pytest.raises(ProjectFileError, match=said):
         loaded(replace(draft, **changes), tmp_path)
+
+
+def test_noise_and_drift_are_written_as_a_person_writes_them(draft: Draft):
+    guesses = "    # guesses (tension, pitch): state those of your instruments"
+    text = project_text(draft)
+    assert f"    noise: {{tension: 0.05 N, pitch: 0.3 deg}}{guesses}\n" in text
+    assert f"uncertain:{guesses}\n" in text
+    first, second = draft.tests
+    stated = replace(first, noise={"tension": "2 mN", "pitch": "0.5 deg"})
+    half = replace(second, noise={"pitch": "", "roll": "1 deg"})  # roll is not compared
+    drift = {"tension": "0.01 N", "pitch": "0.05 deg"}
+    text = project_text(replace(draft, tests=(stated, half), drift=drift))
+    assert "    noise: {tension: 2 mN, pitch: 0.5 deg}\n" in text
+    assert "    noise: {tension: 0.05 N}    # guesses (tension): state those of your instruments\n" in text
+    assert "uncertain:\n  cable.tension_drift: {sd: 0.01 N, per: experiment}\n" in text
+    assert "  tip.pitch_drift: {sd: 0.05 deg, per: experiment}\n" in text
+    assert "roll" not in text
+    text = project_text(replace(draft, drift={"tension": "", "pitch": ""}))
+    assert "uncertain:" not in text
+    assert "drift" not in text
+
+
+def test_what_drives_a_test_has_neither_noise_nor_drift():
+    columns = {"tension": ("F", "N"), "pitch": ("a", "deg"), "roll": ("b", "deg")}
+    text = project_text(Draft("part.stl", tests=(BenchTable("a.csv", columns),)))
+    assert "drive: tension\n" in text
+    assert "noise: {pitch: 0.3 deg, roll: 0.3 deg}" in text
+    assert "tip.roll_drift: {sd: 0.1 deg, per: experiment}\n" in text
+    assert "tension_drift" not in text
+    assert "noise" not in project_text(Draft("part.stl", tests=(BenchTable("a.csv", {"tension": ("F", "N")}),)))
+
+
+@pytest.mark.slow  # it is meshed and built
+def test_noise_and_drift_are_those_of_the_project(draft: Draft, tmp_path: Path):
+    tests = tuple(replace(test, noise={"tension": "2 mN"}) for test in draft.tests)
+    project = loaded(replace(draft, tests=tests, drift={"tension": "0.01 N"}), tmp_path)
+    sigmas = [one.dataset.channels["tension"].sigma for one in project.experiments.values()]
+    assert sigmas == [0.002, 0.002]
+    assert {one.name: one.sd for one in project.uncertain} == {
+        "cable.tension_drift": 0.01,
+        "tip.pitch_drift": pytest.approx(np.radians(0.1)),
+    }
 
 
 @given(header=st.text(min_size=1, max_size=20), file=st.text(min_size=1, max_size=20))

@@ -1,11 +1,11 @@
-"""Export for ParaView: one .vtu file per solved shape, and a .pvd file that lists them in order.
+"""Shapes for PyVista; and for ParaView: one .vtu file per solved shape, and a .pvd file that lists them in order.
 
 ParaView's time is the drive: the pulled cable's shortening [mm] or tension [N], or the time [s]. It is the number of
 the shape if several cables are pulled or the drive does not ascend, since shapes of equal time would be drawn together.
 
 Points carry `displacement` [m] from the robot without loads; tets `stress` (Cauchy) and `von_mises` [Pa], and `strain`
 (Green-Lagrange), each the element's mean; rods and cables are lines, discs their skins. `part` numbers the parts as in
-`parts.txt`. The parameters are field data.
+`parts`, which is field data, as the parameters are, and in `parts.txt`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.declare import checked_arguments
 from softcal.errors import Fault, ParameterError
+from softcal.extras import require_extra
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.stress import cauchy_stress, green_lagrange_strain, von_mises
@@ -48,12 +50,10 @@ def write_vtk(robot: Robot, response: Response, folder: Path) -> list[Path]:
     """
     if not response.snapshots:
         raise ParameterError(Fault("the response has no shapes", attempt="simulate with snapshots=True"))
-    first = response.snapshots[0]
-    names = [*first.points, *first.rods, *first.cables, *(p.name for p in robot.plates if p.disc is not None)]
     written: list[Path] = []
     for i, shape in enumerate(response.snapshots):
         path = folder / f"shape-{i:03d}.vtu"
-        _grid(robot, response, shape, names).save(str(path))
+        shape_grid(robot, shape).save(str(path))
         written.append(path)
     drive = np.array([1e3 * shape.drive if shape.drive_unit == "m" else shape.drive for shape in response.snapshots])
     times = drive if (np.diff(drive) > 0.0).all() else np.arange(1.0, len(drive) + 1.0)
@@ -67,7 +67,9 @@ def write_vtk(robot: Robot, response: Response, folder: Path) -> list[Path]:
         f"{entries}  </Collection>\n</VTKFile>\n",
         encoding="utf-8",
     )
-    (folder / "parts.txt").write_text("".join(f"{i} {name}\n" for i, name in enumerate(names)), encoding="utf-8")
+    (folder / "parts.txt").write_text(
+        "".join(f"{i} {name}\n" for i, name in enumerate(_parts(robot))), encoding="utf-8"
+    )
     return [series, *written]
 
 
@@ -96,17 +98,55 @@ class _Cells:
         self.strain.append(np.zeros((len(cells), 3, 3)))
 
 
-def _grid(robot: Robot, response: Response, shape: Snapshot, names: list[str]) -> Any:
+def _parts(robot: Robot) -> list[str]:
+    """The names of what is drawn, in the order of their numbers."""
+    discs = [plate for plate in robot.plates if plate.disc is not None]
+    return [part.name for part in (*robot.bodies, *robot.rods, *robot.cables, *discs)]
+
+
+@checked_arguments
+def shape_grid(robot: Robot, shape: Snapshot) -> Any:
+    """A solved shape of a robot as a grid of PyVista, whose filters take it and whose `plot` draws it.
+
+    Points carry `displacement` [m] from the robot without loads; tets `stress` (Cauchy, 9 columns) and `von_mises` [Pa]
+    and `strain` (Green-Lagrange), each the element's mean, zero in all else (`cell_data_to_point_data()` gives means at
+    the points). Rods and cables are lines, discs their skins. Every cell has a `part`, its number in
+    `field_data["parts"]`, where the parameters and the cables' tensions [N] are too.
+
+    Parameters
+    ----------
+    robot
+        The robot, with the parameters of the shape.
+    shape
+        One of `Response.snapshots`, which `simulate(…, snapshots=True)` keeps, or the `shape` of a `LiveState`.
+
+    Returns
+    -------
+    pyvista.UnstructuredGrid
+        One of all parts, where they are in the shape [m].
+
+    Raises
+    ------
+    InputError
+        Where PyVista is not installed.
+    ParameterError
+        Where the shape is not one of the robot.
+    """
+    require_extra("pictures", "pyvista", where="shape_grid")
     import pyvista
 
+    names = _parts(robot)
+    meshes = {body.name: ELEMENTS[body.element].mesh(body.mesh) for body in robot.bodies}
+    sizes = {name: mesh.n_points for name, mesh in meshes.items()}
+    sizes |= {rod.name: len(rod.centreline.nodes) for rod in robot.rods}
+    sizes |= {cable.name: len(cable.via_points) for cable in robot.cables}
+    if sizes != {name: len(x) for name, x in (*shape.points.items(), *shape.rods.items(), *shape.cables.items())}:
+        raise ParameterError(Fault("the shape is of another robot", "shape", shape.label, "one of this robot"))
     cells = _Cells()
-    bodies = {body.name: body for body in robot.bodies}
-    for name, x in shape.points.items():
-        body, tets = bodies[name], response.tets[name]
-        element = ELEMENTS[body.element]
-        points = body.mesh.points  # with added nodes, if the element has more than the body's mesh
-        mesh = TetMesh(points if len(points) == len(x) else element.mesh(body.mesh).points, tets)
-        cells.add(names.index(name), x, mesh.points, tets, element.cell.vtk)
+    for body in robot.bodies:
+        element, mesh, x = ELEMENTS[body.element], meshes[body.name], shape.points[body.name]
+        tets = mesh.tets
+        cells.add(names.index(body.name), x, mesh.points, tets, element.cell.vtk)
         places, n_q = element.places(mesh.points, tets), len(element.quadrature.points)
         if (motion := body.motion(mesh)) is not None:
             mesh, x = TetMesh(motion.moved(mesh.points), tets), motion.moved(x)
@@ -137,6 +177,7 @@ def _grid(robot: Robot, response: Response, shape: Snapshot, names: list[str]) -
     grid.cell_data["von_mises"] = von_mises(stress)
     grid.cell_data["strain"] = np.concatenate(cells.strain).reshape(-1, 9)
     grid.cell_data["part"] = np.array(cells.part)
+    grid.field_data["parts"] = names
     for name, info in robot_parameters(robot).items():
         grid.field_data[f"{name} [{info.unit}]"] = [info.value]
     for cable, tension in shape.tensions.items():

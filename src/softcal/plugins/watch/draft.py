@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 
@@ -26,23 +26,47 @@ TABLES = (".csv", ".txt", ".tsv", ".dat")
 # [m], of a via point from the mouth of its bore; a diameter from a blind end; a quarter of a short stretch.
 INSET = 5e-4
 BEYOND = 1e-2  # [m] from the last via point to where the cable is pulled
-# Channel -> noise of a common instrument, and what it is called in headers.
-CHANNELS: Mapping[str, tuple[str, str]] = {
-    "time": ("", r"time|zeit|\bt\b"),
-    "shortening": ("", r"displ|short|stroke|travel|weg|position|extension"),
-    "tension": ("0.05 N", r"force|tension|load|kraft"),
-    "pitch": ("0.3 deg", r"pitch|angle|winkel"),
-    "roll": ("0.3 deg", r"roll"),
+# Channel -> what it is called in headers.
+CHANNELS: Mapping[str, str] = {
+    "time": r"time|zeit|\bt\b",
+    "shortening": r"displ|short|stroke|travel|weg|position|extension",
+    "tension": r"force|tension|load|kraft",
+    "pitch": r"pitch|angle|winkel",
+    "roll": r"roll",
 }
+# Channel that is compared -> of a common instrument, the noise of a sample and the drift of the zero during a test.
+NOISE: Mapping[str, str] = {"tension": "0.05 N", "pitch": "0.3 deg", "roll": "0.3 deg"}
+DRIFT: Mapping[str, str] = {"tension": "20 mN", "pitch": "0.1 deg", "roll": "0.1 deg"}
 AXES = ("-z", "+z", "-y", "+y", "-x", "+x")
 
 
 @dataclass(frozen=True)
 class BenchTable:
-    """A test: its file, and channel -> the column's header and its unit ("" where the header has it)."""
+    """A test.
+
+    Attributes
+    ----------
+    file
+        The table.
+    columns
+        Channel -> the column's header and its unit ("" where the header has it).
+    noise
+        Channel -> standard deviation of a sample with its unit, where it is stated; "" for none.
+    """
 
     file: str
     columns: Mapping[str, tuple[str, str]]
+    noise: Mapping[str, str] = field(default_factory=dict[str, str])
+
+    @property
+    def drive(self) -> str:
+        """The channel that is prescribed."""
+        return "shortening" if "shortening" in self.columns else "tension"
+
+    @property
+    def compared(self) -> list[str]:
+        """The channels that have noise."""
+        return [name for name in self.columns if name in NOISE and name != self.drive]
 
 
 @dataclass(frozen=True)
@@ -67,6 +91,8 @@ class Draft:
         Point (3,) in space where the cable is pulled, behind the last via point.
     tests
         The tables.
+    drift
+        Channel -> standard deviation of what its instrument's zero moves in a test, where it is stated; "" for none.
     """
 
     mesh: str = ""
@@ -81,7 +107,8 @@ class Draft:
     reference: Floats | None = None
     via: tuple[Floats, ...] = ()
     pulled_at: Floats | None = None
-    tests: tuple[BenchTable, ...] = field(default=())
+    tests: tuple[BenchTable, ...] = ()
+    drift: Mapping[str, str] = field(default_factory=dict[str, str])
 
     @property
     def body(self) -> str:
@@ -154,28 +181,36 @@ def _robot(draft: Draft) -> Iterator[str]:
         yield f"  gravity: [{', '.join(f'{g if axis == draft.down[1] else 0} m/s^2' for axis in 'xyz')}]"
 
 
+def _stated(
+    compared: Iterable[str], stated: Mapping[str, str], common: Mapping[str, str]
+) -> tuple[dict[str, str], str]:
+    """Channel -> standard deviation, that of a common instrument where none is stated; and a comment on those."""
+    deviations = {channel: stated.get(channel, common[channel]) for channel in compared}
+    guesses = ", ".join(channel for channel in deviations if channel not in stated)
+    comment = f"    # guesses ({guesses}): state those of your instruments" if guesses else ""
+    return {channel: sd for channel, sd in deviations.items() if sd}, comment
+
+
 def _tests(draft: Draft) -> Iterator[str]:
-    compared: dict[str, None] = {}
     if draft.tests:
         yield ""
         yield "experiments:"
     for experiment, test in draft.experiments.items():
-        drive = "shortening" if "shortening" in test.columns else "tension"
-        noise = {name: CHANNELS[name][0] for name in test.columns if name != drive and CHANNELS[name][0]}
-        compared |= dict.fromkeys(noise)
         yield f"  {experiment}:"
         yield "    cable: cable"
         yield from ("    plate: tip" for _ in [0] if draft.top is not None)
-        yield f"    drive: {drive}"
+        yield f"    drive: {test.drive}"
         yield "    files:"
         yield f"      - path: {_text(test.file)}"
         yield "        columns:"
         for name, (header, unit) in test.columns.items():
             stated = f", unit: {_text(unit)}" if unit else ""
             yield f"          {name}: {{name: {_text(header)}{stated}}}"
-        noises = ", ".join(f"{name}: {sd}" for name, sd in noise.items())
-        yield f"    noise: {{{noises}}}    # guesses: state those of your instruments"
-        yield from ("    slack: 0.5 mm    # start of the search" for _ in [0] if drive == "shortening")
+        noise, guesses = _stated(test.compared, test.noise, NOISE)
+        if noise:
+            deviations = ", ".join(f"{name}: {sd}" for name, sd in noise.items())
+            yield f"    noise: {{{deviations}}}{guesses}"
+        yield from ("    slack: 0.5 mm    # start of the search" for _ in [0] if test.drive == "shortening")
     if draft.tests:
         yield ""
         yield "parameters:"
@@ -185,12 +220,14 @@ def _tests(draft: Draft) -> Iterator[str]:
         yield f"  {draft.body}.youngs_modulus: {{bounds: [{low}, {high}], scale: log}}"
         if any("shortening" in test.columns for test in draft.tests):
             yield "  cable.slack: {bounds: [-1 mm, 3 mm], per: experiment}"
-        drifts = {"tension": "cable.tension_drift: {sd: 20 mN", "pitch": "tip.pitch_drift: {sd: 0.1 deg"}
-        if drifts.keys() & compared.keys():
+        compared = dict.fromkeys(name for test in draft.tests for name in test.compared)
+        drift, guesses = _stated(compared, draft.drift, DRIFT)
+        if drift:
             yield ""
-            yield "# How far each instrument's zero may drift during a test: guesses, state those of the data sheets."
-            yield "uncertain:"
-            yield from (f"  {drift}, per: experiment}}" for name, drift in drifts.items() if name in compared)
+            yield "# How far each instrument's zero may drift during a test."
+            yield f"uncertain:{guesses}"
+            for name, sd in drift.items():
+                yield f"  {'cable' if name == 'tension' else 'tip'}.{name}_drift: {{sd: {sd}, per: experiment}}"
         yield ""
         yield "calibration: {fit: both, method: least-squares, loss: likelihood, seed: 1}"
 
@@ -293,7 +330,7 @@ def table_columns(path: Path) -> dict[str, str]:
 def likely_columns(columns: Mapping[str, str]) -> dict[str, tuple[str, str]]:
     """Channel -> header and "", of those columns of which the header says what they are."""
     likely: dict[str, tuple[str, str]] = {}
-    for channel, (_, pattern) in CHANNELS.items():
+    for channel, pattern in CHANNELS.items():
         header = next((one for one in columns if re.search(pattern, one, re.IGNORECASE)), None)
         if header is not None and not any(header == taken for taken, _ in likely.values()):
             likely[channel] = (header, "")

@@ -25,7 +25,9 @@ from softcal.limits import LIMITS
 from softcal.plugins.watch.draft import (
     AXES,
     CHANNELS,
+    DRIFT,
     MESHES,
+    NOISE,
     TABLES,
     BenchTable,
     Draft,
@@ -226,12 +228,20 @@ class NewPage:
                 self._written = ui.label().classes("sc-note").props('data-fact="written"')
             with _card("sc-12", "4  Tests"):
                 self._tables = ui.element("div")
+                with ui.element("div").classes("sc-pair"):
+                    self._drift: dict[str, Any] = {
+                        channel: _line(f"drift of {channel} in a test (sd)", sd, partial(self._take_drift, channel))
+                        for channel, sd in DRIFT.items()
+                    }
             with _card("sc-12", PROJECT):
                 self._text = ui.label().classes("sc-code sc-file").props('data-fact="file"')
         self._look()
         self._show_text()
         ui.timer(LOOK, self._look)
         ui.timer(LATER, self._check)
+
+    def _take_drift(self, channel: str, text: str) -> None:
+        self._take(drift={**self._draft.drift, channel: text})
 
     def _look(self) -> None:
         """Show the files that the folder has now."""
@@ -249,6 +259,8 @@ class NewPage:
 
     def _show_text(self) -> None:
         self._text.set_text(project_text(self._draft))
+        for channel, line in self._drift.items():
+            line.set_visibility(any(channel in test.compared for test in self._draft.tests))
 
     async def _take_part(self, _: str) -> None:
         """Read and show the chosen part; a STEP file with elements of the present size, which may be changed before."""
@@ -378,11 +390,15 @@ class NewPage:
 
         kept = next((test for test in self._draft.tests if test.file == file), None)
         chosen = dict(likely_columns(columns) if kept is None else kept.columns)
+        noise, fields = dict(kept.noise if kept is not None else {}), dict[str, Any]()
 
         def take() -> None:
             tests = [test for test in self._draft.tests if test.file != file]
+            test = BenchTable(file, dict(chosen), dict(noise))
             if is_test.value and "tension" in chosen:
-                tests.append(BenchTable(file, dict(chosen)))
+                tests.append(test)
+            for channel, one in fields.items():
+                one.set_visibility(channel in test.compared)
             missing.set_text("Choose the column of the tension." if is_test.value and "tension" not in chosen else "")
             self._take(tests=tuple(sorted(tests, key=lambda test: test.file)))
 
@@ -398,6 +414,10 @@ class NewPage:
                 chosen[channel] = (chosen[channel][0], text)
                 take()
 
+        def deviation(channel: str, text: str) -> None:
+            noise[channel] = text
+            take()
+
         is_test: Any = ui.checkbox("This is a test", value=kept is not None, on_change=take)
         missing = ui.label().classes("sc-note sc-warn")
         with ui.element("div").classes("sc-pair"):
@@ -407,6 +427,10 @@ class NewPage:
                 if not all(columns.values()):
                     _line("unit, if the header has none", chosen.get(channel, ("", ""))[1],
                           lambda text, channel=channel: unit(channel, text))  # fmt: skip
+                if channel in NOISE:
+                    fields[channel] = _line(f"noise of {channel} (sd)", noise.get(channel, NOISE[channel]),
+                                            lambda text, channel=channel: deviation(channel, text))  # fmt: skip
+        take()
 
     async def _check(self) -> None:
         """Check the draft where it has changed since the last time."""

@@ -4,6 +4,7 @@ import ctypes
 import shutil
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -187,3 +188,17 @@ def test_the_twin_gives_the_same_with_each(monkeypatch, kind):
             rtol=1e-5,
             atol=1e-7,
         )
+
+
+@pytest.mark.skipif(Pardiso not in KINDS, reason="MKL is not installed")
+def test_an_mkl_with_wrong_factors_at_two_levels_factorises_at_one(monkeypatch):
+    assert linear_solve.mkl_year() == int(version("mkl").partition(".")[0])
+    K, levels = saddle(), []
+    triangle = upper(K)
+    for year in (2026, 2025):
+        monkeypatch.setattr(linear_solve, "mkl_year", lambda year=year: year)
+        factors = Pardiso(triangle.indptr.astype(np.int64), triangle.indices.astype(np.int64))
+        factors.factorise(triangle.data)
+        np.testing.assert_allclose(K @ factors.solve(np.ones(len(K))), 1.0, atol=1e-10)
+        levels.append(int(factors._handle.options[23]))
+    assert levels == [1, 0]

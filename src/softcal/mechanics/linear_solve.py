@@ -21,6 +21,9 @@ from softcal.errors import SimulationError
 # Of the entries of a row of the factors: solutions by iteration that cost as much as a factorisation. Tangents of the
 # neck, P2P1, in single precision on one core: 331 entries and 11 solutions at 28k unknowns, 552 and 21 at 75k.
 SOLVES = 0.03
+# MKL before 2026 gives wrong factors without an error where a neck's tangent is factorised at two levels a second time
+# on its first analysis (2025.0.1, 2025.2.0 and 2025.3.1: residual 1e-3, one negative eigenvalue too many).
+SOUND = 2026
 
 
 class Factors(Protocol):
@@ -88,7 +91,7 @@ class Pardiso:
             12: 0,
             17: -1,  # reports the number of the factors' entries
             20: 0,  # pivots of one: displacements and pressures make a quasi-definite matrix
-            23: 1,  # two-level factorisation
+            23: int(mkl_year() >= SOUND),  # two-level factorisation
             27: int(single),
         }.items():
             options[key] = value
@@ -395,9 +398,25 @@ class SuperLU:
         self._matrix = self._lu = None
 
 
+def mkl_year() -> int:
+    """The year of MKL's version; 0 where MKL is absent."""
+    numbers, library = (ctypes.c_int * 16)(), _mkl()  # a structure that begins with the year, and has pointers behind
+    if library is not None:
+        library["MKL_Get_Version"](ctypes.byref(numbers))
+    return int(numbers[0])
+
+
 @functools.cache
 def _mkl_pardiso() -> Any:
     """MKL's function, or None where MKL is absent."""
+    library = _mkl()
+    # Looked up by item, ctypes gives a function of our own: pypardiso's has argument types that only its arrays fit.
+    return None if library is None else library["pardiso"]
+
+
+@functools.cache
+def _mkl() -> Any:
+    """MKL's library, or None where it is absent."""
     # Where pip installed it; pypardiso would search all installed files for it, which may take longer than a solve.
     try:
         files = distribution("mkl").files or []
@@ -406,14 +425,12 @@ def _mkl_pardiso() -> Any:
     libraries = [file for file in files if re.match(r"(lib)?mkl_rt\b", file.name) and "lib" not in file.suffix]
     for path in (str(file.locate()) for file in libraries):
         if os.path.exists(path):
-            return ctypes.CDLL(path)["pardiso"]
+            return ctypes.CDLL(path)
     try:
         from pypardiso import PyPardisoSolver
     except ImportError:
         return None
-    # Looked up by item, ctypes gives a function of our own: pypardiso's has argument types that only its arrays fit.
-    library: Any = PyPardisoSolver().libmkl
-    return library["pardiso"]
+    return PyPardisoSolver().libmkl
 
 
 def _pointer(array: np.ndarray) -> ctypes.c_void_p:

@@ -16,7 +16,6 @@ from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project
 from softcal.report.content import ExperimentContent, Landscape, ReportContent
 from softcal.report.figure import named_figures
-from softcal.report.twin_view import TwinView
 from softcal.report.write import Observer, ReportPaths
 from softcal.report.write import write_report as write_content
 from softcal.twin.parameter_name import parameter_name
@@ -133,7 +132,7 @@ def _shared(run: Run, result: SearchResult, furthest: Response | None = None) ->
     project = run.project
     equilibria = calibrated_shapes(project, result)
     response = furthest or furthest_response(project, result)
-    twin = _twin(project, result, response)
+    twin = twin_view(calibrated(project, result).robot, response) if response.succeeded else None
     return {
         "project_name": project.name,
         "twin": twin or from_undeformed(equilibria),
@@ -156,11 +155,6 @@ def experiment_content(project: Project, name: str) -> ExperimentContent:
         corrected=project.corrected[name],
         drive=experiment.drives[0] if experiment.drives else "",
     )
-
-
-def _twin(project: Project, result: SearchResult, furthest: Response) -> TwinView | None:
-    """The calibrated twin in the result's experiment with the largest drive."""
-    return twin_view(calibrated(project, result).robot, furthest) if furthest.succeeded else None
 
 
 def _landscapes(
